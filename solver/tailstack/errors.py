@@ -1,0 +1,91 @@
+"""Everything that can stop an answer, as exceptions whose text is the message a person reads.
+
+A :class:`Problem` points into the user's own document (JSON pointer, and line and column when the
+document came from a file).  The service renders the same record as an RFC 9457 problem, the command
+line as text; neither adds to what is said here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing that is wrong, where, and what to do about it."""
+
+    pointer: str  # RFC 6901 pointer into the user's document; "" is the whole document
+    code: str  # stable, kebab-case, e.g. "unknown-field"
+    detail: str  # which rule, and what arrived
+    hint: str = ""  # what to do next
+    file: str | None = None
+    line: int | None = None  # 1-based
+    column: int | None = None  # 1-based
+
+    def __str__(self) -> str:
+        place = self.pointer or "(document)"
+        if self.file is not None:
+            place = f"{self.file}:{self.line}:{self.column}: {place}" if self.line else f"{self.file}: {place}"
+        return f"{place}: {self.detail}" + (f" — {self.hint}" if self.hint else "")
+
+
+class TailstackError(Exception):
+    """An answer was refused; ``problems`` say why.  ``slug`` names the class of refusal in URLs."""
+
+    slug = "error"
+    title = "The request could not be answered"
+    exit_code = 3
+
+    def __init__(self, problems: Problem | tuple[Problem, ...] | list[Problem]) -> None:
+        self.problems: tuple[Problem, ...] = (
+            (problems,) if isinstance(problems, Problem) else tuple(problems)
+        )
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class DesignError(TailstackError):
+    """The document does not follow the rules of a design (types, units, names, limits)."""
+
+    slug = "invalid-design"
+    title = "The design document is not valid"
+    exit_code = 2
+
+
+class IllPosedError(TailstackError):
+    """The document is well formed, but its geometry does not determine the answer."""
+
+    slug = "ill-posed-geometry"
+    title = "The geometry does not determine the answer"
+    exit_code = 3
+
+
+class OutOfRangeError(TailstackError):
+    """A method was asked for outside the range in which its result means anything."""
+
+    slug = "method-out-of-range"
+    title = "The method does not hold here"
+    exit_code = 3
+
+
+class NotConvergedError(TailstackError):
+    """A numerical method stopped before its own test of convergence passed."""
+
+    slug = "not-converged"
+    title = "The computation did not converge"
+    exit_code = 3
+
+
+class InfeasibleError(TailstackError):
+    """No design in the space that was given meets the requirement."""
+
+    slug = "infeasible"
+    title = "No design within the given freedom meets the requirement"
+    exit_code = 1
+
+
+class LimitError(TailstackError):
+    """The request is larger than a stated limit."""
+
+    slug = "limit-exceeded"
+    title = "The request is larger than a stated limit"
+    exit_code = 2

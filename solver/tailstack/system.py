@@ -1,0 +1,160 @@
+"""The compiled design: frozen records of arrays in mm, rad, px.  Everything downstream starts here.
+
+Conventions (``docs/conventions.md``): ``T_ab`` maps coordinates in frame b to coordinates in frame
+a; frames are ``con`` (connector, fiducial coordinates), ``flange``, ``tcp``.  A torsor is ordered
+``(rx, ry, rz, tx, ty, tz)`` in rad and mm; its finite rotation is ``R = Rx(rx) Ry(ry) Rz(rz)`` about
+the pivot, followed by the translation (Eqs 11-13 of the paper).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+TORSOR_COMPONENTS = ("rx", "ry", "rz", "tx", "ty", "tz")
+
+
+class Law(StrEnum):
+    """Law of one scalar tolerance of half-width h.  BOUNDED has no law: only its worst case counts."""
+
+    NORMAL = "normal"
+    UNIFORM = "uniform"
+    TRIANGULAR = "triangular"
+    BOUNDED = "bounded"
+
+
+STD_PER_HALF_WIDTH = {Law.UNIFORM: 1 / sqrt(3), Law.TRIANGULAR: 1 / sqrt(6), Law.BOUNDED: 0.0}
+
+
+class Reading(StrEnum):
+    """What an installation error of the structure does (conventions: *two readings*)."""
+
+    PHYSICAL = "physical"  # the structure moves and so do its images: q_hat = T_err1^-1 q (text after Eq 8)
+    EQ18 = "eq18"  # the estimator's coordinates move, images do not: q_hat = T_err1 q (Eqs 8, 18)
+
+
+class RotationForm(StrEnum):
+    FULL = "full"  # Rx Ry Rz (Eq 12)
+    SMALL_ANGLE = "small_angle"  # I + [omega]x (Eq 13)
+
+
+class Triangulation(StrEnum):
+    NORMALISED = "normalised"  # in the fiducials' Hartley frame: equivariant to motion and units
+    PUBLISHED = "published"  # plain 4x4 SVD in connector millimetres (Eqs 4-7)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sources:
+    """k independent scalar error sources that act linearly on a d-vector: ``value = direction @ xi``.
+
+    ``xi[j]`` follows ``laws[j]`` with half-width ``half_width[j]`` (native unit: rad, mm or N).  For
+    NORMAL the standard deviation is ``half_width / coverage_factor``.
+    """
+
+    names: tuple[str, ...]  # component names, e.g. ("rx", ..., "tz") or locator names
+    laws: tuple[Law, ...]
+    half_width: Array  # (k,) rad | mm | N
+    coverage_factor: Array  # (k,) only meaningful for NORMAL, 1 elsewhere
+    units: tuple[str, ...]  # native unit of each source: "rad", "mm", "N"
+    direction: Array  # (d, k)
+
+    @property
+    def std(self) -> Array:
+        """(k,) standard deviation in native units; 0 for BOUNDED."""
+        factor = [
+            1 / c if law is Law.NORMAL else STD_PER_HALF_WIDTH[law]
+            for law, c in zip(self.laws, self.coverage_factor, strict=True)
+        ]
+        return self.half_width * np.array(factor)
+
+    @property
+    def count(self) -> int:
+        return len(self.names)
+
+
+def no_sources(dimension: int) -> Sources:
+    """Sources that are not there: k = 0."""
+    empty = np.zeros(0)
+    return Sources((), (), empty, empty, (), np.zeros((dimension, 0)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mount:
+    """A rigid installation error: a known bias plus independent sources, about a pivot."""
+
+    name: str  # contributor name: "interface_1", "interface_2", "hand_eye"
+    pivot_mm: Array  # (3,) in the frame the error acts in (con for the interfaces, tcp for hand-eye)
+    bias: Array  # (6,) rad, mm
+    sources: Sources  # direction is (6, k)
+    label: str = ""  # what the user calls it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    name: str
+    projection: Array  # (3, 4) con mm -> px, scaled so that |P[2, :3]| = 1 and depths are positive
+    fiducial_noise_px: float  # standard deviation per image coordinate
+    target_noise_px: float
+    image_size_px: tuple[int, int] | None  # (width, height); None: not stated, visibility not checked
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Target:
+    name: str
+    position_mm: Array  # (3,) con
+    region: str | None = None  # the target region it samples, if any
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Requirement:
+    name: str
+    error: str  # "tcp" or "localisation"
+    quantile: float
+    limit_mm: float
+    confidence: float  # two-sided confidence of the interval the verdict is taken from
+    targets: tuple[str, ...]  # target names
+    risk: str = "pooled"  # or "per_unit"
+    min_yield: float | None = None  # per_unit: required fraction of installed units
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class System:
+    """A design, compiled.  Immutable; every array is read-only."""
+
+    name: str
+    views: tuple[View, ...]
+    fiducial_labels: tuple[str, ...]
+    fiducials_mm: Array  # (N, 3) con, nominal
+    manufacturing_law: Law  # NORMAL, UNIFORM or TRIANGULAR
+    manufacturing_half_width_mm: Array  # (N, 3)
+    manufacturing_coverage_factor: float
+    interface_1: Mount  # structure-connector, T_err1, acts in con
+    interface_2: Mount  # connector-end effector, T_err2, acts in con
+    T_flange_con: Array  # (4, 4)
+    T_tcp_flange: Array  # (4, 4)
+    hand_eye: Mount  # acts in tcp, after T_tcp_flange
+    execution_bias_mm: Array  # (3,) tcp: deflection under the nominal load
+    execution: Sources  # direction is (3, k), tcp: repeatability and load
+    targets: tuple[Target, ...]
+    requirements: tuple[Requirement, ...]
+    reading: Reading = Reading.PHYSICAL
+    rotation_form: RotationForm = RotationForm.FULL
+    triangulation: Triangulation = Triangulation.NORMALISED
+    notes: tuple[str, ...] = field(default=())  # assumptions recorded on the way (e.g. RAS converted to LPS)
+
+    @property
+    def T_tcp_con(self) -> Array:
+        return self.T_tcp_flange @ self.T_flange_con
+
+    @property
+    def manufacturing_std_mm(self) -> Array:
+        """(N, 3) standard deviation of each fiducial coordinate."""
+        law = self.manufacturing_law
+        per = 1 / self.manufacturing_coverage_factor if law is Law.NORMAL else STD_PER_HALF_WIDTH[law]
+        return self.manufacturing_half_width_mm * per
