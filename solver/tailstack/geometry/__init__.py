@@ -1,1 +1,1 @@
-
+"""Rotations, small displacement torsors and pinhole cameras."""

@@ -1,0 +1,89 @@
+"""Pinhole X-ray cameras (Eq 1): projections from distances, intrinsics and pose, or a matrix.
+
+A camera frame has its origin at the source, z along the principal ray, u along x and v along y.  A
+projection P (3, 4) maps con mm to px and is kept scaled so that ``|P[2, :3]| = 1``; ``P[2] (X, 1)`` is
+then the depth of X in mm, positive in front of the source.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..system import Array
+from .rotation import rigid_transform
+
+
+def intrinsic_matrix(focal_px: tuple[float, float], principal_point_px: tuple[float, float], skew_px: float) -> Array:
+    """K (3, 3): ``u = fx x/z + s y/z + cx``, ``v = fy y/z + cy``, px."""
+    (fx, fy), (cx, cy) = focal_px, principal_point_px
+    return np.array([[fx, skew_px, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+def image_centre_px(image_size_px: tuple[int, int]) -> tuple[float, float]:
+    """Centre of a (width, height) image when pixel centres are integers and the first is (0, 0)."""
+    return (image_size_px[0] - 1) / 2, (image_size_px[1] - 1) / 2
+
+
+def aim(source_mm: Array, beam_direction: Array, up_direction: Array) -> Array:
+    """Pose T_camera_con (4, 4) of a source at ``source_mm`` that looks along ``beam_direction``.
+
+    z is the beam; u runs along beam x up and v downwards (along -up, made normal to the beam), so that
+    AP (beam +y, up +z) has u along +x and v along -z.  All three are in con; directions need not be
+    unit vectors.  The caller makes sure that beam and up are not parallel.
+    """
+    beam = np.asarray(beam_direction, dtype=float) / np.linalg.norm(beam_direction)
+    right = np.cross(beam, up_direction)
+    right = right / np.linalg.norm(right)
+    rotation = np.array([right, np.cross(beam, right), beam])
+    return rigid_transform(rotation, -rotation @ np.asarray(source_mm, dtype=float))
+
+
+def projection_from_pose(intrinsics: Array, T_camera_con: Array) -> Array:
+    """``P = K [R | t]``, (3, 3) and (4, 4) -> (3, 4); con mm -> px.  Third row has unit length as K's last row is z."""
+    return np.asarray(intrinsics @ T_camera_con[:3])
+
+
+def projection_from_distances(
+    source_detector_mm: float,
+    source_isocentre_mm: float,
+    pixel_mm: tuple[float, float],
+    principal_point_px: tuple[float, float],
+    isocentre_mm: Array,
+    beam_direction: Array,
+    up_direction: Array,
+) -> Array:
+    """Projection of a C-arm from the numbers on its data sheet; (3, 4), con mm -> px.
+
+    The source sits ``source_isocentre_mm`` before the isocentre on the beam, the detector
+    ``source_detector_mm`` from the source and normal to the beam: ``f = source_detector / pixel``.
+    """
+    beam = np.asarray(beam_direction, dtype=float) / np.linalg.norm(beam_direction)
+    pose = aim(np.asarray(isocentre_mm, dtype=float) - source_isocentre_mm * beam, beam, up_direction)
+    focal = (source_detector_mm / pixel_mm[0], source_detector_mm / pixel_mm[1])
+    return projection_from_pose(intrinsic_matrix(focal, principal_point_px, 0.0), pose)
+
+
+def camera_centre(projection: Array) -> Array:
+    """Position of the source in con, (3,) mm: the null vector of a finite camera's P."""
+    return np.asarray(-np.linalg.solve(projection[:, :3], projection[:, 3]))
+
+
+def principal_ray(projection: Array) -> Array:
+    """Unit vector of growing depth in con, (3,), for P with positive depth."""
+    row = projection[2, :3]
+    return np.asarray(row / np.linalg.norm(row))
+
+
+def depths(projection: Array, points_mm: Array) -> Array:
+    """Depth of points (N, 3), mm, for P scaled to ``|P[2, :3]| = 1``; (N,) mm, positive before the source."""
+    return np.asarray(points_mm @ projection[2, :3] + projection[2, 3])
+
+
+def scale_to_unit_depth(projection: Array, points_mm: Array) -> Array:
+    """Scale P to ``|P[2, :3]| = 1`` with the sign that puts the *median* point of (N, 3) in front of the source.
+
+    A projection matrix has no sign of its own; the median makes the outcome independent of a single
+    point that really does lie behind the source (and is then reported as such).
+    """
+    scaled = projection / np.linalg.norm(projection[2, :3])
+    return np.asarray(-scaled if np.median(depths(scaled, points_mm)) < 0 else scaled)

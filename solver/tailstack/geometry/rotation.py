@@ -1,0 +1,123 @@
+"""Rotations and small displacement torsors (Eqs 11-13), with the derivatives the linear model needs.
+
+A rotation is three angles (rx, ry, rz), rad, composed as ``R = Rx(rx) Ry(ry) Rz(rz)`` (Eq 12).  The
+small-angle form is ``R = I + [omega]x`` (Eq 13): first order in the angles, and *not* a rotation.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..system import Array, RotationForm
+
+
+def skew(vector: Array) -> Array:
+    """``[v]x`` with ``[v]x w = v x w``.  (..., 3) -> (..., 3, 3)."""
+    v = np.asarray(vector, dtype=float)
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def _axis_rotations(angles: Array) -> tuple[Array, Array]:
+    """Rx, Ry, Rz stacked (..., 3, 3, 3), and the derivative of each by its own angle."""
+    a = np.asarray(angles, dtype=float)
+    c, s = np.cos(a), np.sin(a)
+    rotation = np.zeros((*a.shape, 3, 3))
+    derivative = np.zeros((*a.shape, 3, 3))
+    for axis in range(3):
+        j, k = (axis + 1) % 3, (axis + 2) % 3
+        ca, sa = c[..., axis], s[..., axis]
+        rotation[..., axis, axis, axis] = 1.0
+        rotation[..., axis, j, j] = rotation[..., axis, k, k] = ca
+        rotation[..., axis, k, j], rotation[..., axis, j, k] = sa, -sa
+        derivative[..., axis, j, j] = derivative[..., axis, k, k] = -sa
+        derivative[..., axis, k, j], derivative[..., axis, j, k] = ca, -ca
+    return rotation, derivative
+
+
+def rotation_xyz(angles: Array, form: RotationForm = RotationForm.FULL) -> Array:
+    """``Rx(rx) Ry(ry) Rz(rz)`` (Eq 12), or ``I + [omega]x`` (Eq 13).  angles (..., 3) rad -> (..., 3, 3)."""
+    if form is RotationForm.SMALL_ANGLE:
+        return np.eye(3) + skew(angles)
+    r, _ = _axis_rotations(angles)
+    return np.asarray(r[..., 0, :, :] @ r[..., 1, :, :] @ r[..., 2, :, :])
+
+
+def rotation_derivatives(angles: Array, form: RotationForm = RotationForm.FULL) -> Array:
+    """dR/d(rx), dR/d(ry), dR/d(rz) at ``angles``.  (..., 3) rad -> (..., 3, 3, 3), angle first."""
+    if form is RotationForm.SMALL_ANGLE:
+        a = np.asarray(angles, dtype=float)
+        return np.broadcast_to(skew(np.eye(3)), (*a.shape[:-1], 3, 3, 3)).copy()
+    r, d = _axis_rotations(angles)
+    rx, ry, rz = r[..., 0, :, :], r[..., 1, :, :], r[..., 2, :, :]
+    dx, dy, dz = d[..., 0, :, :], d[..., 1, :, :], d[..., 2, :, :]
+    return np.stack([dx @ ry @ rz, rx @ dy @ rz, rx @ ry @ dz], axis=-3)
+
+
+def torsor_transform(torsor: Array, pivot_mm: Array, form: RotationForm = RotationForm.FULL) -> Array:
+    """The displacement ``X -> R (X - p) + p + t`` as a matrix (Eq 11 about a pivot).
+
+    torsor (..., 6): (rx, ry, rz, tx, ty, tz), rad and mm; pivot_mm (3,), in the frame the displacement
+    acts in.  Returns (..., 4, 4).
+    """
+    torsor = np.asarray(torsor, dtype=float)
+    rotation = rotation_xyz(torsor[..., :3], form)
+    out = np.zeros((*torsor.shape[:-1], 4, 4))
+    out[..., :3, :3] = rotation
+    out[..., :3, 3] = pivot_mm - rotation @ pivot_mm + torsor[..., 3:]
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def torsor_derivatives(torsor: Array, pivot_mm: Array, point_mm: Array, form: RotationForm = RotationForm.FULL) -> Array:
+    """Derivative of the displaced point by the torsor.
+
+    torsor (6,), pivot_mm (3,), point_mm (..., 3), all in one frame -> (..., 3, 6): rows the displaced
+    point, columns (rx, ry, rz, tx, ty, tz), mm/rad and mm/mm.
+    """
+    arm = np.asarray(point_mm, dtype=float) - pivot_mm
+    turning = np.einsum("aij,...j->...ia", rotation_derivatives(np.asarray(torsor)[:3], form), arm)
+    return np.concatenate([turning, np.broadcast_to(np.eye(3), turning.shape)], axis=-1)
+
+
+def rigid_inverse(transform: Array) -> Array:
+    """Inverse of rigid transforms (..., 4, 4): ``R' , -R' t``.  Wrong for the small-angle form: use ``inv``."""
+    rotation_t = np.swapaxes(transform[..., :3, :3], -1, -2)
+    out = np.zeros_like(transform, dtype=float)
+    out[..., :3, :3] = rotation_t
+    out[..., :3, 3] = -np.einsum("...ij,...j->...i", rotation_t, transform[..., :3, 3])
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def transform_points(transform: Array, points: Array) -> Array:
+    """Apply (..., 4, 4) to points (..., N, 3) or to one point (3,)."""
+    rotation, translation = transform[..., :3, :3], transform[..., :3, 3]
+    if np.ndim(points) == 1:
+        return np.asarray(rotation @ points + translation)
+    return np.asarray(points @ np.swapaxes(rotation, -1, -2) + translation[..., None, :])
+
+
+def rotation_from_quaternion(wxyz: Array) -> Array:
+    """Rotation of a quaternion (w, x, y, z), scalar first; (4,) -> (3, 3).  It is normalised here."""
+    q = np.asarray(wxyz, dtype=float)
+    w, v = q[0] / np.linalg.norm(q), q[1:] / np.linalg.norm(q)
+    return (w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * skew(v)
+
+
+def rigid_transform(rotation: Array, translation_mm: Array) -> Array:
+    """(3, 3) and (3,) -> (4, 4)."""
+    out = np.eye(4)
+    out[:3, :3] = rotation
+    out[:3, 3] = translation_mm
+    return out
+
+
+def rigidity_defect(rotation: Array) -> float:
+    """How far (3, 3) is from a rotation: the largest entry of ``R'R - I``, or infinity for a reflection."""
+    if np.linalg.det(rotation) <= 0:
+        return float("inf")
+    return float(np.abs(rotation.T @ rotation - np.eye(3)).max())

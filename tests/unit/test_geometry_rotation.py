@@ -1,0 +1,114 @@
+"""Rotations and torsors against mpmath's matrix exponential, finite differences and the oracle file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from tailstack.geometry.rotation import (
+    rigid_inverse,
+    rigid_transform,
+    rigidity_defect,
+    rotation_derivatives,
+    rotation_from_quaternion,
+    rotation_xyz,
+    skew,
+    torsor_derivatives,
+    torsor_transform,
+    transform_points,
+)
+from tailstack.system import RotationForm
+
+ORACLES = Path(__file__).parents[1] / "data" / "oracles"
+angle = st.floats(-3.0, 3.0)
+coordinate = st.floats(-300.0, 300.0)
+
+
+@given(st.tuples(angle, angle, angle))
+def test_full_rotation_is_the_product_of_three_matrix_exponentials(angles):
+    with mpmath.workdps(30):
+        expected = mpmath.eye(3)
+        for axis, value in enumerate(angles):
+            unit = [1.0 if k == axis else 0.0 for k in range(3)]
+            expected = expected * mpmath.expm(mpmath.matrix((value * skew(np.array(unit))).tolist()))
+    independent = np.array(expected.tolist(), dtype=float)
+    np.testing.assert_allclose(rotation_xyz(np.array(angles)), independent, atol=4e-15)
+
+
+def test_full_rotation_agrees_with_scipy_intrinsic_xyz():
+    angles = np.random.default_rng(1).uniform(-3, 3, (50, 3))
+    np.testing.assert_allclose(rotation_xyz(angles), Rotation.from_euler("XYZ", angles).as_matrix(), atol=4e-15)
+
+
+def test_small_angle_form_is_identity_plus_cross_product():
+    angles, v = np.array([0.01, -0.02, 0.03]), np.array([3.0, -5.0, 7.0])
+    closed_form = v + np.cross(angles, v)
+    np.testing.assert_allclose(rotation_xyz(angles, RotationForm.SMALL_ANGLE) @ v, closed_form, rtol=1e-15)
+
+
+@pytest.mark.parametrize("form", list(RotationForm))
+@given(values=st.tuples(*[angle] * 3, *[coordinate] * 3), point=st.tuples(*[coordinate] * 3))
+def test_derivatives_agree_with_central_differences(form, values, point):
+    torsor, pivot, point = np.array(values), np.array([10.0, -20.0, -95.0]), np.array(point)
+    step = 1e-5
+    for k in range(6):
+        ahead, behind = torsor.copy(), torsor.copy()
+        ahead[k] += step
+        behind[k] -= step
+        difference = transform_points(torsor_transform(ahead, pivot, form), point) - transform_points(
+            torsor_transform(behind, pivot, form), point
+        )
+        np.testing.assert_allclose(
+            torsor_derivatives(torsor, pivot, point, form)[:, k], difference / (2 * step), atol=2e-6
+        )
+        if k < 3:
+            finite = (rotation_xyz(ahead[:3], form) - rotation_xyz(behind[:3], form)) / (2 * step)
+            np.testing.assert_allclose(rotation_derivatives(torsor[:3], form)[k], finite, atol=1e-9)
+
+
+def test_torsor_matches_the_matrix_of_the_oracle():
+    case = json.loads((ORACLES / "rigid_bias_exact.json").read_text())
+    torsor = np.array([*np.deg2rad([1.0, -0.5, 2.0]), 2.0, -1.0, 3.0])
+    transform = torsor_transform(torsor, np.array([0.0, 0.0, -95.0]))
+    np.testing.assert_allclose(transform, case["T_err1"], atol=1e-13)
+
+
+@given(st.tuples(*[angle] * 3, *[coordinate] * 3))
+def test_rigid_inverse_undoes_the_displacement(values):
+    transform = torsor_transform(np.array(values), np.array([4.0, 5.0, 6.0]))
+    np.testing.assert_allclose(rigid_inverse(transform) @ transform, np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(rigid_inverse(transform), np.linalg.inv(transform), atol=1e-11)
+
+
+def test_leading_dimensions_are_a_batch():
+    torsors = np.random.default_rng(2).normal(size=(4, 5, 6))
+    pivot = np.array([1.0, 2.0, 3.0])
+    batch = torsor_transform(torsors, pivot)
+    assert batch.shape == (4, 5, 4, 4)
+    np.testing.assert_array_equal(batch[2, 3], torsor_transform(torsors[2, 3], pivot))
+    assert rotation_derivatives(torsors[..., :3]).shape == (4, 5, 3, 3, 3)
+    points = np.random.default_rng(3).normal(size=(7, 3))
+    np.testing.assert_allclose(
+        transform_points(batch, points)[1, 1, 4], transform_points(batch[1, 1], points[4]), atol=1e-14
+    )
+
+
+def test_quaternion_agrees_with_scipy():
+    wxyz = np.random.default_rng(4).normal(size=(20, 4))
+    for q in wxyz:
+        expected = Rotation.from_quat(np.roll(q, -1)).as_matrix()
+        np.testing.assert_allclose(rotation_from_quaternion(q), expected, atol=1e-14)
+
+
+def test_rigidity_defect_sees_scale_and_reflection():
+    assert rigidity_defect(rotation_xyz(np.array([0.3, 0.2, 0.1]))) < 1e-15
+    assert rigidity_defect(1.01 * np.eye(3)) == pytest.approx(0.0201)
+    assert rigidity_defect(np.diag([1.0, 1.0, -1.0])) == np.inf
+    assert rigid_transform(np.eye(3), np.ones(3))[2, 3] == 1.0
