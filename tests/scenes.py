@@ -1,0 +1,198 @@
+"""Compiled systems that tests build directly: the reference C-arm, the cube of the oracles, random ones.
+
+Every builder takes keyword changes and hands them to :func:`dataclasses.replace`, so a test says only
+what it changes: ``cube8_system(reading=Reading.EQ18)``, ``cios_system(views=with_noise(2.0))``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tailstack.system import Array, Law, Mount, Sources, System, Target, View, no_sources
+
+TORSOR = ("rx", "ry", "rz", "tx", "ty", "tz")
+FOCAL_PX = 1020.0 / 0.194
+PRINCIPAL_PX = 767.5
+TARGET_MM = (0.0, 0.0, 70.0)
+
+
+def read_only(values: Any) -> Array:
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array
+
+
+def projection_looking(azimuth_rad: float, depth_mm: float = 700.0, elevation_rad: float = 0.0) -> Array:
+    """(3, 4) projection of a source at ``depth_mm`` from the origin, detector rows along -z at elevation 0.
+
+    Azimuth 0 looks along +y (the oracles' AP), azimuth pi/2 along -x (their LAT).
+    """
+    c, s = np.cos(azimuth_rad), np.sin(azimuth_rad)
+    ce, se = np.cos(elevation_rad), np.sin(elevation_rad)
+    right = np.array([c, s, 0.0])
+    forward = np.array([-s * ce, c * ce, se])
+    down = np.cross(forward, right)
+    pose = np.column_stack([np.array([right, down, forward]), [0.0, 0.0, depth_mm]])
+    camera = np.array([[FOCAL_PX, 0, PRINCIPAL_PX], [0, FOCAL_PX, PRINCIPAL_PX], [0, 0, 1.0]])
+    return read_only(camera @ pose)
+
+
+def with_noise(
+    fiducial_px: float = 0.5, target_px: float | None = None, azimuths_rad: tuple[float, ...] = (0.0, np.pi / 2)
+) -> tuple[View, ...]:
+    """Views of the reference C-arm (AP and LAT unless other azimuths are given)."""
+    target_px = fiducial_px if target_px is None else target_px
+    return tuple(
+        View(f"view{k}", projection_looking(angle), fiducial_px, target_px, (1536, 1536))
+        for k, angle in enumerate(azimuths_rad)
+    )
+
+
+def mount(
+    name: str,
+    pivot_mm: Any = (0.0, 0.0, 0.0),
+    *,
+    bias: Any = (0.0,) * 6,
+    half_width: Any = (0.0,) * 6,
+    law: Law | tuple[Law, ...] = Law.NORMAL,
+    coverage_factor: float = 1.0,
+) -> Mount:
+    """A mount with one source per torsor component whose half-width (rad, mm) is not zero."""
+    laws = law if isinstance(law, tuple) else (law,) * 6
+    kept = [j for j in range(6) if half_width[j] != 0]
+    sources = Sources(
+        names=tuple(TORSOR[j] for j in kept),
+        laws=tuple(laws[j] for j in kept),
+        half_width=read_only([half_width[j] for j in kept]),
+        coverage_factor=read_only([coverage_factor if laws[j] is Law.NORMAL else 1.0 for j in kept]),
+        units=tuple("rad" if j < 3 else "mm" for j in kept),
+        direction=read_only(np.eye(6)[:, kept]),
+    )
+    return Mount(name, read_only(pivot_mm), read_only(bias), sources)
+
+
+def execution_sources(half_width_mm: float, law: Law = Law.NORMAL) -> Sources:
+    """Repeatability of the same half-width along each axis of tcp."""
+    return Sources(
+        ("x", "y", "z"),
+        (law,) * 3,
+        read_only([half_width_mm] * 3),
+        read_only(np.ones(3)),
+        ("mm",) * 3,
+        read_only(np.eye(3)),
+    )
+
+
+def target(position_mm: Any, name: str = "target") -> Target:
+    return Target(name, read_only(position_mm))
+
+
+def system_of(fiducials_mm: Any, **changes: Any) -> System:
+    """Reference C-arm, 0.5 px, everything else exact and in place."""
+    fiducials = read_only(fiducials_mm)
+    base = System(
+        name="scene",
+        views=with_noise(0.5),
+        fiducial_labels=tuple(f"F{i + 1}" for i in range(len(fiducials))),
+        fiducials_mm=fiducials,
+        manufacturing_law=Law.NORMAL,
+        manufacturing_half_width_mm=read_only(np.zeros_like(fiducials)),
+        manufacturing_coverage_factor=1.0,
+        interface_1=mount("interface_1", (0.0, 0.0, -95.0)),
+        interface_2=mount("interface_2", (0.0, 0.0, -145.0)),
+        T_flange_con=read_only(np.eye(4)),
+        T_tcp_flange=read_only(np.eye(4)),
+        hand_eye=mount("hand_eye"),
+        execution_bias_mm=read_only(np.zeros(3)),
+        execution=no_sources(3),
+        targets=(target(TARGET_MM),),
+        requirements=(),
+    )
+    return replace(base, **changes)
+
+
+def cube_fiducials(half_mm: float = 50.0, centre_mm: Any = (0.0, 0.0, -40.0)) -> Array:
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+    return read_only(np.asarray(centre_mm) + half_mm * signs)
+
+
+def cube8_system(**changes: Any) -> System:
+    """The oracles' eight corners of a 100 mm cube about (0, 0, -40), target (0, 0, 70), 0.5 px."""
+    return system_of(cube_fiducials(), **changes)
+
+
+CIOS_FIDUCIALS_MM = (
+    (-50, -50, -90), (50, -50, -90), (50, 50, -90), (-50, 50, -90),
+    (-50, -46, 10), (46, -50, 10), (50, 46, 10), (-46, 50, 10),
+    (-22, -48, -35), (48, -18, -52), (20, 50, -44), (-50, 24, -28),
+)  # fmt: skip
+
+
+def installation(name: str, pivot_mm: Any, rotation_deg: float = 0.5, translation_mm: float = 0.5) -> Mount:
+    """Six normal components whose *standard deviations* are the given ones (half-width at factor 2)."""
+    half = 2 * np.array([np.deg2rad(rotation_deg)] * 3 + [translation_mm] * 3)
+    return mount(name, pivot_mm, half_width=half, coverage_factor=2.0)
+
+
+def cios_system(**changes: Any) -> System:
+    """The performance scene: 12 fiducials in a 100 mm box, 0.5 px, both interfaces 3 x 0.5 deg + 3 x 0.5 mm
+    (standard deviations): 64 normal deviates a trial."""
+    base = system_of(
+        CIOS_FIDUCIALS_MM,
+        interface_1=installation("interface_1", (0.0, 0.0, -95.0)),
+        interface_2=installation("interface_2", (0.0, 0.0, -145.0)),
+    )
+    return replace(base, **changes)
+
+
+def random_rotation(rng: np.random.Generator) -> Array:
+    q, r = np.linalg.qr(rng.standard_normal((3, 3)))
+    q = q * np.sign(np.diag(r))
+    return np.asarray(q * np.sign(np.linalg.det(q)))
+
+
+def random_rigid(rng: np.random.Generator, shift_mm: float = 100.0) -> Array:
+    transform = np.eye(4)
+    transform[:3, :3] = random_rotation(rng)
+    transform[:3, 3] = rng.uniform(-shift_mm, shift_mm, 3)
+    return read_only(transform)
+
+
+def random_system(
+    rng: np.random.Generator, fiducials: int = 10, views: int = 2, targets: int = 1, **changes: Any
+) -> System:
+    """Random well-posed scene in which every error source is at work, laws mixed, transforms general."""
+    azimuths = rng.uniform(0, 0.3) + np.linspace(0.0, np.pi / 2 * (1 + 0.2 * (views > 2)), views)
+    seen = tuple(
+        View(f"view{k}", projection_looking(a, rng.uniform(600, 850), rng.uniform(-0.2, 0.2)),
+             rng.uniform(0.2, 0.8), rng.uniform(0.2, 0.8), (1536, 1536))
+        for k, a in enumerate(azimuths)
+    )  # fmt: skip
+    laws = tuple(rng.choice([Law.NORMAL, Law.UNIFORM, Law.TRIANGULAR], 6))
+    half = np.array([np.deg2rad(0.4)] * 3 + [0.4] * 3)
+
+    def tilted(name: str) -> Mount:
+        made = mount(name, rng.uniform(-100, 100, 3), bias=rng.normal(size=6) * half, half_width=half, law=laws)
+        mixed = rng.normal(size=(6, 6)) * 0.3 + np.eye(6)
+        return replace(
+            made, sources=replace(made.sources, direction=read_only(np.diag(half) @ mixed @ np.diag(1 / half)))
+        )
+
+    base = system_of(
+        rng.uniform(-50, 50, (fiducials, 3)) + np.array([0, 0, -20.0]),
+        views=seen,
+        manufacturing_half_width_mm=read_only(rng.uniform(0.01, 0.05, (fiducials, 3))),
+        manufacturing_law=rng.choice([Law.NORMAL, Law.UNIFORM, Law.TRIANGULAR]),
+        interface_1=tilted("interface_1"),
+        interface_2=tilted("interface_2"),
+        T_flange_con=random_rigid(rng),
+        T_tcp_flange=random_rigid(rng),
+        hand_eye=tilted("hand_eye"),
+        execution_bias_mm=read_only(rng.normal(size=3) * 0.1),
+        execution=execution_sources(0.1, Law.UNIFORM),
+        targets=tuple(target(rng.uniform(-30, 60, 3), f"t{k}") for k in range(targets)),
+    )
+    return replace(base, **changes)
