@@ -29,10 +29,29 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
+class Check:
+    """One requirement at one target."""
+
+    requirement: str
+    target: str
+    error: str  # tcp or localisation
+    risk: str  # pooled or per_unit
+    quantile: float
+    value_mm: float
+    interval_mm: Interval  # Monte Carlo: confidence interval; first order: calibrated error of linearisation
+    limit_mm: float
+    yield_fraction: float | None
+    min_yield: float | None
+    status: Literal["pass", "fail", "inconclusive"]
+
+
+@dataclass(frozen=True, slots=True)
 class Verdict:
-    """``pass`` only when nothing the requirement asks is left open; see the method that produced it."""
+    """``pass`` only when the upper end of every check's interval is within its limit."""
 
     status: Literal["pass", "fail", "inconclusive", "no requirement"]
+    basis: str  # "first order" or "Monte Carlo"
+    checks: tuple[Check, ...]
     findings: tuple[Finding, ...]
 
 
@@ -65,15 +84,17 @@ class Contributor:
 class PerUnit:
     """The second reading of risk: the installation is drawn once per unit and stays."""
 
-    quantile: float
     limit_mm: float | None
-    yield_fraction: float | None  # fraction of units whose own quantile over shots meets the limit
-    p95_of_units_mm: float  # 95th percentile over units of the unit's own quantile
-    standard_error: float  # of the yield (or of the percentile when there is no limit)
+    yield_fraction: float | None  # fraction of units whose own P95 over shots meets the limit
+    yield_standard_error: float | None
+    p95_of_units_mm: float  # 95th percentile over units of the unit's own P95
+    p95_of_units_standard_error_mm: float
 
 
 @dataclass(frozen=True, slots=True)
 class SecondOrder:
+    """Correction of the TCP error by the Hessian of the chain; see its own range of validity."""
+
     status: Literal["applied", "refused", "not requested"]
     reason: str
     mean_shift_mm: Vector3 | None = None
@@ -90,8 +111,7 @@ class MetricScore:
     covariance_mm2: Matrix3
     std_mm: Vector3
     mean_norm_mm: float
-    quantile: float
-    p95_mm: float  # the requested quantile (0.95 unless the requirement says otherwise)
+    p95_mm: float
     law: str  # the law it was computed with, in words
     law_error_mm: float  # its own numerical error
     bounds_mm: Bounds
@@ -110,7 +130,6 @@ class TargetScore:
     covariance_mm2: Matrix3
     std_mm: Vector3
     mean_norm_mm: float
-    quantile: float
     p95_mm: float
     law: str
     law_error_mm: float
@@ -132,7 +151,7 @@ class Validity:
     """How far to trust the linearisation: nu and what it was calibrated to mean."""
 
     nu: float
-    status: Literal["good to 1 %", "good to 5 %", "good to 20 %", "do not use"]
+    status: Literal["good to 1 %", "good to 5 %", "good to 20 %", "not valid"]
     expected_error_percent: float | None
     statement: str
 
@@ -188,7 +207,6 @@ class MetricEstimate:
     bias_mm: Vector3
     std_mm: Vector3
     mean_norm_mm: float
-    quantile: float
     p95_mm: float
     p95_interval_mm: Interval
     cvar95_mm: float
@@ -206,7 +224,6 @@ class TargetEstimate:
     bias_mm: Vector3
     std_mm: Vector3
     mean_norm_mm: float
-    quantile: float
     p95_mm: float
     p95_interval_mm: Interval
     confidence: float
