@@ -171,7 +171,7 @@ def random_system(
              rng.uniform(0.2, 0.8), rng.uniform(0.2, 0.8), (1536, 1536))
         for k, a in enumerate(azimuths)
     )  # fmt: skip
-    laws = tuple(rng.choice([Law.NORMAL, Law.UNIFORM, Law.TRIANGULAR], 6))
+    laws = tuple(Law(str(law)) for law in rng.choice([Law.NORMAL, Law.UNIFORM, Law.TRIANGULAR], 6))
     half = np.array([np.deg2rad(0.4)] * 3 + [0.4] * 3)
 
     def tilted(name: str) -> Mount:
@@ -185,7 +185,7 @@ def random_system(
         rng.uniform(-50, 50, (fiducials, 3)) + np.array([0, 0, -20.0]),
         views=seen,
         manufacturing_half_width_mm=read_only(rng.uniform(0.01, 0.05, (fiducials, 3))),
-        manufacturing_law=rng.choice([Law.NORMAL, Law.UNIFORM, Law.TRIANGULAR]),
+        manufacturing_law=Law(str(rng.choice([Law.NORMAL, Law.UNIFORM, Law.TRIANGULAR]))),
         interface_1=tilted("interface_1"),
         interface_2=tilted("interface_2"),
         T_flange_con=random_rigid(rng),

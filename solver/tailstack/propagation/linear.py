@@ -72,17 +72,24 @@ def displace_back(mount: Mount, form: RotationForm, point: Array) -> tuple[Array
     return back, -inverse @ torsor_derivatives(mount.bias, mount.pivot_mm, back, form)
 
 
-def effective_projections(system: System) -> Array:
-    """(V, 3, 4) projections as the estimator meets them, in its own coordinates: ``P_v T_err1`` or ``P_v``.
+def estimator_geometry(system: System) -> tuple[Array, Array, Array]:
+    """What the estimator meets at the bias, in its own coordinates.
 
-    Rescaled to ``|p3| = 1``, which a full rotation preserves and the small-angle form does not.
+    Returns projections (V, 3, 4) with ``|p3| = 1``, the fiducials it is told (N, 3), and the linear map
+    (3, 3) from a manufacturing error to a displacement of those.  Physical: ``P_v T_err1`` and the nominal
+    fiducials.  Eq 18: ``P_v T_err1^-1`` and the moved ones.  The rescaling matters for the small-angle form,
+    which is not rigid.
     """
-    projections = np.stack([view.projection for view in system.views])
-    if system.reading is Reading.EQ18:
-        return projections
     mount = system.interface_1
-    moved = projections @ torsor_transform(mount.bias, mount.pivot_mm, system.rotation_form)
-    return np.asarray(moved / np.linalg.norm(moved[:, 2, :3], axis=1)[:, None, None])
+    displacement = torsor_transform(mount.bias, mount.pivot_mm, system.rotation_form)
+    projections = np.stack([view.projection for view in system.views])
+    if system.reading is Reading.PHYSICAL:
+        told, per_error, seen = system.fiducials_mm, np.eye(3), projections @ displacement
+    else:
+        per_error = displacement[:3, :3]
+        told = system.fiducials_mm @ per_error.T + displacement[:3, 3]
+        seen = projections @ np.linalg.inv(displacement)
+    return seen / np.linalg.norm(seen[:, 2, :3], axis=1)[:, None, None], told, per_error
 
 
 def _source_block(name: str, sources: Sources, localisation: Array, tcp: Array, per_unit: bool) -> Block:
@@ -109,19 +116,22 @@ def _noise_block(name: str, std_px: float, localisation: Array, to_tcp: Array) -
     )  # fmt: skip
 
 
-def validity_number(system: System, projections: Array, perspective: Array) -> float:
+def validity_number(system: System, projections: Array, points: Array, per_error: Array, perspective: Array) -> float:
     """nu: standard deviation of the relative perspective error at the target, largest over views.
 
     ``dw(q)/w(q) - dw(c)/w(c)`` with w the estimated depth and c the fiducials' centroid: free of gauge, and
     the quantity whose smallness first order rests on.  Manufacturing errors count through their images.
-    projections (V, 3, 4); perspective (V, N, 2) per px.
+    projections (V, 3, 4) and points (N, 3) as the estimator meets them, per_error (3, 3) its
+    coordinates per manufacturing error; perspective (V, N, 2) per px.
     """
-    homogeneous = np.hstack([system.fiducials_mm, np.ones((len(system.fiducials_mm), 1))])
+    homogeneous = np.hstack([points, np.ones((len(points), 1))])
     largest = 0.0
     for view, projection, gain in zip(system.views, projections, perspective, strict=True):
         image = homogeneous @ projection.T
         per_mm = projection[None, :2, :3] - image[:, :2, None] / image[:, 2, None, None] * projection[2, :3]
-        shared = np.einsum("ic,ick->ik", gain, per_mm / image[:, 2, None, None]) * system.manufacturing_std_mm
+        shared = (
+            np.einsum("ic,ick->ik", gain, per_mm @ per_error / image[:, 2, None, None]) * system.manufacturing_std_mm
+        )
         variance = view.fiducial_noise_px**2 * (gain**2).sum() + (shared**2).sum()
         largest = max(largest, float(np.sqrt(variance)))
     return largest
@@ -133,18 +143,15 @@ def linearise(system: System, target: Target) -> LinearModel:
     Raises IllPosedError when the layout or the views do not determine the point.
     """
     form, first = system.rotation_form, system.interface_1
-    projections, points = effective_projections(system), system.fiducials_mm
+    projections, points, per_error = estimator_geometry(system)
     if system.reading is Reading.PHYSICAL:
-        # The rows are written at T_err1^-1 q, where the estimator's own projections image the target.
-        anchor, torsor_1 = displace_back(first, form, target.position_mm)
-        reconstructed, after = anchor, np.eye(3)
+        reconstructed, torsor_1 = displace_back(first, form, target.position_mm)
     else:
-        anchor = target.position_mm
-        reconstructed, after, torsor_1 = displace(first, form, target.position_mm)
+        reconstructed, _, torsor_1 = displace(first, form, target.position_mm)
     views, count = projections.shape[0], points.shape[0]
     fiducial, target_gain = np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2))
     manufacturing, perspective = np.zeros((views, count, 3, 3)), np.zeros((views, count, 2))
-    noise_gains_jit(projections, points, anchor, fiducial, target_gain, manufacturing, perspective)
+    noise_gains_jit(projections, points, reconstructed, fiducial, target_gain, manufacturing, perspective)
     if not (np.isfinite(fiducial).all() and np.isfinite(target_gain).all()):
         raise IllPosedError(
             Problem(
@@ -154,7 +161,7 @@ def linearise(system: System, target: Target) -> LinearModel:
                 "run `tailstack validate` for the direction that is not determined",
             )
         )
-    fiducial, target_gain, manufacturing = after @ fiducial, after @ target_gain, after @ manufacturing
+    manufacturing = manufacturing @ per_error
 
     moved, dmoved_dq, torsor_2 = displace(system.interface_2, form, reconstructed)
     to_tool = system.T_tcp_con
@@ -206,8 +213,10 @@ def linearise(system: System, target: Target) -> LinearModel:
         blocks=tuple(blocks),
         tcp_from_localisation=to_tcp,
         manufacturing_block_diagonal=np.einsum("vijk,vilk->jl", scaled, scaled),
-        nu=validity_number(system, projections, perspective),
-        extrapolation=float(np.linalg.norm(anchor - points.mean(axis=0)) / np.sqrt((spread**2).sum(axis=1).mean())),
+        nu=validity_number(system, projections, points, per_error, perspective),
+        extrapolation=float(
+            np.linalg.norm(reconstructed - points.mean(axis=0)) / np.sqrt((spread**2).sum(axis=1).mean())
+        ),
     )
 
 

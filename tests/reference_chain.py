@@ -1,0 +1,60 @@
+"""The full nonlinear chain, one trial at a time, written plainly for the tests (SVD, 4x4 matrices).
+
+It follows docs/conventions.md step by step and shares nothing with ``propagation`` or ``montecarlo``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tailstack.estimation.resection import project, resect
+from tailstack.estimation.triangulation import triangulate
+from tailstack.system import Array, Reading, RotationForm, System, Target
+
+
+def rotation(angles: Array, form: RotationForm) -> Array:
+    rx, ry, rz = angles
+    if form is RotationForm.SMALL_ANGLE:
+        return np.array([[1, -rz, ry], [rz, 1, -rx], [-ry, rx, 1]])
+    x = np.array([[1, 0, 0], [0, np.cos(rx), -np.sin(rx)], [0, np.sin(rx), np.cos(rx)]])
+    y = np.array([[np.cos(ry), 0, np.sin(ry)], [0, 1, 0], [-np.sin(ry), 0, np.cos(ry)]])
+    z = np.array([[np.cos(rz), -np.sin(rz), 0], [np.sin(rz), np.cos(rz), 0], [0, 0, 1]])
+    return x @ y @ z
+
+
+def move(torsor: Array, pivot: Array, form: RotationForm, points: Array) -> Array:
+    return (points - pivot) @ rotation(torsor[:3], form).T + pivot + torsor[3:]
+
+
+def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, Array]:
+    """One trial.  ``inputs``: contributor -> native values (missing: zero).  Returns the two error vectors."""
+    form = system.rotation_form
+
+    def torsor(mount):
+        return mount.bias + mount.sources.direction @ inputs.get(mount.name, np.zeros(mount.sources.count))
+
+    points = system.fiducials_mm
+    true = points + inputs.get("fiducial_manufacturing", np.zeros(points.size)).reshape(points.shape)
+    first = torsor(system.interface_1)
+    told = points
+    if system.reading is Reading.PHYSICAL:
+        true = move(first, system.interface_1.pivot_mm, form, true)
+    else:
+        told = move(first, system.interface_1.pivot_mm, form, points)
+    estimates, seen = [], []
+    for view in system.views:
+        noise = inputs.get(f"fiducial_noise:{view.name}", np.zeros(2 * len(points))).reshape(-1, 2)
+        estimates.append(resect(told, project(view.projection, true) + noise))
+        noise = inputs.get(f"target_noise:{view.name}", np.zeros(2))
+        seen.append(project(view.projection, target.position_mm[None])[0] + noise)
+    found = triangulate(np.stack(estimates), np.stack(seen), told, system.triangulation)
+    moved = move(torsor(system.interface_2), system.interface_2.pivot_mm, form, found)
+    to_tool = system.T_tcp_flange @ system.T_flange_con
+    tool = (to_tool @ np.append(moved, 1))[:3]
+    tool = move(torsor(system.hand_eye), system.hand_eye.pivot_mm, form, tool)
+    tool = tool + system.execution_bias_mm
+    tool = tool + system.execution.direction @ inputs.get("execution", np.zeros(system.execution.count))
+    return {
+        "localisation": found - target.position_mm,
+        "tcp": tool - (to_tool @ np.append(target.position_mm, 1))[:3],
+    }

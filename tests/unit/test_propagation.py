@@ -1,0 +1,159 @@
+"""First order against finite differences of the plain chain, closed forms, and the reference cases."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from reference_chain import run
+from scenes import cube8_system, cube_fiducials, random_system, read_only, system_of, target, with_noise
+from tailstack.propagation.linear import covariance, covariance_block_diagonal, linearise
+from tailstack.propagation.noise import noise_gains, noise_gains_jit
+from tailstack.system import Reading, RotationForm, Triangulation, View
+
+ORACLES = Path(__file__).parents[1] / "data" / "oracles"
+
+
+def oracle(name):
+    return json.loads((ORACLES / name).read_text())
+
+
+@pytest.mark.parametrize("reading", list(Reading))
+@pytest.mark.parametrize("form", list(RotationForm))
+@pytest.mark.parametrize("views", [2, 3])
+def test_every_gain_equals_the_finite_difference_of_the_chain(reading, form, views):
+    """independent: central differences of the SVD chain, Richardson's step pair for O(h^4)."""
+    system = random_system(np.random.default_rng(7 + views), fiducials=9, views=views, reading=reading)
+    system = replace(system, rotation_form=form)
+    aim = system.targets[0]
+    model = linearise(system, aim)
+    unperturbed = run(system, aim, {})
+    assert np.allclose(unperturbed["tcp"], model.tcp_bias_mm, rtol=0, atol=1e-8)
+    assert np.allclose(unperturbed["localisation"], model.localisation_bias_mm, rtol=0, atol=1e-8)
+    for block in model.blocks:
+        for j, unit in enumerate(block.units):
+            step = {"rad": 1e-3, "mm": 3e-2, "px": 3e-2, "N": 1.0}[unit]
+            kick = np.eye(len(block.units))[j]
+
+            def slope(h, kick=kick, name=block.contributor):
+                ahead, behind = (run(system, aim, {name: s * h * kick}) for s in (1, -1))
+                return {k: (ahead[k] - behind[k]) / (2 * h) for k in ahead}
+
+            near, far = slope(step), slope(2 * step)
+            for error, gain in (("tcp", block.tcp), ("localisation", block.localisation)):
+                numeric = (4 * near[error] - far[error]) / 3
+                scale = 1 + np.abs(gain).max()
+                assert np.allclose(numeric, gain[:, j], rtol=0, atol=3e-7 * scale), (block.contributor, j, error)
+
+
+def test_noise_covariance_of_the_reference_cube():
+    """oracle: implicit differentiation checked by 50-digit finite differences."""
+    case = oracle("noise_covariance_cube8.json")
+    views = tuple(
+        View(f"v{k}", _unit_depth(np.array(p)), case["sigma_px"], case["sigma_px"], None)
+        for k, p in enumerate(case["P"])
+    )
+    system = system_of(case["fiducials"], views=views, targets=(target(case["target"]),))
+    got = covariance(linearise(system, system.targets[0]), "localisation")
+    assert np.allclose(got, case["Sigma"], rtol=0, atol=case["tol_Sigma_rel"] * np.abs(case["Sigma"]).max())
+
+
+def _unit_depth(projection):
+    return read_only(projection / np.linalg.norm(projection[2, :3]))
+
+
+def test_shared_fiducial_errors_keep_their_cross_view_covariance():
+    """oracle: with it, and the block-diagonal value of Eq 16 without it."""
+    case = oracle("fiducial_manufacturing.json")
+    spread = np.full((8, 3), case["sigma_mfg_mm"])
+    system = cube8_system(manufacturing_half_width_mm=read_only(spread))
+    model = linearise(system, system.targets[0])
+    tolerance = case["tol_rel"] * np.abs(case["Sigma"]).max()
+    for error in ("localisation", "tcp"):
+        assert np.allclose(covariance(model, error), case["Sigma"], rtol=0, atol=tolerance)
+        wrong = covariance_block_diagonal(model, error)
+        assert np.allclose(wrong, case["Sigma_wrong_blockdiag"], rtol=0, atol=tolerance)
+
+
+def test_triangulation_alone_against_the_closed_form():
+    """oracle: known projection matrices, isocentre and off-centre."""
+    case = oracle("perfect_calibration_bound.json")
+    views = tuple(View(f"v{k}", _unit_depth(np.array(p)), 0.0, 0.5, None) for k, p in enumerate(case["P"]))
+    for place, key in (("isocentre", "std_mm"), ("off_centre", "std_mm_depth_weighted_linear")):
+        aim = target(case[place]["target"])
+        system = system_of(cube_fiducials(), views=views, targets=(aim,))
+        got = np.sqrt(np.diag(covariance(linearise(system, aim), "localisation")))
+        assert np.allclose(got, case[place][key], rtol=case["tol_rel"])
+
+
+def test_paper_scenario_and_the_omission_that_halves_it():
+    """oracle: fitted geometry A (metres); leaving out view 2's matrix covariance gives the printed column."""
+    exact = oracle("paper_scenario.json")["A"]
+    views = tuple(View(f"v{k}", _unit_depth(np.array(p)), 2.0, 2.0, None) for k, p in enumerate(exact["P"]))
+    system = system_of(exact["fiducials_m"], views=views, targets=(target(exact["target_m"]),))
+    model = linearise(system, system.targets[0])
+    full = covariance(model, "localisation")
+    figures = exact["exact"]
+    assert np.allclose(
+        full, figures["Sigma_full"], rtol=0, atol=figures["tol_rel_Sigma"] * np.max(figures["Sigma_full"])
+    )
+    without = full.copy()
+    for block in model.blocks:
+        if block.contributor == "fiducial_noise:v1":
+            without -= (block.localisation * block.std) @ (block.localisation * block.std).T
+    assert np.allclose(np.sqrt(np.diag(without)), figures["std_missing_view2_calibration"], rtol=1e-6)
+
+
+def test_row_weights_of_unequal_views_matter_at_first_order():
+    """published: source distances 500/800 mm give P95 0.2448 with |p3| = 1; here the covariance behind it."""
+    from scenes import projection_looking
+
+    views = (
+        View("AP", projection_looking(0.0, 500.0), 0.5, 0.5, None),
+        View("LAT", projection_looking(np.pi / 2, 800.0), 0.5, 0.5, None),
+    )
+    system = cube8_system(views=views)
+    model = linearise(system, system.targets[0])
+    numeric = np.zeros((3, 3))
+    for block in model.blocks:
+        for j in range(len(block.units)):
+            kick = np.zeros(len(block.units))
+            kick[j] = 0.02
+            ahead, behind = (run(system, system.targets[0], {block.contributor: s * kick}) for s in (1, -1))
+            column = (ahead["tcp"] - behind["tcp"]) / 0.04 * block.std[j]
+            numeric += np.outer(column, column)
+    assert np.allclose(covariance(model, "tcp"), numeric, rtol=0, atol=1e-6 * numeric.max())
+
+
+def test_compiled_and_plain_source_give_the_same_digits():
+    system = random_system(np.random.default_rng(3), fiducials=7)
+    projections = np.stack([v.projection for v in system.views])
+    shapes = ((2, 7, 3, 2), (2, 3, 2), (2, 7, 3, 3), (2, 7, 2))
+    compiled, plain = ([np.zeros(s) for s in shapes] for _ in range(2))
+    noise_gains_jit(projections, system.fiducials_mm, system.targets[0].position_mm, *compiled)
+    noise_gains(projections, system.fiducials_mm, system.targets[0].position_mm, *plain)
+    for one, other in zip(compiled, plain, strict=True):
+        assert np.allclose(one, other, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("form", list(Triangulation))
+def test_without_noise_the_bias_is_exact_for_every_layout(form):
+    """oracle and closed form: q_hat = T^-1 q (physical), T q (Eq 18), whatever the layout."""
+    case = oracle("rigid_bias_exact.json")
+    bias = [*np.deg2rad([1, -0.5, 2]), 2, -1, 3]
+    from scenes import mount
+
+    first = mount("interface_1", (0, 0, -95), bias=bias)
+    for reading, key in ((Reading.PHYSICAL, "qhat_physical"), (Reading.EQ18, "qhat_eq18")):
+        system = cube8_system(interface_1=first, reading=reading, triangulation=form, views=with_noise(0.5))
+        model = linearise(system, system.targets[0])
+        assert np.allclose(model.reconstructed_mm, case[key], rtol=0, atol=case["tol_mm"])
+        assert np.allclose(
+            run(system, system.targets[0], {})["localisation"] + system.targets[0].position_mm,
+            case[key],
+            atol=case["tol_mm"],
+        )
