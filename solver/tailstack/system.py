@@ -146,6 +146,7 @@ class System:
     reading: Reading = Reading.PHYSICAL
     rotation_form: RotationForm = RotationForm.FULL
     triangulation: Triangulation = Triangulation.NORMALISED
+    design_sha256: str | None = None  # of the document it was compiled from
     notes: tuple[str, ...] = field(default=())  # assumptions recorded on the way (e.g. RAS converted to LPS)
 
     @property

@@ -1,0 +1,77 @@
+"""tailstack: tolerance stack-up of X-ray reference structures, judged by its tail.
+
+Three lines::
+
+    from tailstack import load_design, score, verify
+    design = load_design("examples/demo.yaml")
+    print(score(design).targets[0].p95_mm, verify(design, precision=0.01).targets[0].p95_interval_mm)
+
+``optimise(design)`` moves fiducials and sets rotational tolerances under the design's own limit.  Results
+are the frozen records of :mod:`tailstack.results`; refusals are the exceptions of :mod:`tailstack.errors`.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from .version import __version__
+
+if TYPE_CHECKING:
+    from .design import Design, compile_design, load_design
+    from .errors import (
+        DesignError,
+        IllPosedError,
+        InfeasibleError,
+        LimitError,
+        NotConvergedError,
+        OutOfRangeError,
+        Problem,
+        TailstackError,
+    )
+    from .optimise import optimise
+    from .scoring import score
+    from .verifying import verify
+
+# Loaded on first use: numba and casadi take a second that `tailstack --help` should not.
+_HOME = {
+    "Design": "design",
+    "load_design": "design",
+    "compile_design": "design",
+    "score": "scoring",
+    "verify": "verifying",
+    "optimise": "optimise",
+    **dict.fromkeys(
+        (
+            "DesignError", "IllPosedError", "InfeasibleError", "LimitError", "NotConvergedError", "OutOfRangeError",
+            "Problem", "TailstackError",
+        ),
+        "errors",
+    ),
+}  # fmt: skip
+
+__all__ = [
+    "Design",
+    "DesignError",
+    "IllPosedError",
+    "InfeasibleError",
+    "LimitError",
+    "NotConvergedError",
+    "OutOfRangeError",
+    "Problem",
+    "TailstackError",
+    "__version__",
+    "compile_design",
+    "load_design",
+    "optimise",
+    "score",
+    "verify",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'tailstack' has no attribute {name!r}")
+    value = getattr(import_module(f".{_HOME[name]}", __name__), name)
+    globals()[name] = value  # `optimise` is also a subpackage: the function must win
+    return value
