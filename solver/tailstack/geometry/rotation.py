@@ -72,7 +72,9 @@ def torsor_transform(torsor: Array, pivot_mm: Array, form: RotationForm = Rotati
     return out
 
 
-def torsor_derivatives(torsor: Array, pivot_mm: Array, point_mm: Array, form: RotationForm = RotationForm.FULL) -> Array:
+def torsor_derivatives(
+    torsor: Array, pivot_mm: Array, point_mm: Array, form: RotationForm = RotationForm.FULL
+) -> Array:
     """Derivative of the displaced point by the torsor.
 
     torsor (6,), pivot_mm (3,), point_mm (..., 3), all in one frame -> (..., 3, 6): rows the displaced
@@ -105,7 +107,7 @@ def rotation_from_quaternion(wxyz: Array) -> Array:
     """Rotation of a quaternion (w, x, y, z), scalar first; (4,) -> (3, 3).  It is normalised here."""
     q = np.asarray(wxyz, dtype=float)
     w, v = q[0] / np.linalg.norm(q), q[1:] / np.linalg.norm(q)
-    return (w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * skew(v)
+    return np.asarray((w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * skew(v))
 
 
 def rigid_transform(rotation: Array, translation_mm: Array) -> Array:

@@ -1,0 +1,287 @@
+"""Fiducial files: CSV with units in its header, 3D Slicer ``.mrk.json`` and ``.fcsv``.
+
+The connector frame is LPS, the frame of DICOM.  RAS coordinates have x and y of the opposite sign; they
+are converted on reading and the conversion is noted, so that no result hides it.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import DesignError, LimitError, Problem
+from .reading import Limits, read_text, shown
+
+FORMATS = (".csv", ".fcsv", ".mrk.json")
+_MM = {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
+_SYSTEMS = {"LPS": "LPS", "RAS": "RAS", "0": "RAS", "1": "LPS"}
+
+
+@dataclass(frozen=True, slots=True)
+class FiducialList:
+    """Fiducials in con (LPS), mm.  ``notes`` say what was done to the numbers on the way."""
+
+    labels: tuple[str, ...]
+    positions_mm: tuple[tuple[float, float, float], ...]
+    notes: tuple[str, ...] = ()
+
+
+def format_of(name: str) -> str:
+    """Which of FORMATS a file name asks for.  Raises DesignError."""
+    lowered = name.lower()
+    for ending in FORMATS:
+        if lowered.endswith(ending):
+            return ending
+    raise DesignError(
+        Problem(
+            "", "unknown-format", f"{name[:80]!r} is not a fiducial file", f"endings read here: {', '.join(FORMATS)}"
+        )
+    )
+
+
+def read_fiducials(text: str, name: str, limits: Limits) -> FiducialList:
+    """Read decoded text in the format its name asks for.  Raises DesignError with file and line, LimitError."""
+    ending = format_of(name)
+    if not text.strip():
+        raise DesignError(Problem("", "empty-document", f"{name} is empty", file=name))
+    try:
+        if ending == ".mrk.json":
+            found = _read_markups(text, name, limits)
+        else:
+            found = _read_fcsv(text, name) if ending == ".fcsv" else _read_csv(text, name)
+    except csv.Error as error:
+        raise DesignError(Problem("", "csv-syntax", f"this is not CSV: {error}", file=name)) from None
+    if not found.labels:
+        raise DesignError(Problem("", "empty-document", f"{name} holds no fiducial", file=name))
+    if len(found.labels) > limits.fiducials:
+        raise LimitError(
+            Problem(
+                "", "too-many", f"{name} holds {len(found.labels)} fiducials; at most {limits.fiducials}", file=name
+            )
+        )
+    return found
+
+
+def write_fiducials(fiducials: FiducialList, name: str) -> str:
+    """The text of a fiducial file in the format its name asks for: LPS, mm, every digit."""
+    ending = format_of(name)
+    if ending == ".mrk.json":
+        points = [
+            {
+                "id": str(number),
+                "label": label,
+                "position": list(position),
+                "positionStatus": "defined",
+                "visibility": True,
+                "selected": True,
+                "locked": False,
+            }
+            for number, (label, position) in enumerate(zip(fiducials.labels, fiducials.positions_mm, strict=True), 1)
+        ]
+        markup = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm", "controlPoints": points}
+        schema = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"
+        return json.dumps({"@schema": schema + "markups-schema-v1.0.3.json#", "markups": [markup]}, indent=1) + "\n"
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    if ending == ".csv":
+        writer.writerow(["label", "x_mm", "y_mm", "z_mm"])
+        writer.writerows(
+            [label, *map(repr, p)] for label, p in zip(fiducials.labels, fiducials.positions_mm, strict=True)
+        )
+        return stream.getvalue()
+    stream.write("# Markups fiducial file version = 5.0\n# CoordinateSystem = LPS\n")
+    stream.write("# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n")
+    for number, (label, p) in enumerate(zip(fiducials.labels, fiducials.positions_mm, strict=True), 1):
+        writer.writerow([number, *map(repr, p), 0, 0, 0, 1, 1, 1, 0, label, "", ""])
+    return stream.getvalue()
+
+
+def _refuse(name: str, line: int | None, code: str, detail: str, hint: str = "") -> DesignError:
+    return DesignError(Problem("", code, detail, hint, name, line))
+
+
+def _number(text: Any, name: str, line: int | None, what: str) -> float:
+    if isinstance(text, str):
+        cleaned = text.strip()
+        if not re.fullmatch(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?", cleaned):
+            hint = "write decimals with a point" if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", cleaned) else ""
+            raise _refuse(name, line, "wrong-type", f"{what} is a number; got {shown(text)}", hint)
+        value = float(cleaned)
+    elif isinstance(text, bool) or not isinstance(text, int | float):
+        raise _refuse(name, line, "wrong-type", f"{what} is a number; got {shown(text)}")
+    else:
+        value = float(text)
+    if not math.isfinite(value) or abs(value) > 1e9:
+        raise _refuse(name, line, "out-of-range", f"{what} is not a usable number: {shown(text)}")
+    return value
+
+
+def _located(
+    rows: Sequence[tuple[str, list[float]]], scale: float, system: str, notes: list[str], name: str
+) -> FiducialList:
+    """Scale to mm, turn RAS into LPS, fill in labels, note each step."""
+    flip = -1.0 if system == "RAS" else 1.0
+    if system == "RAS":
+        notes.append(f"{name}: coordinates were RAS; converted to LPS (x and y change sign)")
+    if scale != 1.0:
+        notes.append(f"{name}: coordinates were converted to mm (factor {scale:g})")
+    labels = tuple(label or f"F{number}" for number, (label, _) in enumerate(rows, 1))
+    # adding 0.0 turns -0.0 into 0.0
+    points = tuple((flip * scale * x + 0.0, flip * scale * y + 0.0, scale * z + 0.0) for _, (x, y, z) in rows)
+    for label, point in zip(labels, points, strict=True):
+        if max(map(abs, point)) > 1e5:
+            raise _refuse(name, None, "out-of-range", f"{label[:80]} lies more than 100 m away: {list(point)} mm")
+    return FiducialList(labels, points, tuple(notes))
+
+
+def _system_comment(line: str) -> str | None:
+    found = re.match(r"#\s*coordinate\s*system\s*[=:]\s*(\S+)\s*$", line.strip(), re.IGNORECASE)
+    return found.group(1) if found else None
+
+
+def _system(text: str, name: str, line: int | None) -> str:
+    known = _SYSTEMS.get(text.upper())
+    if known is None:
+        raise _refuse(
+            name, line, "unknown-value", f"coordinate system {text[:40]!r} cannot be read", "export in LPS or RAS"
+        )
+    return known
+
+
+def _read_csv(text: str, name: str) -> FiducialList:
+    system = "LPS"
+    body: list[tuple[int, str]] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.lstrip().startswith("#"):
+            said = _system_comment(line)
+            system = _system(said, name, number) if said else system
+        elif line.strip():
+            body.append((number, line))
+    if not body:
+        raise _refuse(name, None, "empty-document", f"{name} holds no fiducial")
+    delimiter = next((mark for mark in ("\t", ";") if mark in body[0][1]), ",")
+    header = [cell.strip().lower() for cell in next(csv.reader([body[0][1]], delimiter=delimiter))]
+    example = "label,x_mm,y_mm,z_mm"
+    columns: list[int] = []
+    units: list[str] = []
+    for axis in "xyz":
+        hits = [(index, cell) for index, cell in enumerate(header) if re.fullmatch(axis + r"_\w+", cell)]
+        if len(hits) != 1 or hits[0][1][2:] not in _MM:
+            raise _refuse(
+                name,
+                body[0][0],
+                "csv-header",
+                f"the header needs one column for {axis} with its unit ({', '.join(f'{axis}_{u}' for u in _MM)}); "
+                f"got {shown(body[0][1])}",
+                f"for example {example}",
+            )
+        columns.append(hits[0][0])
+        units.append(hits[0][1][2:])
+    if len(set(units)) > 1:
+        raise _refuse(name, body[0][0], "csv-header", f"x, y and z have different units: {', '.join(units)}")
+    others = [cell for index, cell in enumerate(header) if index not in columns]
+    unknown = [cell for cell in others if cell not in ("label", "name")]
+    if unknown or len(others) > 1:
+        raise _refuse(
+            name, body[0][0], "csv-header", f"unknown or repeated column {shown((unknown or others)[0])}", example
+        )
+    at_label = header.index(others[0]) if others else None
+    rows: list[tuple[str, list[float]]] = []
+    for number, line in body[1:]:
+        cells = next(csv.reader([line], delimiter=delimiter))
+        if len(cells) != len(header):
+            raise _refuse(name, number, "csv-row", f"{len(cells)} cells in a table of {len(header)} columns")
+        xyz = [_number(cells[index], name, number, axis) for axis, index in zip("xyz", columns, strict=True)]
+        rows.append(("" if at_label is None else cells[at_label].strip(), xyz))
+    return _located(rows, _MM[units[0]], system, [], name)
+
+
+def _read_fcsv(text: str, name: str) -> FiducialList:
+    """Slicer's legacy format.  Without a stated system the file is RAS, as Slicer wrote it then."""
+    system: str | None = None
+    columns = ["id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc", "associatednodeid"]
+    rows: list[tuple[str, list[float]]] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.strip():
+            continue
+        if line.lstrip().startswith("#"):
+            said = _system_comment(line)
+            system = _system(said, name, number) if said else system
+            stated = re.match(r"#\s*columns\s*=\s*(.*)", line.strip(), re.IGNORECASE)
+            columns = [cell.strip().lower() for cell in stated.group(1).split(",")] if stated else columns
+            continue
+        cells = next(csv.reader([line]))
+        entry = dict(zip(columns, cells, strict=False))
+        if not {"x", "y", "z"} <= entry.keys():
+            raise _refuse(name, number, "csv-row", f"a row needs x, y and z; got {shown(line)}")
+        xyz = [_number(entry[axis], name, number, axis) for axis in "xyz"]
+        rows.append((entry.get("label", "").strip(), xyz))
+    notes = [] if system else [f"{name}: no coordinate system is stated; read as RAS, as Slicer wrote such files"]
+    return _located(rows, 1.0, system or "RAS", notes, name)
+
+
+def _read_markups(text: str, name: str, limits: Limits) -> FiducialList:
+    source = read_text(text, limits, file=name, directory=None, form="json")
+    data = source.data
+
+    def refuse(path: tuple[str | int, ...], code: str, detail: str, hint: str = "") -> DesignError:
+        return _refuse(name, source.locate(path)[0], code, detail, hint)
+
+    markups = data.get("markups") if isinstance(data, dict) else None
+    if not isinstance(markups, list) or not markups or not all(isinstance(item, dict) for item in markups):
+        raise refuse(
+            (), "not-markups", "a .mrk.json file has a list called markups", "save it from 3D Slicer's Markups"
+        )
+    filled = [index for index, item in enumerate(markups) if item.get("controlPoints")]
+    if len(filled) != 1:
+        raise refuse(
+            ("markups",),
+            "several-lists",
+            f"the file holds {len(filled)} point lists with points; one is needed",
+            "export one list",
+        )
+    at = filled[0]
+    markup = markups[at]
+    stated = markup.get("coordinateSystem", "LPS")
+    if not isinstance(stated, str | int):
+        raise refuse(
+            ("markups", at, "coordinateSystem"), "wrong-type", f"coordinateSystem is a text; got {shown(stated)}"
+        )
+    system = _system(str(stated), name, source.locate(("markups", at, "coordinateSystem"))[0])
+    unit = markup.get("coordinateUnits", "mm")
+    unit = unit[0] if isinstance(unit, list) and unit else unit  # newer schemas: [code, scheme, meaning]
+    if not isinstance(unit, str) or unit not in _MM:
+        raise refuse(
+            ("markups", at, "coordinateUnits"),
+            "unknown-value",
+            f"coordinateUnits {shown(unit)} cannot be read",
+            "use mm",
+        )
+    points = markup["controlPoints"]
+    if not isinstance(points, list):
+        raise refuse(("markups", at, "controlPoints"), "wrong-type", f"controlPoints is a list; got {shown(points)}")
+    rows: list[tuple[str, list[float]]] = []
+    skipped: list[str] = []
+    for index, point in enumerate(points):
+        path = ("markups", at, "controlPoints", index)
+        if not isinstance(point, dict):
+            raise refuse(path, "wrong-type", f"a control point is a mapping; got {shown(point)}")
+        label = point.get("label") or ""
+        if not isinstance(label, str):
+            raise refuse((*path, "label"), "wrong-type", f"a label is a text; got {shown(label)}")
+        if point.get("positionStatus", "defined") != "defined":
+            skipped.append(label or f"number {index + 1}")
+            continue
+        position = point.get("position")
+        if not isinstance(position, list) or len(position) != 3:
+            raise refuse((*path, "position"), "wrong-type", f"a position is a list of 3 numbers; got {shown(position)}")
+        line = source.locate((*path, "position"))[0] if any(not isinstance(v, float | int) for v in position) else None
+        rows.append((label, [_number(value, name, line, axis) for axis, value in zip("xyz", position, strict=True)]))
+    notes = [f"{name}: left out, position not defined: {', '.join(skipped)[:200]}"] if skipped else []
+    return _located(rows, _MM[unit], system, notes, name)

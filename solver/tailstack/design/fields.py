@@ -1,0 +1,101 @@
+"""Field types of the design document: every number has a unit in its name and a range it must lie in.
+
+Ranges are generous (a hundred metres, half a turn) and exist so that no finite input can overflow the
+arithmetic behind it.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic_core import PydanticCustomError
+
+LENGTH = 1e5  # mm
+
+
+class Record(BaseModel):
+    """A mapping whose fields are all known: unknown ones are refused, values are not converted."""
+
+    model_config = ConfigDict(
+        extra="forbid", strict=True, frozen=True, allow_inf_nan=False, hide_input_in_errors=True, use_enum_values=False
+    )
+
+
+def refusal(code: str, message: str, hint: str = "", at: str = "") -> PydanticCustomError:
+    """A refusal from a validator of ours; ``at`` names the field below the record that it is about."""
+    # braces in the message would be taken for a format; ours never hold any
+    return PydanticCustomError(code, message.replace("{", "(").replace("}", ")"), {"hint": hint, "at": at})
+
+
+def one_of(kind: type[StrEnum]) -> Any:
+    """Texts of an enumeration, refused in our words."""
+
+    def check(value: Any) -> Any:
+        if isinstance(value, str) and value in list(kind):
+            return kind(value)
+        return value
+
+    return BeforeValidator(check)
+
+
+class Distribution(StrEnum):
+    """Law of a tolerance of half-width h."""
+
+    NORMAL = "normal"
+    UNIFORM = "uniform"
+    TRIANGULAR = "triangular"
+    BOUNDED = "bounded"
+
+
+Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\x7f]*$")]
+Coordinate = Annotated[float, Field(ge=-LENGTH, le=LENGTH)]
+Length = Annotated[float, Field(gt=0, le=LENGTH)]
+HalfWidth = Annotated[float, Field(ge=0, le=1e3)]
+Degrees = Annotated[float, Field(ge=-360, le=360)]
+HalfWidthDegrees = Annotated[float, Field(ge=0, le=45)]
+Pixels = Annotated[float, Field(ge=0, le=1e3)]
+Unit = Annotated[float, Field(ge=-1e6, le=1e6)]  # a component of a direction or a rotation
+Entry = Annotated[float, Field(ge=-1e12, le=1e12)]  # of a projection matrix
+
+# Lists arrive as lists; strictness stays on for what they hold.
+_lenient = Field(strict=False)
+Point = Annotated[tuple[Coordinate, Coordinate, Coordinate], _lenient]
+Direction = Annotated[tuple[Unit, Unit, Unit], _lenient]
+Rotation3 = Annotated[tuple[Direction, Direction, Direction], _lenient]
+HalfWidths = Annotated[tuple[HalfWidth, HalfWidth, HalfWidth], _lenient]
+Force = Annotated[tuple[Coordinate, Coordinate, Coordinate], _lenient]
+Angles = Annotated[tuple[Degrees, Degrees, Degrees], _lenient]
+Quaternion = Annotated[tuple[Unit, Unit, Unit, Unit], _lenient]
+ImageSize = Annotated[tuple[Annotated[int, Field(ge=2, le=100_000)], Annotated[int, Field(ge=2, le=100_000)]], _lenient]
+ImagePoint = Annotated[
+    tuple[Annotated[float, Field(ge=-1e6, le=1e6)], Annotated[float, Field(ge=-1e6, le=1e6)]], _lenient
+]
+Row4 = Annotated[tuple[Entry, Entry, Entry, Entry], _lenient]
+Matrix34 = Annotated[tuple[Row4, Row4, Row4], _lenient]
+Matrix44 = Annotated[tuple[Row4, Row4, Row4, Row4], _lenient]
+
+AnyLaw = Annotated[Distribution, one_of(Distribution)]
+RandomLaw = Literal["normal", "uniform", "triangular"]
+CoverageFactor = Annotated[float, Field(ge=0.1, le=10)]
+
+LAW_WORDS = (
+    "Law of the deviation within the half-width h. normal: standard deviation h / coverage_factor; "
+    "uniform: anything in +-h alike; triangular: most often near zero"
+)
+COVERAGE_WORDS = (
+    "normal only: how many standard deviations the half-width stands for (2: about 95 % of parts lie within it, "
+    "3: 99.7 %). Default 2."
+)
+
+
+def check_coverage(distribution: str, coverage_factor: float | None, at: str = "coverage_factor") -> None:
+    """A coverage factor is refused where no law reads it."""
+    if coverage_factor is not None and distribution != "normal":
+        raise refusal(
+            "unused-field",
+            f"coverage_factor only means something for distribution: normal; the distribution here is {distribution}",
+            "remove coverage_factor",
+            at,
+        )

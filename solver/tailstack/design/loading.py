@@ -1,0 +1,256 @@
+"""Load a design from a file, text, bytes or plain data; write it back."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from ..errors import DesignError, LimitError, Problem
+from .consistency import check_document, check_fiducials
+from .document import SCHEMA_NAME, DesignDocument, FiducialPoint
+from .fiducial_files import FiducialList, format_of, read_fiducials
+from .reading import DEFAULT_LIMITS, Format, Limits, Source, decode, plain_data, read_bytes, read_text, scalar, shown
+from .refusals import place, refuse
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Design:
+    """A design as it was read: the checked document, its fiducials, where everything stands, its hash."""
+
+    document: DesignDocument
+    fiducials: FiducialList
+    source: Source
+    sha256: str  # of the canonical content: defaults filled in, a fiducial file replaced by what it holds
+
+    @property
+    def name(self) -> str:
+        return self.document.name
+
+    def locate(self, pointer: str) -> tuple[str | None, int | None, int | None]:
+        """File, line and column (1-based) of a JSON pointer, or of its nearest ancestor that is there."""
+        placed = place(Problem(pointer, "located", ""), self.source)
+        return placed.file, placed.line, placed.column
+
+
+def load_design(
+    source: str | bytes | Path | Mapping[str, Any],
+    *,
+    form: Format = "auto",
+    base_directory: Path | None = None,
+    allow_files: bool = True,
+    limits: Limits = DEFAULT_LIMITS,
+) -> Design:
+    """Load and check a design document.
+
+    source: a path; or a text with a line break or a leading ``{``, or bytes: the document itself; or plain
+    data.  ``base_directory`` is what a ``fiducials/file`` is relative to when the document did not come from
+    a file.  ``allow_files=False`` refuses such references (a service must not read its own disk for a
+    stranger).  Raises DesignError or LimitError; each problem has a pointer and, from text, a line.
+    """
+    return _checked(read_source(source, form=form, base_directory=base_directory, limits=limits), allow_files, limits)
+
+
+def read_source(
+    source: str | bytes | Path | Mapping[str, Any],
+    *,
+    form: Format = "auto",
+    base_directory: Path | None = None,
+    limits: Limits = DEFAULT_LIMITS,
+) -> Source:
+    """The plain data of a document, not yet checked against the schema."""
+    if isinstance(source, Mapping):
+        return Source(plain_data(source, limits), None, base_directory)
+    if isinstance(source, str) and not ("\n" in source or "\r" in source or source.lstrip()[:1] == "{"):
+        source = Path(source)
+    if isinstance(source, Path):
+        name = str(source)
+        content = read_bytes(source, limits.document_bytes, name)
+        if form == "auto" and name.lower().endswith(".json"):
+            form = "json"
+        return read_text(decode(content, name), limits, file=name, directory=source.parent, form=form)
+    if isinstance(source, bytes):
+        if len(source) > limits.document_bytes:
+            raise LimitError(Problem("", "too-large", f"the document is longer than {limits.document_bytes} bytes"))
+        source = decode(source, None)
+    if not isinstance(source, str):
+        raise DesignError(Problem("", "wrong-type", f"a design is a path, a text or a mapping; got {shown(source)}"))
+    return read_text(source, limits, file=None, directory=base_directory, form=form)
+
+
+def _checked(source: Source, allow_files: bool, limits: Limits) -> Design:
+    data = source.data
+    _check_schema_name(source)
+    try:
+        document = DesignDocument.model_validate(data)
+    except ValidationError as error:
+        raise refuse(error, source, limits) from None
+    _raise(check_document(document, limits), source, limits)
+    fiducials = _fiducials(document, source, allow_files, limits)
+    _raise(check_fiducials(document, fiducials), source, limits)
+    return Design(document, fiducials, source, _digest(document, fiducials))
+
+
+def _check_schema_name(source: Source) -> None:
+    data = source.data
+    if not isinstance(data, dict):
+        detail = f"a design is a mapping of fields; got {shown(data)}"
+        raise DesignError(place(Problem("", "wrong-type", detail, "start from examples/demo.yaml"), source))
+    if data.get("schema") != SCHEMA_NAME:
+        got = shown(data["schema"]) if "schema" in data else "no schema"
+        problem = Problem(
+            "/schema" if "schema" in data else "",
+            "unsupported-schema",
+            f"this version reads {SCHEMA_NAME}; got {got}",
+            f"schema: {SCHEMA_NAME}",
+        )
+        raise DesignError(place(problem, source))
+
+
+def _raise(problems: list[Problem], source: Source, limits: Limits) -> None:
+    if not problems:
+        return
+    placed = [place(problem, source) for problem in problems[: limits.problems]]
+    if all(problem.code == "too-many" for problem in problems):
+        raise LimitError(placed)
+    raise DesignError(placed)
+
+
+def _fiducials(document: DesignDocument, source: Source, allow_files: bool, limits: Limits) -> FiducialList:
+    points = document.fiducials.points
+    if points is not None:
+        labels = tuple(point.label or f"F{number}" for number, point in enumerate(points, 1))
+        return FiducialList(labels, tuple(point.position_mm for point in points))
+    name = document.fiducials.file or ""
+    try:
+        path = _referenced(name, source, allow_files)
+        format_of(name)
+        text = decode(read_bytes(path, limits.fiducial_file_bytes, name), name).removeprefix("\ufeff")
+        return read_fiducials(text, name, limits)
+    except (DesignError, LimitError) as error:
+        # the pointer says which field led there, file and line where in the fiducial file it is wrong
+        problems = [
+            place(Problem("/fiducials/file", p.code, p.detail, p.hint, p.file, p.line, p.column), source)
+            for p in error.problems
+        ]
+        raise type(error)(problems) from None
+
+
+def _referenced(name: str, source: Source, allow_files: bool) -> Path:
+    """The file a design refers to: relative, and below the design's own directory."""
+    if not allow_files:
+        raise DesignError(
+            Problem(
+                "", "file-refused", f"files are not read here; got {shown(name)}", "put the points inline (points:)"
+            )
+        )
+    if source.directory is None:
+        raise DesignError(
+            Problem(
+                "",
+                "file-refused",
+                "the document did not come from a file: there is no directory to look in",
+                "put the points inline (points:), or load the design from its file",
+            )
+        )
+    if "\0" in name or "\\" in name or Path(name).is_absolute() or ":" in name[:2]:
+        raise DesignError(
+            Problem("", "file-refused", f"a fiducial file is named by a relative path with /; got {shown(name)}")
+        )
+    try:
+        base = source.directory.resolve()
+        path = (base / name).resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise DesignError(Problem("", "file-refused", f"cannot follow {shown(name)}: {error}")) from None
+    if not path.is_relative_to(base):
+        raise DesignError(
+            Problem("", "file-refused", f"{shown(name)} leads out of the design's directory", "move the file beside it")
+        )
+    return path
+
+
+def _digest(document: DesignDocument, fiducials: FiducialList) -> str:
+    content = document.model_dump(mode="json", by_alias=True, exclude_none=True)
+    content["fiducials"].pop("file", None)
+    content["fiducials"]["points"] = [
+        {"label": label, "position_mm": list(position)}
+        for label, position in zip(fiducials.labels, fiducials.positions_mm, strict=True)
+    ]
+    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+# --- writing ----------------------------------------------------------------------------------------
+
+
+def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
+    """The document as plain data, with what its author set and nothing else.
+
+    ``inline`` replaces a fiducial file by its points (converted to con, mm), so that the result stands alone.
+    """
+    document = design.document
+    if inline and document.fiducials.file is not None:
+        points = [
+            FiducialPoint(label=label, position_mm=position)
+            for label, position in zip(design.fiducials.labels, design.fiducials.positions_mm, strict=True)
+        ]
+        kept = {"manufacturing": document.fiducials.manufacturing} if document.fiducials.manufacturing else {}
+        fiducials = type(document.fiducials).model_validate({"points": points, **kept})
+        document = document.model_copy(update={"fiducials": fiducials})
+    return document.model_dump(mode="json", by_alias=True, exclude_unset=True)
+
+
+def design_to_json(design: Design, *, inline: bool = True) -> str:
+    """The document as JSON text."""
+    return json.dumps(design_to_data(design, inline=inline), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def design_to_yaml(design: Design, *, inline: bool = True) -> str:
+    """The document as YAML text, vectors on one line."""
+    return data_to_yaml(design_to_data(design, inline=inline))
+
+
+class _Dumper(yaml.SafeDumper):
+    """Quotes every text that this package (or YAML 1.1) would read as something else; never writes aliases."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    style = "'" if not isinstance(scalar(text), str) else None
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+def _represent_list(dumper: yaml.SafeDumper, items: list[Any]) -> yaml.SequenceNode:
+    flat = all(not isinstance(item, dict | list) for item in items)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=flat)
+
+
+_Dumper.add_representer(str, _represent_text)
+_Dumper.add_representer(list, _represent_list)
+
+
+def data_to_yaml(data: Any) -> str:
+    """Plain data as YAML text that :func:`read_text` reads back unchanged."""
+    text: str = yaml.dump(
+        data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120, default_flow_style=False
+    )
+    return text
+
+
+__all__ = [
+    "Design",
+    "data_to_yaml",
+    "design_to_data",
+    "design_to_json",
+    "design_to_yaml",
+    "load_design",
+    "read_source",
+]

@@ -1,0 +1,180 @@
+"""pydantic's errors in our words, with a pointer and a place in the user's own document."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from ..errors import DesignError, Problem
+from .document import DesignDocument
+from .reading import Limits, Source, shown
+from .view_document import VIEW_KINDS, Pose
+
+_TAGS: dict[str, type[BaseModel] | None] = {**VIEW_KINDS, "<pose>": Pose, "<matrix>": None}
+_WANTED = {
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "bool_type": "true or false",
+    "string_type": "a text",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "model_type": "a mapping of fields",
+    "model_attributes_type": "a mapping of fields",
+    "dict_type": "a mapping of fields",
+    "is_instance_of": "one of the listed words",
+}
+
+
+def escape(step: str | int) -> str:
+    """One reference token of an RFC 6901 pointer."""
+    return str(step).replace("~", "~0").replace("/", "~1")
+
+
+def pointer(path: Sequence[str | int]) -> str:
+    """RFC 6901 pointer of a path."""
+    return "".join("/" + escape(step) for step in path)
+
+
+def place(problem: Problem, source: Source) -> Problem:
+    """The same problem with file, line and column, when the document came as text and it has none yet."""
+    if problem.file is not None:
+        return problem
+    path: list[str | int] = []
+    for token in problem.pointer.split("/")[1:]:
+        token = token.replace("~1", "/").replace("~0", "~")
+        path.append(int(token) if token.isdigit() else token)
+    line, column = source.locate(path, key=problem.code == "unknown-field")
+    return Problem(problem.pointer, problem.code, problem.detail, problem.hint, source.file, line, column)
+
+
+def refuse(error: ValidationError, source: Source, limits: Limits) -> DesignError:
+    """A DesignError that says what each of pydantic's errors says, in the order of the document."""
+    problems: list[Problem] = []
+    for entry in error.errors(include_url=False):
+        for problem in _translate(entry):
+            if problem not in problems:
+                problems.append(problem)
+    dropped = len(problems) - limits.problems
+    problems = [place(problem, source) for problem in problems[: limits.problems]]
+    if dropped > 0:
+        problems.append(Problem("", "and-more", f"{dropped} more problem(s) are not listed", file=source.file))
+    return DesignError(problems)
+
+
+def _translate(entry: Any) -> list[Problem]:
+    raw: tuple[str | int, ...] = entry["loc"]
+    path = [step for step in raw if not (isinstance(step, str) and (step in _TAGS or _is_branch(step)))]
+    kind, value, context = entry["type"], entry.get("input"), entry.get("ctx", {})
+    if kind == "extra_forbidden":
+        return [_unknown(raw, path, value)]
+    if kind == "missing":
+        example = _example(raw)
+        return [Problem(pointer(path), "missing-field", f"the field {path[-1]!r} is required", example)]
+    if kind in _WANTED:
+        hint = ""
+        if isinstance(value, str) and "number" in _WANTED[kind]:
+            hint = "write the number without quotes, leading zeros or a unit" if any(c.isdigit() for c in value) else ""
+        if kind == "string_type" and isinstance(value, int | float):
+            hint = "put it in quotes"
+        return [Problem(pointer(path), "wrong-type", f"expected {_WANTED[kind]}; got {shown(value)}", hint)]
+    if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
+        word = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below"}.get(kind, "at most")
+        limit = next(context[key] for key in ("gt", "ge", "lt", "le") if key in context)
+        return [Problem(pointer(path), "out-of-range", f"must be {word} {limit:g}; got {shown(value)}")]
+    if kind == "finite_number":
+        return [Problem(pointer(path), "not-finite", f"must be a finite number; got {shown(value)}")]
+    if kind in ("literal_error", "enum"):
+        words = str(context.get("expected", ""))
+        close = difflib.get_close_matches(str(value), words.replace("'", "").replace(" or ", ", ").split(", "), 1)
+        hint = f"did you mean {close[0]}?" if close else ""
+        return [Problem(pointer(path), "unknown-value", f"must be {words}; got {shown(value)}", hint)]
+    if kind in ("too_short", "too_long"):
+        bound = context.get("min_length", context.get("max_length"))
+        many = "at least" if kind == "too_short" else "at most"
+        return [Problem(pointer(path), kind.replace("_", "-"), f"needs {many} {bound} entries; got {shown(value)}")]
+    if kind in ("string_too_short", "string_too_long", "string_pattern_mismatch"):
+        detail = {"string_too_short": "must not be empty", "string_too_long": "is too long"}.get(
+            kind, "holds a line break or a control character"
+        )
+        return [Problem(pointer(path), "bad-text", f"the text {detail}; got {shown(value)}")]
+    at = [step for step in str(context.get("at", "")).split("/") if step]
+    message = entry["msg"]
+    if kind in ("wrong-type", "view-geometry"):
+        message += f"; got {shown(value)}"
+    return [Problem(pointer([*path, *at]), kind.replace("_", "-"), message, str(context.get("hint", "")))]
+
+
+def _is_branch(step: str) -> bool:
+    """Steps that pydantic adds for the branch of a union; no field of ours looks like one."""
+    return "[" in step or step.startswith(("constrained-", "tuple", "function-")) or step in ("float", "int", "str")
+
+
+def _model_at(raw: Sequence[str | int]) -> type[BaseModel] | None:
+    """The class of the record at an error's path, tags included."""
+    here: Any = DesignDocument
+    for step in raw:
+        if isinstance(step, str) and step in _TAGS:
+            here = _TAGS[step]
+        elif isinstance(here, type) and issubclass(here, BaseModel):
+            fields = {(info.alias or name): info for name, info in here.model_fields.items()}
+            if step not in fields:
+                return None
+            here = fields[str(step)].annotation
+        else:
+            here = _inner(here, isinstance(step, int))
+        here = _unwrap(here)
+    return here if isinstance(here, type) and issubclass(here, BaseModel) else None
+
+
+def _unwrap(kind: Any) -> Any:
+    """Strip Annotated and None; a union of several records stays for its tag to decide."""
+    while True:
+        if get_origin(kind) is Annotated:
+            kind = get_args(kind)[0]
+        elif get_origin(kind) in (Union, type(int | str)):
+            rest = [part for part in get_args(kind) if part is not type(None)]
+            if len(rest) != 1:
+                return kind
+            kind = rest[0]
+        else:
+            return kind
+
+
+def _inner(kind: Any, indexed: bool) -> Any:
+    arguments = get_args(_unwrap(kind))
+    return arguments[0] if indexed and arguments else None
+
+
+def _unknown(raw: Sequence[str | int], path: list[str | int], value: Any) -> Problem:
+    name = str(path[-1])
+    owner = _model_at(raw[:-1])
+    fields = [] if owner is None else [info.alias or key for key, info in owner.model_fields.items()]
+    close = difflib.get_close_matches(name, fields, 1, cutoff=0.6)
+    others = {field for kind in VIEW_KINDS.values() for field in kind.model_fields}
+    if name == "<<":
+        hint = "merge keys are not part of YAML 1.2: write the fields out"
+    elif close:
+        hint = f"did you mean {close[0]}?"
+    elif owner in VIEW_KINDS.values() and name in others:
+        kind = next(tag for tag, view in VIEW_KINDS.items() if view is owner).strip("<>")
+        hint = f"a view by {kind} does not take it: give one kind of geometry"
+    else:
+        hint = "fields known here: " + ", ".join(fields) if fields else ""
+    return Problem(pointer(path), "unknown-field", f"unknown field {name[:60]!r}; got {shown(value)}", hint)
+
+
+def _example(raw: Sequence[str | int]) -> str:
+    owner = _model_at(raw[:-1])
+    if owner is None:
+        return ""
+    for key, info in owner.model_fields.items():
+        if (info.alias or key) == raw[-1]:
+            example = f"{raw[-1]}: {info.examples[0]}" if info.examples else ""
+            return example or (info.description or "")
+    return ""
