@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import IllPosedError, Problem
+from ..geometry.naming import direction_name, point_name
 from ..system import Array
 
 SINGULAR = 1e-9  # smallest over largest singular value, rotations measured at the contacts' own radius
@@ -74,26 +75,11 @@ def describe_motion(turn: Array, shift_mm: Array, at_mm: Array, radius_mm: float
     """A rigid motion in words: ``turn`` (3,) rad and ``shift_mm`` (3,) of the point ``at_mm``."""
     rate = float(np.linalg.norm(turn))
     if rate * radius_mm < 1e-6 * float(np.linalg.norm(shift_mm)):
-        return f"translation along {name_direction(shift_mm)}"
+        return f"translation along {direction_name(shift_mm)}"
     axis = turn / rate
     point = at_mm + np.cross(axis, shift_mm) / rate  # where the screw axis passes closest to at_mm
-    through = f"rotation about {name_direction(axis)} through {name_point(point)}"
+    through = f"rotation about {direction_name(axis)} through {point_name(point)}"
     along = float(axis @ shift_mm)
     if abs(along) > 1e-6 * rate * radius_mm:
         return f"{through}, together with {along / np.rad2deg(rate):.3g} mm per degree along it"
     return through
-
-
-def name_direction(vector: Array) -> str:
-    """x, y or z when it is one of them, otherwise the unit vector; sign made positive."""
-    unit = vector / np.linalg.norm(vector)
-    largest = int(np.argmax(np.abs(unit)))
-    unit = unit * (1.0 if unit[largest] > 0 else -1.0)
-    if 1 - unit[largest] < 1e-9:
-        return "xyz"[largest]
-    return "(" + ", ".join(f"{value + 0.0:.3f}" for value in np.round(unit, 3)) + ")"
-
-
-def name_point(point_mm: Array) -> str:
-    """A point for a message, mm."""
-    return "(" + ", ".join(f"{value + 0.0:.4g}" for value in np.where(np.abs(point_mm) < 1e-6, 0.0, point_mm)) + ") mm"

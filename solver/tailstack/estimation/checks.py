@@ -1,0 +1,353 @@
+"""Whether the geometry determines the answer: what is refused, what is remarked, what each view sees.
+
+Everything is looked at without noise, at the biased geometry.  A refusal names the direction in which the
+data say nothing: the plane or line of the fiducials, the way a source may slide without changing an image
+of a fiducial, the ray along which a target may lie.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import IllPosedError, Problem
+from ..geometry.camera import camera_centre, depths
+from ..geometry.naming import direction_name
+from ..geometry.rotation import torsor_transform, transform_points
+from ..results import Finding, ViewCheck
+from ..system import Array, Reading, System, View
+from .resection import design_matrix, hartley_similarity, homogeneous, project
+
+FEWEST = 6  # Eq 2: two rows a fiducial for eleven unknowns
+TOUCHING_MM = 1e-3  # two fiducials closer than this are one
+COLLINEAR = 1e-5  # second over first singular value of the centred fiducials
+COPLANAR = 1e-5  # third over first
+SINGULAR = 1e-6  # second smallest over largest singular value of the normalised design matrix
+WEAK = 5e-3  # the same, for a warning: a 100 mm cube has 0.3, two plates 5 mm apart 0.02, 1 mm apart 0.004
+FLAT = 0.15  # thickness over width, for a warning: the gain of noise grows as its inverse
+NO_PARALLAX = 1e-4  # sine of the angle between two rays
+SMALL_PARALLAX_DEG = 30.0
+OVERLAP_PX = 10.0  # judgement: images closer than this are not told apart by every segmentation
+
+
+def check_geometry(system: System) -> tuple[Finding, ...]:
+    """Refuse what has no answer (IllPosedError with every reason of its kind), remark what is doubtful.
+
+    Checked: number, distinctness and spread of the fiducials; depth and field of view of fiducials and
+    targets; rank of the DLT in each view; angle between the rays to each target.
+    """
+    findings = _check_fiducials(system)
+    checks = check_views(system)
+    findings += _check_visibility(system, checks)
+    findings += _check_resection(system)
+    return (*findings, *_check_triangulation(system))
+
+
+def imaged_fiducials(system: System) -> Array:
+    """Where the fiducials stand when they are imaged: (N, 3) mm, con (conventions, *two readings*)."""
+    if system.reading is Reading.EQ18:
+        return system.fiducials_mm
+    mount = system.interface_1
+    return transform_points(torsor_transform(mount.bias, mount.pivot_mm, system.rotation_form), system.fiducials_mm)
+
+
+def check_views(system: System) -> tuple[ViewCheck, ...]:
+    """Depths, margins and closest pair of images of the fiducials in each view, noise-free.
+
+    A margin is the distance of an image from the nearest edge of the image, negative outside; a point at
+    or behind the source counts as outside.
+    """
+    return tuple(_check_view(system, view) for view in system.views)
+
+
+def _check_view(system: System, view: View) -> ViewCheck:
+    points = imaged_fiducials(system)
+    depth = depths(view.projection, points)
+    in_front = depth > 0
+    images = np.full((len(points), 2), np.nan)
+    images[in_front] = project(view.projection, points[in_front])
+    outside = ~in_front
+    smallest = None
+    if view.image_size_px is not None and in_front.any():
+        margin = _margins(images, view.image_size_px)
+        outside = outside | (margin < 0)
+        smallest = float(np.nanmin(margin))
+    pair, distance = closest_pair(images[in_front])
+    labels = [label for label, seen in zip(system.fiducial_labels, in_front, strict=True) if seen]
+    return ViewCheck(
+        view=view.name,
+        checked=view.image_size_px is not None,
+        depth_range_mm=(float(depth.min()), float(depth.max())),
+        outside=tuple(label for label, out in zip(system.fiducial_labels, outside, strict=True) if out),
+        smallest_margin_px=smallest,
+        closest_pair=(labels[pair[0]], labels[pair[1]]) if len(labels) > 1 else ("", ""),
+        closest_pair_px=distance,
+    )
+
+
+def _margins(images: Array, size: tuple[int, int]) -> Array:
+    """Distance to the nearest edge; pixel centres are integers, so the image spans -0.5 ... size - 0.5."""
+    span = np.array(size, dtype=float)
+    return np.asarray(np.minimum(images + 0.5, span - 0.5 - images).min(axis=-1))
+
+
+def closest_pair(points: Array) -> tuple[tuple[int, int], float]:
+    """Indices and distance of the two closest of (N, d) points; infinity when there are fewer than two."""
+    if len(points) < 2:
+        return (0, 0), float("inf")
+    local = points - points.mean(axis=0)
+    square = (local**2).sum(axis=1)
+    distance = square[:, None] + square[None, :] - 2 * local @ local.T
+    np.fill_diagonal(distance, np.inf)
+    first, second = divmod(int(np.argmin(distance)), len(points))
+    return (min(first, second), max(first, second)), float(np.linalg.norm(points[first] - points[second]))
+
+
+# --- fiducials --------------------------------------------------------------------------------------
+
+
+def _refuse(pointer: str, code: str, detail: str, hint: str) -> Problem:
+    return Problem(pointer, code, detail, hint)
+
+
+def _check_fiducials(system: System) -> list[Finding]:
+    points, labels = system.fiducials_mm, system.fiducial_labels
+    if len(points) < FEWEST:
+        raise IllPosedError(
+            _refuse(
+                "/fiducials",
+                "too-few-fiducials",
+                f"a projection has 11 unknowns and a fiducial gives 2 equations; {len(points)} fiducials arrived",
+                f"use at least {FEWEST}; 8 or more give a margin",
+            )
+        )
+    (first, second), distance = closest_pair(points)
+    if distance < TOUCHING_MM:
+        raise IllPosedError(
+            _refuse(
+                "/fiducials",
+                "duplicate-fiducials",
+                f"{labels[first]} and {labels[second]} are at the same place ({distance:.2g} mm apart)",
+                "move or remove one of them",
+            )
+        )
+    centre = points.mean(axis=0)
+    _, values, axes = np.linalg.svd(points - centre, full_matrices=False)
+    if values[1] < COLLINEAR * values[0]:
+        raise IllPosedError(
+            _refuse(
+                "/fiducials",
+                "collinear-fiducials",
+                f"the fiducials lie on one line along {direction_name(axes[0])}: nothing is known about turning "
+                "about it, nor across it",
+                "spread them in three dimensions",
+            )
+        )
+    across = (points - centre) @ axes[2]
+    thickness = float(np.ptp(across))
+    if values[2] < COPLANAR * values[0]:
+        raise IllPosedError(
+            _refuse(
+                "/fiducials",
+                "coplanar-fiducials",
+                f"the fiducials lie in one plane with normal {direction_name(axes[2])} (thickness {thickness:.2g} mm): "
+                f"no view can tell depth along {direction_name(axes[2])} from its focal length",
+                f"lift at least two fiducials off the plane, along {direction_name(axes[2])}; the more the better",
+            )
+        )
+    width = float(np.ptp((points - centre) @ axes[1]))
+    if thickness < FLAT * width:
+        return [
+            Finding(
+                "flat-structure",
+                "warning",
+                f"the structure is flat: {thickness:.3g} mm thick along {direction_name(axes[2])}, {width:.3g} mm wide; "
+                "image noise is amplified about in the inverse ratio",
+                "/fiducials",
+                thickness,
+                FLAT * width,
+            )
+        ]
+    return []
+
+
+# --- what each view sees ----------------------------------------------------------------------------
+
+
+def _check_visibility(system: System, checks: tuple[ViewCheck, ...]) -> list[Finding]:
+    problems: list[Problem] = []
+    findings: list[Finding] = []
+    points = np.vstack([imaged_fiducials(system), *(target.position_mm[None] for target in system.targets)])
+    names = [f"fiducial {label}" for label in system.fiducial_labels]
+    names += [f"target {target.name}" for target in system.targets]
+    for index, (view, check) in enumerate(zip(system.views, checks, strict=True)):
+        pointer = f"/views/{index}"
+        depth = depths(view.projection, points)
+        for name, value in zip(names, depth, strict=True):
+            if value <= 0:
+                problems.append(
+                    _refuse(
+                        pointer,
+                        "behind-source",
+                        f"{name} lies {-value:.4g} mm behind the source of view {view.name}, which cannot image it",
+                        "check the direction of the beam, the isocentre and the frame of the coordinates",
+                    )
+                )
+        if view.image_size_px is None:
+            text = f"the image size of view {view.name} is not stated: the field of view was not checked"
+            findings.append(Finding("field-of-view-not-checked", "note", text, pointer))
+        elif (depth > 0).all():
+            problems += _outside(view, view.image_size_px, points, names, pointer)
+        if check.closest_pair_px < OVERLAP_PX:
+            findings.append(
+                Finding(
+                    "projected-overlap",
+                    "warning",
+                    f"the images of {check.closest_pair[0]} and {check.closest_pair[1]} in view {view.name} are "
+                    f"{check.closest_pair_px:.1f} px apart: they may not be told apart",
+                    pointer,
+                    check.closest_pair_px,
+                    OVERLAP_PX,
+                )
+            )
+    if problems:
+        raise IllPosedError(problems[:20])
+    return findings
+
+
+def _outside(view: View, size: tuple[int, int], points: Array, names: list[str], pointer: str) -> list[Problem]:
+    images = project(view.projection, points)
+    margin = _margins(images, size)
+    return [
+        _refuse(
+            pointer,
+            "outside-view",
+            f"{name} is imaged at ({image[0]:.0f}, {image[1]:.0f}) px, {-out:.0f} px outside view {view.name} "
+            f"({size[0]} x {size[1]} px)",
+            "move it, the isocentre or the source; a longer source_isocentre_mm widens the field",
+        )
+        for name, image, out in zip(names, images, margin, strict=True)
+        if out < 0
+    ]
+
+
+# --- resection --------------------------------------------------------------------------------------
+
+
+def _check_resection(system: System) -> list[Finding]:
+    told, imaged = system.fiducials_mm, imaged_fiducials(system)
+    object_frame = hartley_similarity(told)
+    points = homogeneous(told) @ object_frame.T
+    findings = []
+    for index, view in enumerate(system.views):
+        images = project(view.projection, imaged)
+        image_frame = hartley_similarity(images)
+        rows = design_matrix(points, (homogeneous(images) @ image_frame.T)[:, :2])
+        _, values, right = np.linalg.svd(rows)
+        strength = float(values[10] / values[0])
+        if strength > WEAK:
+            continue
+        estimate = np.linalg.solve(image_frame, right[11].reshape(3, 4) @ object_frame)
+        change = np.linalg.solve(image_frame, right[10].reshape(3, 4) @ object_frame)
+        motion = f"the source of view {view.name} may slide along {_slide(estimate, change)}"
+        if strength < SINGULAR:
+            raise IllPosedError(
+                _refuse(
+                    "/fiducials",
+                    "singular-resection",
+                    f"{_why(system)}: {motion}, its focal length and principal point following, without changing "
+                    "the image of any fiducial",
+                    "move two or more fiducials off the plane of the others, or add fiducials"
+                    if _odd_one_out(told) is not None
+                    else "move or add a fiducial off the curve",
+                )
+            )
+        findings.append(
+            Finding(
+                "weak-resection",
+                "warning",
+                f"view {view.name} is barely determined: {motion} almost without changing an image of a fiducial",
+                "/fiducials",
+                strength,
+                WEAK,
+            )
+        )
+    return findings
+
+
+def _slide(estimate: Array, change: Array) -> str:
+    """How the centre c of P moves when P changes by D: from P (c, 1) = 0, P[:, :3] dc = -D (c, 1)."""
+    centre = camera_centre(estimate)
+    step = np.linalg.solve(estimate[:, :3], -change @ np.append(centre, 1.0))
+    return direction_name(step)
+
+
+def _why(system: System) -> str:
+    odd = _odd_one_out(system.fiducials_mm)
+    if odd is None:
+        return "the source and all fiducials lie on one twisted cubic curve"
+    label, normal = system.fiducial_labels[odd[0]], direction_name(odd[1])
+    return f"all fiducials but {label} lie in one plane with normal {normal}"
+
+
+def _odd_one_out(points: Array) -> tuple[int, Array] | None:
+    """The one fiducial without which the others are coplanar, and the normal of their plane."""
+    for index in range(len(points)):
+        rest = np.delete(points, index, axis=0)
+        _, values, axes = np.linalg.svd(rest - rest.mean(axis=0), full_matrices=False)
+        if values[2] < 10 * COPLANAR * values[0]:
+            return index, axes[2]
+    return None
+
+
+# --- triangulation ----------------------------------------------------------------------------------
+
+
+def _check_triangulation(system: System) -> list[Finding]:
+    centres = np.array([camera_centre(view.projection) for view in system.views])
+    names = ", ".join(view.name for view in system.views)
+    spread = float(np.linalg.norm(centres - centres[0], axis=1).max())
+    to_structure = float(np.linalg.norm(centres - system.fiducials_mm.mean(axis=0), axis=1).min())
+    findings = []
+    for target in system.targets:
+        rays = target.position_mm - centres
+        reach = np.linalg.norm(rays, axis=1)
+        rays = rays / reach[:, None]
+        sine = max(
+            float(np.linalg.norm(np.cross(rays[i], rays[j]))) for i in range(len(rays)) for j in range(i + 1, len(rays))
+        )
+        if sine < NO_PARALLAX:
+            along = direction_name(rays[0])
+            if spread < NO_PARALLAX * to_structure:
+                raise IllPosedError(
+                    _refuse(
+                        "/views",
+                        "same-source",
+                        f"the sources of views {names} coincide: nothing is known of target {target.name} along "
+                        f"{along}, the ray to it",
+                        "take a second view from another side; 60 to 120 degrees between views is best",
+                    )
+                )
+            near = reach.min() < 10 * spread
+            reason = "lies on the line through the sources" if near else "is so far that the rays to it are parallel"
+            raise IllPosedError(
+                _refuse(
+                    "/targets",
+                    "target-on-baseline" if near else "target-too-far",
+                    f"target {target.name} {reason} (views {names}): nothing is known of it along {along}",
+                    "turn one view out of that line" if near else "bring the target nearer or the views apart",
+                )
+            )
+        angle = float(np.degrees(np.arcsin(min(sine, 1.0))))
+        if angle < SMALL_PARALLAX_DEG:
+            findings.append(
+                Finding(
+                    "small-parallax",
+                    "warning",
+                    f"the rays to target {target.name} meet at {angle:.1f} degrees at most: depth along "
+                    f"{direction_name(rays.sum(axis=0))} is poorly known",
+                    "/views",
+                    angle,
+                    SMALL_PARALLAX_DEG,
+                )
+            )
+    return findings
