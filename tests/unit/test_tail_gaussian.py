@@ -1,0 +1,289 @@
+"""The exact law of |N(m, S)| against oracles, closed forms, and quadratures that share no code with it."""
+
+from __future__ import annotations
+
+import json
+from math import erf, pi, sqrt
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.integrate import quad
+from scipy.special import ndtr
+from tailstack.tail.gaussian import (
+    norm_cdf,
+    norm_cvar,
+    norm_mean,
+    norm_pdf,
+    norm_quantile,
+    norm_quantile_gradient,
+    norm_sf,
+)
+from tailstack.tail.spectrum import eigen_symmetric
+
+ORACLE = json.loads((Path(__file__).parents[1] / "data/oracles/norm_of_gaussian.json").read_text())
+PROBABILITIES = (1e-4, 0.01, 0.3, 0.5, 0.7, 0.95, 0.999, 1 - 1e-6)
+
+
+@pytest.mark.parametrize("case", ORACLE["cases"], ids=lambda c: f"b={c['b']}")
+def test_published_cases(case):
+    """P95 and mean of the shared cases (two quadratures, 1e-12; the stated tolerance is 1e-6)."""
+    assert norm_quantile(0.95, case["b"], case["S"]) == pytest.approx(case["P95"], rel=1e-11)
+    assert norm_mean(case["b"], case["S"]) == pytest.approx(case["mean"], rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("m", "variances", "digits"),
+    [
+        ((0, 0, 0), (1, 1, 1), 2.795483),
+        ((1, 0, 0), (1, 1, 1), 3.194142),
+        ((0, 0, 0), (1, 0.25, 0.04), 2.04592),
+        ((0.5, 0.2, -0.3), (0.04, 0.01, 0.09), 1.04858),
+        ((0, 0, 2), (0.01, 0.01, 1), 3.64760),
+        ((0, 0, 0), (1, 0, 0), 1.959964),
+    ],
+)
+def test_reference_digits_of_the_method_notes(m, variances, digits):
+    assert norm_quantile(0.95, np.array(m), np.diag(variances)) == pytest.approx(digits, abs=6e-6)
+
+
+@pytest.mark.parametrize("rank", [1, 2, 3])
+@pytest.mark.parametrize("p", PROBABILITIES)
+def test_central_isotropic_is_chi(rank, p):
+    """Closed form: chi-square with `rank` degrees of freedom, in units that are not 1."""
+    variances = np.array([1.0] * rank + [0.0] * (3 - rank)) * 0.04
+    expected = 0.2 * sqrt(stats.chi2.ppf(p, rank) if p < 0.9 else stats.chi2.isf(1 - p, rank))
+    assert norm_quantile(p, np.zeros(3), np.diag(variances)) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("ratio", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize("p", PROBABILITIES)
+def test_isotropic_is_noncentral_chi(ratio, p):
+    """SciPy's (Boost's) noncentral chi-square, at our quantile: relative error of the probability."""
+    r = norm_quantile(p, np.array([0.0, ratio, 0.0]), np.eye(3))
+    if p < 0.5:
+        assert stats.ncx2.cdf(r * r, 3, ratio**2) == pytest.approx(p, rel=1e-10)
+    else:
+        assert stats.ncx2.sf(r * r, 3, ratio**2) == pytest.approx(1 - p, rel=1e-9)
+
+
+def test_one_axis_folded_normal_to_the_last_digits():
+    """Closed form: |m + sigma z| on one axis; ratio 1e3 and 1e4, both tails, in mpmath."""
+    for ratio in (0.5, 3.0, 1e3, 1e4):
+        for p in PROBABILITIES:
+            with mpmath.workdps(40):
+                start = ratio + float(stats.norm.ppf(p)) if ratio > 100 else norm_quantile(
+                    p, np.array([ratio, 0, 0]), np.diag([1.0, 0, 0])
+                )
+                exact = mpmath.findroot(
+                    lambda r, a=ratio, q=p: mpmath.ncdf(r - a) - mpmath.ncdf(-r - a) - mpmath.mpf(q), start
+                )
+            value = norm_quantile(p, np.array([ratio, 0.0, 0.0]), np.diag([1.0, 0.0, 0.0]))
+            assert value == pytest.approx(float(exact), rel=1e-12), (ratio, p)
+
+
+def test_bias_across_a_single_axis_of_noise():
+    """Closed form: m perpendicular to rank-one noise, r^2 = m^2 + (sigma z)^2; the excess over m keeps its digits."""
+    for sigma in (1e-3, 1.0, 30.0):
+        for p in PROBABILITIES:
+            z = float(stats.norm.isf((1 - p) / 2))
+            value = norm_quantile(p, np.array([0.0, 3.0, 4.0]), np.diag([sigma**2, 0, 0]))
+            assert value == pytest.approx(sqrt(25 + (sigma * z) ** 2), rel=1e-13)
+
+
+def _slab(r, variances, mean, panels=16, order=48):
+    """P(|e| <= r) in real space: two nested Gauss-Legendre rules over slabs, normal cdf along the widest axis."""
+    ascending = np.argsort(variances)
+    variances, mean = variances[ascending], mean[ascending]
+    x, w = np.polynomial.legendre.leggauss(order)
+
+    def rule(low, high, radius):
+        edges = np.arcsin(np.clip(np.linspace(max(low, -radius), min(high, radius), panels + 1) / radius, -1, 1))
+        half, mid = (edges[1:] - edges[:-1]) / 2, (edges[1:] + edges[:-1]) / 2
+        theta = (mid[:, None] + half[:, None] * x).ravel()
+        return radius * np.sin(theta), (half[:, None] * w).ravel() * radius * np.cos(theta)
+
+    s = np.sqrt(variances)
+    total = 0.0
+    for a, wa in zip(*rule(mean[0] - 9 * s[0], mean[0] + 9 * s[0], r), strict=True):
+        rest = sqrt(max(r * r - a * a, 0.0))
+        if rest == 0.0 or mean[1] - 9 * s[1] >= rest or mean[1] + 9 * s[1] <= -rest:
+            continue
+        b, wb = rule(mean[1] - 9 * s[1], mean[1] + 9 * s[1], rest)
+        h = np.sqrt(np.maximum(rest * rest - b * b, 0.0))
+        high, low = (h - mean[2]) / s[2], (-h - mean[2]) / s[2]
+        inner = np.where(low > 0, ndtr(-low) - ndtr(-high), ndtr(high) - ndtr(low))
+        density = np.exp(-(((b - mean[1]) / s[1]) ** 2) / 2) @ (wb * inner) / (s[1] * sqrt(2 * pi))
+        total += wa * np.exp(-(((a - mean[0]) / s[0]) ** 2) / 2) * density / (s[0] * sqrt(2 * pi))
+    return total
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_general_laws_by_real_space_quadrature(seed):
+    """Independent: nested quadrature in space, random spectra (ratio to 1e4) and means, turned by a random rotation."""
+    rng = np.random.default_rng(seed)
+    variances = 10 ** rng.uniform(-4, 0, 3)
+    mean = 10 ** rng.uniform(-2, 0.7, 3) * (seed % 3 > 0)
+    turn = stats.special_ortho_group.rvs(3, random_state=seed)
+    for p in (1e-4, 0.05, 0.5, 0.95, 0.9999):
+        r = norm_quantile(p, turn @ mean, turn @ np.diag(variances) @ turn.T)
+        assert abs(_slab(r, variances, mean) - p) < 3e-10 * min(p, 1 - p) + 2e-13
+
+
+@pytest.mark.parametrize("p", [1e-3, 0.6, 1 - 1e-6])
+@pytest.mark.parametrize(
+    ("m", "variances"),
+    [
+        ((1000.0, 3.0, 0.0), (1.0, 0.2, 0.0)),
+        ((0.0, 30.0, 0.0), (1.0, 1e-3, 0.0)),
+        ((0.02, 0.5, 0.0), (1.0, 1e-6, 0.0)),
+    ],
+)
+def test_singular_and_sharp_laws_in_high_precision(p, m, variances):
+    """Independent: rank two with all scale ratios, one mpmath integral of the other axis's exact probability."""
+    r = norm_quantile(p, np.array(m), np.diag(variances))
+    s1, s2 = sqrt(variances[0]), sqrt(variances[1])
+    with mpmath.workdps(30):
+
+        def slice_probability(z):
+            h2 = mpmath.mpf(r) ** 2 - (m[1] + s2 * z) ** 2
+            if h2 <= 0:
+                return mpmath.mpf(0)
+            h = mpmath.sqrt(h2)
+            if p > 0.9:
+                return (mpmath.ncdf(-(h - m[0]) / s1) + mpmath.ncdf((-h - m[0]) / s1)) * mpmath.npdf(z)
+            return (mpmath.ncdf((h - m[0]) / s1) - mpmath.ncdf((-h - m[0]) / s1)) * mpmath.npdf(z)
+
+        ends = [(-r - m[1]) / s2, (r - m[1]) / s2]
+        inside = sorted({*[mpmath.mpf(e) for e in ends if abs(e) < 12], *map(mpmath.mpf, range(-12, 13, 2))})
+        inside = [z for z in inside if ends[0] <= z <= ends[1]] or [mpmath.mpf(ends[0]), mpmath.mpf(ends[1])]
+        value = mpmath.quad(slice_probability, inside)
+        if p > 0.9:  # what lies outside the slab altogether
+            value += mpmath.ncdf(min(ends[0], inside[0])) + mpmath.ncdf(-max(ends[1], inside[-1]))
+    expected = mpmath.mpf(1) - mpmath.mpf(p) if p > 0.9 else p
+    assert float(value) == pytest.approx(float(expected), rel=2e-9)
+
+
+def test_probability_density_and_tail_agree():
+    m, S = np.array([0.3, -0.2, 0.5]), np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]])
+    for r in (0.1, 0.7, 1.3, 2.5):
+        assert norm_cdf(r, m, S) + norm_sf(r, m, S) == pytest.approx(1.0, abs=1e-13)
+        step = 1e-5
+        slope = (norm_sf(r - step, m, S) - norm_sf(r + step, m, S)) / (2 * step)
+        assert norm_pdf(r, m, S) == pytest.approx(slope, rel=1e-7)
+    assert norm_sf(6.0, m, S) == pytest.approx(quad(norm_pdf, 6.0, 9.0, (m, S), epsabs=0, epsrel=1e-10)[0], rel=1e-9)
+
+
+@pytest.mark.parametrize("p", [1e-4, 0.05, 0.3, 0.6, 0.95, 0.9999])
+@pytest.mark.parametrize(
+    ("m", "variances"), [((0, 0, 0), (1, 1, 1)), ((0, 0, 3), (1, 0.04, 0)), ((50, 1, 0), (1, 0.1, 0.2))]
+)
+def test_tail_mean_is_the_integral_of_the_quantile(m, variances, p):
+    """Independent of the contour formula: r + int_r^inf P(|e| > x) dx / (1 - p), by QUADPACK."""
+    mean, covariance = np.array(m, float), np.diag(np.array(variances, float))
+    r = norm_quantile(p, mean, covariance)
+    middle = norm_quantile(0.5 + p / 2, mean, covariance)
+    far = norm_quantile(1 - 1e-6 * (1 - p), mean, covariance) + 5.0
+    area = sum(quad(norm_sf, a, b, (mean, covariance), epsabs=1e-13)[0] for a, b in ((r, middle), (middle, far)))
+    assert norm_cvar(p, mean, covariance) == pytest.approx(r + area / (1 - p), rel=1e-9)
+
+
+def test_mean_in_closed_form():
+    """Noncentral chi with three degrees of freedom, and the folded normal."""
+    for a in (1e-3, 0.7, 3.0, 200.0):
+        three = sqrt(2 / pi) * np.exp(-a * a / 2) + (a + 1 / a) * erf(a / sqrt(2))
+        assert norm_mean(np.array([0, 0, a]), np.eye(3)) == pytest.approx(three, rel=1e-10)
+        one = sqrt(2 / pi) * np.exp(-a * a / 2) + a * erf(a / sqrt(2))
+        assert norm_mean(np.array([0, 0, a]), np.diag([0, 0, 1.0])) == pytest.approx(one, rel=1e-12)
+
+
+@pytest.mark.parametrize("p", [0.01, 0.5, 0.95, 0.9999])
+@pytest.mark.parametrize("seed", range(4))
+def test_gradient_against_finite_differences(p, seed):
+    rng = np.random.default_rng(seed)
+    factor = rng.normal(size=(3, 3)) * [1.0, 0.3, 0.2]
+    S, m = factor @ factor.T, rng.normal(size=3) * seed
+    r, dm, dS = norm_quantile_gradient(p, m, S)
+    assert r == norm_quantile(p, m, S)
+    np.testing.assert_array_equal(dS, dS.T)
+    along_m, along_s = rng.normal(size=3), rng.normal(size=(3, 3))
+    along_s = along_s + along_s.T
+
+    def slope(function, h):  # fourth order
+        return (8 * (function(h) - function(-h)) - function(2 * h) + function(-2 * h)) / (12 * h)
+
+    h = 1e-3 * sqrt(np.trace(S))
+    assert dm @ along_m == pytest.approx(slope(lambda t: norm_quantile(p, m + t * along_m, S), h), rel=1e-5, abs=1e-7)
+    h = 1e-3 * np.linalg.eigvalsh(S)[0]
+    assert (dS * along_s).sum() == pytest.approx(slope(lambda t: norm_quantile(p, m, S + t * along_s), h), rel=1e-6)
+
+
+def test_gradient_into_a_direction_without_variance():
+    """One-sided difference at a singular covariance: the contour has no 1/l in it."""
+    m, S, up = np.array([0.4, 0.0, 0.3]), np.diag([1.0, 0.0, 0.0]), np.diag([0.0, 0.5, 1.0])
+    _, _, dS = norm_quantile_gradient(0.9, m, S)
+
+    def value(t):
+        return norm_quantile(0.9, m, S + t * up)
+
+    h = 1e-5
+    assert (dS * up).sum() == pytest.approx((4 * value(h) - value(2 * h) - 3 * value(0.0)) / (2 * h), rel=1e-5)
+
+
+def test_no_spread_at_all():
+    m, zero = np.array([3.0, 0.0, 4.0]), np.zeros((3, 3))
+    assert norm_quantile(0.95, m, zero) == norm_cvar(0.95, m, zero) == 5.0
+    assert norm_mean(m, zero) == pytest.approx(5.0, rel=1e-14)
+    assert (norm_cdf(4.999, m, zero), norm_cdf(5.0, m, zero), norm_sf(5.0, m, zero)) == (0.0, 1.0, 0.0)
+    with pytest.raises(ValueError, match="no density"):
+        norm_pdf(5.0, m, zero)
+    with pytest.raises(ValueError, match="no derivative"):
+        norm_quantile_gradient(0.95, m, zero)
+
+
+def test_outside_the_support():
+    m, S = np.array([0.0, 2.0, 0.0]), np.diag([1.0, 0.0, 0.0])
+    assert (norm_cdf(1.9, m, S), norm_sf(1.9, m, S), norm_pdf(1.9, m, S)) == (0.0, 1.0, 0.0)
+    assert norm_cdf(0.0, m, S) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("mean", "covariance", "message"),
+    [
+        ((0, 0), np.eye(3), r"shape \(3,\), got \(2,\)"),
+        ((0, 0, 0), np.eye(2), r"shape \(3, 3\), got \(2, 2\)"),
+        ((0, np.nan, 0), np.eye(3), "mean must be finite"),
+        ((0, 0, 0), np.diag([1, np.inf, 1]), "covariance must be finite"),
+        ((0, 0, 0), [[1, 0.5, 0], [0, 1, 0], [0, 0, 1]], "symmetric"),
+        ((0, 0, 0), np.diag([1, 1, -1e-3]), "positive semidefinite.*-0.001"),
+    ],
+)
+def test_bad_laws_are_named(mean, covariance, message):
+    with pytest.raises(ValueError, match=message):
+        norm_quantile(0.95, mean, covariance)
+
+
+@pytest.mark.parametrize("p", [0.0, 1.0, -1.0, float("nan")])
+def test_bad_probability(p):
+    with pytest.raises(ValueError, match="strictly between 0 and 1"):
+        norm_quantile(p, np.zeros(3), np.eye(3))
+
+
+def test_bad_radius():
+    with pytest.raises(ValueError, match=">= 0 mm"):
+        norm_cdf(-1.0, np.zeros(3), np.eye(3))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_eigen_solver_against_lapack(seed):
+    rng = np.random.default_rng(seed)
+    factor = rng.normal(size=(3, 3)) * 10.0 ** rng.uniform(-3, 1, 3)
+    matrix = factor @ factor.T if seed % 2 else rng.normal(size=(3, 3)) + rng.normal(size=(3, 3)).T
+    matrix = (matrix + matrix.T) / 2
+    values, vectors, _ = eigen_symmetric(matrix)
+    scale = np.abs(matrix).max()
+    np.testing.assert_allclose(values, np.linalg.eigvalsh(matrix)[::-1], atol=1e-14 * scale * 3)
+    np.testing.assert_allclose(vectors @ np.diag(values) @ vectors.T, matrix, atol=1e-14 * scale * 3)
+    np.testing.assert_allclose(vectors.T @ vectors, np.eye(3), atol=1e-14)
