@@ -2,7 +2,31 @@
 
 from __future__ import annotations
 
+from .checked import check_design
 from .compile import compile_design
+from .conversion import Conversion, convert, convert_file
 from .loading import Design, design_to_data, design_to_json, design_to_yaml, load_design
+from .presets import list_presets
+from .reading import DEFAULT_LIMITS, Limits
+from .revision import FreeRotation, free_rotations, revise_design
+from .schema import design_json_schema
 
-__all__ = ["Design", "compile_design", "design_to_data", "design_to_json", "design_to_yaml", "load_design"]
+__all__ = [
+    "DEFAULT_LIMITS",
+    "Conversion",
+    "Design",
+    "FreeRotation",
+    "Limits",
+    "check_design",
+    "compile_design",
+    "convert",
+    "convert_file",
+    "design_json_schema",
+    "design_to_data",
+    "design_to_json",
+    "design_to_yaml",
+    "free_rotations",
+    "list_presets",
+    "load_design",
+    "revise_design",
+]

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import DesignError, IllPosedError, Problem
 from ..geometry.camera import (
+    depths,
     image_centre_px,
     intrinsic_matrix,
     projection_from_distances,
@@ -65,6 +66,7 @@ def _compile(design: Design) -> System:
     if transforms.T_flange_con is None and transforms.T_tcp_flange is None:
         notes.append("no transforms are given: the tcp frame is the connector frame")
     targets = tuple(sample for target in document.targets for sample in expand_target(target))
+    _refuse_behind_detector(document, views, fiducials, targets)
     execution_bias, execution = _execution(document.execution)
     hand_eye = document.execution.hand_eye
     return System(
@@ -144,6 +146,31 @@ def _aimed(view: PresetView | DistanceView) -> tuple[Array, tuple[int, int]]:
         np.array(view.up_direction),
     )
     return projection, size
+
+
+def _refuse_behind_detector(
+    document: DesignDocument, views: tuple[View, ...], fiducials: Array, targets: tuple[Target, ...]
+) -> None:
+    """A distance to the detector is known for aimed views only; the System no longer holds it."""
+    points = np.vstack([fiducials, *(target.position_mm[None] for target in targets)])
+    for index, (view, compiled) in enumerate(zip(document.views, views, strict=True)):
+        if not isinstance(view, PresetView | DistanceView):
+            continue
+        detector = view.source_detector_mm or PRESETS[getattr(view, "preset", "")].source_detector_mm
+        depth = depths(compiled.projection, points)
+        worst = int(np.argmax(depth))
+        if depth[worst] > detector:
+            count = len(fiducials)
+            name = f"target {targets[worst - count].name}" if worst >= count else f"fiducial number {worst + 1}"
+            raise IllPosedError(
+                Problem(
+                    f"/views/{index}",
+                    "behind-detector",
+                    f"{name} lies {depth[worst]:.4g} mm from the source of view {view.name}, behind its detector at "
+                    f"{detector:g} mm",
+                    "check the isocentre, the direction of the beam and the frame of the coordinates",
+                )
+            )
 
 
 def _given(view: MatrixView, pointer: str, fiducials: Array) -> Array:

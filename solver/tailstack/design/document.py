@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from ..system import Reading, RotationForm, Triangulation
 from .fields import (
@@ -24,6 +24,7 @@ from .fields import (
     RandomLaw,
     Record,
     check_coverage,
+    exactly_one,
     one_of,
     refusal,
 )
@@ -64,6 +65,8 @@ class Manufacturing(Record):
 
 class Fiducials(Record):
     """The fiducials of the structure, in the document or in a file beside it."""
+
+    model_config = ConfigDict(json_schema_extra=exactly_one("points", "file"))
 
     points: Annotated[list[FiducialPoint], Field(min_length=1)] | None = Field(
         default=None, description="The fiducials, at least six. Either this or file."
@@ -121,6 +124,8 @@ class Sphere(Record):
 class Region(Record):
     """A target region, by exactly one shape."""
 
+    model_config = ConfigDict(json_schema_extra=exactly_one("box", "sphere"))
+
     box: Box | None = Field(default=None, description="Axis-parallel box.")
     sphere: Sphere | None = Field(default=None, description="Ball.")
 
@@ -133,6 +138,8 @@ class Region(Record):
 
 class TargetDocument(Record):
     """A target point, or a region that is expanded to points called name[0], name[1], ..."""
+
+    model_config = ConfigDict(json_schema_extra=exactly_one("position_mm", "region"))
 
     name: Name = Field(description="Name, unique.", examples=["tip"])
     position_mm: Point | None = Field(
@@ -273,6 +280,11 @@ class Optimise(Record):
         default=20.0,
         description="Images of fiducials keep this distance from the image border, px. Default 20.",
         examples=[20.0],
+    )
+    target_clearance_px: Annotated[float, Field(ge=0, le=1e4)] = Field(
+        default=0.0,
+        description="Smallest distance between the image of a fiducial and that of a target, px. Default 0.",
+        examples=[25.0],
     )
     rotation_bounds: RotationBounds | None = Field(
         default=None,

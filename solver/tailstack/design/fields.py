@@ -29,6 +29,16 @@ def refusal(code: str, message: str, hint: str = "", at: str = "") -> PydanticCu
     return PydanticCustomError(code, message.replace("{", "(").replace("}", ")"), {"hint": hint, "at": at})
 
 
+def exactly_one(first: str, second: str) -> Any:
+    """JSON Schema: one of two fields is required and the other absent (a validator says the same in words)."""
+    return {"oneOf": [{"required": [first]}, {"required": [second]}]}
+
+
+def not_both(first: str, second: str) -> Any:
+    """JSON Schema: two fields exclude each other."""
+    return {"not": {"required": [first, second]}}
+
+
 def one_of(kind: type[StrEnum]) -> Any:
     """Texts of an enumeration, refused in our words."""
 

@@ -208,7 +208,12 @@ def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
 
 def design_to_json(design: Design, *, inline: bool = True) -> str:
     """The document as JSON text."""
-    return json.dumps(design_to_data(design, inline=inline), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return to_json(design_to_data(design, inline=inline))
+
+
+def to_json(data: Any) -> str:
+    """Plain data as indented JSON text."""
+    return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def design_to_yaml(design: Design, *, inline: bool = True) -> str:
@@ -243,14 +248,3 @@ def data_to_yaml(data: Any) -> str:
         data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120, default_flow_style=False
     )
     return text
-
-
-__all__ = [
-    "Design",
-    "data_to_yaml",
-    "design_to_data",
-    "design_to_json",
-    "design_to_yaml",
-    "load_design",
-    "read_source",
-]

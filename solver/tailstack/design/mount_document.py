@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from .fields import (
     COVERAGE_WORDS,
@@ -24,6 +24,8 @@ from .fields import (
     Record,
     Rotation3,
     check_coverage,
+    exactly_one,
+    not_both,
     refusal,
 )
 
@@ -104,6 +106,8 @@ class Locator(Record):
 class Interface(Record):
     """A mechanical interface: a known bias and either tolerances or six locators."""
 
+    model_config = ConfigDict(json_schema_extra=not_both("tolerances", "locators"))
+
     label: Annotated[str, Field(max_length=200)] = Field(
         default="", description="What the drawing calls it.", examples=["two-dowel seat"]
     )
@@ -160,6 +164,8 @@ class HandEye(Record):
 
 class Repeatability(Record):
     """Scatter of the robot's positioning, drawn at every shot, per axis of the tcp frame."""
+
+    model_config = ConfigDict(json_schema_extra=exactly_one("std_mm", "half_width_mm"))
 
     std_mm: HalfWidth | HalfWidths | None = Field(
         default=None,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,3 +100,8 @@ PRESETS: dict[str, Preset] = {
         ),
     )
 }
+
+
+def list_presets() -> list[dict[str, Any]]:
+    """All presets as plain data, sources included, with the fields a view must add itself."""
+    return [{**asdict(preset), "view_must_state": list(preset.missing)} for preset in PRESETS.values()]

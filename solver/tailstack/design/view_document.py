@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
 from .fields import (
     Angles,
@@ -21,8 +21,10 @@ from .fields import (
     Quaternion,
     Record,
     Rotation3,
+    exactly_one,
     refusal,
 )
+from .presets import PRESETS
 
 ALONG = {"AP": (0.0, 1.0, 0.0), "LAT": (-1.0, 0.0, 0.0)}  # beam directions in con
 
@@ -43,6 +45,8 @@ class _AnyView(Record):
 
 class _Aimed(_AnyView):
     """Where the beam goes: an orientation by name, or two directions."""
+
+    model_config = ConfigDict(json_schema_extra=exactly_one("orientation", "beam_direction"))
 
     orientation: Literal["AP", "LAT"] | None = Field(
         default=None,
@@ -96,7 +100,11 @@ class _Aimed(_AnyView):
 class PresetView(_Aimed):
     """A published C-arm, aimed.  Any of its numbers can be overridden."""
 
-    preset: str = Field(description="Name of a published geometry.", examples=["siemens-cios-fusion"])
+    preset: str = Field(
+        description="Name of a published geometry; `tailstack schema presets` lists them with their sources.",
+        examples=["siemens-cios-fusion"],
+        json_schema_extra={"enum": list(PRESETS)},
+    )
     source_detector_mm: Length | None = Field(
         default=None, description="Overrides the preset's. mm.", examples=[1020.0]
     )

@@ -160,8 +160,8 @@ def _check_fiducials(system: System) -> list[Finding]:
             Finding(
                 "flat-structure",
                 "warning",
-                f"the structure is flat: {thickness:.3g} mm thick along {direction_name(axes[2])}, {width:.3g} mm wide; "
-                "image noise is amplified about in the inverse ratio",
+                f"the structure is flat: {thickness:.3g} mm thick along {direction_name(axes[2])}, {width:.3g} mm "
+                "wide; image noise is amplified about in the inverse ratio",
                 "/fiducials",
                 thickness,
                 FLAT * width,
@@ -238,7 +238,7 @@ def _check_resection(system: System) -> list[Finding]:
     object_frame = hartley_similarity(told)
     points = homogeneous(told) @ object_frame.T
     findings = []
-    for index, view in enumerate(system.views):
+    for view in system.views:
         images = project(view.projection, imaged)
         image_frame = hartley_similarity(images)
         rows = design_matrix(points, (homogeneous(images) @ image_frame.T)[:, :2])

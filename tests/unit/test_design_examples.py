@@ -1,0 +1,100 @@
+"""Every example loads, compiles, passes its own geometry checks, validates against the schema, round-trips."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+import yaml
+
+from tailstack.design import (
+    check_design,
+    compile_design,
+    design_json_schema,
+    design_to_json,
+    design_to_yaml,
+    free_rotations,
+    load_design,
+    revise_design,
+)
+from tailstack.system import Law
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+DESIGNS = sorted(EXAMPLES.glob("*.yaml"))
+
+
+def test_there_are_at_least_four_designs():
+    assert len(DESIGNS) >= 4
+
+
+@pytest.mark.parametrize("path", DESIGNS, ids=lambda path: path.stem)
+def test_example_compiles_and_its_geometry_holds(path):
+    system, findings, views = check_design(load_design(path))
+    assert len(system.views) >= 2 and all(check.outside == () for check in views)
+    assert {finding.severity for finding in findings} <= {"warning", "note"}
+    expected = {"flat-structure"} if path.stem == "flat_plate" else set()
+    assert {finding.rule for finding in findings} == expected
+    for array in (system.fiducials_mm, system.views[0].projection, system.interface_1.sources.direction):
+        assert not array.flags.writeable
+
+
+@pytest.mark.parametrize("path", DESIGNS, ids=lambda path: path.stem)
+def test_example_follows_the_published_schema(path):
+    jsonschema.Draft202012Validator(design_json_schema()).validate(yaml.safe_load(path.read_text()))
+
+
+@pytest.mark.parametrize("path", DESIGNS, ids=lambda path: path.stem)
+def test_writing_and_reading_back_keeps_the_content(path):
+    design = load_design(path)
+    for text in (design_to_yaml(design), design_to_json(design)):
+        again = load_design(text, allow_files=False)
+        assert again.sha256 == design.sha256
+        assert np.array_equal(compile_design(again).fiducials_mm, compile_design(design).fiducials_mm)
+
+
+def test_demo_is_what_its_comments_say():
+    system = compile_design(load_design(EXAMPLES / "demo.yaml"))
+    assert len(system.fiducial_labels) == 12
+    np.testing.assert_allclose(system.T_tcp_con @ [0, 0, 70, 1], [0, 0, 0, 1], atol=1e-12)
+    assert system.interface_2.sources.laws[:3] == (Law.NORMAL,) * 3
+    np.testing.assert_allclose(system.interface_2.sources.std[0], np.deg2rad(0.1), rtol=1e-14)
+    np.testing.assert_allclose(system.interface_1.bias, [0, 0, np.deg2rad(0.05), 0, 0, 0.03], rtol=1e-14)
+    np.testing.assert_allclose(system.execution_bias_mm, [0, 0.008, -0.008], rtol=1e-14)
+    assert system.execution.names == (*(f"repeatability.{a}" for a in "xyz"), *(f"load.{a}" for a in "xyz"))
+    np.testing.assert_allclose(system.manufacturing_std_mm, 0.05 / np.sqrt(3), rtol=1e-14)
+
+
+def test_demo_frees_six_rotations_and_can_be_revised():
+    design = load_design(EXAMPLES / "demo.yaml")
+    free = free_rotations(design)
+    names = [(rotation.contributor, rotation.component) for rotation in free]
+    assert names == [(mount, axis) for mount in ("interface_1", "interface_2") for axis in ("rx", "ry", "rz")]
+    moved = compile_design(design).fiducials_mm + 1.5
+    new = revise_design(design, fiducials_mm=moved, half_width_rad={("interface_2", "rz"): np.deg2rad(0.4)})
+    system = compile_design(new)
+    np.testing.assert_array_equal(system.fiducials_mm, moved)
+    np.testing.assert_allclose(system.interface_2.sources.half_width[2], np.deg2rad(0.4), rtol=1e-14)
+    assert new.sha256 != design.sha256
+
+
+def test_slicer_file_is_converted_once_and_said_so():
+    system = compile_design(load_design(EXAMPLES / "slicer_markups.yaml"))
+    np.testing.assert_array_equal(system.fiducials_mm[0], [-42.5, -40.2, -58.1])
+    assert any("RAS" in note and "LPS" in note for note in system.notes)
+    assert any("P10" in note for note in system.notes)
+    assert len(system.targets) == 15 and {target.region for target in system.targets} == {"lesion"}
+
+
+def test_hash_sees_the_fiducial_file(tmp_path):
+    shutil.copytree(EXAMPLES, tmp_path / "copy")
+    path = tmp_path / "copy" / "small_cluster_far_target.yaml"
+    before = load_design(path).sha256
+    assert before == load_design(EXAMPLES / path.name).sha256
+    beads = tmp_path / "copy" / "fiducials" / "marker8.csv"
+    beads.write_text(beads.read_text().replace("M8,5.4", "M8,5.5"))
+    assert load_design(path).sha256 != before
+    path.write_text(path.read_text() + "\n# a comment is not content\n")
+    assert load_design(path).sha256 == load_design(path).sha256 != before

@@ -1,0 +1,130 @@
+"""The reader of YAML and JSON: scalars by YAML 1.2, refusals with line and column, bounds."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from tailstack.design.reading import DEFAULT_LIMITS, Limits, decode, plain_data, read_text
+from tailstack.errors import DesignError, LimitError
+
+
+def read(text, form="auto", limits=DEFAULT_LIMITS):
+    return read_text(text, limits, file="d.yaml", directory=None, form=form)
+
+
+def refused(text, form="auto"):
+    with pytest.raises((DesignError, LimitError)) as caught:
+        read(text, form)
+    return caught.value.problems[0]
+
+
+# published: YAML 1.2.2, section 10.3.2, core schema; leading zeros and underscores are text here on purpose
+SCALARS = {
+    "0": 0, "-19": -19, "+12": 12, "0.": 0.0, "-0.0": -0.0, ".5": 0.5, "+12e03": 12000.0, "-2E+05": -2e5, "1e3": 1e3,
+    "~": None, "null": None, "Null": None, "true": True, "False": False, "yes": "yes", "No": "No", "on": "on",
+    "1:30": "1:30", "1_000": "1_000", "010": "010", "0o14": "0o14", "0x1F": "0x1F", "2001-12-14": "2001-12-14",
+    "'1'": "1", '"true"': "true", "-": None, "1.2.3": "1.2.3", ".": ".", "e5": "e5",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("text", [text for text in SCALARS if text != "-"])
+def test_scalars(text):
+    value = read(f"a: {text}").data["a"]
+    assert value == SCALARS[text] and type(value) is type(SCALARS[text])
+
+
+def test_infinities_arrive_as_such_and_are_refused_later():
+    data = read("[.inf, -.Inf, .nan, 1e999, " + "9" * 5000 + "]").data
+    assert [math.isfinite(value) for value in data] == [False] * 5
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "line"),
+    [
+        ("", "empty-document", None),
+        ("# nothing\n", "empty-document", None),
+        ("a: 1\nb: 2\na: 3\n", "duplicate-key", 3),
+        ("a:\n  b: 1\n  b: 2\n", "duplicate-key", 3),
+        ('{"a": 1,\n "a": 2}', "duplicate-key", 2),
+        ("a: !!float 1\n", "yaml-tag", 1),
+        ("a: !!python/object/apply:os.system [ls]\n", "yaml-tag", 1),
+        ("a:\n\t- 1\n", "yaml-syntax", 2),
+        ("a: [1, 2\nb: 3\n", "yaml-syntax", 2),
+        ("a: 1\n---\nb: 2\n", "several-documents", None),
+        ("? [1, 2]\n: 3\n", "bad-key", 1),
+        ("1: 2\n", "bad-key", 1),
+        ("a: &x [*x]\n", "yaml-alias", 1),
+        ("a: *nowhere\n", "yaml-alias", 1),
+        ("a: \x07\n", "yaml-syntax", None),
+    ],
+)
+def test_refusals(text, code, line):
+    problem = refused(text)
+    assert problem.code == code
+    assert line is None or problem.line == line
+    assert problem.file == "d.yaml"
+
+
+def test_a_tab_is_named():
+    assert "tab" in refused("a:\n\t- 1\n").hint
+
+
+def test_json_syntax_has_line_and_column():
+    problem = refused('{"a": 1,\n  "b": }', form="json")
+    assert (problem.code, problem.line, problem.column) == ("json-syntax", 2, 8)
+
+
+def test_alias_bomb_is_counted_not_built():
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{i}: &a{i} [" + ", ".join([f"*a{i - 1}"] * 9) + "]" for i in range(1, 12)]
+    assert refused("\n".join(lines)).code == "too-complex"
+
+
+@pytest.mark.parametrize("text", ["[" * 400_000, "{a: " * 100_000, "- " * 200_000, '{"a":' * 100_000])
+def test_nesting_bombs(text):
+    assert refused(text).code in ("too-complex", "yaml-syntax")
+
+
+def test_aliases_of_ordinary_size_are_values():
+    assert read("a: &x {h: 1}\nb: *x\n").data == {"a": {"h": 1}, "b": {"h": 1}}
+
+
+def test_places_are_lines_and_columns_of_values_and_keys():
+    source = read("a:\n  - b: 1\n    c: [1, 2]\n")
+    assert source.locate(("a", 0, "c", 1)) == (3, 12)
+    assert source.locate(("a", 0, "c"), key=True) == (3, 5)
+    assert source.locate(("a", 0, "missing", 7)) == (2, 5)  # the nearest ancestor that is there
+    assert read('{"a": [1,\n 2]}').locate(("a", 1)) == (2, 2)
+
+
+@pytest.mark.parametrize("codec", ["utf-8", "utf-8-sig", "utf-16", "utf-32"])
+def test_encodings_with_a_mark(codec):
+    assert read(decode("a: é\r\nb: 1\r\n".encode(codec), "f")).data == {"a": "é", "b": 1}
+
+
+@pytest.mark.parametrize(
+    "content", [b"a: \xff\xfe", b"PK\x03\x04\x00\x00", "a: 1".encode("utf-16-le"), b"\xff\xfe\x00"]
+)
+def test_bytes_that_are_no_text(content):
+    with pytest.raises(DesignError) as caught:
+        decode(content, "f")
+    assert caught.value.problems[0].code == "not-text"
+
+
+def test_plain_data_refuses_what_json_has_not():
+    for value in ({1: 2}, {"a": object()}, {"a": {1, 2}}, {"a": b"x"}, {"a": "\ud800"}):
+        with pytest.raises(DesignError):
+            plain_data(value, DEFAULT_LIMITS)
+    loop = {}
+    loop["a"] = loop
+    with pytest.raises(LimitError):
+        plain_data(loop, DEFAULT_LIMITS)
+
+
+def test_limits_are_stated():
+    with pytest.raises(LimitError, match="1000 characters"):
+        read("a: " + "x" * 2000, limits=Limits(document_bytes=1000))
+    with pytest.raises(LimitError, match="more than 10 values"):
+        read("[" + "1," * 20 + "]", limits=Limits(nodes=10))
