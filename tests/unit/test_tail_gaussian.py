@@ -12,6 +12,7 @@ import pytest
 from scipy import stats
 from scipy.integrate import quad
 from scipy.special import ndtr
+
 from tailstack.tail.gaussian import (
     norm_cdf,
     norm_cvar,
