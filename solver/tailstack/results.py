@@ -309,7 +309,7 @@ class Optimisation:
     objective: str
     cost_before: float
     cost_after: float
-    p95_before_mm: float
+    p95_before_mm: float | None  # None: the layout as it stands does not determine the target
     p95_after_mm: float
     moved: tuple[MovedFiducial, ...]
     tolerances: tuple[ChangedTolerance, ...]

@@ -1,1 +1,8 @@
+"""Fiducial placement and rotational tolerance budgets at least cost under a tail-risk limit (CasADi and IPOPT)."""
 
+from __future__ import annotations
+
+from .placement import PlacementSolution, solve_placement
+from .problem import FreeHalfWidth, PlacementProblem
+
+__all__ = ["FreeHalfWidth", "PlacementProblem", "PlacementSolution", "solve_placement"]
