@@ -71,7 +71,7 @@ class Sources:
             1 / c if law is Law.NORMAL else STD_PER_HALF_WIDTH[law]
             for law, c in zip(self.laws, self.coverage_factor, strict=True)
         ]
-        return self.half_width * np.array(factor)
+        return np.asarray(self.half_width * np.array(factor))
 
     @property
     def count(self) -> int:

@@ -1,0 +1,219 @@
+"""The first-order score: bias, covariance, the tail under the declared laws, bounds, budget, verdict."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .contributors import WorstCase, budget, declared_law, worst_case
+from .design import Design, check_design
+from .errors import OutOfRangeError
+from .estimation.checks import check_geometry, check_views
+from .propagation.linear import LinearModel, covariance_block_diagonal, linearise
+from .propagation.second_order import refuse_outside_range, second_order_moments
+from .propagation.validity import validity
+from .results import (
+    Bounds,
+    Check,
+    Finding,
+    Interval,
+    Matrix3,
+    MetricScore,
+    PerUnit,
+    Provenance,
+    Score,
+    SecondOrder,
+    TargetScore,
+    Validity,
+    Vector3,
+    ViewCheck,
+)
+from .system import Array, System
+from .tail.bounds import moment_bound, unimodal_bound
+from .tail.declared import law_cvar, law_exceedance, law_mean_norm, law_quantile, norm_quantile_of
+from .tail.gaussian import norm_quantile
+from .tail.per_unit import per_unit_risk
+from .verdict import check_per_unit, check_pooled, conclude
+from .version import __version__
+
+P95 = 0.95
+FRAMES = {"tcp": "tcp", "localisation": "con"}
+NOT_INCLUDED = (
+    "image distortion, detector flatness, motion during or between shots",
+    "wrong correspondences and missed fiducials",
+    "centroid bias of large spheres (0.05 px for 10 mm balls)",
+    "products of two random errors (second order)",
+    "whatever the design document does not list",
+)
+
+
+def vector3(values: Array) -> Vector3:
+    x, y, z = (float(v) for v in values)
+    return (x, y, z)
+
+
+def matrix3(values: Array) -> Matrix3:
+    a, b, c = (vector3(row) for row in values)
+    return (a, b, c)
+
+
+def checked_system(design: Design | System) -> tuple[System, tuple[Finding, ...], tuple[ViewCheck, ...]]:
+    """Compile and check a design, or check a system.  Raises DesignError, IllPosedError."""
+    if isinstance(design, System):
+        return design, check_geometry(design), check_views(design)
+    return check_design(design)
+
+
+def provenance(system: System, not_included: tuple[str, ...] = NOT_INCLUDED) -> Provenance:
+    return Provenance(
+        design_name=system.name,
+        design_sha256=system.design_sha256,
+        tailstack_version=__version__,
+        reading=str(system.reading),
+        rotation_form=str(system.rotation_form),
+        triangulation=str(system.triangulation),
+        notes=system.notes,
+        not_included=not_included,
+    )
+
+
+def tightest_limit(system: System, target: str, error: str) -> float | None:
+    """Smallest limit any requirement sets on this error at this target, mm."""
+    limits = [r.limit_mm for r in system.requirements if r.error == error and target in r.targets]
+    return min(limits) if limits else None
+
+
+def _metric(model: LinearModel, error: str, worst: WorstCase, limit_mm: float | None) -> MetricScore:
+    law, _ = declared_law(model, error, worst.mean_mm)
+    found = law_quantile(law, P95)
+    total = law.total_covariance
+    return MetricScore(
+        frame=FRAMES[error],
+        bias_mm=vector3(worst.mean_mm),
+        covariance_mm2=matrix3(total),
+        std_mm=vector3(np.sqrt(np.diag(total))),
+        mean_norm_mm=law_mean_norm(law),
+        p95_mm=found.quantile_mm,
+        law=found.method,
+        law_error_mm=found.error_mm,
+        bounds_mm=Bounds(
+            gaussian=norm_quantile_of(law, P95),
+            unimodal=unimodal_bound(P95, worst.mean_mm, total),
+            moments=moment_bound(P95, worst.mean_mm, total),
+        ),
+        cvar95_mm=law_cvar(law, P95),
+        limit_mm=limit_mm,
+        exceedance_probability=None if limit_mm is None else law_exceedance(law, limit_mm),
+    )
+
+
+def _per_unit(model: LinearModel, error: str, worst: WorstCase, quantile: float, limit_mm: float | None) -> PerUnit:
+    """Installation drawn once per unit, noise, repeatability and load at each shot."""
+    unit = tuple(block for block in model.blocks if block.per_unit)
+    shots = tuple(block for block in model.blocks if not block.per_unit)
+    installed, _ = declared_law(model, error, worst.mean_mm, unit)
+    shot, _ = declared_law(model, error, np.zeros(3), shots)
+    risk = per_unit_risk(installed, shot, quantile, limit_mm)
+    return PerUnit(
+        limit_mm=limit_mm,
+        yield_fraction=risk.yield_fraction,
+        yield_standard_error=risk.yield_standard_error,
+        p95_of_units_mm=risk.p95_of_units_mm,
+        p95_of_units_standard_error_mm=risk.p95_of_units_standard_error_mm,
+    )
+
+
+def _second_order(system: System, index: int, model: LinearModel, worst: WorstCase) -> SecondOrder:
+    """Second-order mean and covariance of the TCP error, where they help."""
+    from .montecarlo import compile_plan, evaluate
+
+    plan = compile_plan(system, vertex=worst.signs)
+    try:
+        refuse_outside_range(model.nu, plan.inputs)
+    except OutOfRangeError as error:
+        return SecondOrder("refused", error.problems[0].detail)
+    gains = np.hstack([block.tcp * block.std for block in model.blocks])
+    shift, covariance = second_order_moments(lambda z: evaluate(plan, z)[:, index, 0], plan.standard_std, gains)
+    return SecondOrder(
+        "applied",
+        "mean and covariance to second order; P95 of the Gaussian law with them",
+        vector3(shift),
+        vector3(np.sqrt(np.diag(covariance))),
+        norm_quantile(P95, worst.mean_mm + shift, covariance),
+    )
+
+
+def _error_band(value_mm: float, trust: Validity, quantile: float) -> Interval:
+    """Where the full chain's quantile lies if the linearisation is as good as its calibration says."""
+    if trust.expected_error_percent is None:
+        return (0.0, float("inf"))
+    # Calibrated at P95; further out the error of first order grows (docs/method.md, section 4).
+    percent = trust.expected_error_percent * (1.0 if quantile <= P95 else 2.0)
+    return (value_mm / (1 + percent / 100), value_mm * (1 + percent / 100))
+
+
+def _checks(system: System, models: dict[str, LinearModel], trust: Validity) -> tuple[Check, ...]:
+    checks = []
+    for requirement in system.requirements:
+        for name in requirement.targets:
+            model, error, p = models[name], requirement.error, requirement.quantile
+            worst = worst_case(model, error, p)
+            law, _ = declared_law(model, error, worst.mean_mm)
+            value = law_quantile(law, p).quantile_mm
+            band = _error_band(value, trust, p)
+            if requirement.risk == "pooled":
+                checks.append(check_pooled(requirement, name, value, band))
+                continue
+            # The same relative error of the linearisation, turned on the limit: a yield at 1 % more, at 1 % less.
+            ratio = band[1] / value if value > 0 else 1.0
+            if np.isfinite(ratio):
+                ends = [_per_unit(model, error, worst, p, requirement.limit_mm * f) for f in (1 / ratio, ratio)]
+                spread = 3 * max(end.yield_standard_error or 0.0 for end in ends)
+                fractions = [end.yield_fraction or 0.0 for end in ends]
+                interval = (max(min(fractions) - spread, 0.0), min(max(fractions) + spread, 1.0))
+            else:
+                interval = (0.0, 1.0)
+            here = _per_unit(model, error, worst, p, requirement.limit_mm)
+            checks.append(check_per_unit(requirement, name, value, band, here.yield_fraction or 0.0, interval))
+    return tuple(checks)
+
+
+def score(design: Design | System, *, second_order: bool = False) -> Score:
+    """Score a design to first order, every target and requirement.
+
+    ``second_order`` adds the second-order correction where it helps (milliseconds; refused, with the reason,
+    where it does not).  Raises DesignError for a document that breaks its rules and IllPosedError for a
+    geometry that does not determine the answer.
+    """
+    system, findings, views = checked_system(design)
+    models = {target.name: linearise(system, target) for target in system.targets}
+    trust = validity(max(model.nu for model in models.values()), len(system.fiducials_mm))
+    targets = []
+    for index, (name, model) in enumerate(models.items()):
+        worst = worst_case(model, "tcp", P95)
+        limit = tightest_limit(system, name, "tcp")
+        metric = _metric(model, "tcp", worst, limit)
+        _, rows = budget(model, "tcp", worst, P95)
+        localised = worst_case(model, "localisation", P95)
+        targets.append(
+            TargetScore(
+                name=name,
+                **{field: getattr(metric, field) for field in MetricScore.__dataclass_fields__},
+                localisation=_metric(model, "localisation", localised, tightest_limit(system, name, "localisation")),
+                block_diagonal_p95_mm=norm_quantile(P95, worst.mean_mm, covariance_block_diagonal(model, "tcp")),
+                contributors=rows,
+                worst_vertex=worst.names,
+                per_unit=_per_unit(model, "tcp", worst, P95, limit),
+                second_order=_second_order(system, index, model, worst)
+                if second_order
+                else SecondOrder("not requested", "ask for it with --second-order"),
+                extrapolation=model.extrapolation,
+            )
+        )
+    return Score(
+        schema="tailstack/score/1",
+        targets=tuple(targets),
+        validity=trust,
+        views=views,
+        verdict=conclude(_checks(system, models, trust), findings, "first order"),
+        provenance=provenance(system),
+    )
