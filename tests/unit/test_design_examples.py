@@ -33,7 +33,8 @@ def test_there_are_at_least_four_designs():
 @pytest.mark.parametrize("path", DESIGNS, ids=lambda path: path.stem)
 def test_example_compiles_and_its_geometry_holds(path):
     system, findings, views = check_design(load_design(path))
-    assert len(system.views) >= 2 and all(check.outside == () for check in views)
+    assert len(system.views) >= 2
+    assert all(check.outside == () for check in views)
     assert {finding.severity for finding in findings} <= {"warning", "note"}
     expected = {"flat-structure"} if path.stem == "flat_plate" else set()
     assert {finding.rule for finding in findings} == expected
@@ -85,7 +86,8 @@ def test_slicer_file_is_converted_once_and_said_so():
     np.testing.assert_array_equal(system.fiducials_mm[0], [-42.5, -40.2, -58.1])
     assert any("RAS" in note and "LPS" in note for note in system.notes)
     assert any("P10" in note for note in system.notes)
-    assert len(system.targets) == 15 and {target.region for target in system.targets} == {"lesion"}
+    assert len(system.targets) == 15
+    assert {target.region for target in system.targets} == {"lesion"}
 
 
 def test_hash_sees_the_fiducial_file(tmp_path):

@@ -32,7 +32,7 @@ SCALARS = {
 @pytest.mark.parametrize("text", [text for text in SCALARS if text != "-"])
 def test_scalars(text):
     value = read(f"a: {text}").data["a"]
-    assert value == SCALARS[text] and type(value) is type(SCALARS[text])
+    assert (value, type(value)) == (SCALARS[text], type(SCALARS[text]))
 
 
 def test_infinities_arrive_as_such_and_are_refused_later():

@@ -66,7 +66,7 @@ def _compile(design: Design) -> System:
     if transforms.T_flange_con is None and transforms.T_tcp_flange is None:
         notes.append("no transforms are given: the tcp frame is the connector frame")
     targets = tuple(sample for target in document.targets for sample in expand_target(target))
-    _refuse_behind_detector(document, views, fiducials, targets)
+    _refuse_behind_detector(design, views, fiducials, targets)
     execution_bias, execution = _execution(document.execution)
     hand_eye = document.execution.hand_eye
     return System(
@@ -149,11 +149,12 @@ def _aimed(view: PresetView | DistanceView) -> tuple[Array, tuple[int, int]]:
 
 
 def _refuse_behind_detector(
-    document: DesignDocument, views: tuple[View, ...], fiducials: Array, targets: tuple[Target, ...]
+    design: Design, views: tuple[View, ...], fiducials: Array, targets: tuple[Target, ...]
 ) -> None:
     """A distance to the detector is known for aimed views only; the System no longer holds it."""
     points = np.vstack([fiducials, *(target.position_mm[None] for target in targets)])
-    for index, (view, compiled) in enumerate(zip(document.views, views, strict=True)):
+    labels = design.fiducials.labels
+    for index, (view, compiled) in enumerate(zip(design.document.views, views, strict=True)):
         if not isinstance(view, PresetView | DistanceView):
             continue
         detector = view.source_detector_mm or PRESETS[getattr(view, "preset", "")].source_detector_mm
@@ -161,7 +162,7 @@ def _refuse_behind_detector(
         worst = int(np.argmax(depth))
         if depth[worst] > detector:
             count = len(fiducials)
-            name = f"target {targets[worst - count].name}" if worst >= count else f"fiducial number {worst + 1}"
+            name = f"target {targets[worst - count].name}" if worst >= count else f"fiducial {labels[worst]}"
             raise IllPosedError(
                 Problem(
                     f"/views/{index}",
@@ -187,6 +188,9 @@ def _given(view: MatrixView, pointer: str, fiducials: Array) -> Array:
                 "give a perspective projection that maps con millimetres to pixels",
             )
         )
+    if np.abs(matrix).max() > 1e12 * np.linalg.norm(matrix[2, :3]):
+        detail = "the rows of the projection differ by more than a factor of 1e12: no camera has such a focal length"
+        raise IllPosedError(Problem(f"{pointer}/projection", "no-source", detail, "it maps con millimetres to pixels"))
     return scale_to_unit_depth(matrix, fiducials)
 
 

@@ -6,6 +6,7 @@ arithmetic behind it.
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from enum import StrEnum
 from typing import Annotated, Any, Literal
 
@@ -45,9 +46,11 @@ def one_of(kind: type[StrEnum]) -> Any:
     def check(value: Any) -> Any:
         if isinstance(value, str) and value in list(kind):
             return kind(value)
-        return value
+        close = get_close_matches(str(value), list(kind), 1)
+        hint = f"did you mean {close[0]}?" if close else ""
+        raise refusal("unknown-value", f"must be {', '.join(kind)}", hint)
 
-    return BeforeValidator(check)
+    return BeforeValidator(check, json_schema_input_type=kind)
 
 
 class Distribution(StrEnum):
@@ -61,7 +64,9 @@ class Distribution(StrEnum):
 
 Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\x7f]*$")]
 Coordinate = Annotated[float, Field(ge=-LENGTH, le=LENGTH)]
-Length = Annotated[float, Field(gt=0, le=LENGTH)]
+Length = Annotated[float, Field(ge=1e-6, le=LENGTH)]
+Distance = Annotated[float, Field(ge=1, le=LENGTH)]  # of a source
+PixelPitch = Annotated[float, Field(ge=1e-4, le=100)]
 HalfWidth = Annotated[float, Field(ge=0, le=1e3)]
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 HalfWidthDegrees = Annotated[float, Field(ge=0, le=45)]

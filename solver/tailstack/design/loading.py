@@ -67,7 +67,7 @@ def read_source(
     """The plain data of a document, not yet checked against the schema."""
     if isinstance(source, Mapping):
         return Source(plain_data(source, limits), None, base_directory)
-    if isinstance(source, str) and not ("\n" in source or "\r" in source or source.lstrip()[:1] == "{"):
+    if isinstance(source, str) and _is_path(source):
         source = Path(source)
     if isinstance(source, Path):
         name = str(source)
@@ -82,6 +82,11 @@ def read_source(
     if not isinstance(source, str):
         raise DesignError(Problem("", "wrong-type", f"a design is a path, a text or a mapping; got {shown(source)}"))
     return read_text(source, limits, file=None, directory=base_directory, form=form)
+
+
+def _is_path(text: str) -> bool:
+    """No design fits on one short line, and no path has a line break."""
+    return len(text) <= 1000 and not ("\n" in text or "\r" in text or text.lstrip()[:1] == "{")
 
 
 def _checked(source: Source, allow_files: bool, limits: Limits) -> Design:

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import yaml
 
 from ..errors import DesignError, LimitError, Problem
@@ -43,6 +44,7 @@ class Limits:
 
 DEFAULT_LIMITS = Limits()
 
+_LONGEST_KEY = 100  # characters; keys end up in pointers
 _INTEGER = re.compile(r"[-+]?(0|[1-9][0-9]*)\Z")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?\Z")
 _OTHER = {
@@ -74,7 +76,7 @@ class Place:
         here = self
         at_key = self
         for step in path:
-            if isinstance(here.children, dict) and step in here.children:
+            if isinstance(here.children, dict) and str(step) in here.children:
                 at_key, here = here.children[str(step)]
             elif isinstance(here.children, list) and isinstance(step, int) and step < len(here.children):
                 at_key = here = here.children[step]
@@ -220,10 +222,15 @@ def plain_data(value: Any, limits: Limits) -> Any:
         count += 1
         if depth > limits.depth or count > limits.nodes:
             raise LimitError(_size_problem(limits, None, None))
+        if isinstance(item, np.generic | np.ndarray):
+            item = item.tolist()
         if isinstance(item, Mapping):
             for key in item:
                 if not isinstance(key, str):
                     raise DesignError(Problem(path, "bad-key", f"keys are texts; got {shown(key)}"))
+                if len(key) > _LONGEST_KEY:
+                    raise DesignError(Problem(path, "bad-key", f"no field has a name of {len(key)} characters"))
+                _refuse_surrogates(key, path, None)
             return {key: copy(child, f"{path}/{key}", depth + 1) for key, child in item.items()}
         if isinstance(item, list | tuple):
             return [copy(child, f"{path}/{index}", depth + 1) for index, child in enumerate(item)]
@@ -363,6 +370,8 @@ def _build(loader: Any, file: str | None, limits: Limits) -> tuple[Any, Place]:
         elif top.key is None:
             if not isinstance(value, str):
                 raise refuse("bad-key", f"keys are texts; got {shown(value)}", "put it in quotes", mark)
+            if len(value) > _LONGEST_KEY:
+                raise refuse("bad-key", f"no field has a name of {len(value)} characters", "", mark)
             if value in top.data:
                 first = top.children[value][0]
                 raise refuse(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -27,7 +28,6 @@ _WANTED = {
     "model_type": "a mapping of fields",
     "model_attributes_type": "a mapping of fields",
     "dict_type": "a mapping of fields",
-    "is_instance_of": "one of the listed words",
 }
 
 
@@ -48,18 +48,14 @@ def place(problem: Problem, source: Source) -> Problem:
     path: list[str | int] = []
     for token in problem.pointer.split("/")[1:]:
         token = token.replace("~1", "/").replace("~0", "~")
-        path.append(int(token) if token.isdigit() else token)
+        path.append(int(token) if token.isascii() and token.isdigit() else token)
     line, column = source.locate(path, key=problem.code == "unknown-field")
     return Problem(problem.pointer, problem.code, problem.detail, problem.hint, source.file, line, column)
 
 
 def refuse(error: ValidationError, source: Source, limits: Limits) -> DesignError:
     """A DesignError that says what each of pydantic's errors says, in the order of the document."""
-    problems: list[Problem] = []
-    for entry in error.errors(include_url=False):
-        for problem in _translate(entry):
-            if problem not in problems:
-                problems.append(problem)
+    problems = _merged([_translate(entry) for entry in error.errors(include_url=False)])
     dropped = len(problems) - limits.problems
     problems = [place(problem, source) for problem in problems[: limits.problems]]
     if dropped > 0:
@@ -67,47 +63,89 @@ def refuse(error: ValidationError, source: Source, limits: Limits) -> DesignErro
     return DesignError(problems)
 
 
-def _translate(entry: Any) -> list[Problem]:
+def _merged(problems: list[Problem]) -> list[Problem]:
+    """One problem per pointer: the branches of a union each complain about the same value.
+
+    ``expected a number`` and ``expected a list`` become one sentence; where one branch got as far as the
+    value's own entries, the branch that wanted something else altogether is silent.
+    """
+    by_pointer: dict[str, Problem] = {}
+    for problem in problems:
+        first = by_pointer.setdefault(problem.pointer, problem)
+        if first is problem or "; got " not in problem.detail or first.detail == problem.detail:
+            continue
+        if problem.code == "too-short":  # a list where a list is welcome, too short: says more than its type
+            by_pointer[problem.pointer] = problem
+        elif problem.code == "wrong-type" and first.code in ("wrong-type", "unknown-value"):
+            wanted = first.detail.split("; got ")[0]
+            also = problem.detail.split("; got ")[0].removeprefix("expected ")
+            if also not in wanted:
+                detail = f"{wanted} or {also}; got {problem.detail.split('; got ', 1)[1]}"
+                by_pointer[problem.pointer] = replace(first, detail=detail)
+    deeper = {parent for pointer in by_pointer for parent in _parents(pointer)}
+    return [p for p in by_pointer.values() if p.pointer not in deeper or p.code not in ("wrong-type", "unknown-value")]
+
+
+def _parents(pointer: str) -> list[str]:
+    steps = pointer.split("/")
+    return ["/".join(steps[:count]) for count in range(1, len(steps))]
+
+
+def _translate(entry: Any) -> Problem:
     raw: tuple[str | int, ...] = entry["loc"]
-    path = [step for step in raw if not (isinstance(step, str) and (step in _TAGS or _is_branch(step)))]
+    # the name of an unknown field is the user's own and may look like anything, a branch included
+    known = raw[:-1] if entry["type"] == "extra_forbidden" else raw
+    path = [step for step in known if not (isinstance(step, str) and (step in _TAGS or _is_branch(step)))]
+    path += raw[len(known) :]
     kind, value, context = entry["type"], entry.get("input"), entry.get("ctx", {})
     if kind == "extra_forbidden":
-        return [_unknown(raw, path, value)]
+        return _unknown(raw, path, value)
+    if kind == "missing" and isinstance(path[-1], int):
+        return Problem(pointer(path[:-1]), "too-short", f"the list has too few entries; got {shown(value)}")
     if kind == "missing":
         example = _example(raw)
-        return [Problem(pointer(path), "missing-field", f"the field {path[-1]!r} is required", example)]
+        return Problem(pointer(path), "missing-field", f"the field {path[-1]!r} is required", example)
     if kind in _WANTED:
         hint = ""
+        if value in (float("inf"), float("-inf")):
+            return Problem(pointer(path), "out-of-range", "the number is too large")
+        owner = _model_at(raw)
+        if owner is not None and kind.startswith("model"):
+            hint = "fields: " + ", ".join(info.alias or name for name, info in owner.model_fields.items())
         if isinstance(value, str) and "number" in _WANTED[kind]:
-            hint = "write the number without quotes, leading zeros or a unit" if any(c.isdigit() for c in value) else ""
+            hint = "no quotes, leading zeros or units: the unit is in the field's name" if _digits(value) else ""
         if kind == "string_type" and isinstance(value, int | float):
             hint = "put it in quotes"
-        return [Problem(pointer(path), "wrong-type", f"expected {_WANTED[kind]}; got {shown(value)}", hint)]
+        return Problem(pointer(path), "wrong-type", f"expected {_WANTED[kind]}; got {shown(value)}", hint)
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         word = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below"}.get(kind, "at most")
         limit = next(context[key] for key in ("gt", "ge", "lt", "le") if key in context)
-        return [Problem(pointer(path), "out-of-range", f"must be {word} {limit:g}; got {shown(value)}")]
+        return Problem(pointer(path), "out-of-range", f"must be {word} {limit:g}; got {shown(value)}")
     if kind == "finite_number":
-        return [Problem(pointer(path), "not-finite", f"must be a finite number; got {shown(value)}")]
+        return Problem(pointer(path), "not-finite", f"must be a finite number; got {shown(value)}")
     if kind in ("literal_error", "enum"):
         words = str(context.get("expected", ""))
         close = difflib.get_close_matches(str(value), words.replace("'", "").replace(" or ", ", ").split(", "), 1)
         hint = f"did you mean {close[0]}?" if close else ""
-        return [Problem(pointer(path), "unknown-value", f"must be {words}; got {shown(value)}", hint)]
+        return Problem(pointer(path), "unknown-value", f"must be {words}; got {shown(value)}", hint)
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length", context.get("max_length"))
         many = "at least" if kind == "too_short" else "at most"
-        return [Problem(pointer(path), kind.replace("_", "-"), f"needs {many} {bound} entries; got {shown(value)}")]
+        return Problem(pointer(path), kind.replace("_", "-"), f"needs {many} {bound} entries; got {shown(value)}")
     if kind in ("string_too_short", "string_too_long", "string_pattern_mismatch"):
         detail = {"string_too_short": "must not be empty", "string_too_long": "is too long"}.get(
             kind, "holds a line break or a control character"
         )
-        return [Problem(pointer(path), "bad-text", f"the text {detail}; got {shown(value)}")]
+        return Problem(pointer(path), "bad-text", f"the text {detail}; got {shown(value)}")
     at = [step for step in str(context.get("at", "")).split("/") if step]
     message = entry["msg"]
-    if kind in ("wrong-type", "view-geometry"):
+    if kind in ("wrong-type", "view-geometry", "unknown-value"):
         message += f"; got {shown(value)}"
-    return [Problem(pointer([*path, *at]), kind.replace("_", "-"), message, str(context.get("hint", "")))]
+    return Problem(pointer([*path, *at]), kind.replace("_", "-"), message, str(context.get("hint", "")))
+
+
+def _digits(text: str) -> bool:
+    return any(character.isdigit() for character in text)
 
 
 def _is_branch(step: str) -> bool:
@@ -159,11 +197,11 @@ def _unknown(raw: Sequence[str | int], path: list[str | int], value: Any) -> Pro
     others = {field for kind in VIEW_KINDS.values() for field in kind.model_fields}
     if name == "<<":
         hint = "merge keys are not part of YAML 1.2: write the fields out"
-    elif close:
-        hint = f"did you mean {close[0]}?"
     elif owner in VIEW_KINDS.values() and name in others:
         kind = next(tag for tag, view in VIEW_KINDS.items() if view is owner).strip("<>")
         hint = f"a view by {kind} does not take it: give one kind of geometry"
+    elif close:
+        hint = f"did you mean {close[0]}?"
     else:
         hint = "fields known here: " + ", ".join(fields) if fields else ""
     return Problem(pointer(path), "unknown-field", f"unknown field {name[:60]!r}; got {shown(value)}", hint)

@@ -9,13 +9,14 @@ from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 from .fields import (
     Angles,
     Direction,
+    Distance,
     Entry,
     ImagePoint,
     ImageSize,
-    Length,
     Matrix34,
     Matrix44,
     Name,
+    PixelPitch,
     Pixels,
     Point,
     Quaternion,
@@ -105,13 +106,13 @@ class PresetView(_Aimed):
         examples=["siemens-cios-fusion"],
         json_schema_extra={"enum": list(PRESETS)},
     )
-    source_detector_mm: Length | None = Field(
+    source_detector_mm: Distance | None = Field(
         default=None, description="Overrides the preset's. mm.", examples=[1020.0]
     )
-    source_isocentre_mm: Length | None = Field(
+    source_isocentre_mm: Distance | None = Field(
         default=None, description="Overrides the preset's; required where the preset has none. mm.", examples=[700.0]
     )
-    pixel_mm: Length | None = Field(
+    pixel_mm: PixelPitch | None = Field(
         default=None, description="Overrides the preset's pixel pitch, mm.", examples=[0.194]
     )
     image_size_px: ImageSize | None = Field(
@@ -128,9 +129,9 @@ class PresetView(_Aimed):
 class DistanceView(_Aimed):
     """A C-arm by the numbers of its data sheet, aimed."""
 
-    source_detector_mm: Length = Field(description="Source to detector, mm.", examples=[1020.0])
-    source_isocentre_mm: Length = Field(description="Source to isocentre_mm, mm.", examples=[700.0])
-    pixel_mm: Length = Field(description="Pixel pitch at the detector (square pixels), mm.", examples=[0.194])
+    source_detector_mm: Distance = Field(description="Source to detector, mm.", examples=[1020.0])
+    source_isocentre_mm: Distance = Field(description="Source to isocentre_mm, mm.", examples=[700.0])
+    pixel_mm: PixelPitch = Field(description="Pixel pitch at the detector (square pixels), mm.", examples=[0.194])
     image_size_px: ImageSize = Field(description="Image [width, height], px.", examples=[[1536, 1536]])
     principal_point_px: ImagePoint | None = Field(
         default=None,

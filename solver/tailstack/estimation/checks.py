@@ -182,16 +182,18 @@ def _check_visibility(system: System, checks: tuple[ViewCheck, ...]) -> list[Fin
     for index, (view, check) in enumerate(zip(system.views, checks, strict=True)):
         pointer = f"/views/{index}"
         depth = depths(view.projection, points)
-        for name, value in zip(names, depth, strict=True):
-            if value <= 0:
-                problems.append(
-                    _refuse(
-                        pointer,
-                        "behind-source",
-                        f"{name} lies {-value:.4g} mm behind the source of view {view.name}, which cannot image it",
-                        "check the direction of the beam, the isocentre and the frame of the coordinates",
-                    )
+        behind = [name for name, value in zip(names, depth, strict=True) if value <= 0]
+        if behind:
+            listed = ", ".join(behind[:6]) + (f" and {len(behind) - 6} more" if len(behind) > 6 else "")
+            problems.append(
+                _refuse(
+                    pointer,
+                    "behind-source",
+                    f"the source of view {view.name} cannot image what lies behind it, by up to "
+                    f"{-float(depth.min()):.4g} mm: {listed}",
+                    "check the direction of the beam, the isocentre and the frame of the coordinates",
                 )
+            )
         if view.image_size_px is None:
             text = f"the image size of view {view.name} is not stated: the field of view was not checked"
             findings.append(Finding("field-of-view-not-checked", "note", text, pointer))

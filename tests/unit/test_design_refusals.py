@@ -1,0 +1,194 @@
+"""What a wrong document is told: pointer, code, what arrived, a hint, and the line it stands in."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tailstack.design import DEFAULT_LIMITS, Limits, check_design, load_design
+from tailstack.errors import DesignError, IllPosedError, LimitError, TailstackError
+
+DEMO = (Path(__file__).parents[2] / "examples" / "demo.yaml").read_text()
+DATA = yaml.safe_load(DEMO)
+SEAT = ("interfaces", "structure_connector")
+REMOVED = object()
+
+
+def changed(path, value):
+    data = copy.deepcopy(DATA)
+    here = data
+    for step in path[:-1]:
+        here = here[step]
+    if value is REMOVED:
+        del here[path[-1]]
+    else:
+        here[path[-1]] = value
+    return data
+
+
+def problems_of(data):
+    with pytest.raises(TailstackError) as caught:
+        check_design(load_design(data))
+    return caught.value.problems
+
+
+CASES = [
+    (("views", 0, "fiducal_noise_px"), 1, "/views/0/fiducal_noise_px", "unknown-field", "fiducial_noise_px"),
+    (("views", 0, "fiducial_noise_px"), "0.3 px", "/views/0/fiducial_noise_px", "wrong-type", "units"),
+    (("views", 0, "fiducial_noise_px"), True, "/views/0/fiducial_noise_px", "wrong-type", "true"),
+    (("views", 0, "fiducial_noise_px"), float("nan"), "/views/0/fiducial_noise_px", "not-finite", "nan"),
+    (("views", 0, "fiducial_noise_px"), -1, "/views/0/fiducial_noise_px", "out-of-range", "-1"),
+    (("views", 0, "fiducial_noise_px"), REMOVED, "/views/0/fiducial_noise_px", "missing-field", "required"),
+    (("views", 0, "preset"), "siemens-cios-fuson", "/views/0/preset", "unknown-name", "siemens-cios-fusion"),
+    (("views", 0, "source_isocentre_mm"), REMOVED, "/views/0", "missing-field", "530"),
+    (("views", 0, "source_isocentre_mm"), 1100, "/views/0/source_isocentre_mm", "distance-order", "1020"),
+    (("views", 0, "orientation"), "ap", "/views/0/orientation", "unknown-value", "'AP' or 'LAT'"),
+    (("views", 0, "beam_direction"), [0, 1, 0], "/views/0", "one-of", "both"),
+    (("views", 0), {"name": "AP"}, "/views/0", "view-geometry", "preset"),
+    (("views", 1, "name"), "AP", "/views/1/name", "duplicate-name", "unique"),
+    (("views",), DATA["views"][:1], "/views", "too-short", "at least 2"),
+    (("fiducials", "file"), "x.csv", "/fiducials", "one-of", "both"),
+    (("fiducials", "points", 0, "label"), "F2", "/fiducials/points/1/label", "duplicate-name", "F2"),
+    (("fiducials", "points", 3, "position_mm"), [0, 0, 1e7], "/fiducials/points/3/position_mm/2", "out-of-range",
+     "100000"),
+    (("fiducials", "points", 3, "position_mm"), [1, 2], "/fiducials/points/3/position_mm", "too-short", "list of 2"),
+    (("fiducials", "points", 3, "position_mm"), [1, 2, 3, 4], "/fiducials/points/3/position_mm", "too-long", "3"),
+    (("fiducials", "manufacturing", "half_width_mm"), "a", "/fiducials/manufacturing/half_width_mm", "wrong-type",
+     "a number or a list"),
+    ((*SEAT, "tolerances", "rx"), 0.1, "/interfaces/structure_connector/tolerances/rx", "wrong-type", "half_width_deg"),
+    ((*SEAT, "tolerances", "rx", "half_width_mm"), 0.1, "/interfaces/structure_connector/tolerances/rx/half_width_mm",
+     "unknown-field", "half_width_deg"),
+    ((*SEAT, "tolerances", "rx", "distribution"), "gaussian",
+     "/interfaces/structure_connector/tolerances/rx/distribution", "unknown-value", "normal"),
+    ((*SEAT, "tolerances", "rx", "coverage_factor"), 2,
+     "/interfaces/structure_connector/tolerances/rx/coverage_factor", "unused-field", "uniform"),
+    ((*SEAT, "locators"), [], "/interfaces/structure_connector/locators", "too-short", "at least 6"),
+    (("transforms", "T_flange_con"), [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1.1, 0], [0, 0, 0, 1]],
+     "/transforms/T_flange_con", "not-rigid", "0.21"),
+    (("transforms", "T_flange_con"), {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]},
+     "/transforms/T_flange_con/rotation", "not-rigid", "reflection"),
+    (("transforms", "T_flange_con"), {"quaternion_wxyz": [1, 1, 0, 0]}, "/transforms/T_flange_con/quaternion_wxyz",
+     "not-rigid", "1.41"),
+    (("transforms", "T_flange_con"), 3, "/transforms/T_flange_con", "wrong-type", "4x4"),
+    (("execution", "repeatability"), {}, "/execution/repeatability", "one-of", "neither"),
+    (("targets", 0, "region"), {"sphere": {"centre_mm": [0, 0, 0], "radius_mm": 1}}, "/targets/0", "one-of", "both"),
+    (("requirements", 0, "targets"), ["tipp"], "/requirements/0/targets/0", "unknown-name", "tip"),
+    (("requirements", 0, "risk"), "per_unit", "/requirements/0", "missing-field", "min_yield"),
+    (("optimise", "fixed"), ["F99"], "/optimise/fixed/0", "unknown-name", "F9"),
+    (("optimise", "requirement"), "nothing", "/optimise/requirement", "unknown-name", "tip-accuracy"),
+    (("optimise", "box", "min_mm"), [99, 0, 0], "/optimise/box/min_mm", "empty-box", "along x"),
+    (("optimise", "starts"), 8.5, "/optimise/starts", "wrong-type", "whole"),
+    (("model",), {"installation_reading": "eq8"}, "/model/installation_reading", "unknown-value", "eq18"),
+    (("schema",), "tailstack/design/2", "/schema", "unsupported-schema", "tailstack/design/1"),
+    (("schema",), REMOVED, "", "unsupported-schema", "no schema"),
+    (("interfaces",), None, "/interfaces", "wrong-type", "nothing (null)"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("path", "value", "pointer", "code", "words"), CASES)
+def test_refusal_names_place_rule_value_and_cure(path, value, pointer, code, words):
+    problem = problems_of(changed(path, value))[0]
+    assert (problem.pointer, problem.code) == (pointer, code)
+    assert words in str(problem)
+
+
+def test_all_problems_come_at_once_and_are_capped():
+    data = copy.deepcopy(DATA)
+    for point in data["fiducials"]["points"]:
+        point["position_mm"] = ["a", "b", "c"]
+    problems = problems_of(data)
+    assert len(problems) == DEFAULT_LIMITS.problems + 1
+    assert problems[-1].code == "and-more"
+    assert "11 more" in problems[-1].detail
+
+
+@pytest.mark.parametrize("name", ["d.yaml", "d.json"])
+def test_problems_stand_at_a_line_of_the_file(tmp_path, name):
+    path = tmp_path / name
+    if name.endswith("json"):
+        path.write_text('{\n "schema": "tailstack/design/1",\n "name": "x",\n "nmae": 2}')
+        line, column = 4, 2
+    else:
+        path.write_text(DEMO.replace("fiducial_noise_px: 0.3 # well", "fiducal_noise_px: 0.3 # well"))
+        line = next(i for i, text in enumerate(path.read_text().splitlines(), 1) if "fiducal" in text)
+        column = 5
+    with pytest.raises(DesignError) as caught:
+        load_design(path)
+    problem = next(problem for problem in caught.value.problems if problem.code == "unknown-field")
+    assert (problem.file, problem.line, problem.column) == (str(path), line, column)
+    assert f"{path}:{line}:{column}: " in str(caught.value)
+
+
+def test_numbers_that_yaml_reads_two_ways_are_refused():
+    for text in ("010", "1:30", "1_000", "yes", "0x10"):
+        problems = problems_of(DEMO.replace("source_isocentre_mm: 700 #", f"source_isocentre_mm: {text} #"))
+        assert [problem.code for problem in problems] == ["wrong-type"]
+        assert text in problems[0].detail
+
+
+def test_sizes_are_bounded_and_the_bound_is_stated():
+    data = changed(("targets",), [{"name": "r", "region": {"box": {"centre_mm": [0, 0, 60], "size_mm": [1, 1, 1],
+                                                                  "points_per_axis": 6}}}])  # fmt: skip
+    with pytest.raises(LimitError, match="216 targets; at most 200"):
+        load_design(data)
+    with pytest.raises(LimitError, match="12 fiducials; at most 11"):
+        load_design(DATA, limits=Limits(fiducials=11))
+    with pytest.raises(LimitError, match="longer than 100"):
+        load_design(DEMO.encode(), limits=Limits(document_bytes=100))
+
+
+@pytest.mark.parametrize(
+    ("name", "code"),
+    [
+        ("../secret.csv", "file-refused"),
+        ("/etc/passwd.csv", "file-refused"),
+        ("a/../../secret.csv", "file-refused"),
+        ("link.csv", "file-refused"),
+        ("C:\\beads.csv", "file-refused"),
+        ("a\0.csv", "file-refused"),
+        ("missing.csv", "file-not-found"),
+        ("directory.csv", "not-a-file"),
+        ("beads.txt", "unknown-format"),
+    ],
+)
+def test_file_references_stay_beside_the_design(tmp_path, name, code):
+    (tmp_path / "secret.csv").write_text("label,x_mm,y_mm,z_mm\nA,1,2,3\n")
+    home = tmp_path / "home"
+    (home / "directory.csv").mkdir(parents=True)
+    (home / "link.csv").symlink_to(tmp_path / "secret.csv")
+    (home / "beads.txt").write_text("")
+    data = changed(("fiducials",), {"file": name})
+    with pytest.raises(DesignError) as caught:
+        load_design(data, base_directory=home)
+    problem = caught.value.problems[0]
+    assert (problem.pointer, problem.code) == ("/fiducials/file", code)
+
+
+def test_a_service_reads_no_files(tmp_path):
+    (tmp_path / "beads.csv").write_text("label,x_mm,y_mm,z_mm\nA,1,2,3\n")
+    data = changed(("fiducials",), {"file": "beads.csv"})
+    assert load_design(data | {"optimise": DATA["optimise"]}, base_directory=tmp_path).fiducials.labels == ("A",)
+    for directory, allowed in ((tmp_path, False), (None, True)):
+        with pytest.raises(DesignError) as caught:
+            load_design(data, base_directory=directory, allow_files=allowed)
+        assert caught.value.problems[0].code == "file-refused"
+        assert "inline" in caught.value.problems[0].hint
+
+
+def test_paths_that_are_no_file(tmp_path):
+    for path in (tmp_path, tmp_path / "none.yaml", Path("/dev/null"), "no-such-design", "a\0b"):
+        with pytest.raises(DesignError):
+            load_design(path)
+
+
+def test_geometry_refusals_are_placed_in_the_document(tmp_path):
+    path = tmp_path / "d.yaml"
+    path.write_text(DEMO.replace("isocentre_mm: [0, 0, 0]", "isocentre_mm: [0, 2000, 0]", 1))
+    with pytest.raises(IllPosedError) as caught:
+        check_design(load_design(path))
+    problem = caught.value.problems[0]
+    line = path.read_text().splitlines().index("  - name: AP") + 1
+    assert (problem.pointer, problem.code, problem.line) == ("/views/0", "behind-source", line)

@@ -1,0 +1,194 @@
+"""Degenerate geometry: each kind is refused by name, with the direction that is not determined."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from scenes import cube_fiducials, mount, system_of, target, with_noise
+from tailstack.errors import IllPosedError
+from tailstack.estimation.checks import check_geometry, check_views, closest_pair, imaged_fiducials
+from tailstack.geometry.camera import camera_centre
+from tailstack.geometry.rotation import rotation_xyz
+from tailstack.system import Reading
+
+CUBE = cube_fiducials()
+
+
+def refused(system):
+    with pytest.raises(IllPosedError) as caught:
+        check_geometry(system)
+    problem = caught.value.problems[0]
+    assert problem.hint  # what would cure it
+    return problem
+
+
+def rules(system):
+    return {finding.rule for finding in check_geometry(system)}
+
+
+def in_plane(count, normal, seed=1, size=50.0):
+    points = np.random.default_rng(seed).uniform(-size, size, (count, 3))
+    return points - np.outer(points @ normal, normal)
+
+
+def test_a_good_layout_has_no_findings():
+    assert check_geometry(system_of(CUBE)) == ()
+
+
+def test_too_few():
+    assert refused(system_of(CUBE[:5])).code == "too-few-fiducials"
+
+
+def test_duplicates_are_named():
+    points = CUBE.copy()
+    points[6] = points[2]
+    problem = refused(system_of(points))
+    assert problem.code == "duplicate-fiducials"
+    assert "F3 and F7" in problem.detail
+
+
+def test_one_line_is_named():
+    points = np.outer(np.linspace(-40, 40, 8), [0.6, 0.0, 0.8])
+    problem = refused(system_of(points))
+    assert problem.code == "collinear-fiducials"
+    assert "(0.600, 0.000, 0.800)" in problem.detail
+
+
+@pytest.mark.parametrize(
+    ("normal", "words"), [([0, 0, 1], "normal z"), ([1, 0, 0], "normal x"), ([0.6, 0.8, 0], "(0.600, 0.800, 0.000)")]
+)
+def test_one_plane_is_named(normal, words):
+    problem = refused(system_of(in_plane(9, np.array(normal))))
+    assert problem.code == "coplanar-fiducials"
+    assert words in problem.detail
+
+
+def test_a_flat_structure_is_scored_with_its_thickness():
+    points = CUBE.copy()
+    points[:, 2] = np.where(points[:, 2] > -40, 2.5, -2.5)
+    (finding,) = check_geometry(system_of(points))
+    assert (finding.rule, finding.severity, finding.value) == ("flat-structure", "warning", pytest.approx(5.0))
+
+
+def test_all_but_one_in_a_plane():
+    """closed_form: with n . X = 0 for all but X_o, P + x_o n' images every fiducial alike; C slides towards X_o."""
+    normal = np.array([0.0, 0.6, 0.8])
+    points = in_plane(9, normal)
+    points[4] += 30 * normal
+    system = system_of(points)
+    problem = refused(system)
+    assert problem.code == "singular-resection"
+    assert "all fiducials but F5" in problem.detail
+    assert "(0.000, 0.600, 0.800)" in problem.detail
+    ray = points[4] - camera_centre(system.views[0].projection)
+    ray = ray / np.linalg.norm(ray)
+    named = problem.detail.split("slide along (")[1].split(")")[0]
+    np.testing.assert_allclose(np.abs([float(v) for v in named.split(",")]), np.abs(ray), atol=6e-4)
+
+
+def test_a_twisted_cubic_through_the_source():
+    """published: Hartley and Zisserman, Multiple View Geometry, section 7.1: points and centre on one twisted cubic."""
+    source = np.array([0.0, -700.0, 0.0])
+    first, second = np.array([100.0, 350.0, 60.0]), np.array([60.0, -250.0, 140.0])
+    third = second - first - source  # so that the curve s -> first s + second s^2 + third s^3 meets the source at -1
+    s = np.linspace(-0.25, 0.25, 9)[:, None]
+    system = system_of(first * s + second * s**2 + third * s**3)
+    np.testing.assert_allclose(camera_centre(system.views[0].projection), source, atol=1e-9)
+    problem = refused(system)
+    assert problem.code == "singular-resection"
+    assert "twisted cubic" in problem.detail
+
+
+def test_behind_the_source_and_outside_the_image():
+    problem = refused(system_of(CUBE, targets=(target((0, -800, 0), "tip"),)))
+    assert problem.code == "behind-source"
+    assert "target tip" in problem.detail
+    assert "100 mm" in problem.detail
+    problem = refused(system_of(CUBE, targets=(target((0, 0, 150), "tip"),)))
+    # closed_form: v = 767.5 - 5257.73 * 150 / 700 = -359.2, margin from the edge at -0.5
+    assert (problem.code, problem.pointer) == ("outside-view", "/views/0")
+    assert "(768, -359)" in problem.detail
+    shifted = CUBE + np.array([0, 0, -60])
+    assert "fiducial F1" in refused(system_of(shifted)).detail
+
+
+def test_visibility_is_judged_where_the_structure_really_is():
+    bias = mount("interface_1", bias=(0, 0, 0, 0, 0, -30.0))
+    system = system_of(CUBE, interface_1=bias)
+    np.testing.assert_allclose(imaged_fiducials(system), CUBE + np.array([0, 0, -30]))
+    assert refused(system).code == "outside-view"
+    assert check_geometry(replace(system, reading=Reading.EQ18)) == ()
+
+
+@pytest.mark.parametrize(
+    ("azimuths", "where", "code", "along"),
+    [
+        ((0.0, 0.0), (0, 0, 0), "same-source", "along y"),
+        ((0.0, np.pi), (0, 0, 0), "target-on-baseline", "along y"),
+        ((np.pi / 2, -np.pi / 2, np.pi / 2), (10, 0, 0), "target-on-baseline", "along x"),
+        ((0.0, 0.1), (0, 9e6, 0), "target-too-far", "along y"),
+    ],
+)
+def test_no_parallax(azimuths, where, code, along):
+    views = tuple(replace(view, image_size_px=None) for view in with_noise(0.5, azimuths_rad=azimuths))
+    problem = refused(system_of(cube_fiducials(20.0), views=views, targets=(target(where),)))
+    assert problem.code == code
+    assert along in problem.detail
+
+
+def test_small_parallax_and_overlap_and_unknown_size_are_remarked():
+    assert rules(system_of(CUBE, views=with_noise(0.5, azimuths_rad=(0.0, 0.3)))) == {"small-parallax"}
+    points = CUBE.copy()
+    points[7] = [50.0, 50.3, -85.0]
+    points[5] = [50.0 * 650 / 750.3, -50.0, -85.0 * 650 / 750.3]  # on the ray of F8 in the first view
+    findings = check_geometry(system_of(points))
+    assert [finding.rule for finding in findings] == ["projected-overlap"]
+    assert "F6 and F8" in findings[0].message
+    views = tuple(replace(view, image_size_px=None) for view in with_noise(0.5))
+    assert rules(system_of(CUBE, views=views)) == {"field-of-view-not-checked"}
+
+
+def test_view_checks_of_the_cube():
+    """closed_form: AP depths 650 and 750; the near corner (50, -50, -90) is imaged at 767.5 +- f * (50, 90) / 650."""
+    check = check_views(system_of(CUBE))[0]
+    focal = 1020 / 0.194
+    assert check.depth_range_mm == pytest.approx((650, 750))
+    assert check.smallest_margin_px == pytest.approx(1535.5 - (767.5 + focal * 90 / 650))
+    pairs = [np.hypot(*(focal * (np.array([x, z]) * (1 / 650 - 1 / 750)))) for x, z in ((50, 10), (50, 90))]
+    assert check.closest_pair_px == pytest.approx(min(pairs))
+    assert check.outside == ()
+    far = check_views(system_of(CUBE + np.array([0, 0, -15])))[0]
+    assert far.outside == ("F1", "F5")  # low and near: f 105 / 650 = 849 > 768, but f 105 / 750 = 736
+
+
+@given(st.lists(st.tuples(*[st.integers(-1000, 1000)] * 2), min_size=2, max_size=30, unique=True))
+def test_closest_pair_is_the_brute_force_one(points):
+    array = np.array(points, dtype=float)
+    distances = [np.linalg.norm(a - b) for i, a in enumerate(array) for b in array[:i]]
+    (first, second), distance = closest_pair(array)
+    assert first < second
+    assert distance == pytest.approx(min(distances))
+    assert np.linalg.norm(array[first] - array[second]) == distance
+
+
+@given(st.integers(0, 10_000))
+def test_verdicts_do_not_depend_on_where_the_frame_lies(seed):
+    rng = np.random.default_rng(seed)
+    rotation, shift = rotation_xyz(rng.uniform(-3, 3, 3)), rng.uniform(-300, 300, 3)
+    inverse = np.eye(4)
+    inverse[:3, :3], inverse[:3, 3] = rotation.T, -rotation.T @ shift
+    for points, expected in ((CUBE, None), (in_plane(8, np.array([0.0, 0.6, 0.8])), "coplanar-fiducials")):
+        system = system_of(
+            points @ rotation.T + shift,
+            views=tuple(replace(view, projection=view.projection @ inverse) for view in with_noise(0.5)),
+            targets=(target(rotation @ [0, 0, 70] + shift),),
+        )
+        if expected is None:
+            assert check_geometry(system) == ()
+        else:
+            assert refused(system).code == expected
