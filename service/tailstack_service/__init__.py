@@ -1,0 +1,1 @@
+"""What a person meets: the command line and the HTTP service over the solver in :mod:`tailstack`."""

@@ -1,0 +1,24 @@
+"""What a verb gives back, and how a verdict becomes an exit code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tailstack.results import Verdict
+
+PASS, FAIL, BAD_INPUT, NOT_EVALUATED, INCONCLUSIVE, INTERRUPTED = 0, 1, 2, 3, 4, 130
+EXIT_CODE = {"pass": PASS, "no requirement": PASS, "fail": FAIL, "inconclusive": INCONCLUSIVE}
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Text for stdout (bytes when it is JSON, which is UTF-8 whatever the terminal speaks) and the exit code."""
+
+    body: str | bytes
+    exit_code: int = PASS
+
+
+def exit_code_of(verdict: Verdict) -> int:
+    return EXIT_CODE[verdict.status]

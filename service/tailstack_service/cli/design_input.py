@@ -1,0 +1,54 @@
+"""DESIGN on the command line: a file, or ``-`` for stdin."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tailstack.design import Design
+
+
+def add_design(parser: argparse.ArgumentParser, *, json: bool = True) -> None:
+    parser.add_argument("design", metavar="DESIGN", help="design document, YAML or JSON; - reads stdin")
+    if json:
+        parser.add_argument(
+            "--json", action="store_true", help="print the answer as JSON (tailstack schema lists the schemas); "
+            "a refusal is then a problem document on stderr",
+        )  # fmt: skip
+
+
+def read_design(name: str) -> Design:
+    """Load a design.  Raises DesignError, LimitError, OSError."""
+    from tailstack.design import load_design
+    from tailstack.design.reading import DEFAULT_LIMITS
+
+    if name == "-":
+        content = sys.stdin.buffer.read(DEFAULT_LIMITS.document_bytes + 1)
+        return load_design(content, base_directory=Path.cwd())
+    return load_design(Path(name))
+
+
+def coloured_output() -> bool:
+    """Colour only on a terminal, and not when the user asked for none (https://no-color.org)."""
+    import os
+
+    return sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+
+def whole(low: int, high: int | None = None) -> type:
+    """An argparse type: a whole number in a range."""
+
+    def convert(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"expected a whole number; got {text!r}") from None
+        if value < low or (high is not None and value > high):
+            wanted = f"at least {low}" if high is None else f"{low} to {high}"
+            raise argparse.ArgumentTypeError(f"expected {wanted}; got {text}")
+        return value
+
+    return convert  # type: ignore[return-value]

@@ -1,0 +1,133 @@
+"""Check this installation: versions, processor, threads, compile cache, a solve against a known value, a free port."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from .answer import NOT_EVALUATED, PASS, Answer
+
+HELP = "check this installation"
+
+PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "casadi", "pydantic", "pyyaml", "fastapi", "starlette", "uvicorn")
+# 0.95 quantile of the norm of N(0, I) in three dimensions: square root of the chi-square quantile with 3 degrees
+CHI_95_3 = 2.7954834829151074
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """No arguments."""
+
+
+def run(arguments: argparse.Namespace) -> Answer:
+    lines, code = [], PASS
+    for name, check in CHECKS.items():
+        try:
+            lines.append(f"ok    {name:<15}{check()}\n")
+        except Exception as error:  # a doctor reports every ailment
+            code = NOT_EVALUATED
+            lines.append(
+                f"FAIL  {name:<15}{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}\n"
+            )
+    return Answer("".join(lines), code)
+
+
+def _python() -> str:
+    return f"{platform.python_version()}, {sys.executable}"
+
+
+def _versions() -> str:
+    from importlib.metadata import version
+
+    from tailstack import __version__
+
+    return f"tailstack {__version__}; " + ", ".join(f"{name} {version(name)}" for name in PACKAGES)
+
+
+def _processor() -> str:
+    import llvmlite.binding as llvm
+
+    features = llvm.get_host_cpu_features()
+    wide = [name for name in ("avx512f", "avx2", "fma", "neon") if features.get(name)]
+    return f"{platform.machine()}, {llvm.get_host_cpu_name()}: {', '.join(wide) or 'no vector extensions found'}"
+
+
+def _threads() -> str:
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    blas = os.environ.get("OMP_NUM_THREADS") or "not set"
+    return f"{usable} usable, OMP_NUM_THREADS {blas}"
+
+
+def _compile_cache() -> str:
+    """numba writes beside the module, in NUMBA_CACHE_DIR, or in the user's cache."""
+    import tailstack
+
+    beside = Path(tailstack.__file__).parent / "propagation" / "__pycache__"
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
+    for candidate in (Path(given),) if given else (beside, user):
+        try:
+            candidate.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=candidate):
+                return f"writable: {candidate}"
+        except OSError:
+            continue
+    raise RuntimeError(f"not writable: {given or beside}; set NUMBA_CACHE_DIR to a directory that is")
+
+
+def _known_value() -> str:
+    """The exact tail of a Gaussian vector against the chi distribution, which is a closed form."""
+    import numpy as np
+
+    from tailstack.tail.gaussian import norm_quantile
+
+    found = norm_quantile(0.95, np.zeros(3), np.eye(3))
+    if not abs(found / CHI_95_3 - 1) < 1e-9:
+        raise RuntimeError(f"P95 of |N(0, I)| is {found!r}, should be {CHI_95_3!r}")
+    return f"P95 of |N(0, I)| = {found:.9f} mm, closed form {CHI_95_3:.9f} mm"
+
+
+def _chain() -> str:
+    """First order against the simulated chain, two pieces of code that share nothing, on a small design."""
+    from tailstack.verifying import verify
+
+    from tailstack.design import load_design
+    from tailstack.scoring import score
+
+    from ..http.example import EXAMPLE_DESIGN
+
+    design = load_design(EXAMPLE_DESIGN)
+    first = score(design).targets[0].p95_mm
+    low, high = verify(design, trials=20_000, seed=1).targets[0].p95_interval_mm
+    if not 0.98 * low < first < 1.02 * high:
+        raise RuntimeError(f"first order P95 {first:.4f} mm is far from the simulated {low:.4f} .. {high:.4f} mm")
+    return f"first order P95 {first:.4f} mm, simulated {low:.4f} .. {high:.4f} mm"
+
+
+def _port() -> str:
+    from ..http.server import DEFAULT_PORT, address_of, bind
+
+    try:
+        bound = bind("127.0.0.1", DEFAULT_PORT)
+        words = f"{address_of(bound)} is free"
+    except Exception:
+        bound = bind("127.0.0.1", 0)
+        words = f"{DEFAULT_PORT} is taken; others are free (serve --port 0)"
+    bound.close()
+    return words
+
+
+CHECKS: dict[str, Callable[[], str]] = {
+    "python": _python,
+    "versions": _versions,
+    "processor": _processor,
+    "threads": _threads,
+    "compile cache": _compile_cache,
+    "known value": _known_value,
+    "chain": _chain,
+    "port": _port,
+}

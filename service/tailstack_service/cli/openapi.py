@@ -1,0 +1,19 @@
+"""Print the OpenAPI 3.1 document of the HTTP service."""
+
+from __future__ import annotations
+
+import argparse
+
+from .answer import Answer
+
+HELP = "the OpenAPI document of the service"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """No arguments."""
+
+
+def run(arguments: argparse.Namespace) -> Answer:
+    from ..http.openapi import openapi_json
+
+    return Answer(openapi_json())

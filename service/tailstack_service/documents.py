@@ -1,0 +1,162 @@
+"""Records that leave the program as JSON, by name, and their published schemas.
+
+The records are the frozen dataclasses of :mod:`tailstack.results` and of this package; pydantic is used
+on them only to write JSON Schemas and to turn them into plain data.  A number that is not finite never leaves:
+JSON has no such number, and a result that holds one is a defect to be reported, not shipped.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal
+
+from pydantic import TypeAdapter
+
+from tailstack.design import Design, check_design, design_json_schema, list_presets
+from tailstack.results import Finding, Optimisation, Score, Verification, ViewCheck
+
+from .problems import ProblemDocument
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+@dataclass(frozen=True, slots=True)
+class Validation:
+    """A design that was read and checked, and what it holds.  Nothing was computed."""
+
+    schema: Literal["tailstack/validation/1"]
+    valid: Literal[True]  # a design that is not valid is answered with a problem document
+    name: str
+    design_sha256: str
+    views: tuple[str, ...]
+    fiducials: int
+    targets: tuple[str, ...]
+    requirements: tuple[str, ...]
+    visibility: tuple[ViewCheck, ...]
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...]
+
+
+def validate(design: Design) -> Validation:
+    """Compile the design, check its geometry and count what it holds.  Raises DesignError and IllPosedError."""
+    system, findings, visibility = check_design(design)
+    return Validation(
+        schema="tailstack/validation/1",
+        valid=True,
+        name=design.name,
+        design_sha256=design.sha256,
+        views=tuple(view.name for view in system.views),
+        fiducials=len(system.fiducials_mm),
+        targets=tuple(target.name for target in system.targets),
+        requirements=tuple(requirement.name for requirement in system.requirements),
+        visibility=visibility,
+        findings=findings,
+        notes=system.notes,
+    )
+
+
+RECORDS: dict[str, type] = {
+    "score": Score,
+    "verification": Verification,
+    "optimisation": Optimisation,
+    "validation": Validation,
+    "problem": ProblemDocument,
+}
+
+
+_ADAPTERS: dict[type, TypeAdapter[Any]] = {kind: TypeAdapter(kind) for kind in RECORDS.values()}
+
+
+def plain(record: Any) -> Any:
+    """A record as JSON's own types (tuples stay tuples)."""
+    return _ADAPTERS[type(record)].dump_python(record)
+
+
+def to_json(record: Any, *, indent: int | None = None) -> bytes:
+    """A record as UTF-8 JSON.  Raises ValueError if it holds a number that JSON cannot hold."""
+    separators = (",", ":") if indent is None else (",", ": ")
+    text = json.dumps(plain(record), indent=indent, separators=separators, ensure_ascii=False, allow_nan=False)
+    return text.encode()
+
+
+def read_record(name: str, content: bytes) -> Any:
+    """The record of a published document: what :func:`to_json` wrote.  Raises pydantic's ValidationError."""
+    return _ADAPTERS[RECORDS[name]].validate_json(content)
+
+
+def _record_schema(name: str) -> dict[str, Any]:
+    schema = _ADAPTERS[RECORDS[name]].json_schema(mode="serialization")
+    _require_all(schema)
+    for definition in schema.get("$defs", {}).values():
+        _require_all(definition)
+    return schema
+
+
+def _require_all(schema: dict[str, Any]) -> None:
+    """Answers always carry every field, and no other."""
+    if "properties" in schema:
+        schema["required"] = list(schema["properties"])
+        schema["additionalProperties"] = False
+
+
+def _preset_schema() -> dict[str, Any]:
+    """Every name that the field ``preset`` of a view takes, with its numbers and source."""
+
+    def entry(preset: dict[str, Any]) -> dict[str, Any]:
+        size = preset["image_size_px"]
+        numbers = [
+            f"source-detector {preset['source_detector_mm']:g} mm",
+            f"source-isocentre {preset['source_isocentre_mm']:g} mm" if preset["source_isocentre_mm"] else "",
+            f"pixel {preset['pixel_mm']:g} mm" if preset["pixel_mm"] else "",
+            f"image {size[0]} x {size[1]} px" if size else "",
+            f"the view must state {', '.join(preset['view_must_state'])}" if preset["view_must_state"] else "",
+        ]
+        words = "; ".join(part for part in numbers if part) + f". Source: {preset['source']}."
+        remark = preset["remark"]
+        return {
+            "const": preset["name"],
+            "title": preset["title"],
+            "description": words + (f" {remark[0].upper()}{remark[1:]}." if remark else ""),
+        }
+
+    return {
+        "title": "Preset",
+        "description": "Published C-arm geometries: the names that the field `preset` of a view takes.",
+        "type": "string",
+        "oneOf": [entry(preset) for preset in list_presets()],
+    }
+
+
+_TITLES = {
+    "design": "the design document: what a user writes",
+    "score": "answer of score: first-order bias, covariance, tail, budget",
+    "verification": "answer of verify: Monte Carlo on the full chain",
+    "optimisation": "answer of optimise: the new design and its certificate",
+    "validation": "answer of validate over HTTP",
+    "problem": "every refusal (RFC 9457), over HTTP and with --json",
+    "presets": "published C-arm geometries, the names that `preset` takes",
+}
+
+
+def schema_names() -> dict[str, str]:
+    """Name and one-line description of every published schema."""
+    return dict(_TITLES)
+
+
+@cache
+def _schema_text(name: str) -> str:
+    makers: dict[str, Callable[[], dict[str, Any]]] = {"design": design_json_schema, "presets": _preset_schema}
+    body = makers[name]() if name in makers else _record_schema(name)
+    head = {"$schema": DIALECT, "$id": f"urn:tailstack:schema:{name}:1"}
+    return json.dumps({**head, **{key: value for key, value in body.items() if key not in head}}, ensure_ascii=False)
+
+
+def json_schema(name: str) -> dict[str, Any]:
+    """The published JSON Schema (draft 2020-12) of a document.  Raises KeyError for a name that is not published."""
+    if name not in _TITLES:
+        raise KeyError(name)
+    schema: dict[str, Any] = json.loads(_schema_text(name))
+    return schema

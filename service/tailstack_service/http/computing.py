@@ -1,0 +1,119 @@
+"""Where computations run: a bounded number of threads per kind, with a way to stop each.
+
+The kernels release the GIL, so threads are enough.  Lanes are separate so that an optimisation of several
+seconds never stands in front of a score of a millisecond.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+from starlette.requests import Request
+
+from tailstack.errors import LimitError, Problem
+
+from ..problems import TransportError
+
+T = TypeVar("T")
+POLL_SECONDS = 0.5  # how soon a client that went away is noticed
+
+
+class Stopped(Exception):
+    """A computation was told to stop."""
+
+
+class Watch:
+    """Passed to the solver as its progress callback: ends a computation that is late or no longer wanted."""
+
+    def __init__(self, seconds: float, stopping: threading.Event) -> None:
+        self.seconds = seconds
+        self.stopping = stopping
+        self.unwanted = threading.Event()
+        self.deadline: float | None = None
+        self.late = False
+
+    def begin(self) -> None:
+        """The clock starts when computing starts, not while waiting for a place."""
+        self.deadline = time.monotonic() + self.seconds
+
+    def __call__(self, *_progress: Any, **_details: Any) -> None:
+        if self.stopping.is_set() or self.unwanted.is_set():
+            raise Stopped
+        if self.deadline is not None and time.monotonic() > self.deadline:
+            self.late = True
+            raise LimitError(
+                Problem(
+                    "",
+                    "too-long",
+                    f"the computation did not finish within the limit of {self.seconds:g} s",
+                    "ask for fewer trials, targets or starts, or start the service with a higher TAILSTACK_MAX_SECONDS",
+                )
+            )
+
+
+class Lane:
+    """A few threads and a bounded queue in front of them."""
+
+    def __init__(self, name: str, workers: int, waiting: int) -> None:
+        self.name = name
+        self.places = workers + waiting
+        self.taken = 0
+        self._pool = ThreadPoolExecutor(max_workers=workers, thread_name_prefix=f"tailstack-{name}")
+
+    async def run(self, request: Request, watch: Watch, compute: Callable[[], T]) -> T:
+        """Compute in the lane.
+
+        Raises TransportError (busy, stopping), Stopped if the client left, and what ``compute`` raises.
+        """
+        if watch.stopping.is_set():
+            raise stopping_error()
+        if self.taken >= self.places:
+            raise TransportError(
+                "busy",
+                Problem(
+                    "",
+                    "busy",
+                    f"{self.places} {self.name} computations are running or waiting, the limit",
+                    "send the request again in a few seconds, or start the service with a higher TAILSTACK_MAX_WAITING",
+                ),
+                {"Retry-After": "2"},
+            )
+
+        def timed() -> T:
+            watch.begin()
+            watch()
+            return compute()
+
+        self.taken += 1
+        future = asyncio.wrap_future(self._pool.submit(timed))
+        future.add_done_callback(self._leave)
+        try:
+            while not (await asyncio.wait({future}, timeout=POLL_SECONDS))[0]:
+                if await request.is_disconnected():
+                    watch.unwanted.set()
+            return future.result()
+        except Stopped:
+            if watch.stopping.is_set():
+                raise stopping_error() from None
+            raise
+        except asyncio.CancelledError:
+            watch.unwanted.set()
+            raise
+
+    def _leave(self, _future: asyncio.Future[Any]) -> None:
+        self.taken -= 1
+
+    def close(self) -> None:
+        """Wait for what runs (its watch has told it to stop) and drop what waits."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def stopping_error() -> TransportError:
+    return TransportError(
+        "stopping", Problem("", "stopping", "the service was told to stop", "try again later"), {"Retry-After": "10"}
+    )

@@ -1,0 +1,212 @@
+"""Refusals as documents: RFC 9457 problems, the same over HTTP and on the command line.
+
+The catalogue says once what each class of refusal means and what cures it; ``/v1/problems/{slug}`` serves it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tailstack.errors import (
+    DesignError,
+    IllPosedError,
+    InfeasibleError,
+    LimitError,
+    NotConvergedError,
+    OutOfRangeError,
+    Problem,
+    TailstackError,
+)
+
+
+class RequestError(TailstackError):
+    """The request around the design is wrong: an option, a setting, a flag."""
+
+    slug = "invalid-request"
+    title = "The request is not valid"
+    exit_code = 2
+
+
+class MalformedError(TailstackError):
+    """The body cannot be read as the format it claims to be."""
+
+    slug = "malformed-document"
+    title = "The document cannot be read"
+    exit_code = 2
+
+
+class TransportError(TailstackError):
+    """A refusal by HTTP itself, before any document is looked at."""
+
+    def __init__(self, slug: str, problem: Problem, headers: dict[str, str] | None = None) -> None:
+        super().__init__(problem)
+        self.slug = slug
+        self.title = CATALOGUE[slug].title
+        self.headers = headers or {}
+
+
+@dataclass(frozen=True, slots=True)
+class ProblemType:
+    """One class of refusal: what it means and what to do about it."""
+
+    slug: str
+    title: str
+    status: int
+    meaning: str
+    cure: str
+
+
+def _of(error: type[TailstackError], status: int, meaning: str, cure: str) -> ProblemType:
+    return ProblemType(error.slug, error.title, status, meaning, cure)
+
+
+CATALOGUE: dict[str, ProblemType] = {
+    entry.slug: entry
+    for entry in (
+        _of(
+            DesignError,
+            422,
+            "The document was read, but it breaks a rule of design documents: a type, a unit, a name, a range.",
+            "Mend the field that each error points at; GET /v1/schemas/design is the rule book.",
+        ),
+        _of(
+            IllPosedError,
+            422,
+            "The document is well formed, but its geometry leaves something undetermined: coplanar or too few "
+            "fiducials, a fiducial outside a view, locators that leave a motion free.",
+            "The detail names the direction that is not determined and what would determine it.",
+        ),
+        _of(
+            OutOfRangeError,
+            422,
+            "A method was asked for outside the range in which its result means anything.",
+            "Use the method that the hint names, usually the Monte Carlo check.",
+        ),
+        _of(
+            NotConvergedError,
+            422,
+            "A numerical method stopped before its own test of convergence passed, so no number is returned.",
+            "Follow the hint: more trials, more starts, another seed, or less extreme tolerances.",
+        ),
+        _of(
+            InfeasibleError,
+            422,
+            "No design within the freedom that `optimise` gives meets its requirement.",
+            "Widen the box or the bounds, loosen the limit, or tighten what the optimiser may not touch.",
+        ),
+        _of(
+            LimitError,
+            422,
+            "The request is larger than a stated limit (413 when it is the body itself).",
+            "Ask for less, or start the service with a higher limit; the hint names the setting.",
+        ),
+        _of(
+            RequestError,
+            422,
+            "An option beside the design is unknown, of the wrong type or out of range.",
+            "Mend the field that each error points at; /openapi.json lists the options of every operation.",
+        ),
+        _of(
+            MalformedError,
+            400,
+            "The body is not JSON (or YAML), not UTF-8, empty, or holds the same field twice.",
+            "Check the body with `python -m json.tool`, and that it is sent whole.",
+        ),
+        ProblemType(
+            "unsupported-media-type",
+            "The content type is not accepted here",
+            415,
+            "The body is of a type that this operation does not read.",
+            "Send Content-Type: application/json (or application/yaml where the operation takes it), not compressed.",
+        ),
+        ProblemType(
+            "not-found",
+            "There is nothing at this address",
+            404,
+            "No operation or document has this path.",
+            "GET /openapi.json lists every path.",
+        ),
+        ProblemType(
+            "method-not-allowed",
+            "This address does not answer to this method",
+            405,
+            "The path exists, but not for this HTTP method.",
+            "The Allow header lists the methods that it answers to.",
+        ),
+        ProblemType(
+            "body-timeout",
+            "The body did not arrive in time",
+            408,
+            "The connection stayed silent, or sent too slowly, before the body was complete.",
+            "Send the request again.",
+        ),
+        ProblemType(
+            "busy",
+            "All places for this kind of computation are taken",
+            503,
+            "The service bounds how much it computes at once and how much may wait.",
+            "Send the request again after the time in the Retry-After header.",
+        ),
+        ProblemType(
+            "stopping",
+            "The service is stopping",
+            503,
+            "The service was told to stop while this request was being computed.",
+            "Send the request again once the service is back.",
+        ),
+        ProblemType(
+            "internal-error",
+            "Something went wrong inside the service",
+            500,
+            "A defect. The service log holds the cause under the request's id.",
+            "Report it with the request id and the design.",
+        ),
+    )
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ProblemEntry:
+    """One thing that is wrong.  ``file``, ``line`` and ``column`` are null when the document came without a file."""
+
+    pointer: str  # RFC 6901, into the document that was sent
+    code: str
+    detail: str
+    hint: str
+    file: str | None
+    line: int | None
+    column: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class ProblemDocument:
+    """RFC 9457 problem details."""
+
+    type: str  # path of the page that explains this class of problem
+    title: str
+    status: int
+    detail: str
+    instance: str  # the path that was asked, or the command
+    request_id: str | None  # null on the command line
+    errors: tuple[ProblemEntry, ...]
+
+
+def problem_document(
+    error: TailstackError, *, instance: str, request_id: str | None = None, status: int | None = None, prefix: str = ""
+) -> ProblemDocument:
+    """The document of a refusal.  ``prefix`` is the pointer to the design inside the body that was sent."""
+    kind = CATALOGUE.get(error.slug)
+    entries = tuple(
+        ProblemEntry(prefix + p.pointer, p.code, p.detail, p.hint, p.file, p.line, p.column) for p in error.problems
+    )
+    first = entries[0].detail if entries else error.title
+    more = f" (and {len(entries) - 1} more, see errors)" if len(entries) > 1 else ""
+    return ProblemDocument(
+        type=f"/v1/problems/{error.slug}",
+        title=error.title,
+        status=status if status is not None else (kind.status if kind else 422),
+        detail=first + more,
+        instance=instance,
+        request_id=request_id,
+        errors=entries,
+    )

@@ -1,0 +1,177 @@
+"""The first-order score as text: errors at each target, the budget, validity, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tailstack.results import Contributor, MetricScore, Score, TargetScore, ViewCheck
+
+from .tables import WIDTH, coloured, fixed, number, percent, table, wrapped
+from .verdict import heading, joined, provenance_text, verdict_text
+
+SMALL_SHARE = 5e-4  # components below 0.05 % of the variance are summed into one line of the table
+
+
+def score_text(score: Score, *, target: str | None = None, colour: bool = False) -> str:
+    """The whole score.  ``target`` names the target whose budget is shown; default the one with the largest P95."""
+    chosen = worst_target(score) if target is None else next(t for t in score.targets if t.name == target)
+    return joined(
+        heading(score.provenance, "first order"),
+        targets_text(score.targets),
+        views_text(score.views),
+        budget_text(chosen, len(score.targets), colour),
+        risk_text(chosen),
+        second_order_text(chosen),
+        wrapped(score.validity.statement, first=f"linearisation: {score.validity.status}. ", indent="  "),
+        provenance_text(score.provenance),
+        verdict_text(score.verdict, colour),
+    )
+
+
+def worst_target(score: Score) -> TargetScore:
+    return max(score.targets, key=lambda entry: entry.p95_mm)
+
+
+def targets_text(targets: Sequence[TargetScore]) -> str:
+    """Two rows per target: error at the tool, and of the reconstructed target before the second interface."""
+    rows = []
+    for target in targets:
+        rows.append(_metric_row(target.name, "tool", target))
+        rows.append(_metric_row("", "localisation", target.localisation))
+    header = (
+        "target", "error", "frame", "|bias|\nmm", "std x\nmm", "std y\nmm", "std z\nmm", "mean\nmm", "P95\nmm",
+        "CVaR95\nmm", "limit\nmm", "beyond\nlimit, %",
+    )  # fmt: skip
+    return table(header, rows, left=3, widest=22)
+
+
+def _metric_row(name: str, error: str, metric: TargetScore | MetricScore) -> tuple[str, ...]:
+    bias = sum(component**2 for component in metric.bias_mm) ** 0.5
+    return (
+        name,
+        error,
+        metric.frame,
+        fixed(bias, 3),
+        *(fixed(value, 3) for value in metric.std_mm),
+        fixed(metric.mean_norm_mm, 3),
+        fixed(metric.p95_mm, 4),
+        fixed(metric.cvar95_mm, 3),
+        number(metric.limit_mm, 3),
+        percent(metric.exceedance_probability, 2),
+    )
+
+
+def views_text(views: Sequence[ViewCheck]) -> str:
+    """What each view sees of the fiducials."""
+    rows = []
+    for view in views:
+        near, far = view.depth_range_mm
+        if view.checked:
+            seen = f"{len(view.outside)} outside: {', '.join(view.outside)}" if view.outside else "all"
+        else:
+            seen = "image size not stated"
+        pair = " - ".join(view.closest_pair)
+        rows.append(
+            (view.view, seen, pair, fixed(view.closest_pair_px, 1), fixed(view.smallest_margin_px, 1),
+             f"{near:.0f} .. {far:.0f}")
+        )  # fmt: skip
+    header = (
+        "view", "fiducials\nseen", "closest\npair", "distance\npx", "margin to\nborder, px", "depth\nmm",
+    )  # fmt: skip
+    return table(header, rows, left=3)
+
+
+def budget_text(target: TargetScore, targets: int = 1, colour: bool = False) -> str:
+    """The budget of one target, largest share of the variance first, components below their contributor."""
+    note = f" (of {targets} targets; --target NAME shows another)" if targets > 1 else ""
+    title = coloured(f"Budget at target {target.name}", "bold", colour) + f", P95 {target.p95_mm:.4f} mm{note}"
+    rows: list[tuple[str, ...]] = []
+    for total, components in grouped(target.contributors):
+        rows.append(_line(total, total.name if not components else f"{total.name}, all {len(components)}"))
+        kept = [entry for entry in components if entry.variance_share >= SMALL_SHARE or _moves(entry)]
+        rows += [_line(entry, f"  {entry.component}") for entry in kept]
+        dropped = len(components) - len(kept)
+        if dropped:
+            share = sum(entry.variance_share for entry in components) - sum(entry.variance_share for entry in kept)
+            rows.append((f"  {dropped} more, below 0.05 % each", "", "", "", "", "", percent(max(share, 0.0)), "", ""))
+    header = (
+        "contributor", "law", "half-\nwidth", "\nunit", "std\nunit", "sensitivity\nmm/unit", "share\n%",
+        "dP95/dh\nmm/unit", "P95\nwithout, mm",
+    )  # fmt: skip
+    parts = [title + "\n" + table(header, rows, left=2, widest=32)]
+    if target.worst_vertex:
+        parts.append(wrapped(", ".join(target.worst_vertex), first="bounded, at their worst: ", indent="  "))
+    return "\n".join(parts)
+
+
+def _moves(entry: Contributor) -> bool:
+    """A bounded component has no variance, but it moves the quantile."""
+    return entry.law == "bounded"
+
+
+def grouped(contributors: Sequence[Contributor]) -> list[tuple[Contributor, list[Contributor]]]:
+    """(line of the whole contributor, its components), both by falling share of the variance."""
+    names = list(dict.fromkeys(entry.name for entry in contributors))
+    groups = []
+    for name in names:
+        lines = [entry for entry in contributors if entry.name == name]
+        total = next((entry for entry in lines if entry.component == "all"), None)
+        parts = sorted((e for e in lines if e is not total), key=lambda e: e.variance_share, reverse=True)
+        if total is not None:
+            groups.append((total, parts))
+        else:
+            groups += [(entry, []) for entry in parts]
+    return sorted(groups, key=lambda group: group[0].variance_share, reverse=True)
+
+
+def _line(entry: Contributor, label: str) -> tuple[str, ...]:
+    return (
+        label,
+        entry.law,
+        number(entry.half_width, 3),
+        entry.unit,
+        number(entry.std, 3),
+        number(entry.sensitivity_mm_per_unit, 3),
+        percent(entry.variance_share),
+        number(entry.dp95_per_unit, 3),
+        fixed(entry.p95_without_mm, 4),
+    )
+
+
+def risk_text(target: TargetScore) -> str:
+    """Bounds of the quantile and the per-unit reading, in sentences."""
+    bounds = target.bounds_mm
+    lines = [
+        wrapped(
+            f"{target.law}. The same mean and covariance allow a P95 of {bounds.gaussian:.3f} mm if Gaussian, at most "
+            f"{bounds.unimodal:.3f} mm for any symmetric unimodal law, {bounds.moments:.3f} mm for any law.",
+            first="law: ",
+            indent="  ",
+        )
+    ]
+    unit = target.per_unit
+    sentence = f"95 % of installed units have a P95 over their shots below {unit.p95_of_units_mm:.3f} mm"
+    if unit.yield_fraction is not None and unit.limit_mm is not None:
+        sentence += f"; {percent(unit.yield_fraction, 2)} % of units meet {unit.limit_mm:g} mm"
+    lines.append(wrapped(sentence + ".", first="per unit: ", indent="  "))
+    if abs(target.block_diagonal_p95_mm / target.p95_mm - 1) > 1e-4 if target.p95_mm else False:
+        lines.append(
+            wrapped(
+                f"{target.block_diagonal_p95_mm:.4f} mm if the covariance between views is left out (Eq 16).",
+                first="for comparison: ",
+                indent="  ",
+            )
+        )
+    return "\n".join(lines)
+
+
+def second_order_text(target: TargetScore) -> str:
+    second = target.second_order
+    if second.status == "not requested":
+        return ""
+    if second.status == "refused":
+        return wrapped(second.reason, first="second order: refused. ", indent="  ")
+    return wrapped(f"P95 {fixed(second.p95_mm, 4)} mm. {second.reason}", first="second order: ", indent="  ")
+
+
+__all__ = ["WIDTH", "budget_text", "grouped", "score_text", "targets_text", "views_text", "worst_target"]

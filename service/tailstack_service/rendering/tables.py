@@ -1,0 +1,100 @@
+"""Aligned tables and numbers for people."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Sequence
+from math import isfinite
+
+WIDTH = 100
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """A number with ``digits`` significant digits and no exponent where a person would write none."""
+    if value is None:
+        return "-"
+    if value == 0:
+        return "0"
+    if not isfinite(value):
+        return str(value)
+    text = f"{value:#.{digits}g}" if 1e-3 <= abs(value) < 10**digits else f"{value:.{digits}g}"
+    return text.rstrip(".")
+
+
+def fixed(value: float | None, decimals: int) -> str:
+    return "-" if value is None else f"{value:.{decimals}f}"
+
+
+def percent(fraction: float | None, decimals: int = 1) -> str:
+    """A fraction as percent, ``<0.1`` for what would print as nothing."""
+    if fraction is None:
+        return "-"
+    smallest = 10.0**-decimals
+    if 0 < 100 * fraction < smallest / 2:
+        return f"<{smallest:g}"
+    return f"{100 * fraction:.{decimals}f}"
+
+
+def shortened(text: str, width: int) -> str:
+    """Text cut to a width, control characters replaced (they could repaint a terminal)."""
+    clean = "".join("?" if unicodedata.category(c) in ("Cc", "Cf", "Zl", "Zp") else c for c in text)
+    return clean if columns(clean) <= width else _cut(clean, width - 1) + "…"
+
+
+def columns(text: str) -> int:
+    """Terminal columns of a text: wide characters take two, combining ones none."""
+    return sum(0 if unicodedata.combining(c) else 2 if unicodedata.east_asian_width(c) in "WF" else 1 for c in text)
+
+
+def _cut(text: str, width: int) -> str:
+    kept, used = "", 0
+    for character in text:
+        used += columns(character)
+        if used > width:
+            break
+        kept += character
+    return kept
+
+
+def _padded(text: str, width: int, left: bool) -> str:
+    space = " " * max(0, width - columns(text))
+    return text + space if left else space + text
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1, widest: int = 34) -> str:
+    """A table; the first ``left`` columns are texts (cut at ``widest``), the others numbers.
+
+    A header may hold one line break: its second line is the unit.
+    """
+    heads = [head.split("\n") for head in header]
+    depth = max(len(head) for head in heads)
+    body = [[shortened(cell, widest) if k < left else cell for k, cell in enumerate(row)] for row in rows]
+    top = [[head[line] if line < len(head) else "" for head in heads] for line in range(depth)]
+    widths = [max(columns(row[k]) for row in [*top, *body]) for k in range(len(header))]
+    lines = [*top, ["─" * width for width in widths], *body]
+    return "\n".join(
+        "  ".join(_padded(cell, widths[k], k < left) for k, cell in enumerate(row)).rstrip() for row in lines
+    )
+
+
+def wrapped(text: str, *, indent: str = "", first: str | None = None, width: int = WIDTH) -> str:
+    """Words wrapped at the width; ``first`` opens the first line, ``indent`` the others."""
+    lines, line = [], indent if first is None else first
+    empty = True
+    for word in text.split():
+        if not empty and columns(line) + 1 + columns(word) > width:
+            lines.append(line)
+            line, empty = indent, True
+        line += word if empty else " " + word
+        empty = False
+    return "\n".join([*lines, line])
+
+
+# --- colour ---------------------------------------------------------------------------------------
+
+_COLOURS = {"pass": "32", "fail": "31", "inconclusive": "33", "no requirement": "2", "bold": "1", "warning": "33"}
+
+
+def coloured(text: str, role: str, colour: bool) -> str:
+    """Text in the colour of its role, or as it stands."""
+    return f"\x1b[{_COLOURS[role]}m{text}\x1b[0m" if colour and role in _COLOURS else text

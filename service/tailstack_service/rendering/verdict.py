@@ -1,0 +1,82 @@
+"""The parts that every answer shares: what was judged, with which numbers, and what is not in them."""
+
+from __future__ import annotations
+
+from tailstack.results import Check, Finding, Provenance, Verdict
+
+from .tables import coloured, number, percent, shortened, table, wrapped
+
+
+def heading(provenance: Provenance, basis: str) -> str:
+    """Name of the design, then how it was computed."""
+    digest = f" · design {provenance.design_sha256[:12]}" if provenance.design_sha256 else ""
+    how = (
+        f"{basis} · {provenance.reading} reading · {provenance.rotation_form.replace('_', ' ')} rotation · "
+        f"{provenance.triangulation} triangulation · tailstack {provenance.tailstack_version}{digest}"
+    )
+    return shortened(provenance.design_name, 100) + "\n" + wrapped(how)
+
+
+def checks_table(checks: tuple[Check, ...]) -> str:
+    """One row per requirement and target; for per-unit risk the yield is what is judged."""
+    if not checks:
+        return ""
+    rows = []
+    for check in checks:
+        if check.yield_fraction is not None:
+            judged = f"{percent(check.yield_fraction)} >= {percent(check.min_yield)}"
+        else:
+            judged = "-"
+        low, high = check.interval_mm
+        rows.append(
+            (
+                check.requirement,
+                check.target,
+                f"{check.error}, {check.risk.replace('_', ' ')}",
+                f"P{100 * check.quantile:g}",
+                number(check.value_mm),
+                f"{number(low)} .. {number(high)}",
+                number(check.limit_mm),
+                judged,
+                check.status,
+            )
+        )
+    header = (
+        "requirement", "target", "error, risk", "of\n|e|", "value\nmm", "interval\nmm", "limit\nmm",
+        "units that\nmeet it, %", "status",
+    )  # fmt: skip
+    if all(row[7] == "-" for row in rows):
+        rows, header = [(*row[:7], row[8]) for row in rows], (*header[:7], header[8])  # type: ignore[misc, assignment]
+    return table(header, rows, left=3, widest=20)
+
+
+def findings_text(findings: tuple[Finding, ...], colour: bool) -> str:
+    lines = []
+    for finding in findings:
+        mark = coloured(finding.severity, "fail" if finding.severity == "error" else "warning", colour)
+        lines.append(wrapped(f"[{finding.rule}] {finding.message}", first=f"{mark}: ", indent="  "))
+    return "\n".join(lines)
+
+
+def verdict_line(verdict: Verdict, colour: bool) -> str:
+    """The last line of every answer."""
+    return coloured(f"verdict: {verdict.status}", verdict.status, colour) + f" ({verdict.basis})"
+
+
+def verdict_text(verdict: Verdict, colour: bool) -> str:
+    """Checks, findings and the verdict line."""
+    parts = (checks_table(verdict.checks), findings_text(verdict.findings, colour), verdict_line(verdict, colour))
+    return "\n\n".join(part for part in parts if part)
+
+
+def provenance_text(provenance: Provenance) -> str:
+    """Assumptions made on the way, and what no number here includes."""
+    lines = [wrapped(note, first="note: ", indent="  ") for note in provenance.notes]
+    if provenance.not_included:
+        lines.append(wrapped("; ".join(provenance.not_included), first="not included: ", indent="  "))
+    return "\n".join(lines)
+
+
+def joined(*parts: str) -> str:
+    """Paragraphs, empty ones left out."""
+    return "\n\n".join(part for part in parts if part) + "\n"
