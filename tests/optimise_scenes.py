@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scenes import mount, system_of
 
+from scenes import mount, system_of
 from tailstack.optimise import FreeHalfWidth, PlacementProblem
 from tailstack.propagation.linear import linearise
 from tailstack.system import Array, Law, Requirement

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from optimise_scenes import (
     BOX_MM,
     ORACLE,
@@ -12,8 +13,7 @@ from optimise_scenes import (
     oracle_p95_mm,
     oracle_problem,
 )
-
-from tailstack.optimise.placement import search
+from tailstack.optimise.search import search
 from tailstack.optimise.symbols import plain
 from tailstack.optimise.terms import estimator_of, image_covariance, moments, terms_of
 

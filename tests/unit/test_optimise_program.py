@@ -6,15 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from optimise_scenes import fixed_layout, free_rotations, oracle_problem, requirement
 from scenes import cube_fiducials, mount, random_system, target, with_noise
-
 from tailstack.contributors import declared_law
 from tailstack.optimise import PlacementProblem, solve_placement
 from tailstack.optimise.certificate import binding, kkt_residual, shadow_prices
-from tailstack.optimise.placement import search, settle
+from tailstack.optimise.placement import settle
 from tailstack.optimise.program import Parameters, build_program
 from tailstack.optimise.promise import closed_form_mm, image_part
+from tailstack.optimise.search import search
 from tailstack.optimise.terms import estimator_of, terms_of
 from tailstack.propagation.linear import covariance, linearise
 from tailstack.system import Law, Reading

@@ -11,7 +11,7 @@ from .program import Parameters, Point, Program
 from .promise import promise
 
 
-def explain_infeasible(program: Program, point: Point, parameters: Parameters, aim_mm: float) -> InfeasibleError:
+def explain_infeasible(program: Program, point: Point, aim_mm: float) -> InfeasibleError:
     """The answer "there is none": at the layout of the smallest quantile, every free half-width at its smallest."""
     problem = program.problem
     requirement = problem.requirement
@@ -25,7 +25,7 @@ def explain_infeasible(program: Program, point: Point, parameters: Parameters, a
         scaled = model.gain(block, requirement.error) * block.std
         shares[block.contributor] = shares.get(block.contributor, 0.0) + float((scaled**2).sum())
     term = program.terms[k]
-    offset = term.bias_mm + term.bounded @ held[k].signs
+    offset = held[k].mean_mm
     if float(offset @ offset) > 0:
         shares["bias and bounded components"] = float(offset @ offset)
     whole = sum(shares.values())

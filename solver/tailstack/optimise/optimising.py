@@ -17,9 +17,10 @@ from ..system import Array, Requirement, System
 from ..verifying import verify
 from .certificate import binding, shadow_prices
 from .contradictions import refuse_contradictions
-from .placement import PlacementSolution, Progress, Search, search, settle
+from .placement import PlacementSolution, settle
 from .problem import FreeHalfWidth, PlacementProblem, half_widths_of
 from .promise import promise
+from .search import Progress, Search, search
 from .terms import TargetTerms, terms_of
 
 PRECISION = 2e-3  # relative half-width of the check's interval; every bit of it is paid for in tolerance

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 from math import sqrt
 
 import numpy as np
 
-from ..contributors import declared_law
-from ..errors import NotConvergedError, Problem
+from ..contributors import declared_law, worst_case
 from ..propagation.linear import LinearModel, linearise
-from ..system import Array, Law, Target
+from ..system import Array, Target
 from ..tail.declared import law_quantile
 from .problem import PlacementProblem, apply_choice
 from .terms import LAYOUT_BLOCKS, TargetTerms, moments
-
-CONTENDERS = 4  # vertices whose exact quantile is computed: the closed form ranks all of them within 1 %
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,6 +20,7 @@ class Promise:
     """One target at one choice."""
 
     exact_mm: float
+    mean_mm: Array  # (3,) at the worst vertex
     signs: Array  # (B,) worst ends of the fixed bounded sources
     free_signs: Array  # (K,) of the free half-widths whose law is bounded; +1 elsewhere
     image: Array  # (3, 3) mm^2 of the image-side sources, in the frame of the limited error
@@ -49,55 +46,20 @@ def closed_form_mm(
 
 
 def promise(problem: PlacementProblem, terms: TargetTerms, fiducials_mm: Array, half_width: Array) -> Promise:
-    """Exact quantile of the declared law at one target, at the worst vertex of the bounded sources.
-
-    The maximum over a bounded source is at an end of it: the quantile is quasi-convex in the mean, and
-    the mean is affine in the source.  Raises IllPosedError or NotConvergedError.
-    """
+    """Exact quantile of the declared law at one target, at the worst vertex of the bounded sources: the number the
+    score reports.  Raises IllPosedError or NotConvergedError."""
     error, p = problem.requirement.error, problem.requirement.quantile
     model = linearise(apply_choice(problem, fiducials_mm, half_width), terms.target)
-    image = image_part(model, error)
-    bounded = bounded_half_widths(problem)
-    fixed_count = terms.bounded.shape[1]
-    best: tuple[float, Array, Array] | None = None
-    choices = []
-    for ends in product((1.0, -1.0), repeat=fixed_count + len(bounded)):
-        vertex = np.array(ends)
-        free_signs = np.ones(len(problem.half_widths))
-        free_signs[bounded] = vertex[fixed_count:]
-        choices.append((vertex[:fixed_count], free_signs))
-    if len(choices) > CONTENDERS:
-        ranked = [closed_form_mm(problem, terms, image, half_width, *choice) for choice in choices]
-        choices = [choices[k] for k in np.argsort(-np.array(ranked), kind="stable")[:CONTENDERS]]
-    for signs, free_signs in choices:
-        mean = terms.bias_mm + terms.bounded @ signs
-        mean = mean + terms.free_gain[:, bounded] @ (free_signs[bounded] * half_width[bounded])
-        value = _exact(model, error, mean, p)
-        if best is None or value > best[0]:
-            best = (value, signs, free_signs)
-    assert best is not None
-    return Promise(*best, image, model)
-
-
-def bounded_half_widths(problem: PlacementProblem) -> list[int]:
-    """Indices of the free half-widths whose law is bounded."""
-    mounts = {mount.name: mount for mount in (problem.system.interface_1, problem.system.interface_2)}
-    found = []
-    for k, free in enumerate(problem.half_widths):
-        sources = mounts[free.contributor].sources
-        if sources.laws[sources.names.index(free.component)] is Law.BOUNDED:
-            found.append(k)
-    return found
-
-
-def _exact(model: LinearModel, error: str, mean: Array, p: float) -> float:
-    law, _ = declared_law(model, error, mean)
-    value = law_quantile(law, p).quantile_mm
-    if not np.isfinite(value):
-        raise NotConvergedError(
-            Problem("", "quantile", f"the quantile at target {model.target.name!r} did not converge")
-        )
-    return value
+    worst = worst_case(model, error, p)
+    law, _ = declared_law(model, error, worst.mean_mm)
+    return Promise(
+        exact_mm=law_quantile(law, p).quantile_mm,
+        mean_mm=worst.mean_mm,
+        signs=np.array([worst.signs.get(key, 1.0) for key in terms.bounded_keys]),
+        free_signs=np.array([worst.signs.get(key, 1.0) for key in terms.free_keys]),
+        image=image_part(model, error),
+        model=model,
+    )
 
 
 def worst_targets(

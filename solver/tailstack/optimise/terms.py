@@ -64,7 +64,9 @@ class TargetTerms:
     uniform: tuple[Array, ...]  # (3,) mm at one end of those of them that are uniform
     triangular: tuple[Array, ...]  # and triangular
     bounded: Array  # (3, B) mm at the positive end of each fixed bounded source
+    bounded_keys: tuple[tuple[str, int], ...]  # (contributor, source) of those
     free_gain: Array  # (3, K) mm per native unit of each free half-width
+    free_keys: tuple[tuple[str, int], ...]
 
 
 def estimator_of(system: System) -> Estimator:
@@ -95,7 +97,8 @@ def terms_of(problem: PlacementProblem, target: Target) -> TargetTerms:
     free = {(item.contributor, item.component): k for k, item in enumerate(problem.half_widths)}
     covariance, free_gain = np.zeros((3, 3)), np.zeros((3, len(free)))
     columns: dict[Law, list[Array]] = {Law.UNIFORM: [], Law.TRIANGULAR: []}
-    bounded: list[Array] = []
+    bounded: dict[tuple[str, int], Array] = {}
+    free_keys = [("", 0)] * len(free)
     for block in model.blocks:
         if block.contributor.startswith(LAYOUT_BLOCKS):
             continue
@@ -104,8 +107,9 @@ def terms_of(problem: PlacementProblem, target: Target) -> TargetTerms:
             position = free.get((block.contributor, component))
             if position is not None:
                 free_gain[:, position] = gain[:, j]
+                free_keys[position] = (block.contributor, j)
             elif law is Law.BOUNDED:
-                bounded.append(gain[:, j] * block.half_width[j])
+                bounded[block.contributor, j] = gain[:, j] * block.half_width[j]
             else:
                 covariance += np.outer(gain[:, j], gain[:, j]) * block.std[j] ** 2
                 if law in columns and block.half_width[j] > 0:
@@ -118,8 +122,10 @@ def terms_of(problem: PlacementProblem, target: Target) -> TargetTerms:
         covariance=covariance,
         uniform=tuple(columns[Law.UNIFORM]),
         triangular=tuple(columns[Law.TRIANGULAR]),
-        bounded=np.array(bounded).T.reshape(3, -1),
+        bounded=np.array(list(bounded.values())).T.reshape(3, -1),
+        bounded_keys=tuple(bounded),
         free_gain=free_gain,
+        free_keys=tuple(free_keys),
     )
 
 
