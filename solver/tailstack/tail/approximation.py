@@ -9,10 +9,12 @@ and each independent source ``g u`` of S that is not normal (kappa4, kappa6 its 
     c2 += kappa4 |g|^4 / 2,   c3 += (12 kappa4 |g|^2 (g'S g + (g'm)^2) + kappa6 |g|^6) / 8
 
 (joint cumulants by the diagram formula: one block of four legs and one of two, or of four with two legs on the
-mean; the term in m vanishes without bias).  Pearson (1959, Biometrika 46, 364) matches ``c1 + sqrt(c2/h) (chi2_h - h)``,
-h = c2^3 / c3^2.  For a Gaussian law the 95 % point is then right to -0.6 ... +1.2 %, with Wilson and Hilferty's
-cube for the chi-square to -1.3 ... +0.9 %.  Good to drive an optimiser; the number that is promised comes from
-the exact law.
+mean; the term in m vanishes without bias).  Pearson (1959, Biometrika 46, 364) matches
+
+    r^2 = c1 + sqrt(c2/h) (chi2_h - h),   h = c2^3 / c3^2
+
+For a Gaussian law the 95 % point is then right to -0.6 ... +1.2 %, with Wilson and Hilferty's cube for the
+chi-square to -1.3 ... +0.9 %.  Good to drive an optimiser; the number that is promised comes from the exact law.
 
 The first two functions use + - * / and the ``sqrt`` they are given, nothing else: floats and CasADi SX alike.
 """
@@ -37,7 +39,8 @@ def square_cumulants(
 ) -> tuple[Any, Any, Any]:
     """(c1, c2, c3) of |e|^2.  mean: 3 scalars, mm; covariance: 3 rows of 3, mm^2.
 
-    The covariance is the total one, sources included.  uniform, triangular: columns of 3 scalars, each the displacement at one end of the source's half-width, mm.
+    The covariance is the total one, sources included.  uniform, triangular: columns of 3 scalars, each the
+    displacement at one end of the source's half-width, mm.
     """
     axes = range(3)
     s_m = [sum(covariance[i][j] * mean[j] for j in axes) for i in axes]

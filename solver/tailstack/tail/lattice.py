@@ -1,0 +1,272 @@
+"""P(|e| <= r) for e = m + N(0, S) + sum_j h_j u_j, by Poisson summation of the characteristic function.
+
+Lay copies of the law on a lattice of periods L_a.  Integrated over the ball of radius r about 0 their sum is
+
+    sum_n P(|e - n L| <= r) = (1 / (L_1 L_2 L_3)) sum_k phi(k) B_r(|k|),     k_a = 2 pi n_a / L_a
+
+with ``phi(k) = exp(i k'm - k'S k / 2) prod_j sin(k'h_j) / (k'h_j)``, u_j uniform on (-1, 1), and B_r the Fourier
+transform of the ball.  (A triangular source is two uniform ones of half the width: the caller splits it.)  The
+copies other than the law itself reach the ball only if some ``|e_a - m_a| > L_a - r - |m_a|``.  Uniform laws are
+strictly sub-Gaussian (their moment generating function lies below the normal one of equal variance), so with
+``L_a = r + |m_a| + c sigma_a`` that has probability below ``2 exp(-c^2/2)`` per axis.  The sum on the right
+converges as fast as phi falls; it is cut where an envelope of its terms falls below a threshold.
+
+Axes on which nothing varies are left out (they must come last): the ball becomes a disc or an interval.
+"""
+
+from __future__ import annotations
+
+from math import cos, exp, fabs, log, pi, sin, sqrt
+
+import numpy as np
+from numba import njit
+
+from ..system import Array
+
+_REFUSED = -1  # more points than the caller allows
+
+
+@njit(cache=True, error_model="numpy")
+def _ball_envelope(t: float, r: float, dimension: int) -> float:
+    """A decreasing bound of |B_r(t)|, t >= 0."""
+    if dimension == 1:
+        return min(2.0 * r, 2.0 / t)
+    if dimension == 2:
+        return min(pi * r * r, 2.2 * r * sqrt(2.0 * pi / (r * t)) / t)
+    return min(4.0 / 3.0 * pi * r * r * r, 4.0 * pi * (1.0 + r * t) / (t * t * t))
+
+
+@njit(cache=True, error_model="numpy")
+def _log_envelope(k: Array, size: float, S: Array, h: Array) -> float:
+    """Logarithm of a bound of |phi(size k)| that decreases along every ray: |sin x / x| <= min(1, 1/x)."""
+    total = 0.0
+    for a in range(3):
+        for b in range(3):
+            total -= 0.5 * k[a] * S[a, b] * k[b]
+    total *= size * size
+    product = 1.0
+    for j in range(h.shape[0]):
+        product *= max(1.0, size * fabs(k[0] * h[j, 0] + k[1] * h[j, 1] + k[2] * h[j, 2]))
+    return total - log(product)
+
+
+@njit(cache=True, error_model="numpy")
+def spectral_extent(r: float, volume: float, sigma: Array, S: Array, h: Array, threshold: float) -> Array:
+    """(3,) largest |k_a| at which a term's envelope reaches the threshold, 1/mm; 0 on an axis with sigma = 0.
+
+    The set is star-shaped about 0, with spikes where k is perpendicular to many columns.  Its extent is taken along
+    the axes, the cross products of the columns (the spikes) and a spread of other directions.
+    """
+    dimension = 0
+    for a in range(3):
+        if sigma[a] > 0.0:
+            dimension += 1
+    columns = h.shape[0]
+    spread = 0
+    spikes = 0
+    if dimension == 3:
+        spread = 32
+        spikes = min(columns * (columns - 1) // 2, 400)
+    elif dimension == 2:
+        spread = 12
+        spikes = columns
+    extent = np.zeros(3)
+    k = np.zeros(3)
+    first = 0
+    second = 0
+    goal = threshold * volume
+    for number in range(dimension + spread + spikes):
+        k[:] = 0.0
+        if number < dimension:
+            k[number] = 1.0
+        elif number < dimension + spread:
+            i = number - dimension
+            if dimension == 3:  # Fibonacci points of the half sphere, in units of 1/sigma
+                z = (i + 0.5) / spread
+                angle = 2.399963229728653 * i
+                k[0] = sqrt(1.0 - z * z) * cos(angle) / sigma[0]
+                k[1] = sqrt(1.0 - z * z) * sin(angle) / sigma[1]
+                k[2] = z / sigma[2]
+            else:
+                angle = pi * (i + 0.5) / spread
+                k[0] = cos(angle) / sigma[0]
+                k[1] = sin(angle) / sigma[1]
+        elif dimension == 3:
+            second += 1
+            if second >= columns:
+                first += 1
+                second = first + 1
+            for a in range(3):
+                b = (a + 1) % 3
+                c = (a + 2) % 3
+                k[a] = h[first, b] * h[second, c] - h[first, c] * h[second, b]
+        else:
+            j = number - dimension - spread
+            k[0] = -h[j, 1]
+            k[1] = h[j, 0]
+        size = sqrt(k[0] * k[0] + k[1] * k[1] + k[2] * k[2])
+        if not size > 0.0:
+            continue
+        k /= size
+        low = 0.0
+        high = 2.0 / sigma[0]
+        while high < 1e9 / sigma[0]:
+            if _log_envelope(k, high, S, h) < log(goal / _ball_envelope(high, r, dimension)):
+                break
+            low = high
+            high *= 2.0
+        for _ in range(4):
+            middle = 0.5 * (low + high)
+            if _log_envelope(k, middle, S, h) < log(goal / _ball_envelope(middle, r, dimension)):
+                high = middle
+            else:
+                low = middle
+        for a in range(3):
+            extent[a] = max(extent[a], fabs(k[a]) * high)
+    return extent
+
+
+@njit(cache=True, error_model="numpy")
+def box_size(period: Array, extent: Array) -> float:
+    """Number of lattice points in half of the box that holds every term above the threshold."""
+    size = 0.5
+    for a in range(3):
+        if period[a] > 0.0:
+            size *= 2.0 * np.floor(extent[a] * period[a] / (2.0 * pi)) + 1.0
+    return size
+
+
+@njit(cache=True, error_model="numpy")
+def _tables(angle: Array, low: int, high: int) -> tuple[Array, Array]:
+    """sin and cos of i angle_j for low <= i <= high: two (K, high - low + 1) tables."""
+    length = high - low + 1
+    sines = np.empty((angle.size, length))
+    cosines = np.empty((angle.size, length))
+    for j in range(angle.size):
+        for i in range(length):
+            sines[j, i] = sin((low + i) * angle[j])
+            cosines[j, i] = cos((low + i) * angle[j])
+    return sines, cosines
+
+
+@njit(cache=True, error_model="numpy")
+def lattice_terms(
+    period: Array,
+    extent: Array,
+    r: float,
+    mean: Array,
+    S: Array,
+    h: Array,
+    threshold: float,
+    t_out: Array,
+    w_out: Array,
+    k_out: Array,
+) -> tuple[int, float]:
+    """Fill |k| (n,), weights (n,) and, if k_out has rows, k (n, 3); return (n, root sum of squares of the last decade).
+
+    ``sum_i w_i B_r(t_i)`` is the probability: weights hold phi, both of +-k, and 1 / volume.  period, extent (3,): 0
+    on an axis that is left out.  The last decade are the terms within a factor of ten of the threshold: what was
+    left out is of their kind, smaller, and of either sign.  n = -1 when the terms do not fit in t_out.
+    """
+    columns = h.shape[0]
+    dimension = 0
+    volume = 1.0
+    last = np.zeros(3, dtype=np.int64)
+    step = np.zeros(3)
+    for a in range(3):
+        if period[a] > 0.0:
+            dimension += 1
+            volume *= period[a]
+            step[a] = 2.0 * pi / period[a]
+            last[a] = int(extent[a] / step[a])
+    keep = k_out.shape[0] > 0
+    capacity = t_out.size
+    inner = dimension - 1
+    outer = (inner + 1) % 3
+    middle = (inner + 2) % 3
+    # Along a line sin(a + n b) comes from the addition theorem and tables of sin(n b): loops the compiler vectorises.
+    half = last[inner]
+    length = 2 * half + 1
+    table_s, table_c = _tables(h[:, inner] * step[inner], -half, half)
+    outer_s, outer_c = _tables(h[:, outer] * step[outer], 0, last[outer])
+    middle_s, middle_c = _tables(h[:, middle] * step[middle], -last[middle], last[middle])
+    numerator = np.empty(length)
+    denominator = np.empty(length)
+    bound = np.empty(length)
+    sii = S[inner, inner]
+    kk = step[inner]
+    largest = _ball_envelope(0.0, r, dimension) if dimension == 1 else _ball_envelope(1e-300, r, dimension)
+    floor = log(threshold * volume / largest)
+    n = 0
+    decade = 0.0
+    for n1 in range(last[outer] + 1):
+        k1 = n1 * step[outer]
+        for n2 in range(-last[middle] if n1 > 0 else 0, last[middle] + 1):
+            k2 = n2 * step[middle]
+            m2 = n2 + last[middle]
+            half_line = n1 == 0 and n2 == 0
+            constant = -0.5 * (
+                S[outer, outer] * k1 * k1 + 2.0 * S[outer, middle] * k1 * k2 + S[middle, middle] * k2 * k2
+            )
+            linear = -(S[inner, outer] * k1 + S[inner, middle] * k2)
+            low = half if half_line else 0
+            high = length
+            if sii > 0.0:  # where the Gaussian factor alone is above the threshold
+                centre = linear / sii
+                room = centre * centre + 2.0 * (constant - floor) / sii
+                if room < 0.0:
+                    continue
+                room = sqrt(room)
+                low = max(low, half + int(np.ceil((centre - room) / kk)))
+                high = min(high, half + int(np.floor((centre + room) / kk)) + 1)
+                if high <= low:
+                    continue
+            elif constant < floor:
+                continue
+            count = high - low
+            for i in range(count):
+                numerator[i] = 1.0
+                denominator[i] = 1.0
+                bound[i] = 1.0
+            offset = float(low - half)
+            for j in range(columns):
+                start = h[j, outer] * k1 + h[j, middle] * k2
+                dx = h[j, inner] * kk
+                start_s = outer_s[j, n1] * middle_c[j, m2] + outer_c[j, n1] * middle_s[j, m2]
+                start_c = outer_c[j, n1] * middle_c[j, m2] - outer_s[j, n1] * middle_s[j, m2]
+                line_s = table_s[j, low:high]
+                line_c = table_c[j, low:high]
+                start += offset * dx
+                for i in range(count):
+                    x = start + i * dx
+                    s = start_s * line_c[i] + start_c * line_s[i]
+                    near = fabs(x) < 1e-4
+                    numerator[i] *= 1.0 - x * x / 6.0 if near else s
+                    denominator[i] *= 1.0 if near else x
+                    bound[i] *= max(1.0, fabs(x))
+            t2 = k1 * k1 + k2 * k2
+            phase = mean[outer] * k1 + mean[middle] * k2
+            for i in range(count):
+                k3 = (i + offset) * kk
+                reach = exp(constant + k3 * (linear - 0.5 * sii * k3)) / volume
+                if reach * largest < threshold * bound[i]:
+                    continue
+                t = sqrt(t2 + k3 * k3)
+                ball = _ball_envelope(t, r, dimension)
+                if reach * ball < threshold * bound[i]:
+                    continue
+                if n >= capacity:
+                    return _REFUSED, 0.0
+                weight = reach * numerator[i] / denominator[i] * cos(phase + mean[inner] * k3)
+                if t > 0.0:
+                    weight *= 2.0
+                if reach * ball < 10.0 * threshold * bound[i]:
+                    decade += (weight * ball) ** 2
+                t_out[n] = t
+                w_out[n] = weight
+                if keep:
+                    k_out[n, outer] = k1
+                    k_out[n, middle] = k2
+                    k_out[n, inner] = k3
+                n += 1
+    return n, sqrt(decade)

@@ -1,0 +1,121 @@
+"""Bounds of the quantile: oracle, semidefinite programmes solved elsewhere, certificates, extremal laws."""
+
+from __future__ import annotations
+
+import json
+from math import sqrt
+from pathlib import Path
+
+import cvxpy
+import numpy as np
+import pytest
+
+from tailstack.tail.bounds import bounds, moment_bound, moment_quantile, unimodal_quantile
+from tailstack.tail.gaussian import norm_quantile
+
+CASES = json.loads((Path(__file__).parents[1] / "data/oracles/moment_only_bound.json").read_text())["cases"]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda c: f"b={c['b']}")
+def test_published_moment_bounds(case):
+    value = moment_quantile(0.95, case["b"], case["S"])
+    assert value == pytest.approx(case["P95_dro_dual"], rel=1e-8)
+    if case["chebyshev_zero_mean"] is not None:
+        assert value == pytest.approx(case["chebyshev_zero_mean"], rel=1e-14)
+    if case["gauss"] is not None:
+        assert bounds(0.95, case["b"], case["S"]).gaussian == pytest.approx(case["gauss"], rel=1e-11)
+
+
+def _random_law(seed):
+    rng = np.random.default_rng(seed)
+    factor = rng.normal(size=(3, 3)) * 10 ** rng.uniform(-2, 0.5, 3)
+    factor[:, : seed % 3] = 0  # ranks 3, 2, 1
+    return rng.normal(size=3) * 10 ** rng.uniform(-1.5, 1.5) * (seed % 5 > 0), factor @ factor.T
+
+
+@pytest.mark.parametrize("seed", range(15))
+@pytest.mark.parametrize("p", [0.5, 0.95, 0.999])
+def test_dual_point_proves_the_bound(seed, p):
+    """The certificate, checked by LAPACK: feasible, and of value 1 - p."""
+    m, S = _random_law(seed)
+    bound = moment_bound(p, m, S)
+    second = np.block([[S + np.outer(m, m), m[:, None]], [m[None, :], np.ones((1, 1))]])
+    scale = np.abs(bound.M).max()
+    assert bound.t >= 0
+    assert np.linalg.eigvalsh(bound.M)[0] >= -1e-12 * scale
+    indicator = np.diag([bound.t, bound.t, bound.t, 1 - bound.t * bound.r**2])
+    assert np.linalg.eigvalsh(bound.M - indicator)[0] >= -1e-12 * scale
+    assert (bound.M * second).sum() == pytest.approx(1 - p, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_moment_bound_against_a_semidefinite_solver(seed):
+    """Independent: the programme itself by cvxpy (Clarabel): the probability at our r is 1 - p."""
+    rng = np.random.default_rng(seed)
+    factor = rng.normal(size=(3, 3)) * [1.0, 0.6, 0.3]
+    m, S = rng.normal(size=3) * 0.5 * seed, factor @ factor.T
+    r = moment_quantile(0.9, m, S)
+    second = np.block([[S + np.outer(m, m), m[:, None]], [m[None, :], np.ones((1, 1))]])
+    M, t = cvxpy.Variable((4, 4), PSD=True), cvxpy.Variable(nonneg=True)
+    indicator = np.diag([0.0, 0, 0, 1]) + t * np.diag([1.0, 1, 1, -(r**2)])
+    problem = cvxpy.Problem(cvxpy.Minimize(cvxpy.trace(M @ second)), [M - indicator >> 0])
+    assert problem.solve(solver=cvxpy.CLARABEL) == pytest.approx(0.1, rel=2e-5)
+
+
+def test_closed_forms_on_one_axis_and_without_mean():
+    eps = 0.02
+    cantelli = 3 + 2 * sqrt(1 / eps - 1)
+    assert moment_quantile(1 - eps, [3, 0, 0], np.diag([4, 0, 0])) == pytest.approx(cantelli, rel=1e-12)
+    S = np.diag([1.0, 0.5, 0.2])
+    assert moment_quantile(1 - eps, np.zeros(3), S) == pytest.approx(sqrt(1.7 / eps), rel=1e-14)
+    gauss = sqrt(0.4 ** (2 / 3) * 1.7 / eps)  # Gauss-Camp-Meidell with alpha = 3
+    assert unimodal_quantile(1 - eps, np.zeros(3), S) == pytest.approx(gauss, rel=1e-12)
+
+
+def test_unimodal_bound_is_attained_without_mean():
+    """The extremal law: mass at 0 and U^(1/3) on a sphere of radius r (5/2)^(1/3); its exceedance in closed form."""
+    eps = 0.03
+    S = np.eye(3) * 0.7
+    r = unimodal_quantile(1 - eps, np.zeros(3), S)
+    radius = r * 2.5 ** (1 / 3)
+    mass = 2.1 / (0.6 * radius**2)  # E|e|^2 = mass * radius^2 * 3/5 = tr S
+    assert mass * (1 - (r / radius) ** 3) == pytest.approx(eps, rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_unimodal_bound_holds_for_a_heavy_mixture(seed):
+    """Uniform laws on symmetric bodies mixed badly on purpose: ellipsoid and segment along the mean, sampled.
+
+    400 000 points: the standard error of the exceedance is below 5e-4, and it must stay under eps + 3 of them.
+    """
+    rng = np.random.default_rng(seed)
+    m = rng.normal(size=3) * [0, 0.3, 1, 3][seed % 4]
+    n, eps = 400_000, 0.1
+    axis = m / np.linalg.norm(m) if m.any() else np.array([0, 0, 1.0])
+    ball = rng.normal(size=(n, 3))
+    ball *= (rng.random(n) ** (1 / 3) / np.linalg.norm(ball, axis=1))[:, None]
+    long = rng.random(n) < 0.2
+    x = np.where(long[:, None], rng.uniform(-4, 4, n)[:, None] * axis, 0.3 * ball)
+    S = 0.8 * 0.09 / 5 * np.eye(3) + 0.2 * 16 / 3 * np.outer(axis, axis)
+    r = unimodal_quantile(1 - eps, m, S)
+    assert (np.linalg.norm(m + x, axis=1) > r).mean() < eps + 1.5e-3
+
+
+@pytest.mark.parametrize("seed", range(15))
+@pytest.mark.parametrize("p", [0.05, 0.5, 0.9, 0.95, 0.9999])
+def test_ladder(seed, p):
+    ladder = bounds(p, *_random_law(seed))
+    assert ladder.gaussian <= ladder.unimodal <= ladder.moments
+
+
+def test_no_spread():
+    ladder = bounds(0.95, np.array([3.0, 4.0, 0]), np.zeros((3, 3)))
+    assert (ladder.gaussian, ladder.unimodal, ladder.moments) == (5.0, 5.0, 5.0)
+    with pytest.raises(ValueError, match="needs no bound"):
+        moment_bound(0.95, np.zeros(3), np.zeros((3, 3)))
+
+
+def test_unimodal_stays_below_twice_the_gaussian():
+    """What the class is worth at 95 %: published moment-only ratios are 2.3-2.8."""
+    m, S = np.array([0.3, -0.2, 0.5]), np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]])
+    assert norm_quantile(0.95, m, S) < unimodal_quantile(0.95, m, S) < 2 * norm_quantile(0.95, m, S)
