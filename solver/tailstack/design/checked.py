@@ -20,5 +20,6 @@ def check_design(design: Design) -> tuple[System, tuple[Finding, ...], tuple[Vie
     try:
         findings = check_geometry(system)
     except IllPosedError as error:
-        raise IllPosedError([place(problem, design.source) for problem in error.problems]) from None
+        source = design.source.placed()
+        raise IllPosedError([place(problem, source) for problem in error.problems]) from None
     return system, findings, check_views(system)

@@ -1,4 +1,4 @@
-"""Design -> System: degrees to radians, presets and poses to projections, locators to torsors, once."""
+"""Design -> System: degrees to radians, views to projections, locators to torsors, regions to points, once."""
 
 from __future__ import annotations
 
@@ -9,16 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DesignError, IllPosedError, Problem
-from ..geometry.camera import (
-    depths,
-    image_centre_px,
-    intrinsic_matrix,
-    projection_from_distances,
-    projection_from_pose,
-    scale_to_unit_depth,
-)
-from ..geometry.rotation import rigid_transform, rigidity_defect, rotation_from_quaternion, rotation_xyz
+from ..errors import DesignError, IllPosedError
 from ..system import (
     TORSOR_COMPONENTS,
     Array,
@@ -28,7 +19,6 @@ from ..system import (
     Sources,
     System,
     Target,
-    View,
     no_sources,
 )
 from .consistency import axis_counts, sample_count
@@ -36,12 +26,10 @@ from .document import DesignDocument, Region, RequirementDocument, TargetDocumen
 from .loading import Design
 from .locators import torsor_from_locators
 from .mount_document import Bias, Compliance, Execution, Interface, Repeatability, Tolerances
-from .presets import PRESETS
 from .refusals import place
-from .view_document import DistanceView, MatrixView, PinholeView, Pose, PresetView
+from .view_compile import compile_transform, compile_view, frozen, refuse_behind_detector
 
 DEFAULT_COVERAGE = 2.0
-RIGID = 1e-4  # largest entry of R'R - I that rounding in a document may leave; beyond it, it is not a rotation
 
 
 def compile_design(design: Design) -> System:
@@ -53,20 +41,21 @@ def compile_design(design: Design) -> System:
     try:
         return _compile(design)
     except (DesignError, IllPosedError) as error:
-        raise type(error)([place(problem, design.source) for problem in error.problems]) from None
+        source = design.source.placed()
+        raise type(error)([place(problem, source) for problem in error.problems]) from None
 
 
 def _compile(design: Design) -> System:
     document = design.document
-    fiducials = _frozen(design.fiducials.positions_mm)
+    fiducials = frozen(design.fiducials.positions_mm)
     notes = list(design.fiducials.notes)
-    views = tuple(_view(view, f"/views/{index}", fiducials, notes) for index, view in enumerate(document.views))
+    views = tuple(compile_view(view, f"/views/{index}", fiducials, notes) for index, view in enumerate(document.views))
     made = document.fiducials.manufacturing
     transforms = document.transforms
     if transforms.T_flange_con is None and transforms.T_tcp_flange is None:
         notes.append("no transforms are given: the tcp frame is the connector frame")
     targets = tuple(sample for target in document.targets for sample in expand_target(target))
-    _refuse_behind_detector(design, views, fiducials, targets)
+    refuse_behind_detector(design, views, fiducials, targets)
     execution_bias, execution = _execution(document.execution)
     hand_eye = document.execution.hand_eye
     return System(
@@ -75,19 +64,19 @@ def _compile(design: Design) -> System:
         fiducial_labels=design.fiducials.labels,
         fiducials_mm=fiducials,
         manufacturing_law=Law.NORMAL if made is None else Law(made.distribution),
-        manufacturing_half_width_mm=_frozen(
+        manufacturing_half_width_mm=frozen(
             np.broadcast_to(0.0 if made is None else np.array(made.half_width_mm), fiducials.shape)
         ),
         manufacturing_coverage_factor=1.0 if made is None else _coverage(made.distribution, made.coverage_factor),
         interface_1=_interface("interface_1", "structure_connector", document.interfaces.structure_connector),
         interface_2=_interface("interface_2", "connector_flange", document.interfaces.connector_flange),
-        T_flange_con=_transform(transforms.T_flange_con, "/transforms/T_flange_con", notes),
-        T_tcp_flange=_transform(transforms.T_tcp_flange, "/transforms/T_tcp_flange", notes),
+        T_flange_con=compile_transform(transforms.T_flange_con, "/transforms/T_flange_con", notes),
+        T_tcp_flange=compile_transform(transforms.T_tcp_flange, "/transforms/T_tcp_flange", notes),
         hand_eye=_perfect("hand_eye")
         if hand_eye is None
         else Mount(
             "hand_eye",
-            _frozen(hand_eye.pivot_mm),
+            frozen(hand_eye.pivot_mm),
             _bias(hand_eye.bias),
             _torsor_sources(hand_eye.tolerances),
             "hand-eye calibration",
@@ -103,150 +92,11 @@ def _compile(design: Design) -> System:
     )
 
 
-def _frozen(values: Any) -> Array:
-    array = np.array(values, dtype=float)
-    array.setflags(write=False)
-    return array
-
-
-# --- views ------------------------------------------------------------------------------------------
-
-
-def _view(view: Any, pointer: str, fiducials: Array, notes: list[str]) -> View:
-    size: tuple[int, int] | None
-    if isinstance(view, PresetView | DistanceView):
-        projection, size = _aimed(view)
-    elif isinstance(view, PinholeView):
-        k = intrinsic_matrix(view.intrinsics.focal_px, view.intrinsics.principal_point_px, view.intrinsics.skew_px)
-        projection = projection_from_pose(k, _transform(view.pose, f"{pointer}/pose", notes))
-        size = view.image_size_px
-    else:
-        assert isinstance(view, MatrixView)
-        projection, size = _given(view, pointer, fiducials), view.image_size_px
-    return View(view.name, _frozen(projection), view.fiducial_noise_px, view.target_noise_px, size)
-
-
-def _aimed(view: PresetView | DistanceView) -> tuple[Array, tuple[int, int]]:
-    """A preset fills in what the view leaves open; loading has made sure that nothing stays open."""
-    preset = PRESETS[view.preset] if isinstance(view, PresetView) else None
-
-    def number(name: str) -> Any:
-        own = getattr(view, name)
-        return own if own is not None else getattr(preset, name)
-
-    size: tuple[int, int] = number("image_size_px")
-    pixel = float(number("pixel_mm"))
-    projection = projection_from_distances(
-        number("source_detector_mm"),
-        number("source_isocentre_mm"),
-        (pixel, pixel),
-        view.principal_point_px or image_centre_px(size),
-        np.array(view.isocentre_mm),
-        np.array(view.beam),
-        np.array(view.up_direction),
-    )
-    return projection, size
-
-
-def _refuse_behind_detector(
-    design: Design, views: tuple[View, ...], fiducials: Array, targets: tuple[Target, ...]
-) -> None:
-    """A distance to the detector is known for aimed views only; the System no longer holds it."""
-    points = np.vstack([fiducials, *(target.position_mm[None] for target in targets)])
-    labels = design.fiducials.labels
-    for index, (view, compiled) in enumerate(zip(design.document.views, views, strict=True)):
-        if not isinstance(view, PresetView | DistanceView):
-            continue
-        detector = view.source_detector_mm or PRESETS[getattr(view, "preset", "")].source_detector_mm
-        depth = depths(compiled.projection, points)
-        worst = int(np.argmax(depth))
-        if depth[worst] > detector:
-            count = len(fiducials)
-            name = f"target {targets[worst - count].name}" if worst >= count else f"fiducial {labels[worst]}"
-            raise IllPosedError(
-                Problem(
-                    f"/views/{index}",
-                    "behind-detector",
-                    f"{name} lies {depth[worst]:.4g} mm from the source of view {view.name}, behind its detector at "
-                    f"{detector:g} mm",
-                    "check the isocentre, the direction of the beam and the frame of the coordinates",
-                )
-            )
-
-
-def _given(view: MatrixView, pointer: str, fiducials: Array) -> Array:
-    matrix = np.array(view.projection)
-    left = matrix[:, :3] / max(float(np.abs(matrix[:, :3]).max()), 1e-300)
-    # rows of a projection differ by the focal length in px; scaling each makes the rank a matter of directions
-    rows = np.linalg.norm(left, axis=1)
-    if rows.min() == 0 or np.linalg.svd(left / rows[:, None], compute_uv=False)[-1] < 1e-9:
-        raise IllPosedError(
-            Problem(
-                f"{pointer}/projection",
-                "no-source",
-                "the left 3x3 block of the projection is singular: it has no finite X-ray source",
-                "give a perspective projection that maps con millimetres to pixels",
-            )
-        )
-    if np.abs(matrix).max() > 1e12 * np.linalg.norm(matrix[2, :3]):
-        detail = "the rows of the projection differ by more than a factor of 1e12: no camera has such a focal length"
-        raise IllPosedError(Problem(f"{pointer}/projection", "no-source", detail, "it maps con millimetres to pixels"))
-    return scale_to_unit_depth(matrix, fiducials)
-
-
-def _transform(value: Pose | Any | None, pointer: str, notes: list[str]) -> Array:
-    """4x4 of a pose or a matrix; rounding in the document is taken out, anything more is refused."""
-    if value is None:
-        return _frozen(np.eye(4))
-    if isinstance(value, Pose):
-        translation = np.array(value.translation_mm)
-        if value.rotation_deg is not None:
-            return _frozen(rigid_transform(rotation_xyz(np.deg2rad(value.rotation_deg)), translation))
-        if value.quaternion_wxyz is not None:
-            norm = float(np.linalg.norm(value.quaternion_wxyz))
-            if abs(norm - 1) > 1e-3:
-                raise _not_rigid(f"{pointer}/quaternion_wxyz", f"the quaternion's norm is {norm:.6g}, not 1")
-            return _frozen(rigid_transform(rotation_from_quaternion(np.array(value.quaternion_wxyz)), translation))
-        rotation = np.eye(3) if value.rotation is None else np.array(value.rotation)
-        pointer += "/rotation"
-    else:
-        matrix = np.array(value)
-        if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0:
-            raise _not_rigid(f"{pointer}/3", f"the last row is {matrix[3].tolist()}, not [0, 0, 0, 1]")
-        if np.abs(matrix[:3, 3]).max() > 1e5:
-            raise DesignError(Problem(pointer, "out-of-range", "the translation is longer than 100 m"))
-        rotation, translation = matrix[:3, :3], matrix[:3, 3]
-    size = float(np.abs(rotation).max())
-    defect = rigidity_defect(rotation) if size < 10 else float("inf")
-    if not defect <= RIGID:
-        what = (
-            "it is a reflection, or far from a rotation" if defect == float("inf") else f"R'R - I reaches {defect:.2g}"
-        )
-        raise _not_rigid(pointer, f"its rotation is not a rotation: {what}")
-    if defect > 1e-12:
-        left, _, right = np.linalg.svd(rotation)
-        rotation = left @ right
-    if defect > 1e-9:
-        notes.append(f"{pointer}: replaced by the nearest rotation (R'R - I reached {defect:.1g})")
-    return _frozen(rigid_transform(rotation, translation))
-
-
-def _not_rigid(pointer: str, detail: str) -> DesignError:
-    return DesignError(
-        Problem(
-            pointer,
-            "not-rigid",
-            f"a transform is rigid; {detail} (accepted: {RIGID:g})",
-            "give more digits, or use rotation_deg",
-        )
-    )
-
-
 # --- mounts -----------------------------------------------------------------------------------------
 
 
 def _perfect(name: str) -> Mount:
-    return Mount(name, _frozen(np.zeros(3)), _frozen(np.zeros(6)), no_sources(6))
+    return Mount(name, frozen(np.zeros(3)), frozen(np.zeros(6)), no_sources(6))
 
 
 def _coverage(distribution: str, factor: float | None) -> float:
@@ -258,7 +108,7 @@ def _coverage(distribution: str, factor: float | None) -> float:
 def _interface(name: str, field: str, interface: Interface | None) -> Mount:
     if interface is None:
         return replace(_perfect(name), label=field.replace("_", "-"))
-    pivot = _frozen(interface.pivot_mm)
+    pivot = frozen(interface.pivot_mm)
     sources = no_sources(6)
     if interface.tolerances is not None:
         sources = _torsor_sources(interface.tolerances)
@@ -273,17 +123,17 @@ def _interface(name: str, field: str, interface: Interface | None) -> Mount:
         sources = Sources(
             tuple(locator.name for locator in held),
             tuple(Law(locator.distribution) for locator in held),
-            _frozen([locator.half_width_mm for locator in held]),
-            _frozen([_coverage(locator.distribution, locator.coverage_factor) for locator in held]),
+            frozen([locator.half_width_mm for locator in held]),
+            frozen([_coverage(locator.distribution, locator.coverage_factor) for locator in held]),
             ("mm",) * 6,
-            _frozen(direction),
+            frozen(direction),
         )
     return Mount(name, pivot, _bias(interface.bias), sources, interface.label or field.replace("_", "-"))
 
 
 def _bias(bias: Bias) -> Array:
     turns = [radians(bias.rx_deg), radians(bias.ry_deg), radians(bias.rz_deg)]
-    return _frozen([*turns, bias.tx_mm, bias.ty_mm, bias.tz_mm])
+    return frozen([*turns, bias.tx_mm, bias.ty_mm, bias.tz_mm])
 
 
 def _torsor_sources(tolerances: Tolerances) -> Sources:
@@ -293,10 +143,10 @@ def _torsor_sources(tolerances: Tolerances) -> Sources:
     return Sources(
         tuple(name for _, name, _ in given),
         tuple(Law(item.distribution) for _, _, item in given),
-        _frozen([radians(item.half_width_deg) if k < 3 else item.half_width_mm for k, _, item in given]),
-        _frozen([_coverage(item.distribution, item.coverage_factor) for _, _, item in given]),
+        frozen([radians(item.half_width_deg) if k < 3 else item.half_width_mm for k, _, item in given]),
+        frozen([_coverage(item.distribution, item.coverage_factor) for _, _, item in given]),
         tuple("rad" if k < 3 else "mm" for k, _, _ in given),
-        _frozen(np.eye(6)[:, [k for k, _, _ in given]]),
+        frozen(np.eye(6)[:, [k for k, _, _ in given]]),
     )
 
 
@@ -310,14 +160,14 @@ def _execution(execution: Execution) -> tuple[Array, Sources]:
         if execution.compliance.load_half_width_n is not None:
             parts.append(_load(execution.compliance))
     if not parts:
-        return _frozen(bias), no_sources(3)
-    return _frozen(bias), Sources(
+        return frozen(bias), no_sources(3)
+    return frozen(bias), Sources(
         tuple(name for part in parts for name in part.names),
         tuple(law for part in parts for law in part.laws),
-        _frozen(np.concatenate([part.half_width for part in parts])),
-        _frozen(np.concatenate([part.coverage_factor for part in parts])),
+        frozen(np.concatenate([part.half_width for part in parts])),
+        frozen(np.concatenate([part.coverage_factor for part in parts])),
         tuple(unit for part in parts for unit in part.units),
-        _frozen(np.hstack([part.direction for part in parts])),
+        frozen(np.hstack([part.direction for part in parts])),
     )
 
 
@@ -355,10 +205,10 @@ def _load(compliance: Compliance) -> Sources:
 def expand_target(target: TargetDocument) -> list[Target]:
     """The named points of a target; a region's are called name[0], name[1], ..."""
     if target.region is None:
-        return [Target(target.name, _frozen(target.position_mm))]
+        return [Target(target.name, frozen(target.position_mm))]
     points = _box_points(target.region) if target.region.box is not None else _sphere_points(target.region)
     assert len(points) == sample_count(target)
-    return [Target(f"{target.name}[{k}]", _frozen(point), target.name) for k, point in enumerate(points)]
+    return [Target(f"{target.name}[{k}]", frozen(point), target.name) for k, point in enumerate(points)]
 
 
 def _box_points(region: Region) -> list[Array]:

@@ -16,8 +16,9 @@ from ..errors import DesignError, LimitError, Problem
 from .consistency import check_document, check_fiducials
 from .document import SCHEMA_NAME, DesignDocument, FiducialPoint
 from .fiducial_files import FiducialList, format_of, read_fiducials
-from .reading import DEFAULT_LIMITS, Format, Limits, Source, decode, plain_data, read_bytes, read_text, scalar, shown
+from .reading import DEFAULT_LIMITS, Format, Limits, Source, decode, plain_data, read_bytes, read_text, shown
 from .refusals import place, refuse
+from .yaml_tree import scalar
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,6 +122,7 @@ def _check_schema_name(source: Source) -> None:
 def _raise(problems: list[Problem], source: Source, limits: Limits) -> None:
     if not problems:
         return
+    source = source.placed()
     placed = [place(problem, source) for problem in problems[: limits.problems]]
     if all(problem.code == "too-many" for problem in problems):
         raise LimitError(placed)

@@ -1,59 +1,29 @@
-"""YAML and JSON into plain data, with the line and column of every value, and nothing else.
+"""A document into plain data: files, encodings, YAML or JSON, and data that a caller hands over.
 
-A design arrives from strangers, so the reader is small and closed: text is decoded strictly, tags are
-refused, duplicate keys are refused, aliases are counted at their expanded size, and nesting, nodes and
-bytes are bounded.  YAML is read by libyaml's *events*; the tree is built here without recursion, which
-is what makes a bomb of nesting or aliases an error message instead of a crash.
-
-Plain scalars follow the core schema of YAML 1.2: ``yes``, ``no``, ``on``, ``off``, ``1:30`` and ``1_000``
-are text, ``1e3`` is a number.  Integers with leading zeros mean different numbers in YAML 1.1 and 1.2,
-so they stay text and a field that wants a number refuses them.
+A design arrives from strangers, so the reader is small and closed: text is decoded strictly, duplicate
+keys and tags are refused, nesting, values and bytes are bounded, and every refusal has a line.
 """
 
 from __future__ import annotations
 
 import codecs
 import json
-import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import yaml
 
 from ..errors import DesignError, LimitError, Problem
+from .wording import DEFAULT_LIMITS, Limits, problem, shown, size_problem
+from .yaml_tree import LONGEST_KEY, Place, big_integer, integer, read_yaml
+
+__all__ = ["DEFAULT_LIMITS", "Format", "Limits", "Source", "decode", "plain_data", "read_bytes", "read_text", "shown"]
 
 Format = Literal["auto", "yaml", "json"]
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Bounds on what is read.  Everything beyond them is refused, and the refusal states them."""
-
-    document_bytes: int = 1_000_000
-    fiducial_file_bytes: int = 1_000_000
-    nodes: int = 50_000
-    depth: int = 24
-    fiducials: int = 1000
-    targets: int = 200
-    views: int = 16
-    problems: int = 25  # how many problems are listed before "and more"
-
-
-DEFAULT_LIMITS = Limits()
-
-_LONGEST_KEY = 100  # characters; keys end up in pointers
-_INTEGER = re.compile(r"[-+]?(0|[1-9][0-9]*)\Z")
-_FLOAT = re.compile(r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?\Z")
-_OTHER = {
-    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
-    **dict.fromkeys(("true", "True", "TRUE"), True),
-    **dict.fromkeys(("false", "False", "FALSE"), False),
-    **dict.fromkeys((".nan", ".NaN", ".NAN"), float("nan")),
-    **{sign + word: float(sign + "inf") for sign in ("", "+", "-") for word in (".inf", ".Inf", ".INF")},
-}
 _BOMS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),  # before UTF-16 LE, whose mark it begins with
@@ -61,28 +31,6 @@ _BOMS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where a value stands in its file (1-based), and where its children do."""
-
-    line: int
-    column: int
-    children: dict[str, tuple[Place, Place]] | list[Place] | None = None  # mapping: key, value
-
-    def find(self, path: Iterable[str | int], *, key: bool = False) -> Place:
-        """The place of a path of keys and indices, or of its nearest ancestor; ``key``: of the key itself."""
-        here = self
-        at_key = self
-        for step in path:
-            if isinstance(here.children, dict) and str(step) in here.children:
-                at_key, here = here.children[str(step)]
-            elif isinstance(here.children, list) and isinstance(step, int) and step < len(here.children):
-                at_key = here = here.children[step]
-            else:
-                return here
-        return at_key if key else here
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,50 +43,22 @@ class Source:
     place: Place | None = None
     json_text: str | None = None  # JSON is located only when an error asks for it
 
+    def placed(self) -> Source:
+        """The same source with places, if its text can be located; ask before locating several paths."""
+        if self.place is not None or self.json_text is None:
+            return self
+        try:
+            return replace(self, place=read_yaml(self.json_text, self.file, DEFAULT_LIMITS)[1])
+        except (DesignError, LimitError):  # JSON that is not YAML (pairs of surrogate escapes)
+            return replace(self, json_text=None)
+
     def locate(self, path: Iterable[str | int], *, key: bool = False) -> tuple[int | None, int | None]:
         """Line and column of a path, (None, None) when the document did not come as text."""
-        place = self.place
-        if place is None and self.json_text is not None:
-            try:
-                place = _from_events(self.json_text, self.file, DEFAULT_LIMITS)[1]
-            except (DesignError, LimitError):  # JSON that is not YAML (surrogate escapes): no positions
-                place = None
+        place = self.placed().place
         if place is None:
             return None, None
         found = place.find(path, key=key)
         return found.line, found.column
-
-
-def problem(code: str, detail: str, hint: str = "", *, file: str | None = None, mark: Any = None) -> Problem:
-    """A problem of the document as a whole, at a YAML mark if there is one."""
-    line = None if mark is None else mark.line + 1
-    column = None if mark is None else mark.column + 1
-    return Problem("", code, detail, hint, file, line, column)
-
-
-def shown(value: Any, length: int = 60) -> str:
-    """What arrived, short enough for a message."""
-    if isinstance(value, str):
-        body = value if len(value) <= length else value[: length - 3] + "..."
-        return "the text " + json.dumps(body, ensure_ascii=False)
-    if value is None:
-        return "nothing (null)"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        try:
-            text = repr(value)
-        except ValueError:  # an integer of more digits than Python prints
-            text = "an integer of more than 4300 digits"
-        return text if len(text) <= length else text[: length - 3] + "..."
-    if isinstance(value, Mapping):
-        names = ", ".join([str(key)[:20] for key in list(value)[:4]] + (["..."] if len(value) > 4 else []))
-        return f"a mapping with {len(value)} field(s)" + (f" ({names})" if names else "")
-    if isinstance(value, list | tuple):
-        scalars = all(isinstance(item, int | float | str) and len(str(item)) < 20 for item in value[:7])
-        body = f" {list(value)!r}" if scalars and len(value) <= 6 else ""
-        return f"a list of {len(value)}" + body
-    return f"a {type(value).__name__}"
 
 
 def read_bytes(path: Path, limit: int, name: str) -> bytes:
@@ -206,7 +126,7 @@ def read_text(text: str, limits: Limits, *, file: str | None, directory: Path | 
                     "", "json-syntax", f"this is not JSON: {error.msg}", "", file, error.lineno, error.colno
                 )
                 raise DesignError(where) from None
-    data, place = _from_events(text, file, limits)
+    data, place = read_yaml(text, file, limits)
     return Source(data, file, directory, place=place)
 
 
@@ -221,21 +141,24 @@ def plain_data(value: Any, limits: Limits) -> Any:
         nonlocal count
         count += 1
         if depth > limits.depth or count > limits.nodes:
-            raise LimitError(_size_problem(limits, None, None))
+            raise LimitError(size_problem(limits, None, None))
         if isinstance(item, np.generic | np.ndarray):
             item = item.tolist()
         if isinstance(item, Mapping):
             for key in item:
                 if not isinstance(key, str):
                     raise DesignError(Problem(path, "bad-key", f"keys are texts; got {shown(key)}"))
-                if len(key) > _LONGEST_KEY:
+                if len(key) > LONGEST_KEY:
                     raise DesignError(Problem(path, "bad-key", f"no field has a name of {len(key)} characters"))
                 _refuse_surrogates(key, path, None)
-            return {key: copy(child, f"{path}/{key}", depth + 1) for key, child in item.items()}
+            return {
+                key: copy(child, f"{path}/{key.replace('~', '~0').replace('/', '~1')}", depth + 1)
+                for key, child in item.items()
+            }
         if isinstance(item, list | tuple):
             return [copy(child, f"{path}/{index}", depth + 1) for index, child in enumerate(item)]
         if isinstance(item, int) and not isinstance(item, bool) and item.bit_length() > 64:
-            return _big_integer("-" if item < 0 else "")
+            return big_integer("-" if item < 0 else "")
         if isinstance(item, str):
             _refuse_surrogates(item, path, None)
         if item is None or type(item) in (str, int, float, bool):
@@ -249,31 +172,17 @@ def plain_data(value: Any, limits: Limits) -> Any:
     return copy(value, "", 0)
 
 
+def _token(key: str) -> str:
+    """A key in an RFC 6901 pointer."""
+    return key.replace("~", "~0").replace("/", "~1")
+
+
 def _refuse_surrogates(text: str, path: str, file: str | None) -> None:
     """Half a surrogate pair is not text: it can be neither written nor hashed."""
     try:
         text.encode()
     except UnicodeEncodeError:
         raise DesignError(Problem(path, "not-text", "the text holds half a surrogate pair", file=file)) from None
-
-
-def _big_integer(sign: str) -> float:
-    """Integers beyond any field's range are read as infinite, and refused where they stand."""
-    return float(sign + "inf")
-
-
-def _integer(text: str) -> int | float:
-    return int(text) if len(text) < 20 else _big_integer("-" if text.startswith("-") else "")
-
-
-def _size_problem(limits: Limits, file: str | None, mark: Any) -> Problem:
-    return problem(
-        "too-complex",
-        f"the document has more than {limits.nodes} values (aliases counted where they are used) "
-        f"or is nested deeper than {limits.depth}",
-        file=file,
-        mark=mark,
-    )
 
 
 def _from_json(text: str, limits: Limits, file: str | None) -> Any:
@@ -286,9 +195,9 @@ def _from_json(text: str, limits: Limits, file: str | None) -> Any:
         return result
 
     try:
-        data = json.loads(text, object_pairs_hook=pairs, parse_int=_integer)
+        data = json.loads(text, object_pairs_hook=pairs, parse_int=integer)
     except RecursionError:
-        raise LimitError(_size_problem(limits, file, None)) from None
+        raise LimitError(size_problem(limits, file, None)) from None
     return plain_data(data, limits)
 
 
@@ -297,136 +206,3 @@ def _duplicate(key: str, text: str, file: str | None) -> Problem:
     at = text.rfind(json.dumps(key, ensure_ascii=False))
     line = text.count("\n", 0, at) + 1 if at >= 0 else None
     return Problem("", "duplicate-key", f"the field {key[:60]!r} is given twice", "keep one of them", file, line, None)
-
-
-def scalar(text: str) -> Any:
-    """A plain scalar by the core schema of YAML 1.2, integers with leading zeros excepted."""
-    if text in _OTHER:
-        return _OTHER[text]
-    if _INTEGER.match(text):
-        return _integer(text)
-    if _FLOAT.match(text):
-        return float(text)
-    return text
-
-
-def _loader(text: str) -> Any:
-    return yaml.CSafeLoader(text) if yaml.__with_libyaml__ else yaml.SafeLoader(text)
-
-
-class _Open:
-    """A collection whose end has not been read yet."""
-
-    __slots__ = ("anchor", "children", "data", "key", "mark", "start")
-
-    def __init__(self, data: Any, children: Any, mark: Any, anchor: str | None, start: int) -> None:
-        self.data, self.children, self.mark, self.anchor, self.start = data, children, mark, anchor, start
-        self.key: tuple[str, Place] | None = None
-
-
-def _from_events(text: str, file: str | None, limits: Limits) -> tuple[Any, Place]:
-    """Build data and places from libyaml's events, without recursion."""
-    try:
-        loader = _loader(text)
-        try:
-            return _build(loader, file, limits)
-        finally:
-            loader.dispose()
-    except yaml.MarkedYAMLError as error:
-        detail = ", ".join(part for part in (error.context, error.problem) if part)
-        mark = error.problem_mark or error.context_mark
-        hint = "indent with spaces, not tabs" if mark and _at_tab(text, mark.line, mark.column) else ""
-        raise DesignError(problem("yaml-syntax", f"this is not YAML: {detail}", hint, file=file, mark=mark)) from None
-    except (yaml.YAMLError, RecursionError) as error:
-        detail = str(error).split("\n")[0][:120]
-        raise DesignError(problem("yaml-syntax", f"this is not YAML: {detail}", file=file)) from None
-
-
-def _at_tab(text: str, line: int, column: int) -> bool:
-    lines = text.splitlines()
-    return line < len(lines) and lines[line][: column + 1].strip(" ").startswith("\t")
-
-
-def _build(loader: Any, file: str | None, limits: Limits) -> tuple[Any, Place]:
-    stack: list[_Open] = []
-    anchors: dict[str, tuple[Any, Place, int]] = {}
-    root: tuple[Any, Place] | None = None
-    count = 0
-
-    def refuse(code: str, detail: str, hint: str, mark: Any) -> DesignError:
-        return DesignError(problem(code, detail, hint, file=file, mark=mark))
-
-    def add(value: Any, place: Place, mark: Any) -> None:
-        nonlocal root
-        if not stack:
-            if root is not None:
-                raise refuse("several-documents", "the file holds more than one YAML document", "split it", mark)
-            root = (value, place)
-            return
-        top = stack[-1]
-        if isinstance(top.data, list):
-            top.data.append(value)
-            top.children.append(place)
-        elif top.key is None:
-            if not isinstance(value, str):
-                raise refuse("bad-key", f"keys are texts; got {shown(value)}", "put it in quotes", mark)
-            if len(value) > _LONGEST_KEY:
-                raise refuse("bad-key", f"no field has a name of {len(value)} characters", "", mark)
-            if value in top.data:
-                first = top.children[value][0]
-                raise refuse(
-                    "duplicate-key",
-                    f"the field {value[:60]!r} is given twice (first in line {first.line})",
-                    "keep one of them",
-                    mark,
-                )
-            top.key = (value, place)
-        else:
-            name, at_key = top.key
-            top.data[name] = value
-            top.children[name] = (at_key, place)
-            top.key = None
-
-    while True:
-        event = loader.get_event()
-        mark = event.start_mark
-        if isinstance(event, yaml.StreamEndEvent):
-            break
-        if isinstance(event, yaml.ScalarEvent | yaml.CollectionStartEvent | yaml.AliasEvent):
-            count += 1
-            if count > limits.nodes or len(stack) > limits.depth:
-                raise LimitError(_size_problem(limits, file, mark))
-            tag = getattr(event, "tag", None)
-            if tag is not None:
-                raise refuse("yaml-tag", f"YAML tags are not accepted; got {tag[:60]!r}", "remove the tag", mark)
-        if isinstance(event, yaml.ScalarEvent):
-            # implicit[0] is true for plain scalars only: quoted and block scalars are text whatever they hold
-            value = scalar(event.value) if event.implicit[0] else event.value
-            place = Place(mark.line + 1, mark.column + 1)
-            if event.anchor:
-                anchors[event.anchor] = (value, place, 1)
-            add(value, place, mark)
-        elif isinstance(event, yaml.AliasEvent):
-            alias = event.anchor or ""
-            if alias not in anchors:
-                raise refuse("yaml-alias", f"no finished value is called {alias[:60]!r}", "", mark)
-            value, target, size = anchors[alias]
-            count += size
-            if count > limits.nodes:
-                raise LimitError(_size_problem(limits, file, mark))
-            add(value, target, mark)
-        elif isinstance(event, yaml.MappingStartEvent):
-            stack.append(_Open({}, {}, mark, event.anchor, count))
-        elif isinstance(event, yaml.SequenceStartEvent):
-            stack.append(_Open([], [], mark, event.anchor, count))
-        elif isinstance(event, yaml.CollectionEndEvent):
-            done = stack.pop()
-            place = Place(done.mark.line + 1, done.mark.column + 1, done.children)
-            if done.anchor:
-                anchors[done.anchor] = (done.data, place, count - done.start + 1)
-            add(done.data, place, done.mark)
-    if root is None:
-        raise DesignError(
-            problem("empty-document", "the document is empty", "start from examples/demo.yaml", file=file)
-        )
-    return root

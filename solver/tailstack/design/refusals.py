@@ -56,6 +56,7 @@ def place(problem: Problem, source: Source) -> Problem:
 def refuse(error: ValidationError, source: Source, limits: Limits) -> DesignError:
     """A DesignError that says what each of pydantic's errors says, in the order of the document."""
     problems = _merged([_translate(entry) for entry in error.errors(include_url=False)])
+    source = source.placed()
     dropped = len(problems) - limits.problems
     problems = [place(problem, source) for problem in problems[: limits.problems]]
     if dropped > 0:

@@ -244,7 +244,7 @@ def _check_resection(system: System) -> list[Finding]:
         images = project(view.projection, imaged)
         image_frame = hartley_similarity(images)
         rows = design_matrix(points, (homogeneous(images) @ image_frame.T)[:, :2])
-        _, values, right = np.linalg.svd(rows)
+        _, values, right = np.linalg.svd(rows, full_matrices=False)
         strength = float(values[10] / values[0])
         if strength > WEAK:
             continue
