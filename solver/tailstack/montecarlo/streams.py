@@ -1,0 +1,140 @@
+"""Random numbers of a trial from (seed, trial) alone, eight trials at a time.
+
+Each trial owns two xoshiro256++ generators (Blackman and Vigna 2021), one for what is drawn once per
+installed unit and one for what is drawn at every shot.  Their 256-bit states come from SplitMix64 of
+(seed, stream, index), as the authors of xoshiro advise for seeding.  Why that is enough: xoshiro256++
+passes BigCrush; a trial uses some 10^2 to 10^3 of its 2^256 words, so two of 10^9 trials overlap with
+probability below 1e-50; SplitMix64 is a bijection followed by an avalanche, so neighbouring indices start from
+unrelated states.  A counter-based Philox4x32-10 would serve as well and costs five times the integer
+work per word.
+
+Normals are Box-Muller pairs from 52-bit uniforms: radius up to 8.49, angle from an eighth of the circle
+and two further bits.  Order: each run of columns with one law and stream (``plan._segments``) is drawn left to
+right; normals in pairs (an odd run drops the last half), one word per uniform, two per triangular.
+"""
+
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, untyped-decorator, misc"
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .elementary import natural_log, sine_cosine_small
+from .lanes import as_bits, as_lanes, bits_set, load, select, splat, splat_bits, square_root, store
+
+_MASK64 = (1 << 64) - 1
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_MIX1 = np.uint64(0xBF58476D1CE4E5B9)
+_MIX2 = np.uint64(0x94D049BB133111EB)
+_ONE = np.uint64(0x3FF0000000000000)
+_B1, _B2, _B12, _B17, _B19, _B23, _B27, _B30, _B31, _B33, _B41, _B45, _B62 = (
+    np.uint64(k) for k in (1, 2, 12, 17, 19, 23, 27, 30, 31, 33, 41, 45, 62)
+)
+_SIGN = np.uint64(1 << 63)
+
+
+def _mix_int(z: int) -> int:
+    z = ((z ^ (z >> 30)) * int(_MIX1)) & _MASK64
+    z = ((z ^ (z >> 27)) * int(_MIX2)) & _MASK64
+    return z ^ (z >> 31)
+
+
+def stream_key(seed: int, stream: int) -> np.uint64:
+    """64-bit key of one stream of one seed; seeds of any size are folded in, 64 bits at a time."""
+    key = _mix_int(0x7461696C737461 + stream)
+    remaining = seed
+    while True:
+        key = _mix_int((key + (remaining & _MASK64) + int(_GOLDEN)) & _MASK64)
+        remaining >>= 64
+        if not remaining:
+            return np.uint64(key)
+
+
+@njit
+def _mix(z):
+    z = (z ^ (z >> splat_bits(_B30))) * splat_bits(_MIX1)
+    z = (z ^ (z >> splat_bits(_B27))) * splat_bits(_MIX2)
+    return z ^ (z >> splat_bits(_B31))
+
+
+@njit
+def seed_states(key, index):
+    """Four state words of each lane from the key and the lane's index (SplitMix64)."""
+    step = splat_bits(_GOLDEN)
+    base = _mix(splat_bits(key) + index * step)
+    a = base + step
+    b = a + step
+    c = b + step
+    return _mix(a), _mix(b), _mix(c), _mix(c + step)
+
+
+@njit
+def next_word(s0, s1, s2, s3):
+    """One xoshiro256++ step: (word, new state)."""
+    total = s0 + s3
+    word = ((total << splat_bits(_B23)) | (total >> splat_bits(_B41))) + s0
+    shifted = s1 << splat_bits(_B17)
+    s2 = s2 ^ s0
+    s3 = s3 ^ s1
+    s1 = s1 ^ s2
+    s0 = s0 ^ s3
+    s2 = s2 ^ shifted
+    s3 = (s3 << splat_bits(_B45)) | (s3 >> splat_bits(_B19))
+    return word, s0, s1, s2, s3
+
+
+@njit
+def one_to_two(word):
+    """52 bits of the word as a double in [1, 2)."""
+    return as_lanes((word >> splat_bits(_B12)) | splat_bits(_ONE))
+
+
+@njit
+def normal_pair(first, second):
+    """Box-Muller: two independent N(0, 1) from two words."""
+    radius = square_root(splat(-2.0) * natural_log(splat(2.0) - one_to_two(first)))
+    sine, cosine = sine_cosine_small((one_to_two(second) - splat(1.5)) * splat(1.5707963267948966))
+    cosine = as_lanes(as_bits(cosine) ^ ((second << splat_bits(_B62)) & splat_bits(_SIGN)))
+    swap = bits_set(second & splat_bits(_B1))
+    return radius * select(swap, sine, cosine), radius * select(swap, cosine, sine)
+
+
+@njit
+def fill_deviates(segments, stream, key, index, z):
+    """Draw all columns of one stream for eight lanes into ``z`` (flat, column k at 8 k)."""
+    s0, s1, s2, s3 = seed_states(key, index)
+    for run in range(segments.shape[0]):
+        if segments[run, 3] != stream:
+            continue
+        column, end, law = segments[run, 0], segments[run, 1], segments[run, 2]
+        if law == 0:
+            while column < end:
+                first, s0, s1, s2, s3 = next_word(s0, s1, s2, s3)
+                second, s0, s1, s2, s3 = next_word(s0, s1, s2, s3)
+                a, b = normal_pair(first, second)
+                store(z, 8 * column, a)
+                if column + 1 < end:
+                    store(z, 8 * column + 8, b)
+                column += 2
+        else:
+            while column < end:
+                word, s0, s1, s2, s3 = next_word(s0, s1, s2, s3)
+                value = one_to_two(word) - splat(1.5)
+                if law == 1:
+                    value = value + value
+                else:
+                    word, s0, s1, s2, s3 = next_word(s0, s1, s2, s3)
+                    value = value + (one_to_two(word) - splat(1.5))
+                store(z, 8 * column, value)
+                column += 1
+
+
+@njit(cache=True, nogil=True)
+def draw_columns(segments, keys, units, trials, z, out):
+    """Deviates of the given trials: ``out`` (d, n) with n a multiple of 8; ``z`` is scratch of 8 d."""
+    for group in range(0, trials.size, 8):
+        fill_deviates(segments, 0, keys[0], load(units, group), z)
+        fill_deviates(segments, 1, keys[1], load(trials, group), z)
+        for k in range(out.shape[0]):
+            for lane in range(8):
+                out[k, group + lane] = z[8 * k + lane]
