@@ -9,7 +9,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -86,8 +86,8 @@ class _Server(uvicorn.Server):
         super().handle_exit(sig, frame)
 
 
-def _server(settings: Settings | None) -> _Server:
-    app = create_app(settings)
+def _server(settings: Settings | None, warm_up: bool = True) -> _Server:
+    app = create_app(settings, warm_up=warm_up)
     config = uvicorn.Config(
         app, log_config=None, access_log=False, lifespan="on", timeout_graceful_shutdown=GRACE_SECONDS,
         server_header=False, ws="none",
@@ -116,20 +116,19 @@ def serve(bound: socket.socket, settings: Settings | None = None) -> None:
 
 
 @contextmanager
-def embedded(settings: Settings | None = None, *, waiting: Callable[[], None] = lambda: None) -> Iterator[str]:
+def embedded(settings: Settings | None = None, *, warm_up: bool = True) -> Iterator[str]:
     """The service in a thread of this process, on a free loopback port; yields its URL once it answers.
 
     It cannot outlive the process, and stops (computations included) when the block is left, whatever way.
     """
     bound = bind("127.0.0.1", 0)
-    server = _server(settings)
+    server = _server(settings, warm_up)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [bound]}, name="tailstack-service", daemon=True)
     thread.start()
     try:
         while not server.started:
             if not thread.is_alive():
                 raise RequestError(Problem("", "cannot-serve", "the embedded service did not start"))
-            waiting()
             time.sleep(0.02)
         yield address_of(bound)
     finally:

@@ -1,0 +1,69 @@
+"""Designs and clients that the service's tests share."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from tailstack_service.documents import json_schema
+from tailstack_service.http.example import EXAMPLE_DESIGN
+from tailstack_service.http.server import embedded
+from tailstack_service.settings import Settings
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "examples"
+
+
+def small_design(**changes: Any) -> dict[str, Any]:
+    """The design of the OpenAPI examples, with top-level fields changed; None removes one."""
+    design = {**copy.deepcopy(EXAMPLE_DESIGN), **changes}
+    return {key: value for key, value in design.items() if value is not None}
+
+
+def limited(limit_mm: float, **changes: Any) -> dict[str, Any]:
+    """The small design with another limit at the tip."""
+    return small_design(requirements=[{"name": "tip-accuracy", "limit_mm": limit_mm}], **changes)
+
+
+def coplanar_design() -> dict[str, Any]:
+    """Eight fiducials in one plane: well formed, and it does not determine the projection."""
+    design = small_design()
+    for point in design["fiducials"]["points"]:
+        point["position_mm"][2] = -40.0
+    return design
+
+
+def write_json(path: Path, data: Any) -> Path:
+    path.write_text(json.dumps(data), encoding="utf-8")
+    return path
+
+
+@contextmanager
+def client_with(settings: Settings | None = None) -> Iterator[httpx.Client]:
+    """A client of a service that runs in this process, over a real connection."""
+    with (
+        embedded(settings or Settings(), warm_up=False) as url,
+        httpx.Client(base_url=url, timeout=120.0, trust_env=False) as client,
+    ):
+        yield client
+
+
+def check_problem(response: Any, status: int, slug: str) -> dict[str, Any]:
+    """Assert that a response is a complete problem document; return it."""
+    from jsonschema import Draft202012Validator
+
+    assert response.status_code == status, response.text
+    assert response.headers["content-type"] == "application/problem+json"
+    document: dict[str, Any] = response.json()
+    Draft202012Validator(json_schema("problem")).validate(document)
+    assert document["type"] == f"/v1/problems/{slug}", document
+    assert document["status"] == status
+    assert document["request_id"] == response.headers["x-request-id"]
+    assert document["errors"]
+    return document

@@ -1,0 +1,326 @@
+"""Whatever is wrong with a request is a problem document that says where, and never a 5xx."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import httpx
+import pytest
+from service_scenes import check_problem, client_with, coplanar_design, small_design
+
+from tailstack_service.problems import CATALOGUE
+from tailstack_service.settings import Settings
+
+JSON = {"Content-Type": "application/json"}
+YAML = {"Content-Type": "application/yaml"}
+POSTS = ("/v1/scores", "/v1/verifications", "/v1/optimisations", "/v1/validations")
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[httpx.Client]:
+    with client_with() as client:
+        yield client
+
+
+def changed(path: str, value: Any) -> dict[str, Any]:
+    """The small design with one value replaced."""
+    design: Any = small_design()
+    *way, last = [int(step) if step.isdigit() else step for step in path.split("/")]
+    node = design
+    for step in way:
+        node = node[step]
+    node[last] = value
+    return design
+
+
+@pytest.mark.parametrize("path", POSTS)
+@pytest.mark.parametrize(
+    ("body", "slug", "code"),
+    [
+        (b"", "malformed-document", "empty-document"),
+        (b"   \n", "malformed-document", "empty-document"),
+        (b"{", "malformed-document", "json-syntax"),
+        (b"{'design': 1}", "malformed-document", "json-syntax"),
+        (b'{"design": {}} trailing', "malformed-document", "json-syntax"),
+        (b'{"design": {}, "design": {}}', "malformed-document", "duplicate-key"),
+        (b"\xff\xff{}", "malformed-document", "not-text"),
+        (b'{"design": "\x00"}', "malformed-document", "not-text"),
+    ],
+)
+def test_a_body_that_cannot_be_read_is_400(client: httpx.Client, path: str, body: bytes, slug: str, code: str) -> None:
+    document = check_problem(client.post(path, content=body, headers=JSON), 400, slug)
+    assert document["errors"][0]["code"] == code
+
+
+@pytest.mark.parametrize("path", POSTS)
+@pytest.mark.parametrize(
+    ("body", "pointer", "code"),
+    [
+        (b"[]", "", "wrong-type"),
+        (b"null", "", "wrong-type"),
+        (b"3", "", "wrong-type"),
+        (b"{}", "", "missing-field"),
+        (b'{"desing": {}}', "/desing", "unknown-field"),
+        (b'{"design": {}, "x~/y": 1}', "/x~0~1y", "unknown-field"),
+    ],
+)
+def test_the_request_around_the_design(client: httpx.Client, path: str, body: bytes, pointer: str, code: str) -> None:
+    document = check_problem(client.post(path, content=body, headers=JSON), 422, "invalid-request")
+    assert (document["errors"][0]["pointer"], document["errors"][0]["code"]) == (pointer, code)
+
+
+def test_a_bare_design_is_told_to_be_wrapped(client: httpx.Client) -> None:
+    document = check_problem(client.post("/v1/validations", json=small_design()), 422, "invalid-request")
+    assert any(entry["code"] == "unknown-field" for entry in document["errors"])
+
+
+@pytest.mark.parametrize("path", POSTS)
+@pytest.mark.parametrize(
+    ("where", "value", "code"),
+    [
+        ("views/0/fiducial_noise_px", -1, "out-of-range"),
+        ("views/0/fiducial_noise_px", "0.3", "wrong-type"),
+        ("views/1/preset", "siemens-cios", "unknown-name"),
+        ("fiducials/points/3/position_mm/1", 1e9, "out-of-range"),
+        ("fiducials/points/0/colour", "red", "unknown-field"),
+        ("interfaces/structure_connector/tolerances/rx/half_width_deg", None, "wrong-type"),
+        ("targets/0/name", "", "bad-text"),
+        ("requirements/0/limit_mm", 0, "out-of-range"),
+        ("schema", "tailstack/design/9", "unsupported-schema"),
+    ],
+)
+def test_a_bad_field_is_pointed_at_in_the_body_that_was_sent(
+    client: httpx.Client, path: str, where: str, value: Any, code: str
+) -> None:
+    document = check_problem(client.post(path, json={"design": changed(where, value)}), 422, "invalid-design")
+    assert (document["errors"][0]["pointer"], document["errors"][0]["code"]) == ("/design/" + where, code)
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999", "9" * 400])
+def test_numbers_that_are_not_finite_are_pointed_at(client: httpx.Client, number: str) -> None:
+    text = json.dumps({"design": changed("views/0/target_noise_px", "@")}).replace('"@"', number)
+    document = check_problem(client.post("/v1/scores", content=text, headers=JSON), 422, "invalid-design")
+    assert document["errors"][0]["pointer"] == "/design/views/0/target_noise_px"
+
+
+@pytest.mark.parametrize("design", [None, [], "x", 3, True])
+def test_a_design_that_is_no_mapping(client: httpx.Client, design: Any) -> None:
+    document = check_problem(client.post("/v1/scores", json={"design": design}), 422, "invalid-design")
+    assert document["errors"][0]["pointer"] == "/design"
+
+
+@pytest.mark.parametrize(
+    ("path", "options", "pointer"),
+    [
+        ("/v1/scores", {"second_order": "yes"}, "/second_order"),
+        ("/v1/scores", {"trials": 10}, "/trials"),
+        ("/v1/verifications", {"trials": 0}, "/trials"),
+        ("/v1/verifications", {"trials": 1.5}, "/trials"),
+        ("/v1/verifications", {"trials": True}, "/trials"),
+        ("/v1/verifications", {"precision": 0}, "/precision"),
+        ("/v1/verifications", {"precision": 1}, "/precision"),
+        ("/v1/verifications", {"precision": 0.1, "trials": 1000}, "/precision"),
+        ("/v1/verifications", {"seed": -1}, "/seed"),
+        ("/v1/verifications", {"seed": 2**63}, "/seed"),
+        ("/v1/verifications", {"method": "magic"}, "/method"),
+        ("/v1/optimisations", {"starts": 0}, "/starts"),
+        ("/v1/optimisations", {"seed": "1"}, "/seed"),
+        ("/v1/validations", {"strict": True}, "/strict"),
+    ],
+)
+def test_bad_options_are_pointed_at(client: httpx.Client, path: str, options: dict[str, Any], pointer: str) -> None:
+    document = check_problem(client.post(path, json={"design": small_design(), **options}), 422, "invalid-request")
+    assert [entry["pointer"] for entry in document["errors"]] == [pointer]
+
+
+def test_an_unknown_option_is_answered_with_the_nearest_known_one(client: httpx.Client) -> None:
+    body = {"design": small_design(), "trails": 10}
+    document = check_problem(client.post("/v1/verifications", json=body), 422, "invalid-request")
+    assert "trials" in document["errors"][0]["hint"]
+
+
+@pytest.mark.parametrize("path", POSTS)
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Content-Type": "text/plain"},
+        {"Content-Type": ""},
+        {"Content-Type": "multipart/form-data; boundary=x"},
+        {"Content-Type": "application/json; charset=latin-1"},
+        {"Content-Type": "application/json", "Content-Encoding": "gzip"},
+    ],
+)
+def test_other_content_types_are_415(client: httpx.Client, path: str, headers: dict[str, str]) -> None:
+    check_problem(client.post(path, content=b"{}", headers=headers), 415, "unsupported-media-type")
+
+
+def test_yaml_is_read_only_where_it_is_offered(client: httpx.Client) -> None:
+    for path in ("/v1/verifications", "/v1/optimisations"):
+        check_problem(client.post(path, content=b"a: 1", headers=YAML), 415, "unsupported-media-type")
+
+
+def test_problems_of_a_yaml_design_carry_line_and_column(client: httpx.Client) -> None:
+    text = b"schema: tailstack/design/1\nname: x\nviews: 3\nfiducials: {points: []}\ntargets: []\n"
+    document = check_problem(client.post("/v1/validations", content=text, headers=YAML), 422, "invalid-design")
+    entry = next(entry for entry in document["errors"] if entry["pointer"] == "/views")
+    assert (entry["line"], entry["column"]) == (3, 8)
+
+
+@pytest.mark.parametrize(
+    "text", [b"a: [", b"a: 1\na: 2", b"!!python/object:os.system x", b"*x", b"--- 1\n--- 2", b"\t- x: y"]
+)
+def test_text_that_is_not_yaml_is_400(client: httpx.Client, text: bytes) -> None:
+    check_problem(client.post("/v1/validations", content=text, headers=YAML), 400, "malformed-document")
+
+
+def test_a_yaml_bomb_is_refused(client: httpx.Client) -> None:
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 12)]
+    check_problem(client.post("/v1/validations", content="\n".join(lines), headers=YAML), 422, "limit-exceeded")
+
+
+def test_deep_nesting_is_refused(client: httpx.Client) -> None:
+    check_problem(client.post("/v1/scores", content=b'{"design":' + b"[" * 90_000, headers=JSON), 422, "limit-exceeded")
+
+
+@pytest.mark.parametrize("name", ["secret.csv", "/etc/passwd.csv", "../x.mrk.json", "C:\\x.csv"])
+def test_files_are_never_read_for_a_stranger(client: httpx.Client, name: str) -> None:
+    body = {"design": small_design(fiducials={"file": name})}
+    document = check_problem(client.post("/v1/scores", json=body), 422, "invalid-design")
+    assert document["errors"][0]["pointer"] == "/design/fiducials/file"
+    assert document["errors"][0]["code"] == "file-refused"
+
+
+def test_geometry_that_determines_nothing_is_a_problem_of_the_request(client: httpx.Client) -> None:
+    for path in ("/v1/validations", "/v1/scores", "/v1/verifications"):
+        document = check_problem(client.post(path, json={"design": coplanar_design()}), 422, "ill-posed-geometry")
+        assert document["errors"][0]["pointer"].startswith("/design")
+        assert document["errors"][0]["hint"]
+
+
+def test_a_design_without_freedom_is_not_optimised(client: httpx.Client) -> None:
+    body = {"design": small_design(optimise=None)}
+    check_problem(client.post("/v1/optimisations", json=body), 422, "invalid-design")
+
+
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [("GET", "/"), ("GET", "/v1"), ("GET", "/v1/scores/"), ("POST", "/v2/scores"), ("GET", "/docs"), ("GET", "/%00")],
+)
+def test_unknown_addresses_are_404(client: httpx.Client, method: str, path: str) -> None:
+    check_problem(client.request(method, path), 404, "not-found")
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "allowed"),
+    [("GET", "/v1/scores", "POST"), ("DELETE", "/v1/verifications", "POST"), ("POST", "/version", "GET")],
+)
+def test_other_methods_are_405_with_the_allowed_ones(
+    client: httpx.Client, method: str, path: str, allowed: str
+) -> None:
+    response = client.request(method, path)
+    check_problem(response, 405, "method-not-allowed")
+    assert response.headers["allow"] == allowed
+
+
+def test_query_parameters_that_mean_nothing_are_refused(client: httpx.Client) -> None:
+    body = {"design": small_design()}
+    check_problem(client.post("/v1/scores?second_order=true", json=body), 422, "invalid-request")
+    check_problem(client.post("/v1/scores?x=1", content=b"a: 1", headers=YAML), 422, "invalid-request")
+    check_problem(client.post("/v1/scores?second_order=maybe", content=b"a: 1", headers=YAML), 422, "invalid-request")
+
+
+@pytest.mark.parametrize("path", ["/v1/schemas/nothing", "/v1/problems/nothing"])
+def test_unknown_names_are_404(client: httpx.Client, path: str) -> None:
+    check_problem(client.get(path), 404, "not-found")
+
+
+def test_every_type_of_problem_has_a_page(client: httpx.Client) -> None:
+    for slug, entry in CATALOGUE.items():
+        page = client.get(f"/v1/problems/{slug}").json()
+        assert page["status"] == entry.status
+        assert page["meaning"]
+        assert page["cure"]
+
+
+def test_request_ids_are_echoed_or_made(client: httpx.Client) -> None:
+    assert client.get("/version", headers={"X-Request-ID": "abc-1"}).headers["x-request-id"] == "abc-1"
+    for offered in ("", "x" * 65, "a b", "a\tb"):
+        made = client.get("/version", headers={"X-Request-ID": offered}).headers["x-request-id"]
+        assert len(made) == 32
+        assert made != offered
+
+
+# --- limits ---------------------------------------------------------------------------------------
+
+SMALL = Settings(max_body_bytes=20_000, max_fiducials=10, max_targets=3, max_trials=5000, max_starts=2, max_views=2)
+
+
+@pytest.fixture(scope="module")
+def bounded() -> Iterator[httpx.Client]:
+    with client_with(SMALL) as client:
+        yield client
+
+
+def check_limit(response: Any, status: int, limit: str, arrived: str, setting: str) -> None:
+    entry = check_problem(response, status, "limit-exceeded")["errors"][0]
+    assert limit in entry["detail"]
+    assert arrived in entry["detail"]
+    assert setting in entry["hint"]
+
+
+def test_bodies_over_the_limit_are_413(bounded: httpx.Client) -> None:
+    body = b" " * 20_001
+    check_limit(
+        bounded.post("/v1/scores", content=body, headers=JSON), 413, "20000", "20001", "TAILSTACK_MAX_BODY_BYTES"
+    )
+    chunks = (b" " * 5000 for _ in range(9))
+    check_limit(
+        bounded.post("/v1/scores", content=chunks, headers=JSON), 413, "20000", "45000", "TAILSTACK_MAX_BODY_BYTES"
+    )
+
+
+def test_an_announced_flood_is_refused_unread(bounded: httpx.Client) -> None:
+    address = (bounded.base_url.host, bounded.base_url.port)
+    head = (
+        b"POST /v1/scores HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\nContent-Length: 99999999999\r\n\r\n"
+    )
+    with socket.create_connection(address, timeout=10) as connection:
+        connection.sendall(head)
+        answer = connection.recv(65536)
+    assert answer.startswith(b"HTTP/1.1 413 ")
+    assert b"99999999999 bytes were announced" in answer
+
+
+def test_too_many_fiducials_targets_views(bounded: httpx.Client) -> None:
+    points = [{"position_mm": [i, (i * i) % 7, -i]} for i in range(11)]
+    response = bounded.post("/v1/scores", json={"design": small_design(fiducials={"points": points})})
+    check_limit(response, 422, "10", "11", "TAILSTACK_MAX_FIDUCIALS")
+    region = {"box": {"centre_mm": [0, 0, 60], "size_mm": [9, 9, 9], "points_per_axis": 2}}
+    response = bounded.post("/v1/scores", json={"design": small_design(targets=[{"name": "t", "region": region}])})
+    check_limit(response, 422, "3", "8", "TAILSTACK_MAX_TARGETS")
+    views = [*small_design()["views"], {**small_design()["views"][0], "name": "third"}]
+    response = bounded.post("/v1/scores", json={"design": small_design(views=views)})
+    check_limit(response, 422, "2", "3", "TAILSTACK_MAX_VIEWS")
+
+
+def test_too_many_trials_and_starts(bounded: httpx.Client) -> None:
+    response = bounded.post("/v1/verifications", json={"design": small_design(), "trials": 5001})
+    check_limit(response, 422, "5000", "5001", "TAILSTACK_MAX_TRIALS")
+    response = bounded.post("/v1/optimisations", json={"design": small_design(), "starts": 3})
+    check_limit(response, 422, "2", "3", "TAILSTACK_MAX_STARTS")
+    optimise = {**small_design()["optimise"], "starts": 9}
+    response = bounded.post("/v1/optimisations", json={"design": small_design(optimise=optimise)})
+    check_limit(response, 422, "2", "9", "TAILSTACK_MAX_STARTS")
+    assert response.json()["errors"][0]["pointer"] == "/design/optimise/starts"
+
+
+def test_a_computation_over_the_limit_on_seconds_is_ended() -> None:
+    with client_with(replace(Settings(), max_seconds=0.1, max_trials=1_000_000_000)) as client:
+        body = {"design": small_design(), "trials": 1_000_000_000}
+        response = client.post("/v1/verifications", json=body)
+        check_limit(response, 422, "0.1 s", "", "TAILSTACK_MAX_SECONDS")
