@@ -14,7 +14,7 @@ import numpy as np
 from .propagation.linear import Block, LinearModel
 from .results import Contributor
 from .system import Array, Law
-from .tail.bounded import worst_vertex
+from .tail.bounded import worst_case as worst_vertex
 from .tail.declared import LawBudget, LinearLaw, law_budget, law_quantile, without_group
 
 DEGREES = {"rad": ("deg", float(np.rad2deg(1.0)))}
@@ -145,6 +145,11 @@ class WorstCase:
     signs: dict[tuple[str, int], float]  # (contributor, source) -> +1 or -1
     names: tuple[str, ...]  # e.g. ("interface_1.rz=+0.1 deg",)
 
+    def vertex(self, model: LinearModel) -> dict[str, float]:
+        """The same ends by name, "contributor.component", as the simulation takes them."""
+        components = {block.contributor: block.components for block in model.blocks}
+        return {f"{name}.{components[name][j]}": sign for (name, j), sign in self.signs.items()}
+
 
 def worst_case(
     model: LinearModel, error: str, quantile: float, without: frozenset[tuple[str, int]] = frozenset()
@@ -167,7 +172,7 @@ def worst_case(
         unit, factor = unit_for_people(block.units[j])
         names.append(f"{contributor}.{block.components[j]}={sign * block.half_width[j] * factor:+g} {unit}")
     signs = {(contributor, j): float(sign) for (contributor, j, _), sign in zip(keys, found.signs, strict=True)}
-    return WorstCase(mean + columns @ found.signs, signs, tuple(names))
+    return WorstCase(found.law.mean, signs, tuple(names))
 
 
 def _without_bounded(

@@ -37,9 +37,7 @@ class TailstackError(Exception):
     exit_code = 3
 
     def __init__(self, problems: Problem | tuple[Problem, ...] | list[Problem]) -> None:
-        self.problems: tuple[Problem, ...] = (
-            (problems,) if isinstance(problems, Problem) else tuple(problems)
-        )
+        self.problems: tuple[Problem, ...] = (problems,) if isinstance(problems, Problem) else tuple(problems)
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
 

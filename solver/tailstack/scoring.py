@@ -28,10 +28,10 @@ from .results import (
     ViewCheck,
 )
 from .system import Array, System
-from .tail.bounds import moment_bound, unimodal_bound
-from .tail.declared import law_cvar, law_exceedance, law_mean_norm, law_quantile, norm_quantile_of
+from .tail.bounds import bounds
+from .tail.declared import law_cvar, law_exceedance, law_mean_norm, law_quantile
 from .tail.gaussian import norm_quantile
-from .tail.per_unit import per_unit_risk
+from .tail.per_unit import unit_risk
 from .verdict import check_per_unit, check_pooled, conclude
 from .version import __version__
 
@@ -86,6 +86,7 @@ def _metric(model: LinearModel, error: str, worst: WorstCase, limit_mm: float | 
     law, _ = declared_law(model, error, worst.mean_mm)
     found = law_quantile(law, P95)
     total = law.total_covariance
+    ladder = bounds(P95, worst.mean_mm, total)
     return MetricScore(
         frame=FRAMES[error],
         bias_mm=vector3(worst.mean_mm),
@@ -95,11 +96,7 @@ def _metric(model: LinearModel, error: str, worst: WorstCase, limit_mm: float | 
         p95_mm=found.quantile_mm,
         law=found.method,
         law_error_mm=found.error_mm,
-        bounds_mm=Bounds(
-            gaussian=norm_quantile_of(law, P95),
-            unimodal=unimodal_bound(P95, worst.mean_mm, total),
-            moments=moment_bound(P95, worst.mean_mm, total),
-        ),
+        bounds_mm=Bounds(ladder.gaussian, ladder.unimodal, ladder.moments),
         cvar95_mm=law_cvar(law, P95),
         limit_mm=limit_mm,
         exceedance_probability=None if limit_mm is None else law_exceedance(law, limit_mm),
@@ -112,13 +109,13 @@ def _per_unit(model: LinearModel, error: str, worst: WorstCase, quantile: float,
     shots = tuple(block for block in model.blocks if not block.per_unit)
     installed, _ = declared_law(model, error, worst.mean_mm, unit)
     shot, _ = declared_law(model, error, np.zeros(3), shots)
-    risk = per_unit_risk(installed, shot, quantile, limit_mm)
+    risk = unit_risk(installed, shot, quantile, limit_mm)
     return PerUnit(
         limit_mm=limit_mm,
         yield_fraction=risk.yield_fraction,
         yield_standard_error=risk.yield_standard_error,
         p95_of_units_mm=risk.p95_of_units_mm,
-        p95_of_units_standard_error_mm=risk.p95_of_units_standard_error_mm,
+        p95_of_units_standard_error_mm=risk.p95_standard_error_mm,
     )
 
 
@@ -126,7 +123,7 @@ def _second_order(system: System, index: int, model: LinearModel, worst: WorstCa
     """Second-order mean and covariance of the TCP error, where they help."""
     from .montecarlo import compile_plan, evaluate
 
-    plan = compile_plan(system, vertex=worst.signs)
+    plan = compile_plan(system, vertex=worst.vertex(model))
     try:
         refuse_outside_range(model.nu, plan.inputs)
     except OutOfRangeError as error:

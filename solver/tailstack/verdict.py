@@ -81,8 +81,7 @@ def conclude(checks: tuple[Check, ...], findings: tuple[Finding, ...], basis: st
 def _finding(check: Check, basis: str) -> Finding:
     if check.risk == "per_unit":
         what = (
-            f"{check.yield_fraction:.2%} of installed units meet {check.limit_mm:g} mm, "
-            f"{check.min_yield:.2%} required"
+            f"{check.yield_fraction:.2%} of installed units meet {check.limit_mm:g} mm, {check.min_yield:.2%} required"
         )
     else:
         low, high = check.interval_mm
