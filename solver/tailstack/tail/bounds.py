@@ -24,9 +24,9 @@ inequalities via semidefinite programming", Math. Program. 156).  By symmetry, w
 
     2 P(|e| >= r) = P(|x + m| >= r) + P(|x - m| >= r) <= P(x not in E1) + P(x not in E2)
 
-for E1 inside both balls of radius r about m and -m and E2 inside their union.  E1: the ellipsoid of least
-tr(W S), by the S-lemma again ``tr(W S) = 1/u^2`` with
-``tr S u^2 + 2 sqrt(m'S m) u = R^2 = r^2 - |m|^2``.  E2: the ball |x|^2 <= R^2, in which one of |x + m|^2, |x - m|^2 (their mean is |x|^2 + |m|^2) is at most r^2.  A bound, not always
+for E1 inside both balls of radius r about m and -m, E2 inside their union.  E1: the ellipsoid of least tr(W S), by
+the S-lemma again ``tr(W S) = 1/u^2`` with ``tr S u^2 + 2 sqrt(m'S m) u = R^2 = r^2 - |m|^2``.  E2: the ball
+|x|^2 <= R^2, in which one of |x + m|^2, |x - m|^2 (their mean is |x|^2 + |m|^2) is at most r^2.  A bound, not always
 the supremum.
 """
 
@@ -61,7 +61,7 @@ class MomentBound:
 
 @njit(cache=True, error_model="numpy")
 def _best_kappa(odds: float, l: Array, m: Array) -> float:  # noqa: E741
-    """Where the derivative ``1 - sum w_i / (l_i + kappa)^2``, w_i = odds l_i m_i^2, vanishes; 0 if it is positive there.
+    """Where the derivative ``1 - sum w_i / (l_i + kappa)^2``, w_i = odds l_i m_i^2, vanishes; 0 if nowhere.
 
     It is concave and increasing: Newton's steps from below never pass the root, and no single term may exceed 1 at it.
     """
@@ -93,17 +93,9 @@ def _moment_square(eps: float, l: Array, m: Array) -> tuple[float, float, float]
     numerator = 0.0
     rest = kappa
     for i in range(3):
-        share = l[i] / (l[i] + kappa) if l[i] > 0.0 else (0.0 if kappa > 0.0 else 1.0)
+        share = l[i] / (l[i] + kappa) if l[i] > 0.0 else 0.0
         numerator += l[i] + share * m[i] * m[i]
         rest += (1.0 - share) * m[i] * m[i]
-    if kappa == 0.0:  # an axis without variance costs nothing then: its mean is fixed
-        numerator = 0.0
-        rest = 0.0
-        for i in range(3):
-            if l[i] > 0.0:
-                numerator += l[i] + m[i] * m[i]
-            else:
-                rest += m[i] * m[i]
     return numerator / eps + rest, kappa, numerator / eps
 
 

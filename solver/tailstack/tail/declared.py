@@ -122,7 +122,7 @@ class LawBudget:
     dr_dlog_column: Array  # (k,) mm
 
 
-def _uniform_columns(law: LinearLaw) -> tuple[Array, NDArray[np.int64]]:
+def lattice_columns(law: LinearLaw) -> tuple[Array, NDArray[np.int64]]:
     """((K, 3) uniform columns, (K,) source of each): a triangular source is the sum of two uniform ones of half width.
 
     Columns of length zero are dropped.
@@ -152,7 +152,7 @@ def _gaussian_quantile(law: LinearLaw, p: float) -> LawQuantile:
 
 
 def _quantile(law: LinearLaw, p: float, fine: bool) -> LawQuantile:
-    h, _ = _uniform_columns(law)
+    h, _ = lattice_columns(law)
     if h.shape[0] == 0:
         return _gaussian_quantile(law, p)
     found, r, density, error = solve(p, law.mean, law.covariance, h, *_tolerances(p, fine))
@@ -168,11 +168,16 @@ def law_quantile(law: LinearLaw, p: float) -> LawQuantile:
     return _quantile(law, probability_iv(p), True)
 
 
+def law_quantile_coarse(law: LinearLaw, p: float) -> LawQuantile:
+    """As :func:`law_quantile`, to about 1e-4 and several times faster: for budgets and averages over many laws."""
+    return _quantile(law, probability_iv(p), False)
+
+
 def law_cdf(law: LinearLaw, r: float) -> float:
     """P(|e| <= r), r >= 0 mm; absolute error about 1e-9 (sampled laws: 1e-4)."""
     if not r >= 0:
         raise ValueError(f"a radius must be >= 0 mm, got {r}")
-    h, _ = _uniform_columns(law)
+    h, _ = lattice_columns(law)
     if h.shape[0] == 0:
         return norm_cdf(r, law.mean, law.covariance)
     found, value, _ = probability(float(r), law.mean, law.covariance, h, *_tolerances(0.5, True))
@@ -190,7 +195,9 @@ def law_exceedance(law: LinearLaw, limit: float) -> float:
 
 
 def _mean_excess(law: LinearLaw, h: Array, r: float, p: float) -> float:
-    found, value = mean_excess(r, law.mean, law.covariance, h, *_tolerances(p, True))
+    # Out to the end of the law the box is several times larger, and the integral over r gains a factor 1/k.
+    threshold, aliasing, largest = _tolerances(p, True)
+    found, value = mean_excess(r, law.mean, law.covariance, h, 10.0 * threshold, 10.0 * aliasing, largest)
     if found:
         return float(value)
     x, longest = sample_rest(law.mean, law.covariance, h, _LOG2_POINTS)
@@ -200,7 +207,7 @@ def _mean_excess(law: LinearLaw, h: Array, r: float, p: float) -> float:
 def law_cvar(law: LinearLaw, p: float) -> float:
     """E[|e| given |e| >= r_p], mm: the mean of the worst 1 - p.  Raises ValueError for p outside (0, 1)."""
     p = probability_iv(p)
-    h, _ = _uniform_columns(law)
+    h, _ = lattice_columns(law)
     if h.shape[0] == 0:
         return norm_cvar(p, law.mean, law.covariance)
     r = _quantile(law, p, True).quantile_mm
@@ -209,7 +216,7 @@ def law_cvar(law: LinearLaw, p: float) -> float:
 
 def law_mean_norm(law: LinearLaw) -> float:
     """E|e|, mm."""
-    h, _ = _uniform_columns(law)
+    h, _ = lattice_columns(law)
     if h.shape[0] == 0:
         return norm_mean(law.mean, law.covariance)
     return _mean_excess(law, h, 0.0, 0.5)
@@ -246,7 +253,7 @@ def _gradient(law: LinearLaw, h: Array, source: NDArray[np.int64], total: LawQua
     rho = sqrt(max(total.quantile_mm**2 - offset, 0.0))
     # A decade below the budget's own threshold: derivatives weight the far terms by up to k^2 more.
     threshold, aliasing, largest = _tolerances(p, False)
-    _, _, nodes, volume, _ = build(rho, sigma, m, S, turned, 0.1 * threshold, aliasing, largest, True)
+    _, _, nodes, volume, _ = build(rho, sigma, m, m, S, turned, 0.1 * threshold, aliasing, largest, True)
     if volume == 0.0 or dimension < 3:
         return _differences(law, total)
     by_mean, by_covariance, by_column = lattice_gradient(rho, dimension, nodes, m, S, turned, volume)
@@ -300,7 +307,7 @@ def law_budget(law: LinearLaw, p: float, groups: Sequence[tuple[Array | None, Se
     :func:`without_group`.
     """
     p = probability_iv(p)
-    h, source = _uniform_columns(law)
+    h, source = lattice_columns(law)
     total = _quantile(law, p, True)
     without = tuple(_quantile(without_group(law, block, indices), p, False) for block, indices in groups)
     return LawBudget(total, without, *_gradient(law, h, source, total))

@@ -10,7 +10,7 @@ from numba import njit
 from ..system import Array
 from .ball import ball_integral, ball_sums
 from .lattice import box_size, lattice_terms, spectral_extent
-from .quantile import normal_quantile_jit
+from .quantile import norm_quantile_jit, normal_quantile_jit
 from .spectrum import principal_axes
 
 
@@ -93,6 +93,7 @@ def build(
     radius: float,
     sigma: Array,
     m: Array,
+    away: Array,
     S: Array,
     h: Array,
     threshold: float,
@@ -100,7 +101,10 @@ def build(
     largest_box: float,
     keep: bool,
 ) -> tuple[Array, Array, Array, float, float]:
-    """(t (n,), w (n,), k (n, 3) or empty, volume, last decade) for radii up to `radius`; volume 0: too many points."""
+    """(t (n,), w (n,), k (n, 3) or empty, volume, last decade) for radii up to `radius`; volume 0: too many points.
+
+    away: (3,) the farthest each mean coordinate may lie from 0 when k is used with other means than m.
+    """
     dimension = 0
     for a in range(3):
         if sigma[a] > 0.0:
@@ -109,7 +113,7 @@ def build(
     period = np.zeros(3)
     volume = 1.0
     for a in range(dimension):
-        period[a] = radius + fabs(m[a]) + reach[a]
+        period[a] = radius + max(fabs(m[a]), away[a]) + reach[a]
         volume *= period[a]
     extent = spectral_extent(radius, volume, sigma, S, h, threshold)
     size = box_size(period, extent)
@@ -131,7 +135,7 @@ def solve(
     sigma, m, S, turned, _, dimension, offset = on_principal_axes(mean, covariance, h)
     rho = start_radius(p, sigma, m, turned)
     cap = 1.08 * rho
-    t, w, _, volume, decade = build(cap, sigma, m, S, turned, threshold, aliasing, largest_box, False)
+    t, w, _, volume, decade = build(cap, sigma, m, m, S, turned, threshold, aliasing, largest_box, False)
     low = 0.0
     for _ in range(60):
         if volume == 0.0:
@@ -150,7 +154,7 @@ def solve(
             new = min(new, 1.5 * cap)
             cap = 1.2 * new
             rho = new
-            t, w, _, volume, decade = build(cap, sigma, m, S, turned, threshold, aliasing, largest_box, False)
+            t, w, _, volume, decade = build(cap, sigma, m, m, S, turned, threshold, aliasing, largest_box, False)
             continue
         step = new - rho
         rho = new
@@ -173,11 +177,100 @@ def probability(
     reach = reach_of(sigma, S, turned, aliasing)
     if rho >= sqrt(((np.abs(m) + reach) ** 2).sum()):
         return True, 1.0, 0.0
-    t, w, _, volume, _ = build(rho, sigma, m, S, turned, threshold, aliasing, largest_box, False)
+    t, w, _, volume, _ = build(rho, sigma, m, m, S, turned, threshold, aliasing, largest_box, False)
     if volume == 0.0:
         return False, 0.0, 0.0
     f0, f1, _ = ball_sums(rho, dimension, t, w)
     return True, min(max(f0, 0.0), 1.0), max(f1, 0.0) * r / rho
+
+
+@njit(cache=True, error_model="numpy")
+def vertex_probabilities(
+    r: float,
+    mean: Array,
+    covariance: Array,
+    h: Array,
+    bounded: Array,
+    count: int,
+    threshold: float,
+    aliasing: float,
+    largest_box: float,
+) -> tuple[bool, Array]:
+    """(found, P(|e + B s| <= r) for the first `count` sign vectors s (count,)); bounded: (3, q).
+
+    Vertex v has s_j = -1 where bit j of v is set.  Only cos(k'(m + B s)) differs between vertices.  They are visited
+    in Gray code order, so that the next phase is the last one turned by +-2 k'b_j: no cosine, four multiplications.
+    found is False when the lattice is too large or the law lies in a plane or on a line.
+    """
+    q = bounded.shape[1]
+    sigma, m, S, turned, axes, dimension, _ = on_principal_axes(mean, covariance, h)
+    out = np.zeros(count)
+    if dimension < 3:
+        return False, out
+    b = axes.T @ bounded
+    away = np.abs(m)
+    for a in range(3):
+        for j in range(q):
+            away[a] += fabs(b[a, j])
+    t, w, k, volume, _ = build(r, sigma, np.zeros(3), away, S, turned, threshold, aliasing, largest_box, True)
+    if volume == 0.0:
+        return False, out
+    n = t.size
+    re = np.empty(n)
+    im = np.empty(n)
+    turn_c = np.empty((q, n))
+    turn_s = np.empty((q, n))
+    one_t = np.empty(1)
+    one_w = np.ones(1)
+    for i in range(n):
+        phase = k[i, 0] * m[0] + k[i, 1] * m[1] + k[i, 2] * m[2]
+        for j in range(q):
+            along = k[i, 0] * b[0, j] + k[i, 1] * b[1, j] + k[i, 2] * b[2, j]
+            phase += along
+            turn_c[j, i] = np.cos(2.0 * along)
+            turn_s[j, i] = np.sin(2.0 * along)
+        one_t[0] = t[i]
+        ball, _, _ = ball_sums(r, 3, one_t, one_w)
+        re[i] = w[i] * ball * np.cos(phase)
+        im[i] = w[i] * ball * np.sin(phase)
+    code = 0
+    for step in range(1 << q):
+        if code < count:
+            total = 0.0
+            for i in range(n):
+                total += re[i]
+            out[code] = total
+        if step + 1 == 1 << q:
+            break
+        j = 0
+        while ((step + 1) >> j) & 1 == 0:
+            j += 1
+        sign = -1.0 if (code >> j) & 1 == 0 else 1.0  # from +1 to -1 turns the phase back
+        code ^= 1 << j
+        line_c = turn_c[j]
+        line_s = turn_s[j]
+        for i in range(n):
+            x = re[i]
+            y = im[i]
+            c = line_c[i]
+            s = sign * line_s[i]
+            re[i] = x * c - y * s
+            im[i] = x * s + y * c
+    return True, out
+
+
+@njit(cache=True, error_model="numpy")
+def gaussian_vertices(p: float, mean: Array, covariance: Array, bounded: Array, count: int) -> Array:
+    """(count,) p-quantiles of |N(m + B s, S)|, vertices numbered as above; NaN where one did not converge."""
+    out = np.empty(count)
+    at = np.empty(3)
+    for v in range(count):
+        for a in range(3):
+            at[a] = mean[a]
+            for j in range(bounded.shape[1]):
+                at[a] += -bounded[a, j] if (v >> j) & 1 else bounded[a, j]
+        out[v] = norm_quantile_jit(at, covariance, p)
+    return out
 
 
 @njit(cache=True, error_model="numpy")
@@ -191,7 +284,7 @@ def mean_excess(
     outer = sqrt(end * end + offset)
     if r >= outer:
         return True, 0.0
-    t, w, _, volume, _ = build(end, sigma, m, S, turned, threshold, aliasing, largest_box, False)
+    t, w, _, volume, _ = build(end, sigma, m, m, S, turned, threshold, aliasing, largest_box, False)
     if volume == 0.0:
         return False, 0.0
     if dimension == 3:

@@ -1,0 +1,102 @@
+"""Worst case over bounded components: the largest quantile of |e| when b_1 ... b_q may each sit anywhere in +-1.
+
+    e = m + sum_j s_j b_j + xi,   |s_j| <= 1 fixed but unknown, xi random
+
+*The maximum is at a vertex of the box.*  Let xi have a log-concave density (normal, uniform, triangular ones, and
+their sums: log-concavity survives convolution and linear images, Prekopa 1973).  Then ``P(|c + xi| <= r)`` is the
+convolution of that density with the indicator of a ball, itself log-concave, hence log-concave in c.  So the set of c
+where it is at least p is convex for each r: the quantile is quasi-convex in c, and so it is in s, in which c is
+affine.  A quasi-convex function on a box attains its maximum at a vertex.  (For laws with singular S take limits.)
+
+There are 2^q vertices; with m = 0 opposite ones agree and half suffice.  Gaussian quantiles rank them; then the
+declared law has the word: at the best quantile r* so far every vertex must have P(|e| <= r*) >= p, and one that has not
+is solved for and replaces it, until none is left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import LimitError, Problem
+from ..system import Array
+from .declared import LawQuantile, LinearLaw, lattice_columns, law_cdf, law_quantile
+from .declared_kernels import gaussian_vertices, vertex_probabilities
+from .gaussian import probability_iv
+
+MOST_BOUNDED = 12
+_THRESHOLD, _ALIASING, _LARGEST_BOX = 1e-7, 1e-8, 2e5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WorstCase:
+    """The vertex with the largest quantile; signs (q,) of +-1, law the linear law moved there."""
+
+    signs: tuple[int, ...]
+    law: LinearLaw
+    quantile: LawQuantile
+    vertices: int  # how many were compared
+
+
+def _at_vertex(law: LinearLaw, bounded: Array, vertex: int) -> tuple[tuple[int, ...], LinearLaw]:
+    signs = tuple(-1 if vertex >> j & 1 else 1 for j in range(bounded.shape[1]))
+    mean = law.mean + bounded @ np.array(signs, dtype=np.float64) if signs else law.mean
+    return signs, LinearLaw(mean, law.covariance, law.columns, law.kinds)
+
+
+def worst_case(law: LinearLaw, bounded: Array, p: float) -> WorstCase:
+    """Largest p-quantile of |e| over ``law.mean + bounded @ s``, s in the box [-1, 1]^q.
+
+    bounded: (3, q) mm, columns already multiplied by their half-widths, in the frame of the law; columns of zeros
+    keep the sign +1.  Raises ValueError for a bad shape or p, LimitError for more than 12 columns that are not zero.
+    """
+    p = probability_iv(p)
+    bounded = np.asarray(bounded, dtype=np.float64)
+    if bounded.ndim != 2 or bounded.shape[0] != 3 or not np.isfinite(bounded).all():
+        raise ValueError(f"bounded must be finite and have shape (3, q), got shape {bounded.shape}")
+    active = np.flatnonzero((bounded != 0).any(axis=0))
+    if active.size > MOST_BOUNDED:
+        raise LimitError(
+            Problem(
+                "",
+                "too-many-bounded",
+                f"{active.size} bounded components act on the error; {MOST_BOUNDED} can be searched exactly",
+                "declare a law (normal, uniform, triangular) for the smaller ones",
+            )
+        )
+    columns = np.ascontiguousarray(bounded[:, active])
+    q = int(active.size)
+    # The last sign stays +1 when opposite vertices are mirror images.
+    count = 1 << (q - 1 if q and not law.mean.any() else q)
+    ranking = gaussian_vertices(p, law.mean, law.total_covariance, columns, count)
+    best = int(np.nanargmax(ranking)) if count > 1 else 0
+    signs, at = _at_vertex(law, columns, best)
+    quantile = law_quantile(at, p)
+    if law.columns.any():
+        solved = {best}
+        while count > 1:
+            probability = _probabilities(law, columns, count, quantile.quantile_mm)
+            probability[list(solved)] = np.inf
+            worst = int(np.argmin(probability))
+            if probability[worst] >= p:
+                break
+            solved.add(worst)
+            other_signs, other = _at_vertex(law, columns, worst)
+            candidate = law_quantile(other, p)
+            if candidate.quantile_mm > quantile.quantile_mm:
+                signs, at, quantile = other_signs, other, candidate
+    full = np.ones(bounded.shape[1], dtype=int)
+    full[active] = signs
+    return WorstCase(tuple(int(s) for s in full), at, quantile, count)
+
+
+def _probabilities(law: LinearLaw, bounded: Array, count: int, r: float) -> Array:
+    """(count,) P(|e| <= r) at each vertex."""
+    h, _ = lattice_columns(law)
+    found, value = vertex_probabilities(
+        r, law.mean, law.covariance, h, bounded, count, _THRESHOLD, _ALIASING, _LARGEST_BOX
+    )
+    if found:
+        return np.asarray(value)
+    return np.array([law_cdf(_at_vertex(law, bounded, v)[1], r) for v in range(count)])
