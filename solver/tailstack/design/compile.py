@@ -59,6 +59,7 @@ def _compile(design: Design) -> System:
     execution_bias, execution = _execution(document.execution)
     hand_eye = document.execution.hand_eye
     return System(
+        design_sha256=design.sha256,
         name=document.name,
         views=views,
         fiducial_labels=design.fiducials.labels,
