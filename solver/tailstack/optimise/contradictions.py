@@ -24,8 +24,7 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
     found = _bounds(problem)
     if problem.free_fiducials:
         estimator = estimator_of(problem.system)
-        box = _box(problem, estimator)
-        found += box or (_field(problem, estimator) + _packing(problem, estimator))
+        found += _box(problem, estimator) or _field(problem, estimator) or _packing(problem, estimator)
         if not estimator.fiducial_px.any() and not estimator.manufacturing_std_mm.any():
             found.append(
                 Problem(

@@ -25,8 +25,8 @@ from .terms import TargetTerms, terms_of
 
 PRECISION = 2e-3  # relative half-width of the check's interval; every bit of it is paid for in tolerance
 MAX_TIGHTENING = 6
-POSITION_DECIMALS = 6  # mm
-WIDTH_DECIMALS = 7  # degrees, rounded down
+POSITION_DECIMALS = (3, 6)  # mm: a micrometre, unless that breaks the spacing
+WIDTH_DECIMALS = 6  # degrees, rounded down
 
 
 def optimise(
@@ -39,11 +39,11 @@ def optimise(
 ) -> Optimisation:
     """Move the free fiducials and set the free half-widths of a design at least cost under its own limit.
 
-    ``seed`` and ``starts`` default to the document's.  ``threads`` is handed to the Monte Carlo check; the answer
-    does not depend on it.  ``progress(stage, done, total, least cost so far)`` is called after every start
-    and every check.  The design returned is verified: the upper confidence limit of its quantile, from a
-    fresh seed, is within the limit.  Raises DesignError (contradictions), InfeasibleError (with the smallest
-    quantile attainable), IllPosedError, NotConvergedError.
+    ``seed`` and ``starts`` default to the document's, ``threads`` to every core; the answer does not depend on it.
+    ``progress(stage, done, total, least cost so far)`` is called after every start and every check; what it raises
+    ends the work.  The design returned is verified: the upper confidence limit of its quantile, from a fresh seed,
+    is within the limit.  Raises DesignError (contradictions), InfeasibleError (with the smallest quantile
+    attainable), IllPosedError, NotConvergedError.
     """
     try:
         return _optimise(design, seed, starts, threads, progress)
@@ -96,7 +96,7 @@ def _optimise(
     seed = wanted.seed if seed is None else seed
     starts = wanted.starts if starts is None else starts
     refuse_contradictions(problem)
-    found = search(problem, starts=starts, seed=seed, progress=progress)
+    found = search(problem, starts=starts, seed=seed, threads=threads, progress=progress)
 
     def check(system: System, attempt: int) -> Verification:
         fresh = int(np.random.SeedSequence([seed, attempt, 0x7A11]).generate_state(1)[0])
@@ -149,16 +149,25 @@ def _verified(
 
 
 def revise(design: Design, solution: PlacementSolution) -> Design:
-    """The design with the solution written into it: positions rounded to a nanometre, half-widths rounded down."""
+    """The design with the solution written into it: positions rounded to a micrometre, half-widths rounded down."""
     problem = solution.problem
-    fiducials = problem.system.fiducials_mm.copy()
     free = list(problem.free_fiducials)
-    fiducials[free] = np.round(solution.fiducials_mm[free], POSITION_DECIMALS)
+    for decimals in POSITION_DECIMALS:
+        fiducials = problem.system.fiducials_mm.copy()
+        fiducials[free] = np.clip(np.round(solution.fiducials_mm[free], decimals), *problem.box_mm)
+        if _smallest_gap(fiducials, free) >= problem.min_spacing_mm:
+            break
     widths = {
         (free.contributor, free.component): rounded_down(float(value), free)
         for free, value in zip(problem.half_widths, solution.half_width, strict=True)
     }
     return revise_design(design, fiducials_mm=fiducials if free else None, half_width_rad=widths)
+
+
+def _smallest_gap(points: Array, free: list[int]) -> float:
+    """Distance of the closest pair with a free fiducial in it, mm; inf when there is none."""
+    gaps = [float(np.linalg.norm(points[i] - points[j])) for i in free for j in range(len(points)) if i != j]
+    return min(gaps, default=np.inf)
 
 
 def rounded_down(half_width: float, free: FreeHalfWidth) -> float:

@@ -44,14 +44,21 @@ class PlacementSolution:
 
 
 def solve_placement(
-    problem: PlacementProblem, *, starts: int = 8, seed: int = 0, progress: Progress | None = None
+    problem: PlacementProblem,
+    *,
+    starts: int = 8,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress | None = None,
 ) -> PlacementSolution:
     """Best of ``starts`` local optima, its exact quantile within 1e-4 below the requirement's limit.
 
     Raises InfeasibleError (with the smallest quantile attainable), NotConvergedError, IllPosedError.  The
     same seed gives the same answer; start k depends on (seed, k) alone.
     """
-    return settle(search(problem, starts=starts, seed=seed, progress=progress), problem.requirement.limit_mm)
+    return settle(
+        search(problem, starts=starts, seed=seed, threads=threads, progress=progress), problem.requirement.limit_mm
+    )
 
 
 def settle(found: Search, aim_mm: float, start: PlacementSolution | None = None) -> PlacementSolution:

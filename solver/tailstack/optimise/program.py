@@ -95,7 +95,7 @@ class Program:
     free: NDArray[np.int64]  # (F,) indices of the free fiducials
     centre: Array  # (3,) mm
     half: Array  # (3,) mm
-    explore: Any
+    explore: tuple[Any, ...]  # one solver per thread, sharing the derivatives
     polish: Any
     constraints: Any  # (x, p) -> (f, g)
     jacobian: Any
@@ -123,8 +123,10 @@ class Program:
         return np.concatenate([-extent, low, [0.0]]), np.concatenate([extent, high, [0.0]])
 
 
-def build_program(problem: PlacementProblem, estimator: Estimator, terms: tuple[TargetTerms, ...]) -> Program:
-    """Build expressions, exact derivatives and both solvers (they share the derivatives)."""
+def build_program(
+    problem: PlacementProblem, estimator: Estimator, terms: tuple[TargetTerms, ...], threads: int = 1
+) -> Program:
+    """Build expressions, exact derivatives, a solver for each thread and one that polishes, which share them."""
     free = np.array(problem.free_fiducials, dtype=np.int64)
     low, high = problem.box_mm
     centre, half = (low + high) / 2, (high - low) / 2
@@ -174,7 +176,7 @@ def build_program(problem: PlacementProblem, estimator: Estimator, terms: tuple[
         free=free,
         centre=centre,
         half=half,
-        explore=explore,
+        explore=(explore, *(ca.nlpsol("explore", "ipopt", nlp, EXPLORE | shared) for _ in range(threads - 1))),
         polish=ca.nlpsol("polish", "ipopt", nlp, POLISH | shared),
         constraints=ca.Function("constraints", [variables, parameters], [objective, constraints]),
         jacobian=shared["jac_g"],
@@ -245,9 +247,18 @@ def box_corners(box_mm: Array) -> Array:
 
 
 def solve(
-    program: Program, start: Array, parameters: Parameters, *, least_quantile: bool = False, warm: Point | None = None
+    program: Program,
+    start: Array,
+    parameters: Parameters,
+    *,
+    least_quantile: bool = False,
+    warm: Point | None = None,
+    lane: int = 0,
 ) -> Point:
-    """One solve from ``start``, or polishing from a point that an earlier solve ended at."""
+    """One solve from ``start``, or polishing from a point that an earlier solve ended at.
+
+    Solves of different lanes may run at the same time; those of one lane, and polishing, may not.
+    """
     lower, upper = program.bounds(least_quantile)
     given: dict[str, Any] = {
         "x0": np.clip(start if warm is None else warm.x, lower, upper),
@@ -257,7 +268,7 @@ def solve(
         "lbg": [row.lower for row in program.rows],
         "ubg": [row.upper for row in program.rows],
     }
-    solver = program.explore
+    solver = program.explore[lane]
     if warm is not None:
         solver = program.polish
         given |= {"lam_x0": warm.bound_multipliers, "lam_g0": warm.row_multipliers}

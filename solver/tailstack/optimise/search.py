@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from queue import SimpleQueue
 
 import numpy as np
 
@@ -36,7 +39,14 @@ class Search:
     best_costs: tuple[float, ...]  # distinct, ascending
 
 
-def search(problem: PlacementProblem, *, starts: int = 8, seed: int = 0, progress: Progress | None = None) -> Search:
+def search(
+    problem: PlacementProblem,
+    *,
+    starts: int = 8,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Search:
     """Solve from every start and rank the optima (by the closed form).  Raises InfeasibleError."""
     terms = tuple(terms_of(problem, target) for target in problem.targets)
     estimator = estimator_of(problem.system)
@@ -46,7 +56,8 @@ def search(problem: PlacementProblem, *, starts: int = 8, seed: int = 0, progres
     if len(terms) > MANY_TARGETS:
         names = {target.name for target in worst_targets(problem, terms, choices)}
         active = tuple(term for term in terms if term.target.name in names)
-    program = build_program(problem, estimator, active)
+    lanes = min(cores() if threads is None else threads, len(layouts))
+    program = build_program(problem, estimator, active, lanes)
     return _explore(program, terms, estimator, layouts, progress)
 
 
@@ -68,8 +79,8 @@ def _explore(
         if found.objective > 0 and promised(program, found)[0].exact_mm > limit:
             raise explain_infeasible(program, found, limit)
         points.append(solve(program, found.x, parameters))
-    for k, start in enumerate(begun):
-        points.append(solve(program, start.x, start.parameters, least_quantile=least))
+    for k, point in enumerate(_solve_all(program, begun, least)):
+        points.append(point)
         if progress is not None:
             done = [point.objective for point in points if point.solved]
             progress("start", k + 1, len(begun), None if least or not done else float(np.exp(min(done))))
@@ -84,6 +95,34 @@ def _explore(
         program, parameters, tuple(best), terms, estimator, len(layouts), min(len(solved), len(layouts)),
         distinct(ranked_costs),
     )  # fmt: skip
+
+
+def _solve_all(program: Program, begun: list[_Begun], least: bool) -> Iterator[Point]:
+    """The starts solved side by side, in their order: what a start ends at does not depend on the threads."""
+    lanes: SimpleQueue[int] = SimpleQueue()
+    for lane in range(len(program.explore)):
+        lanes.put(lane)
+
+    def one(start: _Begun) -> Point:
+        lane = lanes.get()
+        try:
+            return solve(program, start.x, start.parameters, least_quantile=least, lane=lane)
+        finally:
+            lanes.put(lane)
+
+    with ThreadPoolExecutor(len(program.explore), thread_name_prefix="tailstack-start") as pool:
+        futures = [pool.submit(one, start) for start in begun]
+        try:
+            for future in futures:
+                yield future.result()
+        finally:  # a caller that stops listening does not wait for the starts that have not begun
+            for future in futures:
+                future.cancel()
+
+
+def cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def distinct(costs: list[float]) -> tuple[float, ...]:
@@ -178,7 +217,7 @@ def with_target(found: Search, worst: int, point: Point) -> Search:
     """The search again with one more target, from the layouts it ended at."""
     names = {term.target.name for term in found.program.terms} | {found.terms[worst].target.name}
     active = tuple(term for term in found.terms if term.target.name in names)
-    program = build_program(found.program.problem, found.estimator, active)
+    program = build_program(found.program.problem, found.estimator, active, len(found.program.explore))
     layouts = [found.program.split(p.x)[0] for p in (point, *found.points)]
     again = _explore(program, found.terms, found.estimator, layouts, None)
     return replace(again, starts=found.starts, converged=found.converged)
