@@ -1,6 +1,48 @@
 """Monte Carlo of the full nonlinear chain, written independently of the first-order model."""
 
 from .chain import draw, evaluate, run_indices
+from .estimators import (
+    AdaptiveRun,
+    CvarEstimate,
+    ExceedanceEstimate,
+    Goal,
+    QuantileEstimate,
+    cvar_estimate,
+    exceedance_estimate,
+    interval_ranks,
+    quantile_estimate,
+    simulate_to_precision,
+    wilks_sample_size,
+)
 from .plan import ChainPlan, at_vertex, bounded_names, compile_plan
+from .radial import LinearChain, RadialEstimate, gains_in_plan_order, radial
+from .simulate import ErrorSample, Samples, deepened, simulate
 
-__all__ = ["ChainPlan", "at_vertex", "bounded_names", "compile_plan", "draw", "evaluate", "run_indices"]
+__all__ = [
+    "AdaptiveRun",
+    "ChainPlan",
+    "CvarEstimate",
+    "ErrorSample",
+    "ExceedanceEstimate",
+    "Goal",
+    "LinearChain",
+    "QuantileEstimate",
+    "RadialEstimate",
+    "Samples",
+    "at_vertex",
+    "bounded_names",
+    "compile_plan",
+    "cvar_estimate",
+    "deepened",
+    "draw",
+    "evaluate",
+    "exceedance_estimate",
+    "gains_in_plan_order",
+    "interval_ranks",
+    "quantile_estimate",
+    "radial",
+    "run_indices",
+    "simulate",
+    "simulate_to_precision",
+    "wilks_sample_size",
+]

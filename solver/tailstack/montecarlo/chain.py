@@ -54,7 +54,19 @@ def draw(plan: ChainPlan, seed: int, indices: NDArray[np.int64]) -> Array:
     return np.ascontiguousarray(out[:, : len(indices)].T)
 
 
-def _run(plan: ChainPlan, keys: Array, trials: NDArray[np.int64], given: Array, reprojection: bool) -> tuple[Array, ...]:
+def standard_normals(seed: int, stream: int, count: int, dimension: int) -> Array:
+    """(count, dimension) N(0, 1) from a stream of its own (2 or more; 0 and 1 are the trials')."""
+    indices = _padded(np.arange(count, dtype=np.int64))
+    out = np.empty((dimension, len(indices)))
+    keys = np.array([stream_key(seed, stream), stream_key(seed, stream)])
+    segments = np.array([[0, dimension, 0, 0]], dtype=np.int64)
+    draw_columns(segments, keys, indices, indices, _aligned(8 * dimension), out)
+    return out[:, :count].T
+
+
+def _run(
+    plan: ChainPlan, keys: NDArray[np.uint64], trials: NDArray[np.int64], given: Array, reprojection: bool
+) -> tuple[Array, ...]:
     n = len(trials)
     errors = np.empty((6 * len(plan.system.targets), n))
     flags = np.empty(n, dtype=np.bool_)

@@ -362,7 +362,11 @@ def resect(tables, view, images, gu, gv, estimate):
     tau = value / fma(scale2, first_two, fma(a0, a0, fma(a1, a1, fma(a2, a2, one))))
     cu, cv = sandwich(gu, i0 * i0, i1 * i1, i2 * i2, i3 * i3), sandwich(gv, i0 * i0, i1 * i1, i2 * i2, i3 * i3)
     ts = tau * scale2
-    k00, k11, k22 = fma(-ts, cu[0] + cv[0], k00) - tau, fma(-ts, cu[4] + cv[4], k11) - tau, fma(-ts, cu[7] + cv[7], k22) - tau
+    k00, k11, k22 = (
+        fma(-ts, cu[0] + cv[0], k00) - tau,
+        fma(-ts, cu[4] + cv[4], k11) - tau,
+        fma(-ts, cu[7] + cv[7], k22) - tau,
+    )
     k01, k02, k12 = fma(-ts, cu[1] + cv[1], k01), fma(-ts, cu[2] + cv[2], k02), fma(-ts, cu[5] + cv[5], k12)
     c03, c13, c23 = scale2 * (cu[3] + cv[3]), scale2 * (cu[6] + cv[6]), scale2 * (cu[8] + cv[8])
     k03, k13, k23 = fma(-tau, c03, k03), fma(-tau, c13, k13), fma(-tau, c23, k23)

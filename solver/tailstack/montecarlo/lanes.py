@@ -73,7 +73,12 @@ def _operator(symbol: Any, result: _Vector, operands: tuple[_Vector, ...], emit:
         return emit(builder, *args)
 
 
-for _symbol, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul"), (operator.truediv, "fdiv")):
+for _symbol, _name in (
+    (operator.add, "fadd"),
+    (operator.sub, "fsub"),
+    (operator.mul, "fmul"),
+    (operator.truediv, "fdiv"),
+):
     _operator(_symbol, LANES, (LANES, LANES), lambda b, x, y, name=_name: getattr(b, name)(x, y))
 _operator(operator.neg, LANES, (LANES,), lambda b, x: b.fneg(x))
 for _symbol, _name in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">")):

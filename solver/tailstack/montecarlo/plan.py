@@ -149,7 +149,9 @@ def _vertex_values(system: System, vertex: Mapping[str, float] | Array | None) -
         unknown = sorted(set(vertex) - set(names))
         if unknown:
             detail = f"vertex names {', '.join(unknown)}, which is not a bounded source"
-            raise OutOfRangeError(Problem("", "unknown-vertex", detail, f"bounded sources: {', '.join(names) or 'none'}"))
+            raise OutOfRangeError(
+                Problem("", "unknown-vertex", detail, f"bounded sources: {', '.join(names) or 'none'}")
+            )
         return tuple(float(vertex.get(name, 0.0)) for name in names)
     values = np.asarray(vertex, dtype=float)
     if values.shape != (len(names),) or not np.isfinite(values).all():

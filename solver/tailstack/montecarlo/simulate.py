@@ -1,0 +1,292 @@
+"""Plain Monte Carlo: many trials, reduced block by block in the order of their indices.
+
+Trial i depends on (seed, i) alone and reductions run over fixed blocks of ``BLOCK`` trials, so neither
+the number of threads nor the size of a batch reaches a digit of the result.  Of each norm only the
+largest are kept: enough for the quantiles asked for; ``deepened`` repeats the run when more are wanted.
+"""
+
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, untyped-decorator"
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from math import ceil, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ..errors import OutOfRangeError, Problem
+from ..system import Array, System
+from .chain import run_indices
+from .plan import ChainPlan, compile_plan
+
+BLOCK = 8192
+ERRORS = ("tcp", "localisation")
+REPROJECTION_TRIALS = 16384
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorSample:
+    """What is kept of one error metric at one target; mm, mm^2."""
+
+    target: str
+    error: str  # "tcp" (in tcp) or "localisation" (in con)
+    trials: int
+    mean: Array  # (3,)
+    scatter: Array  # (3, 3) sum of products about the mean
+    mean_norm: float
+    tail: Array  # the largest norms, ascending; every trial above tail[0] is in it
+
+    @property
+    def covariance(self) -> Array:
+        """(3, 3) mm^2, divisor n - 1."""
+        return np.asarray(self.scatter / (self.trials - 1))
+
+    @property
+    def worst(self) -> float:
+        return float(self.tail[-1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reprojections:
+    """RMS reprojection error of the first trials, px, ascending."""
+
+    rms_px: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """A finished run.  ``errors`` holds, target by target, the TCP and then the localisation error."""
+
+    plan: ChainPlan
+    seed: int
+    trials: int
+    errors: tuple[ErrorSample, ...]
+    redone: int  # trials redone by SVD because the structured solution was not proven
+    reprojection: Reprojections | None
+    threads: int
+    batch: int
+
+    def of(self, target: str | int, error: str = "tcp") -> ErrorSample:
+        """The sample of one target (by name or place) and one error ("tcp" or "localisation")."""
+        names = [t.name for t in self.plan.system.targets]
+        place = names.index(target) if isinstance(target, str) else target
+        return self.errors[2 * place + ERRORS.index(error)]
+
+
+class _Moments(NamedTuple):
+    count: int
+    mean: Array  # (m, 3)
+    scatter: Array  # (m, 3, 3) sums of products about the mean
+    norm_mean: Array  # (m,)
+
+
+class _Block(NamedTuple):
+    moments: _Moments
+    norms: Array  # (m, n)
+    redone: int
+    reprojection: Array | None
+
+
+@njit(cache=True, nogil=True)
+def _reduce(errors, norms, mean, scatter, norm_mean):
+    """Norms and moments of (m, 3, n) error vectors; plain loops, so that sums have one order everywhere."""
+    metrics, _, n = errors.shape
+    for m in range(metrics):
+        sx, sy, sz, sn = 0.0, 0.0, 0.0, 0.0
+        for i in range(n):
+            x, y, z = errors[m, 0, i], errors[m, 1, i], errors[m, 2, i]
+            norm = sqrt(x * x + y * y + z * z)
+            norms[m, i] = norm
+            sx, sy, sz, sn = sx + x, sy + y, sz + z, sn + norm
+        ax, ay, az = sx / n, sy / n, sz / n
+        mean[m, 0], mean[m, 1], mean[m, 2], norm_mean[m] = ax, ay, az, sn / n
+        xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(n):
+            x, y, z = errors[m, 0, i] - ax, errors[m, 1, i] - ay, errors[m, 2, i] - az
+            xx, xy, xz = xx + x * x, xy + x * y, xz + x * z
+            yy, yz, zz = yy + y * y, yz + y * z, zz + z * z
+        scatter[m, 0, 0], scatter[m, 1, 1], scatter[m, 2, 2] = xx, yy, zz
+        scatter[m, 0, 1] = scatter[m, 1, 0] = xy
+        scatter[m, 0, 2] = scatter[m, 2, 0] = xz
+        scatter[m, 1, 2] = scatter[m, 2, 1] = yz
+
+
+def _block(plan: ChainPlan, seed: int, first: int, count: int, reprojection: bool) -> _Block:
+    outcome = run_indices(plan, seed, first, count, reprojection=reprojection)
+    errors = np.ascontiguousarray(outcome.errors).reshape(-1, 3, count)
+    metrics = len(errors)
+    norms, norm_mean = np.empty((metrics, count)), np.empty(metrics)
+    mean, scatter = np.empty((metrics, 3)), np.empty((metrics, 3, 3))
+    _reduce(errors, norms, mean, scatter, norm_mean)
+    return _Block(_Moments(count, mean, scatter, norm_mean), norms, outcome.redone, outcome.reprojection)
+
+
+def _merged(a: _Moments, b: _Moments) -> _Moments:
+    """Moments of two disjoint sets (Chan, Golub and LeVeque 1983)."""
+    count = a.count + b.count
+    share = b.count / count
+    gap = b.mean - a.mean
+    scatter = a.scatter + b.scatter + (a.count * share) * (gap[:, :, None] * gap[:, None, :])
+    norm_mean = a.norm_mean + share * (b.norm_mean - a.norm_mean)
+    return _Moments(count, a.mean + share * gap, scatter, norm_mean)
+
+
+def _largest(values: Array, count: int) -> Array:
+    return values if len(values) <= count else np.partition(values, len(values) - count)[-count:]
+
+
+def _batches(plan: ChainPlan, seed: int, first: int, trials: int, batch: int, reprojection: int) -> list[list[tuple]]:  # type: ignore[type-arg]
+    """Arguments of the blocks that cover ``first`` ... ``trials``, grouped into batches."""
+    blocks = [
+        (plan, seed, start, min(BLOCK, trials - start), start < reprojection) for start in range(first, trials, BLOCK)
+    ]
+    size = max(1, batch // BLOCK)
+    return [blocks[k : k + size] for k in range(0, len(blocks), size)]
+
+
+def _in_order(batches: list[list[tuple]], threads: int) -> Iterator[_Block]:  # type: ignore[type-arg]
+    """Blocks in the order of their indices; at most two batches per thread are under way."""
+
+    def work(batch: list[tuple]) -> list[_Block]:  # type: ignore[type-arg]
+        return [_block(*arguments) for arguments in batch]
+
+    if threads == 1:
+        for batch in batches:
+            yield from work(batch)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        waiting: deque[Future[list[_Block]]] = deque()
+        for batch in batches:
+            waiting.append(pool.submit(work, batch))
+            if len(waiting) >= 2 * threads:
+                yield from waiting.popleft().result()
+        while waiting:
+            yield from waiting.popleft().result()
+
+
+def available_threads() -> int:
+    """Processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
+
+
+def tail_size(trials: int, quantile: float) -> int:
+    """How many of the largest norms to keep for this quantile: its interval at any usual confidence, and slack."""
+    beyond = trials * (1 - quantile)
+    return min(trials, ceil(beyond + 8 * sqrt(beyond + 1)) + 16)
+
+
+def simulate(
+    system: System | ChainPlan,
+    *,
+    trials: int,
+    seed: int,
+    quantile: float = 0.95,
+    threads: int | None = None,
+    batch: int | None = None,
+    vertex: Mapping[str, float] | Array | None = None,
+    shots_per_unit: int = 1,
+    reprojection: bool = False,
+    keep: int | None = None,
+    progress: Progress | None = None,
+    extend: Samples | None = None,
+) -> Samples:
+    """Run ``trials`` trials of the full nonlinear chain.
+
+    quantile: the lowest one that will be asked for; the tail above it is kept (``keep``: norms to keep,
+    overrides it).  vertex, shots_per_unit: see ``compile_plan``; not with a plan.  reprojection: also over the
+    first ``REPROJECTION_TRIALS`` trials.  extend: an earlier run of the same plan and seed, a multiple of
+    ``BLOCK`` long, to go on from.  ``progress(done, total)`` is called after each block.
+    Raises OutOfRangeError when a count is not positive or the plan and its options disagree.
+    """
+    if trials < 2:
+        raise OutOfRangeError(Problem("", "trials", f"at least 2 trials are needed, got {trials}"))
+    if isinstance(system, ChainPlan):
+        if vertex is not None or shots_per_unit != 1:
+            detail = "vertex and shots_per_unit belong to compile_plan; this plan is already compiled"
+            raise OutOfRangeError(Problem("", "plan-options", detail))
+        plan = system
+    else:
+        plan = compile_plan(system, vertex=vertex, shots_per_unit=shots_per_unit)
+    threads = available_threads() if threads is None else threads
+    batch = BLOCK if batch is None else batch
+    if threads < 1 or batch < 1:
+        raise OutOfRangeError(
+            Problem("", "threads", f"threads and batch must be at least 1, got {threads} and {batch}")
+        )
+    keep = tail_size(trials, quantile) if keep is None else keep
+
+    state: _Moments | None = None
+    tails: list[list[Array]] = [[] for _ in range(2 * len(plan.system.targets))]
+    floors = [-np.inf] * len(tails)
+    done, redone, reprojections = 0, 0, []
+    if extend is not None:
+        if extend.plan is not plan or extend.seed != seed or extend.trials % BLOCK or extend.trials > trials:
+            detail = f"only a run of the same plan and seed, a multiple of {BLOCK} trials long, can be extended"
+            raise OutOfRangeError(Problem("", "extend", detail))
+        state = _moments_of(extend)
+        done, redone = extend.trials, extend.redone
+        for k, sample in enumerate(extend.errors):
+            tails[k].append(sample.tail)
+            floors[k] = -np.inf if len(sample.tail) == sample.trials else float(sample.tail[0])
+        if extend.reprojection is not None:
+            reprojections.append(extend.reprojection.rms_px)
+
+    limit = min(trials, REPROJECTION_TRIALS) if reprojection else 0
+    held = [sum(len(part) for part in tail) for tail in tails]
+    for block in _in_order(_batches(plan, seed, done, trials, batch, limit), threads):
+        state = block.moments if state is None else _merged(state, block.moments)
+        redone += block.redone
+        for k, norms in enumerate(block.norms):
+            tails[k].append(norms[norms > floors[k]])
+            held[k] += len(tails[k][-1])
+            if held[k] > 2 * keep + BLOCK:
+                tails[k] = [_largest(np.concatenate(tails[k]), keep)]
+                floors[k], held[k] = float(tails[k][0].min()), keep
+        if block.reprojection is not None:
+            reprojections.append(block.reprojection)
+        done += len(block.norms[0])
+        if progress is not None:
+            progress(done, trials)
+    if state is None:
+        raise OutOfRangeError(Problem("", "trials", "nothing to simulate"))
+    names = [target.name for target in plan.system.targets]
+    samples = []
+    for k, tail in enumerate(tails):
+        kept = np.sort(_largest(np.concatenate(tail), keep))
+        kept.setflags(write=False)
+        norm_mean = float(state.norm_mean[k])
+        samples.append(
+            ErrorSample(names[k // 2], ERRORS[k % 2], trials, state.mean[k], state.scatter[k], norm_mean, kept)
+        )
+    rms = Reprojections(np.sort(np.concatenate(reprojections)[:REPROJECTION_TRIALS])) if reprojections else None
+    return Samples(plan, seed, trials, tuple(samples), redone, rms, threads, batch)
+
+
+def _moments_of(samples: Samples) -> _Moments:
+    return _Moments(
+        samples.trials,
+        np.array([s.mean for s in samples.errors]),
+        np.array([s.scatter for s in samples.errors]),
+        np.array([s.mean_norm for s in samples.errors]),
+    )
+
+
+def deepened(samples: Samples, keep: int) -> Samples:
+    """The same run with at least ``keep`` of the largest norms: itself, or repeated from its seed."""
+    if all(len(s.tail) >= min(keep, s.trials) for s in samples.errors):
+        return samples
+    return simulate(
+        samples.plan,
+        trials=samples.trials,
+        seed=samples.seed,
+        keep=min(samples.trials, keep),
+        threads=samples.threads,
+        batch=samples.batch,
+        reprojection=samples.reprojection is not None,
+    )
