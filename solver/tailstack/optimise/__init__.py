@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
+from .optimising import optimise, problem_of
 from .placement import PlacementSolution, solve_placement
 from .problem import FreeHalfWidth, PlacementProblem
 
-__all__ = ["FreeHalfWidth", "PlacementProblem", "PlacementSolution", "solve_placement"]
+__all__ = ["FreeHalfWidth", "PlacementProblem", "PlacementSolution", "optimise", "problem_of", "solve_placement"]
