@@ -173,22 +173,31 @@ def law_quantile_coarse(law: LinearLaw, p: float) -> LawQuantile:
     return _quantile(law, probability_iv(p), False)
 
 
-def law_cdf(law: LinearLaw, r: float) -> float:
-    """P(|e| <= r), r >= 0 mm; absolute error about 1e-9 (sampled laws: 1e-4)."""
-    if not r >= 0:
-        raise ValueError(f"a radius must be >= 0 mm, got {r}")
+def _cdf(law: LinearLaw, r: float, fine: bool) -> float:
     h, _ = lattice_columns(law)
     if h.shape[0] == 0:
         return norm_cdf(r, law.mean, law.covariance)
-    found, value, _ = probability(float(r), law.mean, law.covariance, h, *_tolerances(0.5, True))
+    found, value, _ = probability(r, law.mean, law.covariance, h, *_tolerances(0.5, fine))
     if found:
         return float(value)
-    x, longest = sample_rest(law.mean, law.covariance, h, _LOG2_POINTS)
-    return float(conditional_probability(float(r), x, longest, RANDOMISATIONS).mean())
+    x, longest = sample_rest(law.mean, law.covariance, h, _LOG2_POINTS if fine else _LOG2_COARSE)
+    return float(conditional_probability(r, x, longest, RANDOMISATIONS).mean())
+
+
+def law_cdf(law: LinearLaw, r: float) -> float:
+    """P(|e| <= r), r >= 0 mm; absolute error about 1e-8 (sampled laws: 1e-4).  Raises ValueError."""
+    if not r >= 0:
+        raise ValueError(f"a radius must be >= 0 mm, got {r}")
+    return _cdf(law, float(r), True)
+
+
+def law_cdf_coarse(law: LinearLaw, r: float) -> float:
+    """As :func:`law_cdf`, to about 1e-4 and several times faster."""
+    return _cdf(law, float(r), False)
 
 
 def law_exceedance(law: LinearLaw, limit: float) -> float:
-    """P(|e| > limit), limit >= 0 mm; absolute error about 1e-9, relative 1e-12 for Gaussian laws."""
+    """P(|e| > limit), limit >= 0 mm; absolute error about 1e-8, relative 1e-12 for Gaussian laws."""
     if law.columns.any():
         return 1.0 - law_cdf(law, limit)
     return norm_sf(limit, law.mean, law.covariance)

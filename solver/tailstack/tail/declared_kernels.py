@@ -13,6 +13,8 @@ from .lattice import box_size, lattice_terms, spectral_extent
 from .quantile import norm_quantile_jit, normal_quantile_jit
 from .spectrum import principal_axes
 
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)
+
 
 @njit(cache=True, error_model="numpy")
 def on_principal_axes(
@@ -289,14 +291,13 @@ def mean_excess(
         return False, 0.0
     if dimension == 3:
         return True, outer - r - ball_integral(outer, t, w) + ball_integral(r, t, w)
-    # The radius in the reduced space is sqrt(x^2 - offset): the midpoint rule in theta, x = a + b sin^2, sees no edge.
+    # The radius in the reduced space is sqrt(x^2 - offset), smooth in theta where x = below + span sin^2(theta).
     below = max(r, sqrt(offset))
     span = outer - below
-    nodes = 400
     total = 0.0
-    for i in range(nodes):
-        theta = (i + 0.5) * np.pi / (2.0 * nodes)
+    for i in range(_NODES.size):
+        theta = 0.25 * np.pi * (1.0 + _NODES[i])
         x = below + span * np.sin(theta) ** 2
         f0, _, _ = ball_sums(sqrt(max(x * x - offset, 0.0)), dimension, t, w)
-        total += (1.0 - f0) * np.sin(2.0 * theta)
-    return True, max(below - r, 0.0) + span * total * np.pi / (2.0 * nodes)
+        total += _WEIGHTS[i] * (1.0 - f0) * np.sin(2.0 * theta)
+    return True, max(below - r, 0.0) + 0.25 * np.pi * span * total

@@ -31,7 +31,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ..system import Array
-from .declared import LinearLaw, lattice_columns, law_cdf, law_quantile_coarse
+from .declared import LinearLaw, lattice_columns, law_cdf_coarse, law_quantile_coarse
 from .gaussian import norm_law_jit, probability_iv
 from .quantile import norm_quantile_jit, normal_quantile_jit
 from .sampling import RANDOMISATIONS, sobol_points
@@ -119,22 +119,21 @@ def _offsets(installation: LinearLaw, log2_units: int) -> tuple[Array, int]:
     return np.ascontiguousarray(d), RANDOMISATIONS
 
 
-def _rank(fraction: float, n: int) -> int:
-    return min(max(int(np.ceil(fraction * n)), 1), n) - 1
-
-
 def _standard_error(value: Array, blocks: int) -> float:
     """Of the mean of value (n,), from the means of its randomisations."""
     return float(value.reshape(blocks, -1).mean(axis=1).std(ddof=1)) / sqrt(blocks) if blocks > 1 else 0.0
 
 
-def _control(installation: LinearLaw, size: Array, middle: Array, level: float) -> Array:
+def _control(
+    p: float, installation: LinearLaw, covariance: Array, d: Array, size: Array, middle: Array, level: float
+) -> Array:
     """(n,) of mean about 0: (|d| <= y) - P(|d| <= y), y where R is about `level`; 0 where no unit is near it."""
-    near = np.argsort(np.abs(middle - level))[: max(size.size // 50, 1)]
-    y = level - float((middle - size)[near].mean())
+    near = np.argsort(np.abs(middle - level))[: max(size.size // 100, 1)]
+    near = _spread(near[np.argsort(middle[near])])
+    y = level - float((_gaussian_quantiles(p, d[near], covariance) - size[near]).mean())
     if size.size == 1 or not size.min() < y < size.max():
         return np.zeros(size.size)
-    return (size <= y) - law_cdf(installation, y)
+    return np.asarray((size <= y) - law_cdf_coarse(installation, y))
 
 
 def unit_risk(
@@ -174,29 +173,34 @@ def unit_risk(
         between = np.flatnonzero((low <= level) & ~good)
         good[between] = _gaussian_meets(p, level, d[between], covariance)
         solved += between.size
-        excess = good - _control(installation, size, middle, level)
+        excess = good - _control(p, installation, covariance, d, size, middle, level)
         fraction = min(max(float(excess.mean()), 0.0), 1.0)
         # Units within the correction's own spread of the level, counted by their lower bound.
         unsure = float(((low > level - doubt) & (low <= level + doubt)).mean()) / 2 if doubt else 0.0
-        fraction_error = hypot(_standard_error(excess, blocks), unsure)
+        fraction_error = hypot(_standard_error(excess, blocks), unsure, 0.5 / n if 0.0 < fraction < 1.0 else 0.0)
 
-    # First the order statistic of the middles, for the control; then the one that the control asks for.
-    control = _control(installation, size, middle, float(np.partition(middle, _rank(0.95, n))[_rank(0.95, n)]))
-    rank = _rank(0.95 + float(control.mean()), n)
-    # The order statistic of R lies between those of its bounds; only units that may reach across need solving.
-    floor, ceiling = np.partition(low, rank)[rank], np.partition(high, rank)[rank]
+    # Where |d| has its own 95 % point R very nearly has its: the control here.
+    control = np.zeros(n)
+    if blocks > 1:
+        control = (size <= law_quantile_coarse(installation, 0.95).quantile_mm) - 0.95
+    position = min(max((0.95 + float(control.mean())) * n + 0.5, 1.0), float(n))  # Hazen's, counted from 1
+    first = min(int(position), n - 1) - 1 if n > 1 else 0
+    second = min(first + 1, n - 1)
+    # The order statistics of R lie between those of its bounds; only units that may reach across need solving.
+    floor, ceiling = np.partition(low, first)[first], np.partition(high, second)[second]
     own = middle
     between = np.flatnonzero((low <= ceiling) & (high >= floor) & (low < high))
     own[between] = _gaussian_quantiles(p, d[between], covariance)
     solved += between.size
     order = np.argsort(own)
-    value = float(own[order[rank]])
+    ranked = own[order]
+    value = float(ranked[first] + (position - 1 - first) * (ranked[second] - ranked[first]))
     shift, error = 0.0, 0.0
     if mixed:
-        near = _spread(order[max(rank - 40, 0) : rank + 40])
+        near = _spread(order[max(first - 40, 0) : first + 40])
         shift, error = _correction(p, shot, d[near], own[near])
     if blocks > 1:
-        first, last = max(rank - n // 50, 0), min(rank + n // 50, n - 1)
-        slope = float(own[order[last]] - own[order[first]]) * n / (last - first)
-        error = hypot(error, _standard_error((own <= value) - control, blocks) * slope)
+        a, b = max(first - n // 50, 0), min(first + n // 50, n - 1)
+        slope = float(ranked[b] - ranked[a]) * n / (b - a)
+        error = hypot(error, _standard_error((own <= value) - control, blocks) * slope, slope / n)
     return UnitRisk(p, limit, fraction, fraction_error, value + shift, error, n, solved)

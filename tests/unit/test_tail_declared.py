@@ -1,0 +1,313 @@
+"""Laws with uniform and triangular sources against quadrature over them, closed forms and sampling."""
+
+from __future__ import annotations
+
+import json
+from math import comb, factorial, pi, sqrt
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import j0, j1
+
+from tailstack.tail.ball import ball_integral, ball_sums, bessel_j01
+from tailstack.tail.declared import (
+    GAUSSIAN_METHOD,
+    LATTICE_METHOD,
+    SAMPLED_METHOD,
+    TRIANGULAR,
+    UNIFORM,
+    law_budget,
+    law_cdf,
+    law_cvar,
+    law_exceedance,
+    law_mean_norm,
+    law_quantile,
+    law_quantile_coarse,
+    linear_law,
+    norm_quantile_of,
+    without_group,
+)
+from tailstack.tail.declared_kernels import probability
+from tailstack.tail.gaussian import norm_cdf, norm_mean, norm_quantile, norm_quantile_gradient
+
+CUBE = json.loads((Path(__file__).parents[1] / "data/oracles/noise_covariance_cube8.json").read_text())
+NOISE = np.array(CUBE["Sigma"])
+
+
+def mount_columns(position, pivot, degrees, mm):
+    """(3, 6) displacement of a point by a mount's half-widths: three rotations about its pivot, three translations."""
+    lever = np.array(position) - np.array(pivot)
+    turns = [np.radians(degrees) * np.cross(axis, lever) for axis in np.eye(3)]
+    return np.column_stack([*turns, *(mm * np.eye(3))])
+
+
+COLUMNS = np.hstack(
+    [mount_columns((0, 0, 70), (0, 0, -95), 0.25, 0.1), mount_columns((0, 0, 70), (0, 0, -145), 0.15, 0.2)]
+)
+REFERENCE = linear_law(np.zeros(3), NOISE, COLUMNS)
+SKEWED = linear_law(
+    [0.3, -0.2, 0.5],
+    [[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]],
+    np.array([[0.6, 0.1], [-0.2, 0.5], [0.1, 0.4]]),
+    [UNIFORM, TRIANGULAR],
+)
+
+
+def average(law, function):
+    """Mean of function(mean shifted by the columns) over two sources, by Gauss-Legendre: no lattice in it."""
+    x, w = np.polynomial.legendre.leggauss(24)
+    rules = []
+    for kind in law.kinds:
+        if kind == UNIFORM:
+            rules.append(list(zip(x, w / 2, strict=True)))
+        else:
+            half, weight = (x + 1) / 2, w / 2 * (1 - (x + 1) / 2)
+            rules.append([*zip(-half, weight, strict=True), *zip(half, weight, strict=True)])
+    first, second = rules
+    return sum(
+        a * b * function(law.mean + law.columns @ np.array([u, v])) for u, a in first for v, b in second
+    )
+
+
+def test_reference_of_the_method_notes():
+    """Published, sampled: 1.2889 (its standard error is some 1e-4); the Gaussian of equal covariance to all digits."""
+    result = law_quantile(REFERENCE, 0.95)
+    assert result.quantile_mm == pytest.approx(1.2889, abs=4e-4)
+    assert result.method == LATTICE_METHOD
+    assert result.error_mm < 1e-6
+    assert norm_quantile_of(REFERENCE, 0.95) == pytest.approx(1.3574, abs=5e-5)
+
+
+def test_reference_by_sampling():
+    """Two million draws: the probability at our quantile within 3.5 standard errors (0.00054)."""
+    rng = np.random.default_rng(11)
+    n = 2_000_000
+    e = rng.standard_normal((n, 3)) @ np.linalg.cholesky(NOISE).T + rng.uniform(-1, 1, (n, 12)) @ COLUMNS.T
+    for p in (0.05, 0.5, 0.95, 0.999):
+        inside = ((e**2).sum(axis=1) <= law_quantile(REFERENCE, p).quantile_mm ** 2).mean()
+        assert abs(inside - p) < 3.5 * sqrt(p * (1 - p) / n)
+
+
+@pytest.mark.parametrize("p", [1e-3, 0.2, 0.5, 0.95, 0.9999])
+def test_two_sources_by_quadrature(p):
+    result = law_quantile(SKEWED, p)
+    assert average(SKEWED, lambda m: norm_cdf(result.quantile_mm, m, SKEWED.covariance)) == pytest.approx(p, abs=2e-8)
+    assert law_cdf(SKEWED, result.quantile_mm) == pytest.approx(p, abs=2e-8)
+    assert law_exceedance(SKEWED, result.quantile_mm) == pytest.approx(1 - p, abs=2e-8)
+    step = 1e-4
+    slope = (law_cdf(SKEWED, result.quantile_mm + step) - law_cdf(SKEWED, result.quantile_mm - step)) / (2 * step)
+    assert result.density == pytest.approx(slope, rel=1e-3, abs=1e-5)
+
+
+def test_two_sources_in_a_plane_by_quadrature():
+    """Everything in the plane x = 0.4, at an angle: the lattice is two-dimensional, the contour sees a singular S."""
+    turn = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
+    S = turn @ np.diag([0, 0.09, 0.02]) @ turn.T
+    columns = turn @ np.array([[0, 0], [0.6, 0.2], [-0.3, 0.5]])
+    law = linear_law(turn @ np.array([0.4, 0.1, -0.3]), S, columns, [UNIFORM, TRIANGULAR])
+    for p in (0.05, 0.5, 0.95):
+        result = law_quantile(law, p)
+        assert result.method == LATTICE_METHOD
+        assert average(law, lambda m, r=result.quantile_mm: norm_cdf(r, m, S)) == pytest.approx(p, abs=2e-8)
+    assert law_mean_norm(law) == pytest.approx(average(law, lambda m: norm_mean(m, S)), rel=1e-6)
+
+
+def test_sum_of_uniforms_on_a_line_is_irwin_hall():
+    """Closed form: six equal uniform sources on one skew axis, a bias across it, no noise."""
+    n, half = 6, 0.3
+    axis = np.array([2, -1, 2]) / 3
+    law = linear_law([1, 2, 0], np.zeros((3, 3)), half * np.outer(axis, np.ones(n)))  # (1, 2, 0) is perpendicular
+
+    def cdf(x):  # of the sum of n uniforms on (0, 1)
+        return sum((-1) ** k * comb(n, k) * (x - k) ** n for k in range(int(x) + 1)) / factorial(n)
+
+    for p in (0.1, 0.5, 0.95, 0.999):
+        result = law_quantile(law, p)
+        along = sqrt(result.quantile_mm**2 - 5)
+        shift = along / (2 * half)
+        assert cdf(n / 2 + shift) - cdf(n / 2 - shift) == pytest.approx(p, abs=5e-7)
+
+
+@pytest.mark.parametrize("r", [0.2, 0.9, 2.0])
+def test_lattice_without_sources_is_the_gaussian_law(r):
+    """The lattice and the contour integral share no code."""
+    m, S = np.array([0.3, -0.2, 0.5]), SKEWED.covariance
+    found, value, density = probability(r, m, S, np.empty((0, 3)), 1e-13, 1e-13, 1e7)
+    assert found
+    assert value == pytest.approx(norm_cdf(r, m, S), abs=1e-11)
+    assert density > 0
+
+
+def test_one_uniform_source():
+    """|2 u| <= r: the slowest lattice sum there is, within its own stated error."""
+    law = linear_law(np.zeros(3), np.zeros((3, 3)), np.array([[0.0], [2.0], [0.0]]))
+    result = law_quantile(law, 0.9)
+    assert abs(result.quantile_mm - 1.8) <= result.error_mm < 1e-5
+    assert law_mean_norm(law) == pytest.approx(1.0, abs=1e-6)
+    assert law_cvar(law, 0.9) == pytest.approx(1.9, abs=1e-6)
+
+
+def test_square_without_noise_by_sampling():
+    """Closed form: uniform on a square of half side 1, P(|e| <= r) = pi r^2 / 4, r <= 1; within 4 standard errors."""
+    law = linear_law(np.zeros(3), np.zeros((3, 3)), np.eye(3)[:, :2])
+    result = law_quantile(law, 0.5)
+    assert result.method == SAMPLED_METHOD
+    assert abs(result.quantile_mm - sqrt(2 / pi)) < 4 * result.error_mm + 1e-9
+    assert result.error_mm < 1e-4
+
+
+def test_sharp_law_agrees_with_its_blunt_neighbour():
+    """Noise of 0.3 um beside tolerances of a millimetre: sampled, within 4 standard errors of the lattice at 30 um.
+
+    The two laws differ by less than tr(S)/2r in the quantile (second order in the noise).
+    """
+    columns = np.random.default_rng(2).normal(size=(3, 5)) * [1.0, 0.8, 0.5, 0.4, 0.3]
+    blunt = law_quantile(linear_law([3, 0, 1], np.eye(3) * 0.03**2, columns), 0.95)
+    sharp = law_quantile(linear_law([3, 0, 1], np.eye(3) * 3e-4**2, columns), 0.95)
+    assert sharp.method == SAMPLED_METHOD
+    assert abs(sharp.quantile_mm - blunt.quantile_mm) < 4 * (sharp.error_mm + blunt.error_mm) + 1.5 * 0.03**2
+
+
+def test_coarse_errors_are_stated_honestly():
+    rng = np.random.default_rng(8)
+    for _ in range(12):
+        factor = rng.normal(size=(3, 3)) * rng.uniform(0.05, 0.3)
+        law = linear_law(rng.normal(size=3) * 0.5, factor @ factor.T + 1e-3 * np.eye(3), rng.normal(size=(3, 7)) * 0.4)
+        coarse, fine = law_quantile_coarse(law, 0.95), law_quantile(law, 0.95)
+        assert abs(coarse.quantile_mm - fine.quantile_mm) <= 4 * coarse.error_mm
+        assert fine.error_mm < 1e-5
+
+
+def test_no_sources_is_the_exact_gaussian():
+    law = linear_law([0.3, 0, 0], NOISE)
+    result = law_quantile(law, 0.95)
+    assert result.method == GAUSSIAN_METHOD
+    assert result.quantile_mm == norm_quantile(0.95, law.mean, NOISE)
+    fixed = law_quantile(linear_law([3, 4, 0], np.zeros((3, 3))), 0.95)
+    assert (fixed.quantile_mm, fixed.density, fixed.error_mm) == (5.0, 0.0, 0.0)
+
+
+def test_mean_and_tail_mean_by_quadrature():
+    assert law_mean_norm(SKEWED) == pytest.approx(average(SKEWED, lambda m: norm_mean(m, SKEWED.covariance)), rel=1e-6)
+    r = law_quantile(SKEWED, 0.95).quantile_mm
+    area = quad(
+        lambda x: average(SKEWED, lambda m: 1 - norm_cdf(x, m, SKEWED.covariance)), r, r + 2.5, epsabs=1e-8, limit=3
+    )[0]
+    assert law_cvar(SKEWED, 0.95) == pytest.approx(r + area / 0.05, rel=2e-6)
+
+
+def test_derivatives_against_finite_differences():
+    p, step = 0.95, 1e-3
+    budget = law_budget(SKEWED, p, [])
+
+    def quantile(mean=None, covariance=None, columns=None):
+        return law_quantile(
+            linear_law(
+                SKEWED.mean if mean is None else mean,
+                SKEWED.covariance if covariance is None else covariance,
+                SKEWED.columns if columns is None else columns,
+                SKEWED.kinds,
+            ),
+            p,
+        ).quantile_mm
+
+    for a in range(3):
+        shift = step * np.eye(3)[a]
+        slope = (quantile(mean=SKEWED.mean + shift) - quantile(mean=SKEWED.mean - shift)) / (2 * step)
+        assert budget.dr_dmean[a] == pytest.approx(slope, abs=2e-4)
+    for j in range(2):
+        grow = np.ones(2)
+        grow[j] += step
+        shrink = 2 - grow
+        slope = (quantile(columns=SKEWED.columns * grow) - quantile(columns=SKEWED.columns * shrink)) / (2 * step)
+        assert budget.dr_dlog_column[j] == pytest.approx(slope, abs=2e-4)
+    block = np.diag([0.01, 0.02, 0.005])
+    up, down = SKEWED.covariance + step * block, SKEWED.covariance - step * block
+    slope = (quantile(covariance=up) - quantile(covariance=down)) / (2 * step)
+    assert (budget.dr_dcovariance * block).sum() == pytest.approx(slope, abs=2e-5)
+
+
+def test_derivatives_of_laws_off_the_lattice():
+    """A plane (differences of exact sums) and a Gaussian (contour)."""
+    S = np.diag([0.0, 0.09, 0.04])
+    flat = linear_law([0, 0.2, 0.1], S, np.array([[0.0], [0.5], [0.3]]))
+    budget = law_budget(flat, 0.9, [])
+    longer = linear_law(flat.mean, S, flat.columns * 1.002)
+    shorter = linear_law(flat.mean, S, flat.columns * 0.998)
+    slope = (law_quantile(longer, 0.9).quantile_mm - law_quantile(shorter, 0.9).quantile_mm) / 0.004
+    assert budget.dr_dlog_column[0] == pytest.approx(slope, rel=1e-3)
+    plain = law_budget(linear_law([0.1, 0, 0], NOISE), 0.9, [])
+    _, dm, ds = norm_quantile_gradient(0.9, [0.1, 0, 0], NOISE)
+    np.testing.assert_allclose(plain.dr_dmean, dm)
+    np.testing.assert_allclose(plain.dr_dcovariance, ds)
+
+
+def test_budget_removes_what_it_says():
+    everything = range(12)
+    groups = [(None, [0]), (None, range(6)), (NOISE / 4, []), (NOISE / 2, [1, 7])]
+    groups += [(None, everything), (NOISE, everything)]
+    budget = law_budget(REFERENCE, 0.95, groups)
+    assert budget.total == law_quantile(REFERENCE, 0.95)
+    expected = [
+        law_quantile(linear_law(np.zeros(3), NOISE, np.delete(COLUMNS, 0, axis=1)), 0.95),
+        law_quantile(linear_law(np.zeros(3), NOISE, COLUMNS[:, 6:]), 0.95),
+        law_quantile(linear_law(np.zeros(3), NOISE * 0.75, COLUMNS), 0.95),
+        law_quantile(linear_law(np.zeros(3), NOISE * 0.5, np.delete(COLUMNS, [1, 7], axis=1)), 0.95),
+    ]
+    for got, want in zip(budget.without, expected, strict=False):
+        assert got.quantile_mm == pytest.approx(want.quantile_mm, rel=1e-4)
+    assert budget.without[4].quantile_mm == pytest.approx(CUBE["P95"], rel=1e-9)
+    assert budget.without[5].quantile_mm == 0.0
+
+
+def test_block_that_is_not_there_is_refused():
+    with pytest.raises(ValueError, match="not part of the covariance"):
+        without_group(REFERENCE, np.eye(3), [])
+
+
+@pytest.mark.parametrize(
+    ("columns", "kinds", "message"),
+    [
+        (np.zeros((2, 3)), None, r"shape \(3, k\)"),
+        (np.full((3, 1), np.nan), None, "finite"),
+        (np.ones((3, 2)), [0], r"kinds must have shape \(2,\)"),
+        (np.ones((3, 1)), [2], "kinds are 0"),
+    ],
+)
+def test_bad_laws_are_named(columns, kinds, message):
+    with pytest.raises(ValueError, match=message):
+        linear_law(np.zeros(3), np.eye(3), columns, kinds)
+
+
+def test_bad_arguments_are_named():
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        law_quantile(SKEWED, 1.0)
+    with pytest.raises(ValueError, match=">= 0 mm"):
+        law_cdf(SKEWED, -1.0)
+
+
+def test_bessel_functions_against_scipy():
+    for x in (0.0, 1e-9, 1e-3, 0.5, 2.4, 10.0, 29.99, 30.01, 77.0, 900.0):
+        assert bessel_j01(x) == pytest.approx((j0(x), j1(x)), abs=3e-15)
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_ball_transforms_against_quadrature(dimension):
+    """Independent: the transform of the sphere of radius x, integrated over x; derivatives by differences."""
+    surface = {
+        1: lambda x, t: 2 * np.cos(x * t),
+        2: lambda x, t: 2 * pi * x * j0(x * t),
+        3: lambda x, t: 4 * pi * x**2 * np.sinc(x * t / pi),
+    }[dimension]
+    one = np.ones(1)
+    for t in (0.0, 1e-3, 0.7, 12.0):
+        value, first, second = ball_sums(1.3, dimension, np.array([t]), one)
+        assert value == pytest.approx(quad(surface, 0, 1.3, (t,))[0], rel=1e-9)
+        assert first == pytest.approx(surface(1.3, t), rel=1e-9)
+        h = 1e-5
+        assert second == pytest.approx((surface(1.3 + h, t) - surface(1.3 - h, t)) / (2 * h), rel=1e-6, abs=1e-6)
+        if dimension == 3:
+            inner = quad(lambda x, t=t: ball_sums(x, 3, np.array([t]), one)[0], 0, 1.3, epsabs=1e-11)[0]
+            assert ball_integral(1.3, np.array([t]), one) == pytest.approx(inner, rel=1e-7)
