@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from .answer import NOT_EVALUATED, PASS, Answer
+from .answer import Answer, exit_code_of
 
 HELP = "the whole main job on a real design, over HTTP"
 
@@ -93,8 +93,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         tell("stopping the service")
     names = ", ".join(sorted(path.name for path in output.iterdir()))
     closing = f"\nwritten to {output}/: {names}\nnext: tailstack score {output}/optimised.yaml\n"
-    passed = after.verdict.status == "pass"
-    return Answer(closing, PASS if passed else NOT_EVALUATED)
+    return Answer(closing, exit_code_of(after.verdict))
 
 
 def demo_settings() -> Any:

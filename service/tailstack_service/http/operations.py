@@ -58,6 +58,7 @@ def _verify(design: Design, options: VerificationOptions, settings: Settings, wa
         seed=options.seed,
         method=options.method,
         threads=settings.threads,
+        max_trials=settings.max_trials,
         progress=watch,
     )
 

@@ -87,8 +87,8 @@ def tolerances_text(result: Optimisation) -> str:
 
 def prices_text(result: Optimisation) -> str:
     """What binds, and what giving way there would save."""
-    lines = [wrapped(", ".join(result.binding), first="binding: ", indent="  ")] if result.binding else []
-    lines += [wrapped(price.sentence, first=f"{price.name}: ", indent="  ") for price in result.shadow_prices]
+    lines = [wrapped("; ".join(result.binding), first="binding: ", indent="  ")] if result.binding else []
+    lines += [wrapped(price.sentence, first="worth: ", indent="  ") for price in result.shadow_prices]
     return "\n".join(lines)
 
 

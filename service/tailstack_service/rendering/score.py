@@ -33,23 +33,22 @@ def worst_target(score: Score) -> TargetScore:
 
 
 def targets_text(targets: Sequence[TargetScore]) -> str:
-    """Two rows per target: error at the tool, and of the reconstructed target before the second interface."""
+    """Two rows per target: error at the tool, and of the located target before the second interface."""
     rows = []
     for target in targets:
-        rows.append(_metric_row(target.name, "tool", target))
-        rows.append(_metric_row("", "localisation", target.localisation))
+        rows.append(_metric_row(target.name, target))
+        rows.append(_metric_row("  as localised", target.localisation))
     header = (
-        "target", "error", "frame", "|bias|\nmm", "std x\nmm", "std y\nmm", "std z\nmm", "mean\nmm", "P95\nmm",
+        "target", "frame", "|bias|\nmm", "std x\nmm", "std y\nmm", "std z\nmm", "mean\nmm", "P95\nmm",
         "CVaR95\nmm", "limit\nmm", "beyond\nlimit, %",
     )  # fmt: skip
-    return table(header, rows, left=3, widest=22)
+    return table(header, rows, left=2, widest=30)
 
 
-def _metric_row(name: str, error: str, metric: TargetScore | MetricScore) -> tuple[str, ...]:
+def _metric_row(name: str, metric: TargetScore | MetricScore) -> tuple[str, ...]:
     bias = sum(component**2 for component in metric.bias_mm) ** 0.5
     return (
         name,
-        error,
         metric.frame,
         fixed(bias, 3),
         *(fixed(value, 3) for value in metric.std_mm),
@@ -93,7 +92,7 @@ def budget_text(target: TargetScore, targets: int = 1, colour: bool = False) -> 
         dropped = len(components) - len(kept)
         if dropped:
             share = sum(entry.variance_share for entry in components) - sum(entry.variance_share for entry in kept)
-            rows.append((f"  {dropped} more, below 0.05 % each", "", "", "", "", "", percent(max(share, 0.0)), "", ""))
+            rows.append((f"  {dropped} more, < 0.05 % each", "", "", "", "", "", percent(max(share, 0.0)), "", ""))
     header = (
         "contributor", "law", "half-\nwidth", "\nunit", "std\nunit", "sensitivity\nmm/unit", "share\n%",
         "dP95/dh\nmm/unit", "P95\nwithout, mm",

@@ -38,7 +38,10 @@ def percent(fraction: float | None, decimals: int = 1) -> str:
 def shortened(text: str, width: int) -> str:
     """Text cut to a width, control characters replaced (they could repaint a terminal)."""
     clean = "".join("?" if unicodedata.category(c) in ("Cc", "Cf", "Zl", "Zp") else c for c in text)
-    return clean if columns(clean) <= width else _cut(clean, width - 1) + "…"
+    if columns(clean) <= width:
+        return clean
+    end = _cut(clean[::-1], (width - 1) // 3)[::-1]  # names often differ at their end: region[0], region[1]
+    return _cut(clean, width - 1 - columns(end)) + "…" + end
 
 
 def columns(text: str) -> int:
@@ -62,15 +65,22 @@ def _padded(text: str, width: int, left: bool) -> str:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1, widest: int = 34) -> str:
-    """A table; the first ``left`` columns are texts (cut at ``widest``), the others numbers.
+    """A table; the first ``left`` columns are texts (cut at ``widest``, or to fit the page), the others numbers.
 
     A header may hold one line break: its second line is the unit.
     """
     heads = [head.split("\n") for head in header]
     depth = max(len(head) for head in heads)
-    body = [[shortened(cell, widest) if k < left else cell for k, cell in enumerate(row)] for row in rows]
     top = [[head[line] if line < len(head) else "" for head in heads] for line in range(depth)]
-    widths = [max(columns(row[k]) for row in [*top, *body]) for k in range(len(header))]
+    needed = [max(columns(row[k]) for row in top) for k in range(len(header))]
+    widths = [max(needed[k], *(columns(row[k]) for row in rows)) if rows else needed[k] for k in range(len(header))]
+    widths[:left] = [max(needed[k], min(widths[k], widest)) for k in range(left)]
+    while sum(widths) + 2 * (len(widths) - 1) > WIDTH:
+        slack = [widths[k] - max(needed[k], 8) for k in range(left)]
+        if max(slack) <= 0:
+            break
+        widths[slack.index(max(slack))] -= 1
+    body = [[shortened(cell, widths[k]) if k < left else cell for k, cell in enumerate(row)] for row in rows]
     lines = [*top, ["─" * width for width in widths], *body]
     return "\n".join(
         "  ".join(_padded(cell, widths[k], k < left) for k, cell in enumerate(row)).rstrip() for row in lines

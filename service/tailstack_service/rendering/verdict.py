@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from tailstack.results import Check, Finding, Provenance, Verdict
 
-from .tables import coloured, number, percent, shortened, table, wrapped
+from .tables import coloured, fixed, number, percent, shortened, table, wrapped
 
 
 def heading(provenance: Provenance, basis: str) -> str:
     """Name of the design, then how it was computed."""
-    digest = f" · design {provenance.design_sha256[:12]}" if provenance.design_sha256 else ""
+    digest = f"  (sha256 {provenance.design_sha256[:12]})" if provenance.design_sha256 else ""
     how = (
         f"{basis} · {provenance.reading} reading · {provenance.rotation_form.replace('_', ' ')} rotation · "
-        f"{provenance.triangulation} triangulation · tailstack {provenance.tailstack_version}{digest}"
+        f"{provenance.triangulation} triangulation · tailstack {provenance.tailstack_version}"
     )
-    return shortened(provenance.design_name, 100) + "\n" + wrapped(how)
+    return shortened(provenance.design_name, 76) + digest + "\n" + wrapped(how)
 
 
 def checks_table(checks: tuple[Check, ...]) -> str:
@@ -32,22 +32,21 @@ def checks_table(checks: tuple[Check, ...]) -> str:
             (
                 check.requirement,
                 check.target,
-                f"{check.error}, {check.risk.replace('_', ' ')}",
-                f"P{100 * check.quantile:g}",
+                f"P{100 * check.quantile:g} {check.error}, {check.risk.replace('_', ' ')}",
                 number(check.value_mm),
-                f"{number(low)} .. {number(high)}",
+                f"{fixed(low, 3)} .. {fixed(high, 3)}",
                 number(check.limit_mm),
                 judged,
                 check.status,
             )
         )
     header = (
-        "requirement", "target", "error, risk", "of\n|e|", "value\nmm", "interval\nmm", "limit\nmm",
-        "units that\nmeet it, %", "status",
+        "requirement", "target", "quantile of\nthe error", "value\nmm", "interval\nmm", "limit\nmm",
+        "yield\n%", "status",
     )  # fmt: skip
-    if all(row[7] == "-" for row in rows):
-        rows, header = [(*row[:7], row[8]) for row in rows], (*header[:7], header[8])  # type: ignore[misc, assignment]
-    return table(header, rows, left=3, widest=20)
+    if all(row[6] == "-" for row in rows):
+        rows, header = [(*row[:6], row[7]) for row in rows], (*header[:6], header[7])  # type: ignore[misc, assignment]
+    return table(header, rows, left=3)
 
 
 def findings_text(findings: tuple[Finding, ...], colour: bool) -> str:

@@ -22,22 +22,21 @@ def verification_text(verification: Verification, *, colour: bool = False) -> st
 def estimates_text(verification: Verification) -> str:
     rows = []
     for target in verification.targets:
-        rows.append(_row(target.name, "tool", target))
-        rows.append(_row("", "localisation", target.localisation))
+        rows.append(_row(target.name, target))
+        rows.append(_row("  as localised", target.localisation))
     confidence = f"{100 * verification.targets[0].confidence:g} %" if verification.targets else ""
     header = (
-        "target", "error", "|bias|\nmm", "std x\nmm", "std y\nmm", "std z\nmm", "mean\nmm", "P95\nmm",
-        f"interval {confidence}\nmm", "CVaR95\nmm", "beyond\nlimit, %", "first\norder /",
+        "target", "|bias|\nmm", "std x\nmm", "std y\nmm", "std z\nmm", "mean\nmm", "P95\nmm",
+        f"interval {confidence}\nmm", "CVaR95\nmm", "beyond\nlimit, %", "FO /\nMC",
     )  # fmt: skip
-    return table(header, rows, left=2, widest=18)
+    return table(header, rows, widest=30)
 
 
-def _row(name: str, error: str, metric: TargetEstimate | MetricEstimate) -> tuple[str, ...]:
+def _row(name: str, metric: TargetEstimate | MetricEstimate) -> tuple[str, ...]:
     bias = sum(component**2 for component in metric.bias_mm) ** 0.5
     low, high = metric.p95_interval_mm
     return (
         name,
-        error,
         fixed(bias, 3),
         *(fixed(value, 3) for value in metric.std_mm),
         fixed(metric.mean_norm_mm, 3),

@@ -1,0 +1,369 @@
+"""The command line, in process: answers on stdout, everything else on stderr, the exit code that was promised."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from jsonschema import Draft202012Validator
+from service_scenes import EXAMPLES, coplanar_design, limited, small_design, write_json
+
+from tailstack_service.cli.main import VERBS, main
+from tailstack_service.documents import json_schema, schema_names
+
+DEMO = str(EXAMPLES / "demo.yaml")
+Captured = tuple[int, str, str]
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str]) -> Any:
+    """Run a command; (exit code, stdout, stderr)."""
+
+    def run(*arguments: str) -> Captured:
+        code = main(arguments)
+        captured = capsys.readouterr()
+        assert "Traceback" not in captured.err
+        return code, captured.out, captured.err
+
+    return run
+
+
+def check_columns(text: str) -> None:
+    assert max(map(len, text.splitlines())) <= 100
+
+
+# --- help and usage -------------------------------------------------------------------------------
+
+
+def test_help_names_every_verb(call: Any) -> None:
+    code, out, _ = call("--help")
+    assert code == 0
+    assert all(f"    {verb} " in out for verb in VERBS)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_help(call: Any, verb: str) -> None:
+    code, out, _ = call(verb, "--help")
+    assert code == 0
+    assert out.startswith(f"usage: tailstack {verb}")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (), ("nonsense",), ("score",), ("score", DEMO, "--trials", "3"), ("verify", DEMO, "--trials", "0"),
+        ("verify", DEMO, "--trials", "many"), ("verify", DEMO, "--precision", "2"), ("verify", DEMO, "--seed", "-1"),
+        ("verify", DEMO, "--trials", "10", "--precision", "0.1"), ("verify", DEMO, "--method", "magic"),
+        ("optimise", DEMO, "--starts", "0"), ("serve", "--port", "70000"), ("convert", DEMO), ("score", DEMO, "--js"),
+    ],
+)  # fmt: skip
+def test_usage_errors_are_2_and_name_the_next_command(call: Any, arguments: tuple[str, ...]) -> None:
+    code, out, err = call(*arguments)
+    assert code == 2
+    assert out == ""
+    assert "next: tailstack" in err or "usage: tailstack" in err
+
+
+def test_version(call: Any) -> None:
+    assert call("version") == (0, "tailstack 0.1.0\n", "")
+
+
+# --- schemas --------------------------------------------------------------------------------------
+
+
+def test_schemas_are_listed_and_printed(call: Any) -> None:
+    code, out, _ = call("schema")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()] == list(schema_names())
+    for name in schema_names():
+        code, out, _ = call("schema", name)
+        assert code == 0
+        assert json.loads(out) == json_schema(name)
+
+
+def test_an_unknown_schema_is_2(call: Any) -> None:
+    code, out, err = call("schema", "nothing")
+    assert (code, out) == (2, "")
+    assert "one of design, score" in err
+
+
+def test_presets_are_listed_with_their_sources() -> None:
+    entries = json_schema("presets")["oneOf"]
+    assert len(entries) >= 4
+    assert all("Source: " in entry["description"] for entry in entries)
+
+
+# --- validate -------------------------------------------------------------------------------------
+
+
+def test_validate_the_examples(call: Any) -> None:
+    names = sorted(map(str, EXAMPLES.glob("*.yaml")))
+    code, out, err = call("validate", *names)
+    assert (code, err) == (0, "")
+    assert all(f"{name}: valid" in out for name in names)
+    check_columns(out.replace(str(EXAMPLES), "examples"))
+
+
+def test_validate_points_at_line_and_column_and_goes_on(call: Any, tmp_path: Path) -> None:
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(Path(DEMO).read_text().replace("source_isocentre_mm: 700", "source_isocentre_mm: wide", 1))
+    line = 1 + bad.read_text().splitlines().index(next(line for line in bad.read_text().splitlines() if "wide" in line))
+    code, out, err = call("validate", str(bad), DEMO)
+    assert code == 2
+    assert f"{bad}:{line}:26: /views/0/source_isocentre_mm: expected a number" in err
+    assert f"next: tailstack validate {bad}" in err
+    assert f"{bad}: not valid" in out
+    assert f"{DEMO}: valid" in out
+
+
+def test_validate_an_ill_posed_design_is_3(call: Any, tmp_path: Path) -> None:
+    code, _, err = call("validate", str(write_json(tmp_path / "flat.json", coplanar_design())))
+    assert code == 3
+    assert "  hint: " in err
+
+
+# --- score ----------------------------------------------------------------------------------------
+
+
+def test_score_prints_the_budget_and_the_verdict(call: Any) -> None:
+    code, out, _ = call("score", DEMO)
+    check_columns(out)
+    verdict = out.strip().splitlines()[-1]
+    assert verdict.startswith("verdict: ")
+    assert code == {"pass": 0, "fail": 1, "inconclusive": 4}[verdict.split()[1]]
+    for heading in ("mm/unit", "share", "dP95/dh", "half-", "unit", "linearisation: ", "not included: "):
+        assert heading in out
+    assert "\x1b" not in out
+
+
+def test_score_json_is_the_published_document_and_nothing_else(call: Any) -> None:
+    _, out, _ = call("score", DEMO, "--json")
+    document = json.loads(out)
+    Draft202012Validator(json_schema("score")).validate(document)
+    assert document["schema"] == "tailstack/score/1"
+    target = document["targets"][0]
+    assert {"name", "frame", "bias_mm", "covariance_mm2", "std_mm", "mean_norm_mm", "p95_mm", "bounds_mm"} <= set(
+        target
+    )
+    assert {"name", "component", "half_width", "unit", "variance_share", "dp95_per_unit", "p95_without_mm"} <= set(
+        target["contributors"][0]
+    )
+
+
+def test_printed_budget_is_the_one_in_the_document(call: Any) -> None:
+    """Rows by falling share; each printed share is the document's."""
+    _, text, _ = call("score", DEMO)
+    _, out, _ = call("score", DEMO, "--json")
+    contributors = json.loads(out)["targets"][0]["contributors"]
+    names = {entry["name"] for entry in contributors}
+    totals = {name: max(e["variance_share"] for e in contributors if e["name"] == name) for name in names}
+    block = text[text.index("Budget at target") :].splitlines()[4:]
+    printed = [line.split(",")[0].split("  ")[0] for line in block[: block.index("")] if not line.startswith(" ")]
+    printed = [name for name in printed if name in names]
+    assert printed == sorted(totals, key=lambda name: totals[name], reverse=True)
+
+
+@pytest.mark.parametrize(("limit_mm", "code"), [(50.0, 0), (0.1, 1)])
+def test_the_verdict_of_the_score_is_the_exit_code(call: Any, tmp_path: Path, limit_mm: float, code: int) -> None:
+    path = str(write_json(tmp_path / "design.json", limited(limit_mm)))
+    assert call("score", path)[0] == code
+    assert call("score", path, "--json")[0] == code
+
+
+def test_no_requirement_is_0(call: Any, tmp_path: Path) -> None:
+    path = str(write_json(tmp_path / "design.json", small_design(requirements=None, optimise=None)))
+    code, out, _ = call("score", path)
+    assert code == 0
+    assert "verdict: no requirement" in out
+
+
+def test_a_limit_at_the_p95_itself_is_inconclusive(call: Any, tmp_path: Path) -> None:
+    path = str(write_json(tmp_path / "design.json", small_design()))
+    p95_mm = json.loads(call("score", path, "--json")[1])["targets"][0]["p95_mm"]
+    path = str(write_json(tmp_path / "edge.json", limited(p95_mm)))
+    assert call("score", path)[0] == 4
+    code, out, _ = call("verify", path, "--trials", "2000", "--json")
+    assert code == 4
+    assert json.loads(out)["verdict"]["status"] == "inconclusive"
+
+
+def test_score_reads_stdin(call: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(Path(DEMO).read_bytes())))
+    _, piped, _ = call("score", "-", "--json")
+    _, named, _ = call("score", DEMO, "--json")
+    assert json.loads(piped)["targets"] == json.loads(named)["targets"]
+
+
+def test_another_target_of_a_region(call: Any) -> None:
+    path = str(EXAMPLES / "locators_321.yaml")
+    code, out, _ = call("score", path, "--target", "workspace[2]")
+    assert "Budget at target workspace[2]" in out
+    check_columns(out)
+    code, _, err = call("score", path, "--target", "elsewhere")
+    assert code == 2
+    assert "workspace[0]" in err
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in EXAMPLES.glob("*.yaml")))
+def test_examples_are_scored_within_100_columns(call: Any, name: str) -> None:
+    code, out, _ = call("score", str(EXAMPLES / name), "--second-order")
+    assert code in (0, 1, 4)
+    check_columns(out)
+
+
+# --- verify, optimise -----------------------------------------------------------------------------
+
+
+def test_verify_json_is_the_published_document(call: Any) -> None:
+    _, out, _ = call("verify", DEMO, "--trials", "5000", "--seed", "7", "--json")
+    document = json.loads(out)
+    Draft202012Validator(json_schema("verification")).validate(document)
+    assert (document["seed"], document["method"]) == (7, "plain")
+    assert document["trials"] >= 5000
+    low, high = document["targets"][0]["p95_interval_mm"]
+    assert low <= document["targets"][0]["p95_mm"] <= high
+
+
+def test_verify_prints_intervals_and_the_verdict(call: Any) -> None:
+    code, out, _ = call("verify", DEMO, "--trials", "20000")
+    check_columns(out)
+    assert "interval 95 %" in out
+    assert out.strip().splitlines()[-1].startswith("verdict: ")
+    assert code in (0, 1, 4)
+
+
+def test_verify_is_the_same_for_any_number_of_threads(call: Any) -> None:
+    answers = [call("verify", DEMO, "--trials", "4000", "--json", "--threads", n)[1] for n in ("1", "2")]
+    assert json.loads(answers[0])["targets"] == json.loads(answers[1])["targets"]
+
+
+@pytest.mark.parametrize(("limit_mm", "code"), [(50.0, 0), (0.1, 1)])
+def test_the_verdict_of_the_check_is_the_exit_code(call: Any, tmp_path: Path, limit_mm: float, code: int) -> None:
+    path = str(write_json(tmp_path / "design.json", limited(limit_mm)))
+    assert call("verify", path, "--trials", "2000")[0] == code
+
+
+def test_optimise_writes_a_design_that_scores_within_its_limit(call: Any, tmp_path: Path) -> None:
+    design = str(write_json(tmp_path / "design.json", small_design()))
+    new = tmp_path / "new.yaml"
+    code, out, err = call("optimise", design, "--starts", "2", "-o", str(new), "--json")
+    assert code == 0
+    document = json.loads(out)
+    Draft202012Validator(json_schema("optimisation")).validate(document)
+    assert yaml.safe_load(new.read_text()) == document["design"]
+    assert f"wrote {new}" in err
+    code, out, _ = call("verify", str(new), "--precision", "0.002", "--seed", "99", "--json")
+    assert json.loads(out)["targets"][0]["p95_interval_mm"][0] <= 1.5
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["design.json", "new.yaml"]
+
+
+def test_an_infeasible_limit_is_1_and_explained(call: Any, tmp_path: Path) -> None:
+    design = str(write_json(tmp_path / "design.json", limited(0.01)))
+    code, out, err = call("optimise", design, "--starts", "1")
+    assert (code, out) == (1, "")
+    assert "  hint: " in err
+
+
+@pytest.mark.parametrize("name", ["missing/new.yaml", "new.txt"])
+def test_an_output_that_cannot_be_written_is_refused_at_once(call: Any, tmp_path: Path, name: str) -> None:
+    assert call("optimise", DEMO, "-o", str(tmp_path / name))[0] == 2
+
+
+# --- convert --------------------------------------------------------------------------------------
+
+
+def test_convert_there_and_back(call: Any, tmp_path: Path) -> None:
+    as_json, points, back = tmp_path / "demo.json", tmp_path / "points.mrk.json", tmp_path / "points.csv"
+    assert call("convert", DEMO, "-o", str(as_json))[:2] == (0, "")
+    assert call("convert", str(as_json), "-o", str(points))[0] == 0
+    assert call("convert", str(points), "-o", str(back))[0] == 0
+    first = yaml.safe_load(Path(DEMO).read_text())["fiducials"]["points"]
+    rows = [line.split(",") for line in back.read_text().splitlines()[-len(first) :]]
+    assert [(row[0], [float(v) for v in row[1:4]]) for row in rows] == [(p["label"], p["position_mm"]) for p in first]
+
+
+def test_convert_refuses_unknown_endings(call: Any, tmp_path: Path) -> None:
+    assert call("convert", DEMO, "-o", str(tmp_path / "demo.docx"))[0] == 2
+
+
+# --- refusals -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("verb", ["validate", "score", "verify", "optimise"])
+@pytest.mark.parametrize("kind", ["missing", "directory", "binary", "empty", "nul"])
+def test_bad_files_are_2(call: Any, tmp_path: Path, verb: str, kind: str) -> None:
+    path = tmp_path / "design.yaml"
+    if kind == "directory":
+        path.mkdir()
+    elif kind == "binary":
+        path.write_bytes(bytes(range(256)))
+    elif kind == "empty":
+        path.touch()
+    name = "a\0b.yaml" if kind == "nul" else str(path)
+    code, _, err = call(verb, name)
+    assert code == 2
+    assert err
+
+
+def test_with_json_a_refusal_is_a_problem_document_on_stderr(call: Any, tmp_path: Path) -> None:
+    path = tmp_path / "design.yaml"
+    path.write_text("schema: tailstack/design/1\nname: 3\n")
+    code, out, err = call("score", str(path), "--json")
+    assert (code, out) == (2, "")
+    document = json.loads(err)
+    Draft202012Validator(json_schema("problem")).validate(document)
+    entry = next(entry for entry in document["errors"] if entry["pointer"] == "/name")
+    assert (entry["file"], entry["line"], entry["column"]) == (str(path), 2, 7)
+    assert document["instance"] == "tailstack score"
+
+
+def test_ill_posed_geometry_is_3(call: Any, tmp_path: Path) -> None:
+    path = str(write_json(tmp_path / "flat.json", coplanar_design()))
+    for verb in ("score", "verify"):
+        code, out, err = call(verb, path)
+        assert (code, out) == (3, "")
+        assert "  hint: " in err
+
+
+def test_a_defect_is_one_paragraph_and_3(call: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: Any, **__: Any) -> None:
+        raise ZeroDivisionError("somewhere")
+
+    monkeypatch.delenv("TAILSTACK_TRACEBACK", raising=False)
+    monkeypatch.setattr("tailstack.scoring.score", broken)
+    code, out, err = call("score", DEMO)
+    assert (code, out) == (3, "")
+    assert "ZeroDivisionError: somewhere" in err
+    assert "TAILSTACK_TRACEBACK=1" in err
+    assert json.loads(call("score", DEMO, "--json")[2])["type"] == "/v1/problems/internal-error"
+    monkeypatch.setenv("TAILSTACK_TRACEBACK", "1")
+    with pytest.raises(ZeroDivisionError):
+        main(["score", DEMO])
+
+
+def test_an_interrupt_is_130(call: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tailstack.scoring.score", interrupted)
+    code, out, err = call("score", DEMO)
+    assert (code, out, err) == (130, "", "tailstack: interrupted\n")
+
+
+def test_colour_only_on_a_terminal(call: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    assert "\x1b[" in call("score", DEMO)[1]
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert "\x1b[" not in call("score", DEMO)[1]
+
+
+def test_doctor_finds_nothing_wrong(call: Any) -> None:
+    code, out, _ = call("doctor")
+    assert code == 0, out
+    assert all(line.startswith("ok") for line in out.splitlines())
