@@ -160,34 +160,34 @@ def test_a_looser_limit_never_costs_more() -> None:
     costs = [solve_placement(replace(problem, requirement=requirement(limit))).cost for limit in (0.4, 0.5, 0.7, 1.2)]
     assert costs == sorted(costs, reverse=True)
     moving = oracle_problem(8, 0.5)
-    costs = [search(replace(moving, requirement=requirement(limit)), starts=3, seed=4).best_costs[0]
-             for limit in (0.45, 0.5, 0.6)]  # fmt: skip
+    costs = [search(replace(moving, requirement=requirement(limit)), starts=2, seed=4).best_costs[0]
+             for limit in (0.45, 0.5)]  # fmt: skip
     assert costs == sorted(costs, reverse=True)
     # The moving layout may also stay a cube up to the spacing of images: it never costs more than any fixed one.
     assert costs[1] < search(problem, starts=1).best_costs[0]
 
 
 def test_same_seed_same_design_and_more_starts_never_cost_more() -> None:
-    problem = oracle_problem()
-    first, second = (solve_placement(problem, starts=2, seed=11) for _ in range(2))
+    problem = replace(oracle_problem(), free_fiducials=(1, 4, 6))
+    first, second = (solve_placement(problem, starts=3, seed=11, threads=threads) for threads in (1, 2))
     np.testing.assert_array_equal(first.fiducials_mm, second.fiducials_mm)
     np.testing.assert_array_equal(first.half_width, second.half_width)
-    few, more = (search(problem, starts=starts, seed=11).best_costs[0] for starts in (2, 4))
+    few, more = (search(problem, starts=starts, seed=11).best_costs[0] for starts in (1, 4))
     assert more <= few * (1 + 1e-9)
 
 
 def test_every_target_keeps_the_limit_and_only_binding_ones_enter() -> None:
-    problem = oracle_problem(8, 1.0)
+    """property: of six targets those that bind are found, and none of the others is left above the limit."""
+    problem = fixed_layout(oracle_problem(8, 1.0), cube_fiducials())
     targets = tuple(target((x, y, 60.0 + x / 5), f"t{x}{y}") for x in (-15.0, 15.0) for y in (-15.0, 0.0, 15.0))
     problem = replace(
         problem,
         system=replace(problem.system, targets=targets),
         requirement=requirement(1.0, targets=tuple(t.name for t in targets)),
-        target_clearance_px=0.0,
     )
-    solution = solve_placement(problem, starts=2, seed=1)
+    solution = solve_placement(problem)
     assert len(solution.quantile_mm) == 6
-    assert 1 - 1e-4 <= max(solution.quantile_mm) <= 1 + 1e-9
+    assert 1 - 1e-4 <= max(solution.quantile_mm) <= 1
     assert len(solution.program.terms) < 6
 
 

@@ -100,11 +100,12 @@ def _attainable(problem: PlacementProblem, limit_mm: float) -> str:
 
 def test_a_limit_out_of_reach_says_what_is_attainable() -> None:
     """independent: just above the smallest quantile stated the problem is solved, at a large cost."""
-    detail = _attainable(oracle_problem(), 0.2)
+    problem = replace(oracle_problem(), free_fiducials=(0, 1, 2, 3))
+    detail = _attainable(problem, 0.2)
     least = float(detail.split(" is ")[1].split(" mm")[0])
     assert "fiducial_noise:view0" in detail
-    assert 0.2 < least < 0.26
-    solution = solve_placement(replace(oracle_problem(), requirement=requirement(least * 1.01)), starts=2, seed=0)
+    assert 0.2 < least < 0.5
+    solution = solve_placement(replace(problem, requirement=requirement(least * 1.01)), starts=3, seed=0)
     assert solution.worst_mm <= least * 1.01
     assert solution.cost > 10 * 3264  # ten times the best known cost at 0.5 mm
 
@@ -126,9 +127,9 @@ def test_infeasible_at_a_fixed_layout_names_the_tolerance_that_is_not_free() -> 
 def test_spacing_that_only_the_solver_finds_impossible_is_named() -> None:
     """Below the density that is refused at once, yet too much for a thin box: the row that fails is named."""
     problem = replace(
-        oracle_problem(10),
+        oracle_problem(8),
         box_mm=_box((-30, -30, -20), (30, 30, -19)),
-        min_spacing_mm=29.0,
+        min_spacing_mm=33.0,
         min_projected_spacing_px=0.0,
         target_clearance_px=0.0,
     )

@@ -10,16 +10,16 @@ from queue import SimpleQueue
 
 import numpy as np
 
-from ..errors import IllPosedError
 from ..system import Array
 from .infeasible import explain_infeasible, refuse_geometry
 from .problem import PlacementProblem, half_widths_of
 from .program import Parameters, Point, Program, build_program, solve
 from .promise import Promise, closed_form_mm, image_part, promise, worst_targets
 from .starts import starting_layouts
-from .terms import Estimator, TargetTerms, estimator_of, terms_of
+from .terms import Estimator, TargetTerms, estimator_of, is_flat, terms_of
 
 POLISHED = 3  # best explored points that are solved to full precision
+ATTEMPTS = 8  # starts asked for the smallest quantile before a limit is called out of reach
 MANY_TARGETS = 3  # beyond this only the targets that bind somewhere enter the programme
 
 Progress = Callable[[str, int, int, float | None], None]  # stage, done, total, least cost so far
@@ -51,7 +51,7 @@ def search(
     terms = tuple(terms_of(problem, target) for target in problem.targets)
     estimator = estimator_of(problem.system)
     layouts = starting_layouts(problem, estimator, terms, starts, seed)
-    choices = [(layout, problem.lower) for layout in layouts[:4]]
+    choices = [(layout, problem.lower) for layout in layouts[:4] if not is_flat(layout)]
     active = terms
     if len(terms) > MANY_TARGETS:
         names = {target.name for target in worst_targets(problem, terms, choices)}
@@ -74,7 +74,7 @@ def _explore(
     points: list[Point] = []
     if tightest.min() > limit and not least:
         # Is there anything to find?  Ask for the smallest quantile from the best layouts before all starts fail.
-        ranked = [begun[k].x for k in np.argsort(tightest, kind="stable")[:POLISHED]]
+        ranked = [begun[k].x for k in np.argsort(tightest, kind="stable")[:ATTEMPTS]]
         found = least_quantile(program, parameters, ranked)
         if found.objective > 0 and promised(program, found)[0].exact_mm > limit:
             raise explain_infeasible(program, found, limit)
@@ -86,7 +86,7 @@ def _explore(
             progress("start", k + 1, len(begun), None if least or not done else float(np.exp(min(done))))
     solved = sorted((point for point in points if point.solved), key=lambda point: point.objective)
     if not solved:
-        ranked = [begun[k].x for k in np.argsort(tightest, kind="stable")[:POLISHED]]
+        ranked = [begun[k].x for k in np.argsort(tightest, kind="stable")[:ATTEMPTS]]
         raise explain_infeasible(program, least_quantile(program, parameters, ranked), limit)
     polished = [solve(program, point.x, parameters, least_quantile=least, warm=point) for point in solved[:POLISHED]]
     best = sorted((point for point in polished if point.solved), key=lambda point: point.objective) or solved
@@ -142,17 +142,9 @@ class _Begun:
 
 
 def _starts(program: Program, layouts: list[Array], limit_mm: float) -> list[_Begun]:
-    """Starts at the layouts that determine the targets; IllPosedError when none does."""
-    begun: list[_Begun] = []
-    refused: IllPosedError | None = None
-    for layout in layouts:
-        try:
-            begun.append(_start(program, layout, limit_mm))
-        except IllPosedError as error:  # the present layout may be singular: that is why it is optimised
-            refused = error
-    if refused is not None and not begun:
-        raise refused
-    return begun
+    """Starts at the layouts that determine the targets: the present one may not, and be optimised for that."""
+    solid = [layout for layout in layouts if not is_flat(layout)]
+    return [_start(program, layout, limit_mm) for layout in solid or layouts]
 
 
 def _start(program: Program, layout: Array, limit_mm: float) -> _Begun:
@@ -199,7 +191,11 @@ def least_quantile(program: Program, parameters: Parameters, starts: list[Array]
 
     Raises InfeasibleError when not even the geometric constraints can be met.
     """
-    points = [solve(program, start, parameters, least_quantile=True) for start in starts]
+    points: list[Point] = []
+    for start in starts:
+        points.append(solve(program, start, parameters, least_quantile=True))
+        if points[-1].solved and points[-1].objective < 0:  # within the limit: nothing is infeasible
+            break
     solved = [point for point in points if point.solved]
     if not solved:
         raise refuse_geometry(program, points, parameters)

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ..propagation.noise import noise_gains_jit
+from ..propagation.noise import noise_gains
 from ..system import Array
 from .problem import PlacementProblem
 from .terms import Estimator, TargetTerms, free_laws
@@ -23,7 +23,11 @@ SWEEPS = 3
 ON_FACE = 0.6  # probability that a coordinate of a candidate lies on a face of the box
 
 
-@njit(cache=True, nogil=True)
+# Candidates may be coplanar: their gains are to be infinite, not an exception.
+gains_or_infinity = njit(cache=True, nogil=True, error_model="numpy")(noise_gains)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def mean_square(
     projections: Array, points: Array, told: Array, reconstructed: Array, to_error: Array, constant: Array,
     fiducial_px: Array, manufacturing_std: Array, work: tuple[Array, Array, Array, Array],
@@ -32,7 +36,7 @@ def mean_square(
     fiducial, target_gain, manufacturing, perspective = work
     worst = 0.0
     for t in range(reconstructed.shape[0]):
-        noise_gains_jit(projections, points, reconstructed[t], fiducial, target_gain, manufacturing, perspective)
+        gains_or_infinity(projections, points, reconstructed[t], fiducial, target_gain, manufacturing, perspective)
         total = constant[t]
         for i in range(points.shape[0]):
             for r in range(3):
@@ -55,7 +59,7 @@ def mean_square(
     return worst
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def keeps_distance(
     points: Array, i: int, candidate: Array, projections: Array, spacing_mm: float, spacing_px: float
 ) -> bool:
@@ -87,7 +91,7 @@ def keeps_distance(
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def exchange(
     points: Array, movable: NDArray[np.int64], candidates: Array, sweeps: int, spacing_mm: float, spacing_px: float,
     projections: Array, told: Array, reconstructed: Array, to_error: Array, constant: Array, fiducial_px: Array,

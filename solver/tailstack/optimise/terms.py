@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import IllPosedError
 from ..propagation.linear import estimator_geometry, linearise
 from ..propagation.noise import noise_gains
 from ..system import Array, Law, System, Target
@@ -85,15 +84,13 @@ def estimator_of(system: System) -> Estimator:
 def terms_of(problem: PlacementProblem, target: Target) -> TargetTerms:
     """Constants at one target.  They do not depend on the layout, so a singular one is scattered first."""
     error = problem.requirement.error
-    try:
-        model = linearise(problem.system, target)
-    except IllPosedError:
-        if not problem.free_fiducials:
-            raise
-        scattered = problem.system.fiducials_mm.copy()
+    system = problem.system
+    if problem.free_fiducials and is_flat(system.fiducials_mm):
+        scattered = system.fiducials_mm.copy()
         unit = np.random.default_rng(0).uniform(size=(len(problem.free_fiducials), 3))
         scattered[list(problem.free_fiducials)] = problem.box_mm[0] + unit * (problem.box_mm[1] - problem.box_mm[0])
-        model = linearise(replace(problem.system, fiducials_mm=scattered), target)
+        system = replace(system, fiducials_mm=scattered)
+    model = linearise(system, target)
     free = {(item.contributor, item.component): k for k, item in enumerate(problem.half_widths)}
     covariance, free_gain = np.zeros((3, 3)), np.zeros((3, len(free)))
     columns: dict[Law, list[Array]] = {Law.UNIFORM: [], Law.TRIANGULAR: []}
@@ -127,6 +124,12 @@ def terms_of(problem: PlacementProblem, target: Target) -> TargetTerms:
         free_gain=free_gain,
         free_keys=tuple(free_keys),
     )
+
+
+def is_flat(fiducials_mm: Array) -> bool:
+    """Whether fiducials (N, 3) lie in one plane, to rounding: the resection then has no answer."""
+    values = np.linalg.svd(fiducials_mm - fiducials_mm.mean(axis=0), compute_uv=False)
+    return bool(values[2] <= 1e-9 * values[0])
 
 
 def image_covariance(estimator: Estimator, terms: TargetTerms, fiducials: Duck) -> Duck:
