@@ -248,6 +248,16 @@ def test_outside_the_support():
     m, S = np.array([0.0, 2.0, 0.0]), np.diag([1.0, 0.0, 0.0])
     assert (norm_cdf(1.9, m, S), norm_sf(1.9, m, S), norm_pdf(1.9, m, S)) == (0.0, 1.0, 0.0)
     assert norm_cdf(0.0, m, S) == 0.0
+    assert norm_cdf(2.0, m, S) == 0.0
+    assert 0.0 <= norm_cdf(2.0 + 1e-15, m, S) < 1e-6
+
+
+def test_tail_mean_down_to_the_edge_of_the_support():
+    """Closed form: m = (0, 2, 0), noise along x; E sqrt(4 + z^2) over |z| >= z_p, by QUADPACK."""
+    for p in (1e-3, 0.5):
+        z = stats.norm.isf((1 - p) / 2)
+        area = quad(lambda x: 2 * stats.norm.pdf(x) * sqrt(4 + x * x), z, 12, epsabs=1e-13)[0]
+        assert norm_cvar(p, np.array([0, 2.0, 0]), np.diag([1.0, 0, 0])) == pytest.approx(area / (1 - p), rel=1e-10)
 
 
 @pytest.mark.parametrize(

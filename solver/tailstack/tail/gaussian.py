@@ -9,7 +9,7 @@ Functions ending in ``_jit`` check nothing and may be called from compiled code.
 
 from __future__ import annotations
 
-from math import atan2, cos, cosh, exp, expm1, hypot, log, log1p, pi, sin, sinh, sqrt
+from math import atan2, cos, cosh, exp, expm1, fabs, hypot, log, log1p, pi, sin, sinh, sqrt
 
 import numpy as np
 from numba import njit
@@ -49,7 +49,7 @@ def norm_law_jit(mean: Array, covariance: Array, r: float) -> tuple[float, float
             floor -= m[i] * m[i]
     if l[0] == 0.0:
         return (1.0, 0.0, 0.0) if r >= size else (0.0, 1.0, 0.0)
-    if r <= 0.0 or d <= floor:
+    if r <= 0.0 or d - floor <= -1e-15 * floor:  # outside the support, or at its edge to the last digit
         return 0.0, 1.0, 0.0
     upper = d > total
     tail, hazard, converged = log_tail(d, upper, l, m)
@@ -167,7 +167,7 @@ def _mean_below(p: float, d: float, density: float, size: float, l: Array, m: Ar
         weight = 0.25 * pi * cosh(k * step) / (cosh(v) * cosh(v))
         gap = span * fraction
         drop = d - gap * (2.0 * r - gap)
-        if drop <= floor:
+        if drop - floor <= 1e-13 * (fabs(d) - floor):  # all rounding, and the weights are as small there
             continue
         tail, _, sound = log_tail(drop, drop > l[0] + l[1] + l[2], l, m)
         converged = converged and sound
