@@ -89,7 +89,6 @@ def norm_mean_jit(mean: Array, covariance: Array) -> float:
     return step * total * sqrt(square / pi)
 
 
-@njit(cache=True, error_model="numpy")
 def _erfcx_coefficients() -> Array:
     """Coefficients of Weideman's rational expansion of the Faddeeva function, N = 40, by its defining sum."""
     n = 40
