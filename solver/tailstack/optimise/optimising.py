@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import degrees, floor, radians
+from math import degrees, floor, radians, sqrt
+from statistics import NormalDist
 
 import numpy as np
 
@@ -20,13 +21,14 @@ from .contradictions import refuse_contradictions
 from .placement import PlacementSolution, settle
 from .problem import FreeHalfWidth, PlacementProblem, half_widths_of
 from .promise import promise
-from .search import Progress, Search, search
+from .search import Progress, Search, promised, search
 from .terms import TargetTerms, terms_of
 
 # Trials of a check: 2^20 hold P95 within 0.13 %, and every bit of that interval is paid for in tolerance.  Fewer
 # for many targets, whose samples are all kept.
 MOST_TRIALS, FEWEST_TRIALS, TARGET_TRIALS = 2**20, 2**16, 2**23
 MAX_TIGHTENING = 6
+MARGIN = 1.5  # half-widths of the check's interval between the aim and the limit
 POSITION_DECIMALS = (3, 6)  # mm: a micrometre, unless that breaks the spacing
 WIDTH_DECIMALS = 6  # degrees, rounded down
 
@@ -100,22 +102,38 @@ def _optimise(
     refuse_contradictions(problem)
     found = search(problem, starts=starts, seed=seed, threads=threads, progress=progress)
 
+    trials = min(max(TARGET_TRIALS // len(problem.targets), FEWEST_TRIALS), MOST_TRIALS)
+
     def check(system: System, attempt: int) -> Verification:
         fresh = int(np.random.SeedSequence([seed, attempt, 0x7A11]).generate_state(1)[0])
-        trials = min(max(TARGET_TRIALS // len(system.targets), FEWEST_TRIALS), MOST_TRIALS)
         return verify(system, seed=fresh, trials=trials, threads=threads)
 
-    solution, revised, verification, rounds = _verified(design, found, check, progress)
+    solution, revised, verification, rounds = _verified(design, found, first_aim(found, trials), check, progress)
     return _report(design, found, solution, revised, verification, rounds, seed)
 
 
+def first_aim(found: Search, trials: int) -> float:
+    """Where below the limit the exact quantile must be for a check of so many trials to pass most of the time.
+
+    If first order is right, the estimate of the quantile scatters by ``sqrt(p (1 - p) / n) / density`` and the upper
+    limit lies z times that above it; half as much again lets 5 of 6 checks pass.
+    """
+    requirement = found.program.problem.requirement
+    if not found.program.problem.half_widths:
+        return requirement.limit_mm
+    worst = max(promised(found.program, found.points[0]), key=lambda item: item.exact_mm)
+    if worst.density <= 0:
+        return requirement.limit_mm
+    p, z = requirement.quantile, NormalDist().inv_cdf((1 + requirement.confidence) / 2)
+    return requirement.limit_mm * (1 - MARGIN * z * sqrt(p * (1 - p) / trials) / (worst.density * worst.exact_mm))
+
+
 def _verified(
-    design: Design, found: Search, check: Callable[[System, int], Verification], progress: Progress | None
+    design: Design, found: Search, aim: float, check: Callable[[System, int], Verification], progress: Progress | None
 ) -> tuple[PlacementSolution, Design, Verification, int]:
     """Solve, check by Monte Carlo, tighten by the measured ratio, until the check's upper limit is within the limit."""
     problem = found.program.problem
     limit = problem.requirement.limit_mm
-    aim = limit
     solution: PlacementSolution | None = None
     for attempt in range(MAX_TIGHTENING):
         solution = settle(found, aim, solution)
@@ -138,8 +156,8 @@ def _verified(
                 )
             )
         spread = max(item.interval_mm[1] / item.value_mm - 1 for item in verification.verdict.checks)
-        # A fresh seed moves the estimate within its interval: a fifth of the interval goes to not meeting that again.
-        aim = min(aim, solution.worst_mm) * (limit / upper) * (1 - 0.2 * spread)
+        # A fresh seed moves the estimate within its interval.
+        aim = min(aim, solution.worst_mm) * (limit / upper) * (1 - (MARGIN - 1) * spread)
     raise NotConvergedError(
         Problem(
             "/optimise",

@@ -20,6 +20,7 @@ class Promise:
     """One target at one choice."""
 
     exact_mm: float
+    density: float  # of the error's norm there, 1/mm
     mean_mm: Array  # (3,) at the worst vertex
     signs: Array  # (B,) worst ends of the fixed bounded sources
     free_signs: Array  # (K,) of the free half-widths whose law is bounded; +1 elsewhere
@@ -52,8 +53,10 @@ def promise(problem: PlacementProblem, terms: TargetTerms, fiducials_mm: Array, 
     model = linearise(apply_choice(problem, fiducials_mm, half_width), terms.target)
     worst = worst_case(model, error, p)
     law, _ = declared_law(model, error, worst.mean_mm)
+    found = law_quantile(law, p)
     return Promise(
-        exact_mm=law_quantile(law, p).quantile_mm,
+        exact_mm=found.quantile_mm,
+        density=found.density,
         mean_mm=worst.mean_mm,
         signs=np.array([worst.signs.get(key, 1.0) for key in terms.bounded_keys]),
         free_signs=np.array([worst.signs.get(key, 1.0) for key in terms.free_keys]),
