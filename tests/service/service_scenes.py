@@ -13,7 +13,7 @@ import httpx
 
 from tailstack_service.documents import json_schema
 from tailstack_service.http.example import EXAMPLE_DESIGN
-from tailstack_service.http.server import embedded
+from tailstack_service.http.server import running_service
 from tailstack_service.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,8 +48,8 @@ def write_json(path: Path, data: Any) -> Path:
 def client_with(settings: Settings | None = None) -> Iterator[httpx.Client]:
     """A client of a service that runs in this process, over a real connection."""
     with (
-        embedded(settings or Settings(), warm_up=False) as url,
-        httpx.Client(base_url=url, timeout=120.0, trust_env=False) as client,
+        running_service(settings or Settings(), warm_up=False) as (host, port),
+        httpx.Client(base_url=f"http://{host}:{port}", timeout=120.0, trust_env=False) as client,
     ):
         yield client
 

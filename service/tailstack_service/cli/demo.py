@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design.loading import data_to_yaml
 
     from ..documents import read_record
-    from ..http.server import embedded
+    from ..http.server import running_service
     from ..rendering.demo import before_after_text, chapter
     from ..rendering.optimisation import optimisation_text
     from ..rendering.score import score_text
@@ -64,7 +64,8 @@ def run(arguments: argparse.Namespace) -> Answer:
     text = demo_text()
     design = design_to_data(load_design(text))
     tell("starting the service on a free loopback port")
-    with embedded(demo_settings()) as url:
+    with running_service(demo_settings()) as (host, port):
+        url = f"http://{host}:{port}"
         wait_until_ready(url, tell)
         tell(f"service ready at {url}; POST /v1/scores")
         body = post(url + "/v1/scores", {"design": design})

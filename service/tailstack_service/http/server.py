@@ -116,8 +116,8 @@ def serve(bound: socket.socket, settings: Settings | None = None) -> None:
 
 
 @contextmanager
-def embedded(settings: Settings | None = None, *, warm_up: bool = True) -> Iterator[str]:
-    """The service in a thread of this process, on a free loopback port; yields its URL once it answers.
+def running_service(settings: Settings | None = None, *, warm_up: bool = True) -> Iterator[tuple[str, int]]:
+    """The service in a thread of this process; yields its loopback host and (free) port once it answers.
 
     It cannot outlive the process, and stops (computations included) when the block is left, whatever way.
     """
@@ -130,7 +130,7 @@ def embedded(settings: Settings | None = None, *, warm_up: bool = True) -> Itera
             if not thread.is_alive():
                 raise RequestError(Problem("", "cannot-serve", "the embedded service did not start"))
             time.sleep(0.02)
-        yield address_of(bound)
+        yield bound.getsockname()[:2]
     finally:
         server.stopping.set()
         server.should_exit = True

@@ -1,0 +1,67 @@
+"""The demo, end to end: over HTTP on an embedded service, and interrupted in the middle."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from jsonschema import Draft202012Validator
+from service_scenes import EXAMPLES, ROOT
+
+from tailstack_service.cli.demo import demo_text
+from tailstack_service.cli.main import main
+from tailstack_service.documents import json_schema
+
+
+def test_the_demo_does_the_whole_job(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "-o", str(tmp_path / "out" / "demo")]) == 0
+    out, err = capsys.readouterr()
+    written = tmp_path / "out" / "demo"
+    assert sorted(path.name for path in written.iterdir()) == [
+        "optimisation.json", "optimised.yaml", "score.json", "verification.json",
+    ]  # fmt: skip
+    documents = {}
+    for name in ("score", "verification", "optimisation"):
+        documents[name] = json.loads((written / f"{name}.json").read_bytes())
+        Draft202012Validator(json_schema(name)).validate(documents[name])
+    assert yaml.safe_load((written / "optimised.yaml").read_text()) == documents["optimisation"]["design"]
+    for title in ("Score: first order", "Check: Monte Carlo", "Optimised: ", "Before -> after", str(written)):
+        assert title in out
+    assert max(len(line) for line in out.splitlines() if str(tmp_path) not in line) <= 100
+    assert "verdict: pass (Monte Carlo)" in out[out.index("Before -> after") :]
+    assert "stopping the service" in err
+    assert documents["optimisation"]["cost_after"] < documents["optimisation"]["cost_before"]
+    assert main(["score", str(written / "optimised.yaml")]) in (0, 4)
+
+
+def test_the_design_of_the_demo_is_the_example() -> None:
+    assert demo_text() == (EXAMPLES / "demo.yaml").read_text(encoding="utf-8")
+
+
+def test_an_interrupted_demo_leaves_nothing_behind(tmp_path: Path) -> None:
+    path = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tailstack_service.cli.main", "demo", "-o", str(tmp_path)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+        start_new_session=True,
+    )
+    assert process.stderr is not None
+    said = ""
+    while "POST /v1/optimisations" not in said:
+        said = process.stderr.readline()
+        assert said, "the demo ended before it could be interrupted"
+    process.send_signal(signal.SIGINT)
+    _, rest = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in rest
+    with pytest.raises(ProcessLookupError):  # nobody is left in its process group
+        os.killpg(process.pid, 0)
