@@ -66,10 +66,9 @@ def standard_normals(seed: int, stream: int, count: int, dimension: int) -> Arra
 
 def _run(
     plan: ChainPlan, keys: NDArray[np.uint64], trials: NDArray[np.int64], given: Array, reprojection: bool
-) -> tuple[Array, ...]:
+) -> tuple[Array, Array, Array]:
     n = len(trials)
-    errors = np.empty((6 * len(plan.system.targets), n))
-    flags = np.empty(n, dtype=np.bool_)
+    errors, flags = np.empty(6 * len(plan.system.targets) * n), np.empty(n)
     rms = np.empty(n if reprojection else 0)
     scratch = _aligned(int(scratch_size(plan.tables.counts)))
     units = trials // plan.shots_per_unit

@@ -4,13 +4,12 @@ Polynomials of the usual kind (Cody-Waite reduction, the minimax coefficients of
 explicit fused multiply-adds: libm differs in its last digit between machines, these do not.
 """
 
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, untyped-decorator, misc"
+# mypy: ignore-errors
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from .lanes import as_bits, as_lanes, bits_set, fma, load, select, splat, splat_bits, store
+from .lanes import as_bits, as_lanes, bits_set, fma, lane_entry, lane_jit, load, select, splat, splat_bits, store
 
 _MANTISSA = np.uint64(0x000FFFFFFFFFFFFF)
 _ONE = np.uint64(0x3FF0000000000000)  # pattern of 1.0
@@ -26,7 +25,7 @@ _PIO2_HIGH = 1.5707963267341256  # first 33 bits of pi/2: multiples up to 2^20 a
 _PIO2_LOW = 6.077100506506192e-11
 
 
-@njit
+@lane_jit
 def natural_log(x):
     """log of positive normal doubles; absolute error below 2e-15 on (0, 1]."""
     pattern = as_bits(x)
@@ -47,7 +46,7 @@ def natural_log(x):
     return fma(exponent, splat(_LN2), fma(s * z, p, s + s))
 
 
-@njit
+@lane_jit
 def sine_cosine_small(x):
     """(sin x, cos x) for |x| <= pi/4, to the last place."""
     z = x * x
@@ -65,7 +64,7 @@ def sine_cosine_small(x):
     return sine, fma(z * z, q, fma(z, splat(-0.5), splat(1.0)))
 
 
-@njit
+@lane_jit
 def sine_cosine(x):
     """(sin x, cos x) for |x| < 1e6 rad, absolute error below 2e-16 for the angles of a mount."""
     shifted = fma(x, splat(0.6366197723675814), splat(_ROUNDER))
@@ -81,7 +80,7 @@ def sine_cosine(x):
     return as_lanes(as_bits(sine_out) ^ half), as_lanes(as_bits(cosine_out) ^ half ^ quarter_bit)
 
 
-@njit(cache=True)
+@lane_entry
 def tabulate(x, out):
     """Apply the three functions to a padded array: rows of ``out`` are log, sin, cos.  For tests and tables."""
     for i in range(0, x.size, 8):

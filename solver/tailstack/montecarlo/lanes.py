@@ -10,24 +10,55 @@ Lanes (double) know ``+ - * /``, unary ``-``, ``< <= >``; Bits (integer, wrappin
 with ``>>`` logical; Mask ``& | ~``.
 """
 
+# mypy: ignore-errors
 from __future__ import annotations
 
 import operator
 from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
 from llvmlite import ir
-from numba import types
+from numba import njit, types
 from numba.core import cgutils
 from numba.core.typing import signature
 from numba.core.typing.templates import ConcreteTemplate, infer_global
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
 WIDTH = 8
+
+# Compiled lane code touches arrays that its caller owns and makes none, so numba's reference counting (an atomic
+# increment and decrement per array per call, half the run time here) is left out.
+lane_jit = njit(_nrt=False)
+
+
+def _source_digest() -> str:
+    """Digest of every module of this package, in a fixed order."""
+    digest = sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+_DIGEST = _source_digest()
+
+
+def lane_entry(function):
+    """Compile a function that Python calls: releases the interpreter lock, cached on disk.
+
+    numba looks only at the file of the function itself to see whether a cached copy is stale; what it calls
+    lives in other files here, so the copy is tied to all of them.
+    """
+    compiled = njit(_nrt=False, nogil=True, cache=True)(function)
+    compiled._cache._cache_file._source_stamp = _DIGEST
+    return compiled
+
+
 _I64 = ir.IntType(64)
 
 
-class _Vector(types.Type):  # type: ignore[misc]
+class _Vector(types.Type):
     """A numba type that is nothing but an LLVM vector."""
 
     def __init__(self, name: str, element: ir.Type) -> None:
@@ -55,7 +86,7 @@ MASK = _Mask("Mask8", ir.IntType(1))
 @register_model(_Lanes)
 @register_model(_Bits)
 @register_model(_Mask)
-class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]
+class _VectorModel(models.PrimitiveModel):
     def __init__(self, manager: Any, fe_type: _Vector) -> None:
         super().__init__(manager, fe_type, fe_type.llvm)
 
@@ -63,12 +94,12 @@ class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]
 def _operator(symbol: Any, result: _Vector, operands: tuple[_Vector, ...], emit: Callable[..., Any]) -> None:
     """Teach numba ``symbol`` on vector operands: one LLVM instruction made by ``emit(builder, *values)``."""
 
-    class Template(ConcreteTemplate):  # type: ignore[misc]
+    class Template(ConcreteTemplate):
         cases = [signature(result, *operands)]  # noqa: RUF012
 
     infer_global(symbol)(Template)
 
-    @lower_builtin(symbol, *operands)  # type: ignore[untyped-decorator]
+    @lower_builtin(symbol, *operands)
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return emit(builder, *args)
 
@@ -111,31 +142,31 @@ def _address(context: Any, builder: Any, array_type: Any, array: Any, index: Any
 
 
 @intrinsic
-def splat(typingctx, value):  # type: ignore[no-untyped-def]
+def splat(typingctx, value):
     """The same double in all lanes."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return _splat(builder, args[0], LANES.llvm)
 
     return LANES(types.float64), codegen
 
 
 @intrinsic
-def splat_bits(typingctx, value):  # type: ignore[no-untyped-def]
+def splat_bits(typingctx, value):
     """The same 64-bit integer in all lanes."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return _splat(builder, args[0], BITS.llvm)
 
     return BITS(types.uint64), codegen
 
 
 @intrinsic
-def load(typingctx, array, index):  # type: ignore[no-untyped-def]
+def load(typingctx, array, index):
     """Eight consecutive elements of a flat float64 array (Lanes) or (u)int64 array (Bits)."""
     vector = LANES if array.dtype == types.float64 else BITS
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         pointer = _address(context, builder, sig.args[0], args[0], args[1], vector.llvm)
         return builder.load(pointer, align=8, typ=vector.llvm)
 
@@ -143,10 +174,10 @@ def load(typingctx, array, index):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def store(typingctx, array, index, value):  # type: ignore[no-untyped-def]
+def store(typingctx, array, index, value):
     """Write eight consecutive elements of a flat float64 array."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         builder.store(args[2], _address(context, builder, sig.args[0], args[0], args[1], LANES.llvm), align=8)
         return context.get_dummy_value()
 
@@ -154,44 +185,44 @@ def store(typingctx, array, index, value):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def fma(typingctx, a, b, c):  # type: ignore[no-untyped-def]
+def fma(typingctx, a, b, c):
     """a * b + c, rounded once."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return _call(builder, "llvm.fma.v8f64", LANES.llvm, list(args))
 
     return LANES(LANES, LANES, LANES), codegen
 
 
 @intrinsic
-def square_root(typingctx, a):  # type: ignore[no-untyped-def]
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+def square_root(typingctx, a):
+    def codegen(context, builder, sig, args):
         return _call(builder, "llvm.sqrt.v8f64", LANES.llvm, list(args))
 
     return LANES(LANES), codegen
 
 
 @intrinsic
-def absolute(typingctx, a):  # type: ignore[no-untyped-def]
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+def absolute(typingctx, a):
+    def codegen(context, builder, sig, args):
         return _call(builder, "llvm.fabs.v8f64", LANES.llvm, list(args))
 
     return LANES(LANES), codegen
 
 
 @intrinsic
-def select(typingctx, mask, yes, no):  # type: ignore[no-untyped-def]
+def select(typingctx, mask, yes, no):
     """Lane by lane: ``yes`` where the mask is set, ``no`` elsewhere."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return builder.select(*args)
 
     return LANES(MASK, LANES, LANES), codegen
 
 
 @intrinsic
-def any_lane(typingctx, mask):  # type: ignore[no-untyped-def]
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+def any_lane(typingctx, mask):
+    def codegen(context, builder, sig, args):
         byte = builder.bitcast(args[0], ir.IntType(8))
         return builder.icmp_unsigned("!=", byte, ir.Constant(ir.IntType(8), 0))
 
@@ -199,30 +230,30 @@ def any_lane(typingctx, mask):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def bits_set(typingctx, bits):  # type: ignore[no-untyped-def]
+def bits_set(typingctx, bits):
     """Mask of the lanes whose integer is not zero."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return builder.icmp_unsigned("!=", args[0], ir.Constant(BITS.llvm, [0] * WIDTH))
 
     return MASK(BITS), codegen
 
 
 @intrinsic
-def as_bits(typingctx, lanes):  # type: ignore[no-untyped-def]
+def as_bits(typingctx, lanes):
     """The IEEE pattern of each double."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return builder.bitcast(args[0], BITS.llvm)
 
     return BITS(LANES), codegen
 
 
 @intrinsic
-def as_lanes(typingctx, bits):  # type: ignore[no-untyped-def]
+def as_lanes(typingctx, bits):
     """The doubles with these IEEE patterns."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):
         return builder.bitcast(args[0], LANES.llvm)
 
     return LANES(BITS), codegen

@@ -247,7 +247,7 @@ def compile_plan(
         nominal=read_only(y),
         products=read_only(y1[:, upper[0]] * y1[:, upper[1]]),
         diagonal=read_only(np.concatenate([diagonal, 1 / diagonal])),
-        spread=read_only(standard),
+        spread=read_only(np.asarray(standard, dtype=np.float64)),
         into_frame=read_only(into.ravel()),
         out_of_frame=read_only(out.ravel()),
         cameras=read_only(np.array(cameras)),

@@ -24,6 +24,7 @@ from math import pi, sqrt
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import erfc, ndtr, stdtrit
 
 from ..errors import OutOfRangeError, Problem
@@ -137,27 +138,27 @@ class _Rays:
     linear: LinearChain
     direction: Array  # (n, d)
     offset: Array  # (n, d)
-    uniform: Array  # columns of that law
-    triangular: Array
+    uniform: NDArray[np.int64]  # columns of that law
+    triangular: NDArray[np.int64]
 
-    def standardised(self, rho: Array, kept: Array) -> Array:
-        x = self.offset[kept] + rho[:, None] * self.direction[kept]
+    def standardised(self, rho: Array, kept: NDArray[np.int64]) -> Array:
+        x: Array = self.offset[kept] + rho[:, None] * self.direction[kept]
         if len(self.uniform):
             x[:, self.uniform] = 2 * ndtr(x[:, self.uniform]) - 1
         if len(self.triangular):
             x[:, self.triangular] = _triangular(ndtr(x[:, self.triangular]))
         return x
 
-    def chain(self, rho: Array, kept: Array) -> Array:
+    def chain(self, rho: Array, kept: NDArray[np.int64]) -> Array:
         errors = evaluate(self.plan, self.standardised(rho, kept))[:, self.target, self.metric]
-        return np.sqrt((errors**2).sum(axis=1))
+        return np.asarray(np.sqrt((errors**2).sum(axis=1)))
 
-    def first_order(self, rho: Array, kept: Array) -> Array:
+    def first_order(self, rho: Array, kept: NDArray[np.int64]) -> Array:
         errors = self.linear.mean + self.standardised(rho, kept) @ self.linear.gain.T
-        return np.sqrt((errors**2).sum(axis=1))
+        return np.asarray(np.sqrt((errors**2).sum(axis=1)))
 
 
-Norm = Callable[[Array, Array], Array]
+Norm = Callable[[Array, NDArray[np.int64]], Array]
 
 
 def _refused(code: str, detail: str) -> OutOfRangeError:
@@ -175,7 +176,7 @@ def _crossings(norm: Norm, r: float, start: Array, slope_guess: Array | None = N
     count = len(start)
     low, high = np.zeros(count), np.full(count, FARTHEST)
     rho = np.clip(start, 1e-6, FARTHEST)
-    everyone = np.arange(count)
+    everyone = np.arange(count, dtype=np.int64)
     gap = norm(rho, everyone) - r
     evaluations = count
     previous, previous_gap = np.zeros(count), np.full(count, np.nan)
@@ -212,7 +213,7 @@ def _crossings(norm: Norm, r: float, start: Array, slope_guess: Array | None = N
 def _single_crossing(norm: Norm, r: float, rho: Array) -> int:
     """Refuse unless every ray starts inside, is inside half-way to its crossing and outside half as far again."""
     count = len(rho)
-    everyone = np.tile(np.arange(count), 3)
+    everyone = np.tile(np.arange(count, dtype=np.int64), 3)
     met = rho < FARTHEST
     further = np.where(met, np.minimum(1.5 * rho + 0.5, FARTHEST), rho)
     sizes = norm(np.concatenate([np.zeros(count), 0.5 * rho, further]), everyone).reshape(3, count)
@@ -259,7 +260,7 @@ def radial(
     offset = normal - (normal @ basis) @ basis.T
     lines = _Rays(plan, target, ERRORS.index(error), linear, direction, offset, uniform, triangular)
 
-    r, everyone = linear.quantile_mm, np.arange(count)
+    r, everyone = linear.quantile_mm, np.arange(count, dtype=np.int64)
     at_linear, _ = _crossings(lines.first_order, r, np.full(count, 2.8))
     crossing = at_linear
     evaluations, checked = 0, 0
@@ -274,7 +275,7 @@ def radial(
         by_linear = _chi3_tail(at_linear).reshape(randomisations, rays).mean(axis=1)
         exact = linear.exceedance(r)
         if abs(by_linear.mean() - exact) > 8 * by_linear.std(ddof=1) / sqrt(randomisations) + 1e-6 * exact:
-            detail = f"the exact law given for the linear model has P = {exact:.6g} at {r:.6g} mm, its rays {by_linear.mean():.6g}"
+            detail = f"linear model at {r:.6g} mm: the law given has P = {exact:.6g}, its rays {by_linear.mean():.6g}"
             raise _refused("radial-control-variate", detail)
         differences = (_chi3_tail(crossing) - _chi3_tail(at_linear)).reshape(randomisations, rays).mean(axis=1)
         excess = exact + float(differences.mean()) - (1 - quantile)

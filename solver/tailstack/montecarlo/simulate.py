@@ -80,7 +80,7 @@ class Samples:
 
 
 class _Moments(NamedTuple):
-    count: int
+    trials: int
     mean: Array  # (m, 3)
     scatter: Array  # (m, 3, 3) sums of products about the mean
     norm_mean: Array  # (m,)
@@ -129,10 +129,10 @@ def _block(plan: ChainPlan, seed: int, first: int, count: int, reprojection: boo
 
 def _merged(a: _Moments, b: _Moments) -> _Moments:
     """Moments of two disjoint sets (Chan, Golub and LeVeque 1983)."""
-    count = a.count + b.count
-    share = b.count / count
+    count = a.trials + b.trials
+    share = b.trials / count
     gap = b.mean - a.mean
-    scatter = a.scatter + b.scatter + (a.count * share) * (gap[:, :, None] * gap[:, None, :])
+    scatter = a.scatter + b.scatter + (a.trials * share) * (gap[:, :, None] * gap[:, None, :])
     norm_mean = a.norm_mean + share * (b.norm_mean - a.norm_mean)
     return _Moments(count, a.mean + share * gap, scatter, norm_mean)
 

@@ -13,14 +13,25 @@ and two further bits.  Order: each run of columns with one law and stream (``pla
 right; normals in pairs (an odd run drops the last half), one word per uniform, two per triangular.
 """
 
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, untyped-decorator, misc"
+# mypy: ignore-errors
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from .elementary import natural_log, sine_cosine_small
-from .lanes import as_bits, as_lanes, bits_set, load, select, splat, splat_bits, square_root, store
+from .lanes import (
+    as_bits,
+    as_lanes,
+    bits_set,
+    lane_entry,
+    lane_jit,
+    load,
+    select,
+    splat,
+    splat_bits,
+    square_root,
+    store,
+)
 
 _MASK64 = (1 << 64) - 1
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
@@ -50,14 +61,14 @@ def stream_key(seed: int, stream: int) -> np.uint64:
             return np.uint64(key)
 
 
-@njit
+@lane_jit
 def _mix(z):
     z = (z ^ (z >> splat_bits(_B30))) * splat_bits(_MIX1)
     z = (z ^ (z >> splat_bits(_B27))) * splat_bits(_MIX2)
     return z ^ (z >> splat_bits(_B31))
 
 
-@njit
+@lane_jit
 def seed_states(key, index):
     """Four state words of each lane from the key and the lane's index (SplitMix64)."""
     step = splat_bits(_GOLDEN)
@@ -68,7 +79,7 @@ def seed_states(key, index):
     return _mix(a), _mix(b), _mix(c), _mix(c + step)
 
 
-@njit
+@lane_jit
 def next_word(s0, s1, s2, s3):
     """One xoshiro256++ step: (word, new state)."""
     total = s0 + s3
@@ -83,13 +94,13 @@ def next_word(s0, s1, s2, s3):
     return word, s0, s1, s2, s3
 
 
-@njit
+@lane_jit
 def one_to_two(word):
     """52 bits of the word as a double in [1, 2)."""
     return as_lanes((word >> splat_bits(_B12)) | splat_bits(_ONE))
 
 
-@njit
+@lane_jit
 def normal_pair(first, second):
     """Box-Muller: two independent N(0, 1) from two words."""
     radius = square_root(splat(-2.0) * natural_log(splat(2.0) - one_to_two(first)))
@@ -99,7 +110,7 @@ def normal_pair(first, second):
     return radius * select(swap, sine, cosine), radius * select(swap, cosine, sine)
 
 
-@njit
+@lane_jit
 def fill_deviates(segments, stream, key, index, z):
     """Draw all columns of one stream for eight lanes into ``z`` (flat, column k at 8 k)."""
     s0, s1, s2, s3 = seed_states(key, index)
@@ -129,7 +140,7 @@ def fill_deviates(segments, stream, key, index, z):
                 column += 1
 
 
-@njit(cache=True, nogil=True)
+@lane_entry
 def draw_columns(segments, keys, units, trials, z, out):
     """Deviates of the given trials: ``out`` (d, n) with n a multiple of 8; ``z`` is scratch of 8 d."""
     for group in range(0, trials.size, 8):

@@ -1,0 +1,159 @@
+"""What moves before the shutter: mounts, manufacturing errors, and the images that result (conventions, chain 1-2)."""
+
+# mypy: ignore-errors
+from __future__ import annotations
+
+from .elementary import sine_cosine
+from .lane_algebra import dot3
+from .lane_resection import moments
+from .lanes import fma, lane_jit, load, splat, store
+
+
+@lane_jit
+def mount_torsor(tables, mount, z):
+    """The six components of one mount's torsor."""
+    gains = tables.gains
+    offset, k = tables.gain_starts[mount, 0], tables.gain_starts[mount, 1]
+    start = 8 * tables.starts[1 + mount]
+    t0, t1, t2 = splat(tables.torsors[mount, 0]), splat(tables.torsors[mount, 1]), splat(tables.torsors[mount, 2])
+    t3, t4, t5 = splat(tables.torsors[mount, 3]), splat(tables.torsors[mount, 4]), splat(tables.torsors[mount, 5])
+    for j in range(k):
+        xi = load(z, start + 8 * j)
+        at = offset + j
+        t0 = fma(splat(gains[at]), xi, t0)
+        t1 = fma(splat(gains[at + k]), xi, t1)
+        t2 = fma(splat(gains[at + 2 * k]), xi, t2)
+        t3 = fma(splat(gains[at + 3 * k]), xi, t3)
+        t4 = fma(splat(gains[at + 4 * k]), xi, t4)
+        t5 = fma(splat(gains[at + 5 * k]), xi, t5)
+    return t0, t1, t2, t3, t4, t5
+
+
+@lane_jit
+def write_mount(tables, mount, z, pose, at):
+    """Rotation (9, Rx Ry Rz or I + [w]x: Eqs 12, 13) and translation (3) of a mount into ``pose``."""
+    rx, ry, rz, tx, ty, tz = mount_torsor(tables, mount, z)
+    one = splat(1.0)
+    if tables.counts[5] != 0:
+        store(pose, at, one)
+        store(pose, at + 8, -rz)
+        store(pose, at + 16, ry)
+        store(pose, at + 24, rz)
+        store(pose, at + 32, one)
+        store(pose, at + 40, -rx)
+        store(pose, at + 48, -ry)
+        store(pose, at + 56, rx)
+        store(pose, at + 64, one)
+    else:
+        sa, ca = sine_cosine(rx)
+        sb, cb = sine_cosine(ry)
+        sc, cc = sine_cosine(rz)
+        sasb, casb = sa * sb, ca * sb
+        store(pose, at, cb * cc)
+        store(pose, at + 8, -(cb * sc))
+        store(pose, at + 16, sb)
+        store(pose, at + 24, fma(sasb, cc, ca * sc))
+        store(pose, at + 32, fma(-sasb, sc, ca * cc))
+        store(pose, at + 40, -(sa * cb))
+        store(pose, at + 48, fma(-casb, cc, sa * sc))
+        store(pose, at + 56, fma(casb, sc, sa * cc))
+        store(pose, at + 64, ca * cb)
+    store(pose, at + 72, tx)
+    store(pose, at + 80, ty)
+    store(pose, at + 88, tz)
+
+
+@lane_jit
+def rotate(pose, at, x, y, z):
+    return (
+        dot3(load(pose, at), load(pose, at + 8), load(pose, at + 16), x, y, z),
+        dot3(load(pose, at + 24), load(pose, at + 32), load(pose, at + 40), x, y, z),
+        dot3(load(pose, at + 48), load(pose, at + 56), load(pose, at + 64), x, y, z),
+    )
+
+
+@lane_jit
+def move_error(tables, mount, pose, at, nominal, e0, e1, e2):
+    """Error of ``nominal + e`` after the mount: ``R e + (R - 1)(nominal - p) + t``; no large numbers cancel."""
+    x = splat(nominal[0] - tables.pivots[mount, 0])
+    y = splat(nominal[1] - tables.pivots[mount, 1])
+    z = splat(nominal[2] - tables.pivots[mount, 2])
+    r0, r1, r2 = rotate(pose, at, x, y, z)
+    f0, f1, f2 = rotate(pose, at, e0, e1, e2)
+    return (
+        f0 + ((r0 - x) + load(pose, at + 72)),
+        f1 + ((r1 - y) + load(pose, at + 80)),
+        f2 + ((r2 - z) + load(pose, at + 88)),
+    )
+
+
+@lane_jit
+def place_points(tables, z, points):
+    """Fiducials with their manufacturing errors, object frame."""
+    n = tables.counts[0]
+    into, spread, start = tables.into_frame, tables.spread, 8 * tables.starts[0]
+    for i in range(n):
+        m0 = splat(spread[i, 0]) * load(z, start + 24 * i)
+        m1 = splat(spread[i, 1]) * load(z, start + 24 * i + 8)
+        m2 = splat(spread[i, 2]) * load(z, start + 24 * i + 16)
+        for c in range(3):
+            moved = dot3(splat(into[3 * c]), splat(into[3 * c + 1]), splat(into[3 * c + 2]), m0, m1, m2)
+            store(points, 24 * i + 8 * c, splat(tables.nominal[i, c]) + moved)
+
+
+@lane_jit
+def camera_row(tables, view, row, pose):
+    """Row of the projection of the object frame when the structure is moved by interface 1.
+
+    ``X -> R (X - p) + p + t`` with ``X = E y + c`` gives ``A R E y + A (R (c - p) + p + t) + b``.
+    """
+    k = 4 * row
+    a0, a1, a2 = splat(tables.cameras[view, k]), splat(tables.cameras[view, k + 1]), splat(tables.cameras[view, k + 2])
+    g0 = dot3(a0, a1, a2, load(pose, 0), load(pose, 24), load(pose, 48))
+    g1 = dot3(a0, a1, a2, load(pose, 8), load(pose, 32), load(pose, 56))
+    g2 = dot3(a0, a1, a2, load(pose, 16), load(pose, 40), load(pose, 64))
+    e = tables.out_of_frame
+    x0 = splat(tables.centre[0] - tables.pivots[0, 0])
+    x1 = splat(tables.centre[1] - tables.pivots[0, 1])
+    x2 = splat(tables.centre[2] - tables.pivots[0, 2])
+    s0 = load(pose, 72) + splat(tables.pivots[0, 0])
+    s1 = load(pose, 80) + splat(tables.pivots[0, 1])
+    s2 = load(pose, 88) + splat(tables.pivots[0, 2])
+    return (
+        dot3(g0, g1, g2, splat(e[0]), splat(e[3]), splat(e[6])),
+        dot3(g0, g1, g2, splat(e[1]), splat(e[4]), splat(e[7])),
+        dot3(g0, g1, g2, splat(e[2]), splat(e[5]), splat(e[8])),
+        dot3(g0, g1, g2, x0, x1, x2) + (dot3(a0, a1, a2, s0, s1, s2) + splat(tables.cameras[view, k + 3])),
+    )
+
+
+@lane_jit
+def fixed_row(tables, view, row):
+    k = 4 * row
+    m = tables.fixed_images
+    return splat(m[view, k]), splat(m[view, k + 1]), splat(m[view, k + 2]), splat(m[view, k + 3])
+
+
+@lane_jit
+def image_fiducials(tables, view, points, pose, images, z):
+    """Noisy images of all fiducials into ``images``; returns the moments G_u and G_v about the nominal mean."""
+    n = tables.counts[0]
+    if (tables.counts[7] & 1) != 0 and tables.counts[4] == 0:
+        m00, m01, m02, m03 = camera_row(tables, view, 0, pose)
+        m10, m11, m12, m13 = camera_row(tables, view, 1, pose)
+        m20, m21, m22, m23 = camera_row(tables, view, 2, pose)
+    else:
+        m00, m01, m02, m03 = fixed_row(tables, view, 0)
+        m10, m11, m12, m13 = fixed_row(tables, view, 1)
+        m20, m21, m22, m23 = fixed_row(tables, view, 2)
+    noise = splat(tables.noise[view, 0])
+    start = 16 * view * (n + tables.counts[2])
+    one = splat(1.0)
+    for i in range(n):
+        x0, x1, x2 = load(points, 24 * i), load(points, 24 * i + 8), load(points, 24 * i + 16)
+        inverse = one / fma(m20, x0, fma(m21, x1, fma(m22, x2, m23)))
+        u = fma(m00, x0, fma(m01, x1, fma(m02, x2, m03))) * inverse
+        v = fma(m10, x0, fma(m11, x1, fma(m12, x2, m13))) * inverse
+        store(images, 16 * i, fma(noise, load(z, start + 16 * i), u))
+        store(images, 16 * i + 8, fma(noise, load(z, start + 16 * i + 8), v))
+    return moments(tables.products, images, n, 0), moments(tables.products, images, n, 8)
