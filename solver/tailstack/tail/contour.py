@@ -95,7 +95,13 @@ def saddle(d: float, upper: bool, l: Array, m: Array) -> float:  # noqa: E741
 
 @njit(cache=True, error_model="numpy")
 def _integrand(
-    tau: float, c: float, size: float, d: float, k_c: float, l: Array, m: Array  # noqa: E741
+    tau: float,
+    c: float,
+    size: float,
+    d: float,
+    k_c: float,
+    l: Array,  # noqa: E741
+    m: Array,
 ) -> tuple[float, float, float, float]:
     """(s, g) at parameter tau, real and imaginary: ``g = exp(k(s) - s d - (k(c) - c d)) (ds/dtau) / i``."""
     half = sinh(0.5 * tau)
@@ -141,7 +147,14 @@ def _integrand(
 
 @njit(cache=True, error_model="numpy")
 def tail_nodes(
-    d: float, upper: bool, l: Array, m: Array, sr: Array, si: Array, gr: Array, gi: Array  # noqa: E741
+    d: float,
+    upper: bool,
+    l: Array,  # noqa: E741
+    m: Array,
+    sr: Array,
+    si: Array,
+    gr: Array,
+    gi: Array,
 ) -> tuple[int, float, bool]:
     """Fill nodes ``s`` and weights ``g`` so that, over the n nodes returned, with the returned log factor b,
 
@@ -190,10 +203,9 @@ def tail_nodes(
                 break
             k += stride
         if level > 0:
-            converged = (
-                fabs(tail - 2.0 * old_tail) <= agree * fabs(tail)
-                and fabs(density - 2.0 * old_density) <= agree * fabs(density)
-            )
+            converged = fabs(tail - 2.0 * old_tail) <= agree * fabs(tail) and fabs(
+                density - 2.0 * old_density
+            ) <= agree * fabs(density)
         if converged or n >= MAX_NODES:
             break
         step *= 0.5

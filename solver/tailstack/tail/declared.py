@@ -206,7 +206,7 @@ def law_exceedance(law: LinearLaw, limit: float) -> float:
 def _mean_excess(law: LinearLaw, h: Array, r: float, p: float) -> float:
     # Out to the end of the law the box is several times larger, and the integral over r gains a factor 1/k.
     threshold, aliasing, largest = _tolerances(p, True)
-    found, value = mean_excess(r, law.mean, law.covariance, h, 10.0 * threshold, 10.0 * aliasing, largest)
+    found, value = mean_excess(r, law.mean, law.covariance, h, 100.0 * threshold, 100.0 * aliasing, largest)
     if found:
         return float(value)
     x, longest = sample_rest(law.mean, law.covariance, h, _LOG2_POINTS)

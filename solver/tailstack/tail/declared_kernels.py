@@ -9,7 +9,7 @@ from numba import njit
 
 from ..system import Array
 from .ball import ball_integral, ball_sums
-from .lattice import box_size, lattice_terms, spectral_extent
+from .lattice import box_size, fold_small, lattice_terms, spectral_extent
 from .quantile import norm_quantile_jit, normal_quantile_jit
 from .spectrum import principal_axes
 
@@ -17,9 +17,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)
 
 
 @njit(cache=True, error_model="numpy")
-def on_principal_axes(
-    mean: Array, covariance: Array, h: Array
-) -> tuple[Array, Array, Array, Array, Array, int, float]:
+def on_principal_axes(mean: Array, covariance: Array, h: Array) -> tuple[Array, Array, Array, Array, Array, int, float]:
     """(sigma (3,), mean (3,), S (3, 3), h (K, 3), axes (3, 3), dimension, offset^2) on the total covariance's axes.
 
     Axes on which nothing varies have sigma 0, come last and are zeroed; offset is the length of the mean along them.
@@ -111,6 +109,7 @@ def build(
     for a in range(3):
         if sigma[a] > 0.0:
             dimension += 1
+    S, h, small = fold_small(S, h, threshold)
     reach = reach_of(sigma, S, h, aliasing)
     period = np.zeros(3)
     volume = 1.0
@@ -125,7 +124,7 @@ def build(
     t = np.empty(capacity)
     w = np.empty(capacity)
     k = np.zeros((capacity if keep else 0, 3))
-    n, decade = lattice_terms(period, extent, radius, m, S, h, threshold, t, w, k)
+    n, decade = lattice_terms(period, extent, radius, m, S, h, small, threshold, t, w, k)
     return t[:n], w[:n], k[:n], volume, decade
 
 

@@ -150,6 +150,67 @@ def _tables(angle: Array, low: int, high: int) -> tuple[Array, Array]:
 
 
 @njit(cache=True, error_model="numpy")
+def fold_small(S: Array, h: Array, budget: float) -> tuple[Array, Array, Array]:
+    """(S with the Gaussian part of small columns (3, 3), the columns left (K', 3), the small ones (s, 3)).
+
+    ``log (sin x / x) = -x^2/6 - x^4/180 - x^6/2835 - x^8/37800 - x^10/467775 - ...``: a column that is short beside the
+    Gaussian spread is summed as its series, which along a line of the lattice is one polynomial for all of them.  What
+    is cut off changes phi by at most ``1.5e-3 rho^10``, rho^2 = h'S^-1 h (the largest of ``x^10 exp(-x^2 / (2 rho^2))``
+    over 467775, and a little for the rest); the sum over columns stays below ``budget``.  All signs are negative, so
+    the Gaussian part bounds the factor.
+    """
+    columns = h.shape[0]
+    folded = S.copy()
+    determinant = (
+        S[0, 0] * (S[1, 1] * S[2, 2] - S[1, 2] * S[2, 1])
+        - S[0, 1] * (S[1, 0] * S[2, 2] - S[1, 2] * S[2, 0])
+        + S[0, 2] * (S[1, 0] * S[2, 1] - S[1, 1] * S[2, 0])
+    )
+    scale = max(S[0, 0], S[1, 1], S[2, 2])
+    if not determinant > 1e-9 * scale * scale * scale:
+        return folded, h, np.empty((0, 3))
+    inverse = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            a, b, c, d = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
+            inverse[i, j] = (S[a, c] * S[b, d] - S[a, d] * S[b, c]) / determinant
+    short = np.zeros(columns, dtype=np.bool_)
+    for j in range(columns):
+        rho2 = 0.0
+        for a in range(3):
+            for b in range(3):
+                rho2 += h[j, a] * inverse[a, b] * h[j, b]
+        short[j] = 1.5e-3 * rho2**5 * columns < budget and rho2 < 0.25
+        if short[j]:
+            for a in range(3):
+                for b in range(3):
+                    folded[a, b] += h[j, a] * h[j, b] / 3.0
+    return folded, h[~short], h[short]
+
+
+@njit(cache=True, error_model="numpy")
+def _higher_orders(a: Array, b: Array, out: Array) -> None:
+    """Coefficients (9,) in n of ``-sum_j (x^4/180 + x^6/2835 + x^8/37800)``, x = a_j + n b_j."""
+    out[:] = 0.0
+    for j in range(a.size):
+        for term in range(3):
+            degree = 4 + 2 * term
+            weight = -1.0 / 180.0 if term == 0 else (-1.0 / 2835.0 if term == 1 else -1.0 / 37800.0)
+            if fabs(b[j]) < 1e-30:
+                out[0] += weight * a[j] ** degree
+                continue
+            # (a + n b)^d = sum_m C(d, m) a^(d-m) b^m n^m, from m = d down to 0 to never divide by a
+            binomial = 1.0
+            power = b[j] ** degree
+            lower = 1.0
+            for m in range(degree, -1, -1):
+                out[m] += weight * binomial * power * lower
+                binomial = binomial * m / (degree - m + 1)
+                power /= b[j]
+                lower *= a[j]
+
+
+@njit(cache=True, error_model="numpy")
 def lattice_terms(
     period: Array,
     extent: Array,
@@ -157,6 +218,7 @@ def lattice_terms(
     mean: Array,
     S: Array,
     h: Array,
+    small: Array,
     threshold: float,
     t_out: Array,
     w_out: Array,
@@ -166,7 +228,8 @@ def lattice_terms(
 
     ``sum_i w_i B_r(t_i)`` is the probability: weights hold phi, both of +-k, and 1 / volume.  period, extent (3,): 0
     on an axis that is left out.  The last decade are the terms within a factor of ten of the threshold: what was
-    left out is of their kind, smaller, and of either sign.  n = -1 when the terms do not fit in t_out.
+    left out is of their kind, smaller, and of either sign.  n = -1 when the terms do not fit in t_out.  small (s, 3):
+    columns whose Gaussian part is already in S, see :func:`fold_small`.
     """
     columns = h.shape[0]
     dimension = 0
@@ -190,6 +253,7 @@ def lattice_terms(
     table_s, table_c = _tables(h[:, inner] * step[inner], -half, half)
     outer_s, outer_c = _tables(h[:, outer] * step[outer], 0, last[outer])
     middle_s, middle_c = _tables(h[:, middle] * step[middle], -last[middle], last[middle])
+    beyond = np.zeros(9)
     numerator = np.empty(length)
     denominator = np.empty(length)
     bound = np.empty(length)
@@ -244,6 +308,7 @@ def lattice_terms(
                     numerator[i] *= 1.0 - x * x / 6.0 if near else s
                     denominator[i] *= 1.0 if near else x
                     bound[i] *= max(1.0, fabs(x))
+            _higher_orders(small[:, outer] * k1 + small[:, middle] * k2, small[:, inner] * kk, beyond)
             t2 = k1 * k1 + k2 * k2
             phase = mean[outer] * k1 + mean[middle] * k2
             for i in range(count):
@@ -257,7 +322,11 @@ def lattice_terms(
                     continue
                 if n >= capacity:
                     return _REFUSED, 0.0
-                weight = reach * numerator[i] / denominator[i] * cos(phase + mean[inner] * k3)
+                place = i + offset
+                power = beyond[8]
+                for degree in range(7, -1, -1):
+                    power = power * place + beyond[degree]
+                weight = reach * exp(power) * numerator[i] / denominator[i] * cos(phase + mean[inner] * k3)
                 if t > 0.0:
                     weight *= 2.0
                 if reach * ball < 10.0 * threshold * bound[i]:
