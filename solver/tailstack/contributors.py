@@ -18,6 +18,7 @@ from .tail.bounded import worst_case as worst_vertex
 from .tail.declared import LawBudget, LinearLaw, law_budget, law_quantile, without_group
 
 DEGREES = {"rad": ("deg", float(np.rad2deg(1.0)))}
+LIGHT = 2e-3  # share of variance below which a line is removed to first order: an error of some 1e-6
 KIND = {Law.UNIFORM: 0, Law.TRIANGULAR: 1}
 
 
@@ -80,6 +81,17 @@ def _removal(line: Line, gain: Array, where: dict[tuple[str, int], int]) -> tupl
     return (scaled @ scaled.T if normal else None), columns
 
 
+def _share(line: Line, gain: Array, total: float) -> float:
+    chosen = list(line.sources)
+    return float(((gain[:, chosen] * line.block.std[chosen]) ** 2).sum()) / total if total > 0 else 0.0
+
+
+def _without_light(numbers: LawBudget, block: Array | None, columns: tuple[int, ...]) -> float:
+    """Quantile without a line of share s below LIGHT, by its slope in the variance: off by some s^2 of it."""
+    change = 0.0 if block is None else float((numbers.dr_dcovariance * block).sum())
+    return numbers.total.quantile_mm - change - float(numbers.dr_dlog_column[list(columns)].sum()) / 2
+
+
 def _slope(
     line: Line, gain: Array, where: dict[tuple[str, int], int], numbers: LawBudget, signs: dict[tuple[str, int], float]
 ) -> float:
@@ -108,15 +120,19 @@ def budget(
     law, where = declared_law(model, error, worst.mean_mm)
     lines = lines_of(model)
     gains = [model.gain(line.block, error) for line in lines]
-    numbers = law_budget(law, quantile, [_removal(line, gain, where) for line, gain in zip(lines, gains, strict=True)])
+    removals = [_removal(line, gain, where) for line, gain in zip(lines, gains, strict=True)]
     total = float(np.trace(law.total_covariance))
+    shares = [_share(line, gain, total) for line, gain in zip(lines, gains, strict=True)]
+    heavy = [k for k, share in enumerate(shares) if share > LIGHT]
+    numbers = law_budget(law, quantile, [removals[k] for k in heavy])
+    without_heavy = dict(zip(heavy, numbers.without, strict=True))
     rows = []
-    for line, gain, without in zip(lines, gains, numbers.without, strict=True):
+    for k, (line, gain) in enumerate(zip(lines, gains, strict=True)):
         block, chosen = line.block, list(line.sources)
         unit, factor = unit_for_people(block.units[chosen[0]])
         half_widths = block.half_width[chosen]
         alike = (len(chosen) == 1 or block.grouped) and np.ptp(half_widths) == 0
-        without_mm = without.quantile_mm
+        without_mm = without_heavy[k].quantile_mm if k in without_heavy else _without_light(numbers, *removals[k])
         if any((block.contributor, j) in worst.signs for j in chosen):
             without_mm = _without_bounded(model, error, block.contributor, chosen, worst, quantile)
         laws = {str(block.laws[j]) for j in chosen}
@@ -129,7 +145,7 @@ def budget(
                 unit=unit if alike else "",
                 std=float(block.std[chosen[0]]) * factor if alike else None,
                 sensitivity_mm_per_unit=float(np.sqrt((gain[:, chosen] ** 2).sum())) / factor if alike else None,
-                variance_share=float(((gain[:, chosen] * block.std[chosen]) ** 2).sum()) / total if total > 0 else 0.0,
+                variance_share=shares[k],
                 dp95_per_unit=_slope(line, gain, where, numbers, worst.signs) / factor if alike else None,
                 p95_without_mm=without_mm,
             )

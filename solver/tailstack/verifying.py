@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -198,7 +199,7 @@ def _run_adaptive(
             threads=threads,
             reprojection=True,
             progress=progress,
-            settled=lambda sample, at, vertex=vertex: _decided(ready, vertex, sample, at),
+            settled=partial(_decided, ready, vertex),
         )
         samples[vertex] = run.samples
         level = min(level, run.level) if level != confidence else run.level
@@ -233,7 +234,7 @@ def _run_radial(ready: Prepared, seed: int, threads: int | None, progress: Progr
         linear = LinearChain(
             mean=case.mean_mm,
             gain=gains_in_plan_order(plan, model.blocks, names.index(name), error),
-            exceedance=lambda r, law=law: law_exceedance(law, r),
+            exceedance=partial(law_exceedance, law),
             quantile_mm=first.quantile_mm,
             density_per_mm=first.density,
         )
