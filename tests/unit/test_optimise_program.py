@@ -13,10 +13,12 @@ from tailstack.contributors import declared_law
 from tailstack.optimise import PlacementProblem, solve_placement
 from tailstack.optimise.certificate import binding, kkt_residual, shadow_prices
 from tailstack.optimise.placement import settle
+from tailstack.optimise.problem import apply_choice
 from tailstack.optimise.program import Parameters, build_program
 from tailstack.optimise.promise import closed_form_mm, image_part
 from tailstack.optimise.search import search
-from tailstack.optimise.terms import estimator_of, terms_of
+from tailstack.optimise.starts import starting_layouts
+from tailstack.optimise.terms import estimator_of, is_flat, terms_of
 from tailstack.propagation.linear import covariance, linearise
 from tailstack.system import Law, Reading
 from tailstack.tail.declared import law_quantile
@@ -152,6 +154,39 @@ def test_bounded_rotations_are_held_at_their_worst_ends() -> None:
     expected = levers**-0.5 * 0.5 / (levers**0.5).sum()
     np.testing.assert_allclose(solution.half_width, expected, rtol=5e-3)
     assert solution.worst_mm <= 0.5
+
+
+def test_fixed_bounded_sources_stand_at_the_scores_worst_vertex() -> None:
+    """independent: the vertex is found again by trying all four, with the law of the score."""
+    problem = fixed_layout(oracle_problem(), cube_fiducials())
+    seat = mount(
+        "interface_2", (0.0, 0.0, -145.0), bias=(0, 0, 0, 0.02, -0.01, 0), half_width=[1e-3, 1e-3, 1e-3, 0.06, 0, 0.04],
+        law=(Law.UNIFORM,) * 3 + (Law.BOUNDED,) * 3,
+    )  # fmt: skip
+    problem = replace(problem, system=replace(problem.system, interface_2=seat))
+    solution = solve_placement(problem)
+    model = linearise(apply_choice(problem, solution.fiducials_mm, solution.half_width), problem.targets[0])
+    block = next(block for block in model.blocks if block.contributor == "interface_2")
+    columns = block.tcp[:, 3:5] * block.half_width[3:5]
+    worst = 0.0
+    for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        law, _ = declared_law(model, "tcp", model.bias_mm("tcp") + columns @ signs)
+        worst = max(worst, law_quantile(law, 0.95).quantile_mm)
+    assert solution.worst_mm == pytest.approx(worst, rel=1e-9)
+    assert 0.5 * (1 - 1e-4) <= worst <= 0.5
+
+
+def test_starts_never_rest_on_a_flat_layout() -> None:
+    """A candidate in the plane of the others gives an infinite mean square, which no exchange accepts."""
+    problem = oracle_problem(6)
+    estimator, terms = estimator_of(problem.system), (terms_of(problem, problem.targets[0]),)
+    flat = np.array([[x, y, 10.0] for x in (-50.0, 50.0) for y in (-50.0, 0.0, 50.0)])
+    seen = replace(problem, system=replace(problem.system, fiducials_mm=flat))
+    layouts = starting_layouts(seen, estimator, terms, 12, 3)
+    assert is_flat(layouts[0])  # the present one is handed on as it is
+    assert not any(is_flat(layout) for layout in layouts[1:])
+    solution = solve_placement(replace(seen, requirement=requirement(2.0)), starts=2)
+    assert solution.worst_mm <= 2.0
 
 
 def test_a_looser_limit_never_costs_more() -> None:

@@ -13,7 +13,7 @@ from .infeasible import explain_infeasible
 from .problem import PlacementProblem
 from .program import Parameters, Point, Program, solve
 from .promise import Promise, closed_form_mm, promise
-from .search import Progress, Search, least_quantile, promised, search, with_target
+from .search import Progress, Search, least_quantile, promised, search, with_targets
 
 AT_LIMIT = 1e-4  # relative: how near below the aim the exact quantile is brought
 AIM_BELOW = 1e-5  # relative: where in that window it is aimed
@@ -80,7 +80,7 @@ def settle(found: Search, aim_mm: float, start: PlacementSolution | None = None)
             values = _everywhere(found, point)
             if max(values) <= max(worst, aim_mm) * (1 + 1e-9):
                 return _solution(program, point, parameters, values, aim_mm, rounds)
-            found = with_target(found, int(np.argmax(values)), point)
+            found = with_targets(found, point, values, max(worst, aim_mm))
             program, parameters, point = found.program, found.parameters, found.points[0]
             continue
         if least and worst > aim_mm:

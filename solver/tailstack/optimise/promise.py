@@ -9,7 +9,7 @@ import numpy as np
 
 from ..contributors import declared_law, worst_case
 from ..propagation.linear import LinearModel, linearise
-from ..system import Array, Target
+from ..system import Array
 from ..tail.declared import law_quantile
 from .problem import PlacementProblem, apply_choice
 from .terms import LAYOUT_BLOCKS, TargetTerms, moments
@@ -65,12 +65,13 @@ def promise(problem: PlacementProblem, terms: TargetTerms, fiducials_mm: Array, 
     )
 
 
-def worst_targets(
-    problem: PlacementProblem, terms: tuple[TargetTerms, ...], choices: list[tuple[Array, Array]]
-) -> tuple[Target, ...]:
-    """Targets with the largest quantile at any of some choices (fiducials, half-widths), in the problem's order."""
-    worst = set()
+def leading_targets(
+    problem: PlacementProblem, terms: tuple[TargetTerms, ...], choices: list[tuple[Array, Array]], share: float
+) -> set[int]:
+    """Indices of the targets whose quantile is at least ``share`` of the largest at any of some choices
+    (fiducials, half-widths): those that are likely to bind."""
+    leading: set[int] = set()
     for fiducials, half_width in choices:
-        values = [promise(problem, term, fiducials, half_width).exact_mm for term in terms]
-        worst.add(int(np.argmax(values)))
-    return tuple(terms[k].target for k in sorted(worst))
+        values = np.array([promise(problem, term, fiducials, half_width).exact_mm for term in terms])
+        leading |= {int(k) for k in np.flatnonzero(values >= share * values.max())}
+    return leading

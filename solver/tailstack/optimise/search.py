@@ -14,12 +14,14 @@ from ..system import Array
 from .infeasible import explain_infeasible, refuse_geometry
 from .problem import PlacementProblem, half_widths_of
 from .program import Parameters, Point, Program, build_program, solve
-from .promise import Promise, closed_form_mm, image_part, promise, worst_targets
+from .promise import Promise, closed_form_mm, image_part, leading_targets, promise
 from .starts import starting_layouts
 from .terms import Estimator, TargetTerms, estimator_of, is_flat, terms_of
 
 POLISHED = 3  # best explored points that are solved to full precision
 ATTEMPTS = 8  # starts asked for the smallest quantile before a limit is called out of reach
+STEERING = 6  # targets whose error the starting layouts are improved for
+LEADING = 0.97  # of the largest quantile: a target that near may bind
 MANY_TARGETS = 3  # beyond this only the targets that bind somewhere enter the programme
 
 Progress = Callable[[str, int, int, float | None], None]  # stage, done, total, least cost so far
@@ -50,12 +52,13 @@ def search(
     """Solve from every start and rank the optima (by the closed form).  Raises InfeasibleError."""
     terms = tuple(terms_of(problem, target) for target in problem.targets)
     estimator = estimator_of(problem.system)
-    layouts = starting_layouts(problem, estimator, terms, starts, seed)
-    choices = [(layout, problem.lower) for layout in layouts[:4] if not is_flat(layout)]
+    layouts = starting_layouts(problem, estimator, farthest(problem, terms), starts, seed)
     active = terms
     if len(terms) > MANY_TARGETS:
-        names = {target.name for target in worst_targets(problem, terms, choices)}
-        active = tuple(term for term in terms if term.target.name in names)
+        # At half-widths that use up the limit, not at the smallest: a lever may lead where noise does not.
+        choices = [(layout, half_widths_of(problem)) for layout in layouts[:3] if not is_flat(layout)]
+        leading = leading_targets(problem, terms, choices, LEADING)
+        active = tuple(term for k, term in enumerate(terms) if k in leading)
     lanes = min(cores() if threads is None else threads, len(layouts))
     program = build_program(problem, estimator, active, lanes)
     return _explore(program, terms, estimator, layouts, progress)
@@ -123,6 +126,13 @@ def _solve_all(program: Program, begun: list[_Begun], least: bool) -> Iterator[P
 def cores() -> int:
     """Cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def farthest(problem: PlacementProblem, terms: tuple[TargetTerms, ...]) -> tuple[TargetTerms, ...]:
+    """The targets farthest from where the fiducials may be: their noise is largest, they steer the starts."""
+    centre = problem.box_mm.mean(axis=0)
+    apart = [-float(np.linalg.norm(term.target.position_mm - centre)) for term in terms]
+    return tuple(terms[k] for k in sorted(np.argsort(apart, kind="stable")[:STEERING]))
 
 
 def distinct(costs: list[float]) -> tuple[float, ...]:
@@ -209,11 +219,12 @@ def promised(program: Program, point: Point) -> list[Promise]:
     return [promise(program.problem, term, fiducials, half_width) for term in program.terms]
 
 
-def with_target(found: Search, worst: int, point: Point) -> Search:
-    """The search again with one more target, from the layouts it ended at."""
-    names = {term.target.name for term in found.program.terms} | {found.terms[worst].target.name}
+def with_targets(found: Search, point: Point, values: tuple[float, ...], aim_mm: float) -> Search:
+    """The search again with every target that is above the aim at a point, from the layouts it ended at."""
+    names = {term.target.name for term in found.program.terms}
+    names |= {term.target.name for term, value in zip(found.terms, values, strict=True) if value > aim_mm * LEADING}
     active = tuple(term for term in found.terms if term.target.name in names)
     program = build_program(found.program.problem, found.estimator, active, len(found.program.explore))
-    layouts = [found.program.split(p.x)[0] for p in (point, *found.points)]
+    layouts = [found.program.split(p.x)[0] for p in (point, *found.points[1:])]
     again = _explore(program, found.terms, found.estimator, layouts, None)
     return replace(again, starts=found.starts, converged=found.converged)

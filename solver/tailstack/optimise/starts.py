@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from ..propagation.noise import noise_gains
@@ -23,8 +24,9 @@ SWEEPS = 3
 ON_FACE = 0.6  # probability that a coordinate of a candidate lies on a face of the box
 
 
-# Candidates may be coplanar: their gains are to be infinite, not an exception.
-gains_or_infinity = njit(cache=True, nogil=True, error_model="numpy")(noise_gains)
+# Inlined into the kernels below it takes their error model: coplanar candidates get infinite gains, not an exception.
+# (A second njit of the same function would share its cache entry, which does not know about error models.)
+gains_or_infinity = register_jitable(noise_gains)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
