@@ -124,6 +124,12 @@ def cube8_system(**changes: Any) -> System:
     return system_of(cube_fiducials(), **changes)
 
 
+def broken_system(**changes: Any) -> System:
+    """Seven fiducials in 10 mm, target 30 mm away: half a pixel is beyond the range of any linearisation."""
+    points = np.random.default_rng(5).uniform(-5, 5, (7, 3))
+    return replace(system_of(points, targets=(target((0, 0, 30)),)), **changes)
+
+
 CIOS_FIDUCIALS_MM = (
     (-50, -50, -90), (50, -50, -90), (50, 50, -90), (-50, 50, -90),
     (-50, -46, 10), (46, -50, 10), (50, 46, 10), (-46, 50, 10),

@@ -17,6 +17,7 @@ from .streams import draw_columns, stream_key
 SVD_BATCH = 1024  # trials per batched SVD: about 5 MB of design matrices at 12 fiducials
 EVALUATE_BATCH = 8192
 _NOT_GIVEN = np.empty((0, 0))
+_NO_KEYS = np.zeros(2, dtype=np.uint64)
 
 
 class Outcome(NamedTuple):
@@ -120,7 +121,7 @@ def evaluate(plan: ChainPlan, z: Array) -> Array:
             trials = np.arange(len(part) + (-len(part)) % 8)
             given = np.zeros((max(plan.dimension, 1), len(trials)))
             given[: plan.dimension, : len(part)] = part.T
-            errors, flags, _ = _run(plan, _keys(0), trials, given, False)
+            errors, flags, _ = _run(plan, _NO_KEYS, trials, given, False)
             errors = errors.reshape(len(plan.system.targets), 2, 3, -1)[..., : len(part)]
             columns = np.flatnonzero(flags[: len(part)])
         else:

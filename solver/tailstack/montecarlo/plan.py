@@ -185,10 +185,10 @@ def compile_plan(
     points = system.fiducials_mm
     count, views, targets = len(points), len(system.views), len(system.targets)
     out, centroid, y = object_frame(points)
-    into = np.linalg.inv(out)
+    into = np.asarray(np.linalg.inv(out), dtype=np.float64)
     y1 = homogeneous(y)
     upper = np.triu_indices(4)
-    diagonal = (y1**2).sum(axis=0)
+    diagonal: Array = np.asarray((y1**2).sum(axis=0), dtype=np.float64)
 
     cameras, fixed, images = [], [], []
     positions = np.array([t.position_mm for t in system.targets])
@@ -246,7 +246,7 @@ def compile_plan(
         starts=np.array(starts),
         nominal=read_only(y),
         products=read_only(y1[:, upper[0]] * y1[:, upper[1]]),
-        diagonal=read_only(np.concatenate([diagonal, 1 / diagonal])),
+        diagonal=read_only(np.array([*diagonal, *(1 / diagonal)])),
         spread=read_only(np.asarray(standard, dtype=np.float64)),
         into_frame=read_only(into.ravel()),
         out_of_frame=read_only(out.ravel()),

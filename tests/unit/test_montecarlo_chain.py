@@ -1,0 +1,231 @@
+"""The compiled chain against references that share no code with it: SVD, mpmath, closed forms, published runs."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import reference_chain
+from scenes import (
+    broken_system,
+    cios_system,
+    cube8_system,
+    installation,
+    mount,
+    random_system,
+    read_only,
+    system_of,
+    target,
+    with_noise,
+)
+from tailstack.errors import OutOfRangeError
+from tailstack.montecarlo import bounded_names, compile_plan, draw, evaluate, quantile_estimate, run_indices, simulate
+from tailstack.montecarlo.full_svd import errors_by_svd
+from tailstack.system import Law, Reading, RotationForm, System, Triangulation, View
+
+ORACLES = Path(__file__).parents[1] / "data" / "oracles"
+
+
+def oracle(name: str) -> dict:
+    return json.loads((ORACLES / f"{name}.json").read_text())
+
+
+def relative_difference(system: System, trials: int) -> tuple[float, int]:
+    """Largest |structured - SVD| / |SVD| over trials, targets and both errors; and how many were redone."""
+    plan = compile_plan(system)
+    outcome = run_indices(plan, 3, 0, trials)
+    exact, _ = errors_by_svd(plan, draw(plan, 3, np.arange(trials)))
+    structured = np.moveaxis(outcome.errors, -1, 0)
+    gap = np.linalg.norm(structured - exact, axis=-1) / np.linalg.norm(exact, axis=-1)
+    return float(gap.max()), outcome.redone
+
+
+def test_nominal_scene_agrees_with_svd() -> None:
+    gap, redone = relative_difference(cios_system(), 4096)
+    assert redone == 0
+    assert gap < 1e-10
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"views": with_noise(5.0)},
+        {"views": with_noise(40.0)},
+        {"views": with_noise(0.5, azimuths_rad=(0.0, 0.35))},
+        {"views": with_noise(0.3, 1.2, azimuths_rad=(0.0, 0.8, 1.6, 2.2))},
+        {"reading": Reading.EQ18},
+        {"rotation_form": RotationForm.SMALL_ANGLE},
+    ],
+    ids=["5px", "40px", "20deg", "four-views", "eq18", "small-angle"],
+)
+def test_variations_agree_with_svd(changes: dict) -> None:
+    assert relative_difference(cios_system(**changes), 512)[0] < 1e-9
+
+
+def test_without_image_noise_agrees_with_svd() -> None:
+    assert relative_difference(cios_system(views=with_noise(0.0)), 256)[0] < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_one_trial_of_a_random_scene_by_the_plain_chain(seed: int) -> None:
+    """Independent: the chain written out with 4x4 matrices, one trial at a time, inputs in native units."""
+    rng = np.random.default_rng(seed)
+    changes = {
+        0: {},
+        1: {"reading": Reading.EQ18},
+        2: {"rotation_form": RotationForm.SMALL_ANGLE},
+        3: {"reading": Reading.EQ18, "rotation_form": RotationForm.SMALL_ANGLE},
+        4: {"triangulation": Triangulation.PUBLISHED},
+        5: {},
+    }[seed]
+    system = random_system(rng, 7 + seed, 2 + seed % 2, targets=2, **changes)
+    plan = compile_plan(system)
+    z = draw(plan, 11, np.arange(3))
+    errors = evaluate(plan, z)
+    scales = {
+        "interface_1": system.interface_1.sources,
+        "interface_2": system.interface_2.sources,
+        "hand_eye": system.hand_eye.sources,
+        "execution": system.execution,
+    }
+    for trial in range(3):
+        for place, goal in enumerate(system.targets):
+            inputs = {}
+            for block in plan.blocks:
+                values = z[trial, block.start : block.stop]
+                if block.name in scales:
+                    inputs[block.name] = values * scales[block.name].half_width
+                elif block.name == "fiducial_manufacturing":
+                    inputs[block.name] = values * system.manufacturing_half_width_mm.ravel()
+                else:
+                    view = next(v for v in system.views if block.name.endswith(f":{v.name}"))
+                    if block.name.startswith("fiducial_noise"):
+                        inputs[block.name] = values * view.fiducial_noise_px
+                    else:
+                        inputs[block.name] = values[2 * place : 2 * place + 2] * view.target_noise_px
+            expected = reference_chain.run(system, goal, inputs)
+            np.testing.assert_allclose(errors[trial, place, 0], expected["tcp"], rtol=1e-8, atol=1e-9)
+            np.testing.assert_allclose(errors[trial, place, 1], expected["localisation"], rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("form", "expected", "tolerance"),
+    [
+        (Triangulation.NORMALISED, "qhat_triangulated_in_normalised_object_frame", "tol_normalised_mm"),
+        (Triangulation.PUBLISHED, "qhat", "tol_mm"),
+    ],
+)
+def test_oracle_deterministic_noise(form: Triangulation, expected: str, tolerance: str) -> None:
+    """mpmath: one given noise vector through the whole estimator."""
+    case = oracle("deterministic_noise")
+    views = tuple(View(f"v{k}", read_only(p), 1.0, 1.0, None) for k, p in enumerate(case["P"]))
+    plan = compile_plan(
+        system_of(case["fiducials"], views=views, targets=(target(case["target"]),), triangulation=form)
+    )
+    z = np.concatenate([np.append(np.ravel(f), t) for f, t in zip(case["noise_fid"], case["noise_tgt"], strict=True)])
+    found = evaluate(plan, z[None])[0, 0, 1] + case["target"]
+    assert np.abs(found - case[expected]).max() < case[tolerance]
+
+
+@pytest.mark.parametrize(("reading", "expected"), [(Reading.EQ18, "qhat_eq18"), (Reading.PHYSICAL, "qhat_physical")])
+def test_oracle_rigid_bias(reading: Reading, expected: str) -> None:
+    """Closed form: without noise the target moves by T_err1 or its inverse, whatever the layout."""
+    case = oracle("rigid_bias_exact")
+    torsor = [*np.deg2rad([1.0, -0.5, 2.0]), 2.0, -1.0, 3.0]
+    system = cube8_system(
+        views=with_noise(0.0), reading=reading, interface_1=mount("interface_1", (0.0, 0.0, -95.0), bias=torsor)
+    )
+    plan = compile_plan(system)
+    found = evaluate(plan, np.zeros((1, plan.dimension)))[0, 0, 1] + case["target"]
+    assert np.abs(found - case[expected]).max() < case["tol_mm"]
+
+
+@pytest.mark.parametrize("name", ["noise_covariance_cube8", "fiducial_manufacturing"])
+def test_oracle_monte_carlo_figures(name: str) -> None:
+    """Sampled by other code (10^6 trials): standard deviations and P95, here with 2 * 10^5 trials.
+
+    Six standard errors of both runs together (std: relative 1 / sqrt(2 n)): error rate below 1e-7.
+    """
+    case, trials = oracle(name), 200_000
+    changes = {}
+    if name == "fiducial_manufacturing":
+        changes["manufacturing_half_width_mm"] = read_only(np.full((8, 3), case["sigma_mfg_mm"]))
+    samples = simulate(cube8_system(**changes), trials=trials, seed=2)
+    sample = samples.of("target", "tcp")
+    std, p95 = np.sqrt(np.diag(sample.covariance)), quantile_estimate(samples, 0, "tcp", 0.95)
+    stated = case.get("tol_MC_rel_P95", case.get("tol_MC_rel"))
+    own = 6 / np.sqrt(2 * trials)
+    assert np.abs(std / case["check"]["MC_std"] - 1).max() < own + case.get("tol_MC_rel_std", stated)
+    own_p95 = (p95.interval_mm[1] - p95.interval_mm[0]) * 6 / 3.92 / p95.value_mm
+    assert abs(p95.value_mm / case["check"]["MC_P95"] - 1) < own_p95 + stated
+
+
+def test_flagged_trials_are_redone() -> None:
+    """A broken regime: the kernel disowns many trials, and every answer is still the SVD's."""
+    gap, redone = relative_difference(broken_system(), 1024)
+    assert redone > 50
+    assert gap < 1e-9
+
+
+def test_reprojection_rms_agrees_with_svd() -> None:
+    plan = compile_plan(cios_system())
+    found = run_indices(plan, 4, 0, 256, reprojection=True).reprojection
+    _, expected = errors_by_svd(plan, draw(plan, 4, np.arange(256)))
+    assert found is not None
+    assert np.abs(found - expected).max() < 1e-10
+
+
+def test_bounded_sources_stand_at_their_vertex() -> None:
+    """Closed form: interface 2 translates the tool by its bounded translation, and nothing else moves."""
+    half = np.array([0, 0, 0, 0.3, 0, 0.7])
+    bounded = mount("interface_2", (0, 0, -145.0), half_width=half, law=Law.BOUNDED)
+    system = cube8_system(interface_2=bounded)
+    assert bounded_names(system) == ("interface_2.tx", "interface_2.tz")
+    plain, held = compile_plan(system), compile_plan(system, vertex={"interface_2.tz": -1.0, "interface_2.tx": 1.0})
+    assert plain.dimension == held.dimension == 36
+    z = draw(plain, 1, np.arange(5))
+    moved = evaluate(held, z) - evaluate(plain, z)
+    np.testing.assert_allclose(moved[:, 0, 0], np.tile([0.3, 0, -0.7], (5, 1)), atol=1e-12)
+    np.testing.assert_allclose(moved[:, 0, 1], 0, atol=1e-12)
+    as_array = compile_plan(system, vertex=np.array([1.0, -1.0]))
+    np.testing.assert_array_equal(evaluate(as_array, z), evaluate(held, z))
+
+
+def test_unknown_vertices_and_shapes_are_refused() -> None:
+    system = cube8_system(interface_2=mount("interface_2", half_width=(0, 0, 0, 1, 0, 0), law=Law.BOUNDED))
+    with pytest.raises(OutOfRangeError, match=r"interface_2\.ry"):
+        compile_plan(system, vertex={"interface_2.ry": 1.0})
+    with pytest.raises(OutOfRangeError, match="1 finite values"):
+        compile_plan(system, vertex=np.zeros(2))
+    plan = compile_plan(system)
+    with pytest.raises(OutOfRangeError, match=r"\(n, 36\)"):
+        evaluate(plan, np.zeros((2, 35)))
+
+
+def test_installation_is_shared_by_the_shots_of_a_unit() -> None:
+    system = cios_system(interface_1=installation("interface_1", (0, 0, -95.0)))
+    plan = compile_plan(system, shots_per_unit=4)
+    z = draw(plan, 5, np.arange(8, 24))
+    by_name = {block.name: z[:, block.start : block.stop].reshape(4, 4, -1) for block in plan.blocks}
+    for name in ("interface_1", "interface_2"):
+        assert (by_name[name] == by_name[name][:, :1]).all()
+        assert len(np.unique(by_name[name][:, 0, 0])) == 4
+    assert len(np.unique(by_name["fiducial_noise:view0"][..., 0])) == 16
+    # one shot per unit draws the same installations as the units of another grouping
+    single = draw(compile_plan(system), 5, np.arange(2, 6))
+    start = next(block.start for block in plan.blocks if block.name == "interface_1")
+    np.testing.assert_array_equal(single[:, start:], z[::4, start:])
+
+
+def test_targets_share_their_resection_but_not_their_noise() -> None:
+    both = cube8_system(targets=(target((0, 0, 70), "a"), target((0, 0, 70), "b")))
+    errors = evaluate(compile_plan(both), draw(compile_plan(both), 1, np.arange(2000)))
+    correlation = np.corrcoef(errors[:, 0, 1, 2], errors[:, 1, 1, 2])[0, 1]
+    assert 0.2 < correlation < 0.95
+    silent = replace(both, views=with_noise(0.5, 0.0))
+    errors = evaluate(compile_plan(silent), draw(compile_plan(silent), 1, np.arange(20)))
+    np.testing.assert_array_equal(errors[:, 0], errors[:, 1])

@@ -1,0 +1,252 @@
+"""Estimators on runs: order statistics, CVaR, exceedance, adaptive stopping, and the radial estimator's referee."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from scenes import cios_system, cube8_system, installation, mount, random_system, read_only, target, with_noise
+from tailstack.errors import OutOfRangeError
+from tailstack.montecarlo import (
+    Goal,
+    LinearChain,
+    Samples,
+    compile_plan,
+    cvar_estimate,
+    deepened,
+    draw,
+    evaluate,
+    exceedance_estimate,
+    gains_in_plan_order,
+    interval_ranks,
+    quantile_estimate,
+    radial,
+    simulate,
+    simulate_to_precision,
+    wilks_sample_size,
+)
+from tailstack.montecarlo.estimators import planned_looks
+from tailstack.montecarlo.simulate import ErrorSample
+from tailstack.propagation.linear import linearise
+from tailstack.system import Law, System
+from tailstack.tail.declared import law_exceedance, law_quantile, linear_law
+
+ORACLES = Path(__file__).parents[1] / "data" / "oracles"
+
+
+@pytest.fixture(scope="module")
+def run() -> tuple[Samples, np.ndarray]:
+    """A run of 30,000 trials and, by another route, all its TCP norms."""
+    plan = compile_plan(cios_system())
+    norms = np.linalg.norm(evaluate(plan, draw(plan, 4, np.arange(30_000)))[:, 0, 0], axis=1)
+    return simulate(plan, trials=30_000, seed=4), norms
+
+
+def of_norms(samples: Samples, norms: np.ndarray) -> Samples:
+    """The same run as if these had been the norms of its TCP error, all kept."""
+    fake = ErrorSample("target", "tcp", len(norms), np.zeros(3), np.eye(3), float(norms.mean()), np.sort(norms))
+    return replace(samples, trials=len(norms), errors=(fake, samples.errors[1]))
+
+
+def test_oracle_ranks_and_wilks_sizes() -> None:
+    """Closed form (binomial)."""
+    case = json.loads((ORACLES / "order_statistics.json").read_text())
+    for trials, ranks in case["p95_two_sided_95_ranks"].items():
+        assert list(interval_ranks(int(trials), 0.95, 0.95)) == ranks
+    sizes = case["wilks_one_sided_95_95_sample_size_by_order"]
+    assert [wilks_sample_size(0.95, 0.95, order) for order in range(1, 6)] == sizes
+
+
+def test_ranks_cover_and_are_tight() -> None:
+    """Closed form: at least the stated confidence, less with either end moved inwards by its share."""
+    for trials, q, confidence in ((100, 0.9, 0.95), (6000, 0.999, 0.99), (777, 0.5, 0.9)):
+        low, high = interval_ranks(trials, q, confidence)
+        law = stats.binom(trials, q)
+        assert law.cdf(high - 1) - law.cdf(low - 1) >= confidence
+        assert law.sf(low - 1) >= 1 - (1 - confidence) / 2 > law.sf(low)
+        assert law.cdf(high - 1) >= 1 - (1 - confidence) / 2 > law.cdf(high - 2)
+
+
+def test_too_few_trials_are_refused() -> None:
+    with pytest.raises(OutOfRangeError, match="at least 72 trials"):
+        interval_ranks(71, 0.95, 0.95)
+    interval_ranks(73, 0.95, 0.95)
+
+
+def test_moments_and_tail_against_numpy(run: tuple[Samples, np.ndarray]) -> None:
+    samples, norms = run
+    sample = samples.of("target", "tcp")
+    errors = evaluate(samples.plan, draw(samples.plan, 4, np.arange(30_000)))[:, 0, 0]
+    np.testing.assert_allclose(sample.mean, errors.mean(axis=0), rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(sample.covariance, np.cov(errors.T), rtol=1e-10)
+    assert sample.mean_norm == pytest.approx(norms.mean(), rel=1e-12)
+    np.testing.assert_allclose(sample.tail, np.sort(norms)[-len(sample.tail) :], rtol=1e-14)
+    assert sample.worst == sample.tail[-1]
+    assert samples.redone == 0
+
+
+def test_quantile_cvar_and_exceedance_against_the_whole_sample(run: tuple[Samples, np.ndarray]) -> None:
+    samples, norms = run
+    ordered = np.sort(norms)
+    found = quantile_estimate(samples, 0, "tcp", 0.95)
+    low, high = interval_ranks(30_000, 0.95, 0.95)
+    np.testing.assert_allclose(found.value_mm, ordered[28_500 - 1], rtol=1e-14)
+    np.testing.assert_allclose(found.interval_mm, (ordered[low - 1], ordered[high - 1]), rtol=1e-14)
+    cvar = cvar_estimate(samples, 0, "tcp", 0.95)
+    np.testing.assert_allclose(cvar.value_mm, ordered[28_500:].mean(), rtol=1e-12)
+    above = exceedance_estimate(samples, 0, "tcp", 6.5)
+    assert above.count == int((norms > 6.5).sum())
+    interval = stats.binomtest(above.count, 30_000).proportion_ci(0.95, "exact")
+    np.testing.assert_allclose(above.interval, tuple(interval), rtol=1e-9)
+
+
+def test_a_question_below_the_kept_tail_repeats_the_run(run: tuple[Samples, np.ndarray]) -> None:
+    samples, norms = run
+    assert len(samples.of(0).tail) < 3000
+    assert quantile_estimate(samples, 0, "tcp", 0.5).value_mm == pytest.approx(np.sort(norms)[15_000 - 1], rel=1e-14)
+    assert exceedance_estimate(samples, 0, "tcp", 1.0).count == int((norms > 1.0).sum())
+    assert len(deepened(samples, 20_000).of(0).tail) == 20_000
+
+
+def test_quantile_interval_covers_as_often_as_it_says(run: tuple[Samples, np.ndarray]) -> None:
+    """2,000 samples of 1,000 exponential norms: coverage of the 0.9 interval of P95 (closed form ln 20).
+
+    Exact coverage lies in [0.9, 0.93]; five binomial standard errors either side: error rate 1e-6.
+    """
+    rng = np.random.default_rng(1)
+    truth, hits = np.log(20.0), 0
+    for _ in range(2000):
+        low, high = quantile_estimate(of_norms(run[0], rng.exponential(size=1000)), 0, "tcp", 0.95, 0.9).interval_mm
+        hits += low <= truth <= high
+    assert 0.9 - 5 * 0.0067 < hits / 2000 < 0.93 + 5 * 0.0067
+
+
+def test_cvar_standard_error_is_that_of_repetitions(run: tuple[Samples, np.ndarray]) -> None:
+    """Sampled: 400 exponential samples of 4,000; spread against the stated error, error rate about 1e-6 (18 %)."""
+    rng = np.random.default_rng(2)
+    found = [cvar_estimate(of_norms(run[0], rng.exponential(size=4000)), 0, "tcp", 0.95) for _ in range(400)]
+    values, stated = np.array([f.value_mm for f in found]), np.mean([f.standard_error_mm for f in found])
+    assert abs(values.std() / stated - 1) < 0.18
+    assert abs(values.mean() - (np.log(20.0) + 1)) < 5 * stated / 20 + 0.003  # closed form; bias is O(1 / (n (1 - q)))
+
+
+def test_adaptive_run_stops_at_its_precision() -> None:
+    plan = compile_plan(cube8_system())
+    seen: list[tuple[int, int]] = []
+    run = simulate_to_precision(plan, precision=0.01, seed=3, progress=lambda done, total: seen.append((done, total)))
+    assert run.reached
+    assert run.precision_reached <= 0.01
+    assert run.samples.trials in planned_looks(2**24)
+    assert "as requested" in run.stopping
+    assert "Bonferroni" in run.stopping
+    assert seen[-1][0] == run.samples.trials
+    alone = simulate(plan, trials=run.samples.trials, seed=3)
+    np.testing.assert_array_equal(alone.of(0).covariance, run.samples.of(0).covariance)
+    assert quantile_estimate(alone, 0, "tcp", 0.95).value_mm == run.estimates[0].value_mm
+
+
+def test_adaptive_run_says_when_it_hits_the_cap() -> None:
+    run = simulate_to_precision(
+        compile_plan(cube8_system()),
+        precision=1e-4,
+        seed=3,
+        max_trials=40_000,
+        goals=[Goal("target", "localisation", 0.99)],
+    )
+    assert not run.reached
+    assert run.samples.trials == 40_000
+    assert "cap" in run.stopping
+
+
+def test_extension_needs_the_same_run() -> None:
+    plan = compile_plan(cube8_system())
+    part = simulate(plan, trials=16384, seed=1)
+    with pytest.raises(OutOfRangeError, match="same plan and seed"):
+        simulate(plan, trials=32768, seed=2, extend=part)
+    with pytest.raises(OutOfRangeError, match="already compiled"):
+        simulate(plan, trials=100, seed=1, shots_per_unit=2)
+    with pytest.raises(OutOfRangeError, match="at least 2"):
+        simulate(plan, trials=1, seed=1)
+
+
+def linear_chain(system: System, quantile: float, error: str = "tcp") -> LinearChain:
+    """First order of the first target, with the exact law of the declared tolerances."""
+    plan, model = compile_plan(system), linearise(system, system.targets[0])
+    gain = gains_in_plan_order(plan, model.blocks, 0, error)
+    laws = plan.laws
+    normal = np.array([law is Law.NORMAL for law in laws])
+    kinds = [0 if law is Law.UNIFORM else 1 for law in laws if law is not Law.NORMAL]
+    law = linear_law(model.bias_mm(error), gain[:, normal] @ gain[:, normal].T, gain[:, ~normal], kinds)
+    r = law_quantile(law, quantile).quantile_mm
+    density = (law_exceedance(law, 0.999 * r) - law_exceedance(law, 1.001 * r)) / (0.002 * r)
+    return LinearChain(model.bias_mm(error), gain, lambda x: law_exceedance(law, x), r, density)
+
+
+HALF = (0.009,) * 3 + (0.5,) * 3
+SCENES = {
+    "demo-like": cios_system(),
+    "5px": cube8_system(views=with_noise(5.0)),
+    "bias": cios_system(
+        interface_1=replace(installation("interface_1", (0, 0, -95.0)), bias=read_only([0.03, 0.02, 0, 1, 2, 0]))
+    ),
+    "uniform and triangular": cios_system(
+        interface_1=mount("interface_1", (0, 0, -95.0), half_width=HALF, law=Law.UNIFORM),
+        interface_2=mount("interface_2", (0, 0, -145.0), half_width=HALF, law=Law.TRIANGULAR),
+    ),
+    "everything": random_system(np.random.default_rng(3), 10),
+}
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+@pytest.mark.parametrize("quantile", [0.95, 0.999])
+def test_radial_agrees_with_plain(name: str, quantile: float) -> None:
+    """Referee: 2^18 plain trials; within the joint 5-sigma interval (t, 15 degrees of freedom: error rate 2e-4)."""
+    system = SCENES[name]
+    plan = compile_plan(system)
+    found = radial(plan, linear_chain(system, quantile), quantile=quantile, seed=5, rays=16)
+    plain = quantile_estimate(simulate(plan, trials=2**18, seed=6, quantile=quantile), 0, "tcp", quantile)
+    plain_error = (plain.interval_mm[1] - plain.interval_mm[0]) / 3.92
+    assert abs(found.value_mm - plain.value_mm) < 5 * np.hypot(found.standard_error_mm, plain_error)
+    # variance of one evaluation, twenty times below plain sampling's at the very least (measured: 10^2 to 10^4)
+    assert found.standard_error_mm**2 * found.evaluations < plain_error**2 * 2**18 / 20
+
+
+def test_radial_interval_covers_as_often_as_it_says() -> None:
+    """Sampled: 200 seeds of the 0.9 interval against the mean of all; five standard errors, error rate 1e-6."""
+    system = cube8_system(views=with_noise(5.0))
+    plan, linear = compile_plan(system), linear_chain(system, 0.95)
+    found = [radial(plan, linear, seed=seed, confidence=0.9) for seed in range(100, 300)]
+    truth = np.mean([f.value_mm for f in found])
+    hits = sum(f.interval_mm[0] <= truth <= f.interval_mm[1] for f in found)
+    assert hits / 200 > 0.9 - 5 * 0.0212
+
+
+def test_radial_of_the_localisation_error_of_a_second_target() -> None:
+    """Referee: plain sampling, joint 5-sigma interval."""
+    system = cube8_system(targets=(target((0, 0, 70), "a"), target((20, 10, 40), "b")))
+    plan, model = compile_plan(system), linearise(system, system.targets[1])
+    gain = gains_in_plan_order(plan, model.blocks, 1, "localisation")
+    law = linear_law(model.bias_mm("localisation"), gain @ gain.T)
+    r = law_quantile(law, 0.9).quantile_mm
+    density = (law_exceedance(law, 0.999 * r) - law_exceedance(law, 1.001 * r)) / (0.002 * r)
+    linear = LinearChain(model.bias_mm("localisation"), gain, lambda x: law_exceedance(law, x), r, density)
+    found = radial(plan, linear, target=1, error="localisation", quantile=0.9, seed=1, rays=16)
+    plain = quantile_estimate(simulate(plan, trials=2**17, seed=2, quantile=0.9), "b", "localisation", 0.9)
+    plain_error = (plain.interval_mm[1] - plain.interval_mm[0]) / 3.92
+    assert abs(found.value_mm - plain.value_mm) < 5 * np.hypot(found.standard_error_mm, plain_error)
+
+
+def test_radial_refuses_what_it_cannot_answer() -> None:
+    system = cios_system()
+    plan, linear = compile_plan(system), linear_chain(system, 0.95)
+    with pytest.raises(OutOfRangeError, match="start outside"):
+        radial(plan, replace(linear, mean=read_only([10.0, 0, 0])), seed=1)
+    with pytest.raises(OutOfRangeError, match="the law given"):
+        radial(plan, replace(linear, exceedance=lambda r: 0.2), seed=1)
+    with pytest.raises(OutOfRangeError, match="16 randomisations"):
+        radial(plan, linear, seed=1, randomisations=8)
