@@ -9,10 +9,11 @@ from numba import njit
 
 from ..system import Array
 from .ball import ball_integral, ball_sums
-from .lattice import box_size, fold_small, lattice_terms, spectral_extent
+from .lattice import box_size, fold_small, gaussian_extent, lattice_terms, spectral_extent
 from .quantile import norm_quantile_jit, normal_quantile_jit
 from .spectrum import principal_axes
 
+SMALL_BOX = 6e3  # lattice points below which the plain bound of the extent is cheaper than the search for the true one
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)
 
 
@@ -116,8 +117,11 @@ def build(
     for a in range(dimension):
         period[a] = radius + max(fabs(m[a]), away[a]) + reach[a]
         volume *= period[a]
-    extent = spectral_extent(radius, volume, sigma, S, h, threshold)
-    size = box_size(period, extent)
+    extent = gaussian_extent(radius, volume, S, threshold)
+    size = box_size(period, extent) if np.isfinite(extent).all() else np.inf
+    if size > SMALL_BOX:  # worth the search for the true extent of all factors together
+        extent = spectral_extent(radius, volume, sigma, S, h, threshold)
+        size = box_size(period, extent)
     if not size < largest_box:
         return np.empty(0), np.empty(0), np.empty((0, 3)), 0.0, 0.0
     capacity = int(size) + 2

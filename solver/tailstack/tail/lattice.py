@@ -189,25 +189,66 @@ def fold_small(S: Array, h: Array, budget: float) -> tuple[Array, Array, Array]:
 
 
 @njit(cache=True, error_model="numpy")
-def _higher_orders(a: Array, b: Array, out: Array) -> None:
-    """Coefficients (9,) in n of ``-sum_j (x^4/180 + x^6/2835 + x^8/37800)``, x = a_j + n b_j."""
-    out[:] = 0.0
-    for j in range(a.size):
-        for term in range(3):
-            degree = 4 + 2 * term
-            weight = -1.0 / 180.0 if term == 0 else (-1.0 / 2835.0 if term == 1 else -1.0 / 37800.0)
-            if fabs(b[j]) < 1e-30:
-                out[0] += weight * a[j] ** degree
-                continue
-            # (a + n b)^d = sum_m C(d, m) a^(d-m) b^m n^m, from m = d down to 0 to never divide by a
-            binomial = 1.0
-            power = b[j] ** degree
-            lower = 1.0
-            for m in range(degree, -1, -1):
-                out[m] += weight * binomial * power * lower
-                binomial = binomial * m / (degree - m + 1)
-                power /= b[j]
-                lower *= a[j]
+def _higher_orders(small: Array, outer: int, middle: int, inner: int) -> Array:
+    """(9, 9, 9) coefficients of ``-sum_j (x^4/180 + x^6/2835 + x^8/37800)``, x = k'h_j, by powers of k_outer, k_middle
+    and k_inner: every column at once, so that a line of the lattice costs the same for two columns as for fifty."""
+    out = np.zeros((9, 9, 9))
+    power = np.ones((3, 9))
+    for j in range(small.shape[0]):
+        for d in range(1, 9):
+            power[0, d] = power[0, d - 1] * small[j, outer]
+            power[1, d] = power[1, d - 1] * small[j, middle]
+            power[2, d] = power[2, d - 1] * small[j, inner]
+        for degree in (4, 6, 8):
+            weight = -1.0 / 180.0 if degree == 4 else (-1.0 / 2835.0 if degree == 6 else -1.0 / 37800.0)
+            first = 1.0  # degree! / (i! l! m!) step by step
+            for i in range(degree + 1):
+                second = first
+                for l in range(degree - i + 1):  # noqa: E741
+                    m = degree - i - l
+                    out[i, l, m] += weight * second * power[0, i] * power[1, l] * power[2, m]
+                    second = second * m / (l + 1)
+                first = first * (degree - i) / (i + 1)
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _along_line(orders: Array, k1: float, k2: float, kk: float, out: Array) -> None:
+    """Coefficients (9,) in n of the polynomial at ``(k1, k2, n kk)``."""
+    scale = 1.0
+    for m in range(9):
+        total = 0.0
+        first = 1.0
+        for i in range(9 - m):
+            second = first
+            for l in range(9 - m - i):  # noqa: E741
+                total += orders[i, l, m] * second
+                second *= k2
+            first *= k1
+        out[m] = total * scale
+        scale *= kk
+
+
+@njit(cache=True, error_model="numpy")
+def gaussian_extent(r: float, volume: float, S: Array, threshold: float) -> Array:
+    """(3,) largest |k_a| at which the Gaussian factor alone lets a term pass the threshold; inf if S is singular.
+
+    Always enough, and free: ``k'S k <= q`` reaches ``sqrt(q (S^-1)_aa)`` along axis a.
+    """
+    extent = np.full(3, np.inf)
+    determinant = (
+        S[0, 0] * (S[1, 1] * S[2, 2] - S[1, 2] * S[2, 1])
+        - S[0, 1] * (S[1, 0] * S[2, 2] - S[1, 2] * S[2, 0])
+        + S[0, 2] * (S[1, 0] * S[2, 1] - S[1, 1] * S[2, 0])
+    )
+    if not determinant > 1e-9 * max(S[0, 0], S[1, 1], S[2, 2]) ** 3:
+        return extent
+    reach = 2.0 * log(_ball_envelope(1e-300, r, 3) / (threshold * volume))
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        minor = S[b, b] * S[c, c] - S[b, c] * S[c, b]
+        extent[a] = sqrt(max(reach, 0.0) * minor / determinant)
+    return extent
 
 
 @njit(cache=True, error_model="numpy")
@@ -254,6 +295,8 @@ def lattice_terms(
     outer_s, outer_c = _tables(h[:, outer] * step[outer], 0, last[outer])
     middle_s, middle_c = _tables(h[:, middle] * step[middle], -last[middle], last[middle])
     beyond = np.zeros(9)
+    folded = small.shape[0] > 0
+    orders = _higher_orders(small, outer, middle, inner)
     numerator = np.empty(length)
     denominator = np.empty(length)
     bound = np.empty(length)
@@ -308,7 +351,8 @@ def lattice_terms(
                     numerator[i] *= 1.0 - x * x / 6.0 if near else s
                     denominator[i] *= 1.0 if near else x
                     bound[i] *= max(1.0, fabs(x))
-            _higher_orders(small[:, outer] * k1 + small[:, middle] * k2, small[:, inner] * kk, beyond)
+            if folded:
+                _along_line(orders, k1, k2, kk, beyond)
             t2 = k1 * k1 + k2 * k2
             phase = mean[outer] * k1 + mean[middle] * k2
             for i in range(count):
