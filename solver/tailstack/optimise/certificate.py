@@ -12,7 +12,7 @@ from .problem import in_words
 from .program import Parameters, Point, Program
 
 ACTIVE = 1e-6  # slack, in the scaled units of the programme, up to which a constraint binds
-PRICED = 1e-4  # per cent of the cost: smaller shadow prices are noise
+PRICED = 1e-2  # per cent of the cost for one step: smaller shadow prices only fill the page
 
 
 def kkt_residual(program: Program, point: Point, parameters: Parameters) -> float:
