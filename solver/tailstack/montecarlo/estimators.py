@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import ceil, fsum, log, sqrt
 
 import numpy as np
-from scipy.stats import beta, binom
+from scipy.special import bdtr, betaincinv, ndtri
 
 from ..errors import OutOfRangeError, Problem
 from ..system import Array, System
@@ -58,6 +58,20 @@ def _probability_iv(name: str, value: float) -> None:
         raise OutOfRangeError(Problem("", name, f"{name} must lie strictly between 0 and 1, got {value}"))
 
 
+def _binomial_quantile(probability: float, trials: int, success: float) -> int:
+    """Smallest k with P(B <= k) >= probability, B ~ Binomial(trials, success).
+
+    A walk from the normal approximation: the tables of scipy.stats would cost 60 MB to import.
+    """
+    spread = sqrt(trials * success * (1 - success))
+    k = min(max(round(trials * success + float(ndtri(probability)) * spread), 0), trials)
+    while k > 0 and bdtr(k - 1, trials, success) >= probability:
+        k -= 1
+    while k < trials and bdtr(k, trials, success) < probability:
+        k += 1
+    return k
+
+
 def interval_ranks(trials: int, quantile: float, confidence: float) -> tuple[int, int]:
     """Ranks (1-based) of the order statistics that enclose the quantile with at least this confidence.
 
@@ -68,8 +82,8 @@ def interval_ranks(trials: int, quantile: float, confidence: float) -> tuple[int
     _probability_iv("quantile", quantile)
     _probability_iv("confidence", confidence)
     alpha = 1 - confidence
-    low = int(binom.ppf(alpha / 2, trials, quantile))
-    high = int(binom.ppf(1 - alpha / 2, trials, quantile)) + 1
+    low = _binomial_quantile(alpha / 2, trials, quantile)
+    high = _binomial_quantile(1 - alpha / 2, trials, quantile) + 1
     if low < 1 or high > trials:
         needed = ceil(log(alpha / 2) / log(max(quantile, 1 - quantile)))
         detail = f"{trials} trials have no {confidence:g} interval of the {quantile:g} quantile"
@@ -82,9 +96,9 @@ def wilks_sample_size(quantile: float, confidence: float, order: int = 1) -> int
     _probability_iv("quantile", quantile)
     _probability_iv("confidence", confidence)
     n = max(order, int(log(1 - confidence) / log(quantile)))
-    while binom.cdf(n - order, n, quantile) < confidence:
+    while bdtr(n - order, n, quantile) < confidence:
         n += 1
-    while n > order and binom.cdf(n - 1 - order, n - 1, quantile) >= confidence:
+    while n > order and bdtr(n - 1 - order, n - 1, quantile) >= confidence:
         n -= 1
     return n
 
@@ -141,8 +155,8 @@ def exceedance_estimate(
         sample = deepened(samples, n).of(target, error)
     count = len(sample.tail) - int(np.searchsorted(sample.tail, limit_mm, side="right"))
     alpha = 1 - confidence
-    low = float(beta.ppf(alpha / 2, count, n - count + 1)) if count > 0 else 0.0
-    high = float(beta.ppf(1 - alpha / 2, count + 1, n - count)) if count < n else 1.0
+    low = float(betaincinv(count, n - count + 1, alpha / 2)) if count > 0 else 0.0
+    high = float(betaincinv(count + 1, n - count, 1 - alpha / 2)) if count < n else 1.0
     return ExceedanceEstimate(limit_mm, count, count / n, (low, high), confidence)
 
 
