@@ -1,0 +1,49 @@
+"""The built wheel, not the checkout: it holds everything that the commands need."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from service_scenes import EXAMPLES, ROOT
+
+
+@pytest.fixture(scope="module")
+def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The content of a wheel built from this checkout."""
+    directory = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(directory)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=120)
+    with zipfile.ZipFile(next(directory.glob("*.whl"))) as wheel:
+        wheel.extractall(directory / "content")
+    return directory / "content"
+
+
+def call(unpacked: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-P", "-m", "tailstack_service.cli.main", *arguments], capture_output=True, text=True,
+        timeout=120, cwd=unpacked.parent, env={**os.environ, "PYTHONPATH": str(unpacked)},
+    )  # fmt: skip
+
+
+def test_the_demo_design_is_shipped(unpacked: Path) -> None:
+    shipped = unpacked / "tailstack_service" / "cli" / "demo.yaml"
+    assert shipped.read_bytes() == (EXAMPLES / "demo.yaml").read_bytes()
+    done = call(unpacked, "validate", str(shipped))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(f"{shipped}: valid")
+
+
+def test_schemas_and_openapi_come_out_of_it(unpacked: Path) -> None:
+    assert call(unpacked, "schema", "design").returncode == 0
+    done = call(unpacked, "openapi")
+    assert done.stdout == (ROOT / "openapi" / "openapi.json").read_text(encoding="utf-8")
+
+
+def test_the_command_is_declared(unpacked: Path) -> None:
+    entry = next(unpacked.glob("tailstack-*.dist-info/entry_points.txt")).read_text()
+    assert "tailstack = tailstack_service.cli.main:main" in entry
