@@ -262,4 +262,5 @@ def noise_gains(
                     manufacturing[v, i, j, k] = fiducial[v, i, j, 0] * du + fiducial[v, i, j, 1] * dv
 
 
-noise_gains_jit = njit(cache=True, nogil=True)(noise_gains)
+# Division by zero gives inf, which linearise refuses with the reason; an exception would have none.
+noise_gains_jit = njit(cache=True, nogil=True, error_model="numpy")(noise_gains)
