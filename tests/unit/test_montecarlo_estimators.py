@@ -90,6 +90,18 @@ def test_moments_and_tail_against_numpy(run: tuple[Samples, np.ndarray]) -> None
     assert samples.redone == 0
 
 
+@pytest.mark.parametrize("trials", [2, 8, 13, 8192 + 5])
+def test_moments_of_odd_lengths(trials: int) -> None:
+    plan = compile_plan(cios_system())
+    errors = evaluate(plan, draw(plan, 4, np.arange(trials)))[:, 0, 1]
+    sample = simulate(plan, trials=trials, seed=4, keep=trials).of(0, "localisation")
+    np.testing.assert_allclose(sample.mean, errors.mean(axis=0), rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(sample.covariance, np.cov(errors.T), rtol=1e-9)
+    np.testing.assert_allclose(sample.tail, np.sort(np.linalg.norm(errors, axis=1)), rtol=1e-14)
+    longer = simulate(plan, trials=8192 + 64, seed=4, keep=8192 + 64).of(0, "localisation")
+    assert np.isin(sample.tail, longer.tail).all()
+
+
 def test_quantile_cvar_and_exceedance_against_the_whole_sample(run: tuple[Samples, np.ndarray]) -> None:
     samples, norms = run
     ordered = np.sort(norms)

@@ -27,17 +27,20 @@ from numba.core.typing.templates import ConcreteTemplate, infer_global
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
 WIDTH = 8
+_I64 = ir.IntType(64)
 
 # Compiled lane code touches arrays that its caller owns and makes none, so numba's reference counting (an atomic
 # increment and decrement per array per call, half the run time here) is left out.
 lane_jit = njit(_nrt=False)
+
+_OTHERS = ("elementary", "streams", "kernel", "reduction")
 
 
 def _source_digest() -> str:
     """Digest of every module that holds lane code."""
     digest = sha256()
     here = Path(__file__).parent
-    for path in sorted([*here.glob("lane*.py"), here / "elementary.py", here / "streams.py", here / "kernel.py"]):
+    for path in sorted([*here.glob("lane*.py"), *(here / f"{n}.py" for n in _OTHERS)]):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -54,9 +57,6 @@ def lane_entry(function):
     compiled = njit(_nrt=False, nogil=True, cache=True)(function)
     compiled._cache._cache_file._source_stamp = _DIGEST
     return compiled
-
-
-_I64 = ir.IntType(64)
 
 
 class _Vector(types.Type):

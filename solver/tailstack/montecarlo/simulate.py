@@ -5,7 +5,6 @@ the number of threads nor the size of a batch reaches a digit of the result.  Of
 largest are kept: enough for the quantiles asked for; ``deepened`` repeats the run when more are wanted.
 """
 
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, untyped-decorator"
 from __future__ import annotations
 
 import os
@@ -17,12 +16,12 @@ from math import ceil, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..errors import OutOfRangeError, Problem
 from ..system import Array, System
 from .chain import run_indices
 from .plan import ChainPlan, compile_plan
+from .reduction import reduce_block
 
 BLOCK = 8192
 ERRORS = ("tcp", "localisation")
@@ -93,37 +92,14 @@ class _Block(NamedTuple):
     reprojection: Array | None
 
 
-@njit(cache=True, nogil=True)
-def _reduce(errors, norms, mean, scatter, norm_mean):
-    """Norms and moments of (m, 3, n) error vectors; plain loops, so that sums have one order everywhere."""
-    metrics, _, n = errors.shape
-    for m in range(metrics):
-        sx, sy, sz, sn = 0.0, 0.0, 0.0, 0.0
-        for i in range(n):
-            x, y, z = errors[m, 0, i], errors[m, 1, i], errors[m, 2, i]
-            norm = sqrt(x * x + y * y + z * z)
-            norms[m, i] = norm
-            sx, sy, sz, sn = sx + x, sy + y, sz + z, sn + norm
-        ax, ay, az = sx / n, sy / n, sz / n
-        mean[m, 0], mean[m, 1], mean[m, 2], norm_mean[m] = ax, ay, az, sn / n
-        xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for i in range(n):
-            x, y, z = errors[m, 0, i] - ax, errors[m, 1, i] - ay, errors[m, 2, i] - az
-            xx, xy, xz = xx + x * x, xy + x * y, xz + x * z
-            yy, yz, zz = yy + y * y, yz + y * z, zz + z * z
-        scatter[m, 0, 0], scatter[m, 1, 1], scatter[m, 2, 2] = xx, yy, zz
-        scatter[m, 0, 1] = scatter[m, 1, 0] = xy
-        scatter[m, 0, 2] = scatter[m, 2, 0] = xz
-        scatter[m, 1, 2] = scatter[m, 2, 1] = yz
-
-
 def _block(plan: ChainPlan, seed: int, first: int, count: int, reprojection: bool) -> _Block:
     outcome = run_indices(plan, seed, first, count, reprojection=reprojection)
     errors = np.ascontiguousarray(outcome.errors).reshape(-1, 3, count)
     metrics = len(errors)
     norms, norm_mean = np.empty((metrics, count)), np.empty(metrics)
     mean, scatter = np.empty((metrics, 3)), np.empty((metrics, 3, 3))
-    _reduce(errors, norms, mean, scatter, norm_mean)
+    reduce_block(errors.reshape(-1), count, norms.reshape(-1), mean, scatter, norm_mean, np.empty(48))
+    norms[np.isnan(norms)] = np.inf  # a trial without an answer is beyond any limit, not outside the count
     return _Block(_Moments(count, mean, scatter, norm_mean), norms, outcome.redone, outcome.reprojection)
 
 
