@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from scenes import mount, system_of
-from tailstack.optimise import FreeHalfWidth, PlacementProblem
+from tailstack.optimisation import FreeHalfWidth, PlacementProblem
 from tailstack.propagation.linear import linearise
 from tailstack.system import Array, Law, Requirement
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
         Problem,
         TailstackError,
     )
-    from .optimise import optimise
+    from .optimisation import optimise
     from .scoring import score
     from .verifying import verify
 
@@ -40,7 +40,7 @@ _HOME = {
     "compile_design": "design",
     "score": "scoring",
     "verify": "verifying",
-    "optimise": "optimise",
+    "optimise": "optimisation",
     **dict.fromkeys(
         (
             "DesignError", "IllPosedError", "InfeasibleError", "LimitError", "NotConvergedError", "OutOfRangeError",
@@ -73,5 +73,5 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'tailstack' has no attribute {name!r}")
     value = getattr(import_module(f".{_HOME[name]}", __name__), name)
-    globals()[name] = value  # `optimise` is also a subpackage: the function must win
+    globals()[name] = value
     return value

@@ -14,7 +14,7 @@ import pytest
 
 from tailstack.design import compile_design, design_to_data, load_design
 from tailstack.errors import DesignError, InfeasibleError
-from tailstack.optimise import optimise
+from tailstack.optimisation import optimise
 from tailstack.results import Optimisation
 from tailstack.scoring import score
 from tailstack.verifying import verify

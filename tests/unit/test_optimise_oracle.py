@@ -13,9 +13,9 @@ from optimise_scenes import (
     oracle_p95_mm,
     oracle_problem,
 )
-from tailstack.optimise.search import search
-from tailstack.optimise.symbols import plain
-from tailstack.optimise.terms import estimator_of, image_covariance, moments, terms_of
+from tailstack.optimisation.search import search
+from tailstack.optimisation.symbols import plain
+from tailstack.optimisation.terms import estimator_of, image_covariance, moments, terms_of
 
 
 def test_the_recorded_optimum_is_reproduced() -> None:

@@ -10,15 +10,15 @@ import pytest
 from optimise_scenes import fixed_layout, free_rotations, oracle_problem, requirement
 from scenes import cube_fiducials, mount, random_system, target, with_noise
 from tailstack.contributors import declared_law
-from tailstack.optimise import PlacementProblem, solve_placement
-from tailstack.optimise.certificate import binding, kkt_residual, shadow_prices
-from tailstack.optimise.placement import settle
-from tailstack.optimise.problem import apply_choice
-from tailstack.optimise.program import Parameters, build_program
-from tailstack.optimise.promise import closed_form_mm, image_part
-from tailstack.optimise.search import search
-from tailstack.optimise.starts import starting_layouts
-from tailstack.optimise.terms import estimator_of, is_flat, terms_of
+from tailstack.optimisation import PlacementProblem, solve_placement
+from tailstack.optimisation.certificate import binding, kkt_residual, shadow_prices
+from tailstack.optimisation.placement import settle
+from tailstack.optimisation.problem import apply_choice
+from tailstack.optimisation.program import Parameters, build_program
+from tailstack.optimisation.promise import closed_form_mm, image_part
+from tailstack.optimisation.search import search
+from tailstack.optimisation.starts import starting_layouts
+from tailstack.optimisation.terms import estimator_of, is_flat, terms_of
 from tailstack.propagation.linear import covariance, linearise
 from tailstack.system import Law, Reading
 from tailstack.tail.declared import law_quantile

@@ -11,8 +11,8 @@ import pytest
 from optimise_scenes import fixed_layout, free_rotations, oracle_problem, requirement
 from scenes import cube_fiducials, mount, with_noise
 from tailstack.errors import DesignError, InfeasibleError, Problem
-from tailstack.optimise import PlacementProblem, solve_placement
-from tailstack.optimise.contradictions import refuse_contradictions
+from tailstack.optimisation import PlacementProblem, solve_placement
+from tailstack.optimisation.contradictions import refuse_contradictions
 
 
 def _only(error: pytest.ExceptionInfo[Any]) -> Problem:

@@ -41,7 +41,8 @@ def imhof_tail(r: float, mean, covariance) -> float:
     def integrand(u: float) -> float:
         lu = variances * u
         angle = 0.5 * np.sum(np.arctan(lu) + shift2 * lu / (1 + lu**2)) - 0.5 * r * r * u
-        return np.sin(angle) / (u * np.prod((1 + lu**2) ** 0.25) * np.exp(0.5 * np.sum(shift2 * lu**2 / (1 + lu**2))))
+        log_size = 0.25 * np.log1p(lu**2).sum() + 0.5 * np.sum(shift2 * lu**2 / (1 + lu**2))
+        return np.sin(angle) / u * np.exp(-log_size)
 
     return 0.5 + quad(integrand, 0, np.inf, limit=5000, epsabs=1e-11, epsrel=1e-9)[0] / np.pi
 

@@ -76,7 +76,7 @@ def resect(points: Array, images: Array, *, normalise: bool = True) -> Array:
     images_n = homogeneous(images) @ np.swapaxes(image_frame, -1, -2)
     null = np.linalg.svd(design_matrix(points_n, images_n[..., :2]), full_matrices=False)[2][..., -1, :]
     estimate = np.linalg.solve(image_frame, null.reshape(*null.shape[:-1], 3, 4) @ object_frame)
-    return scale_to_depth(estimate, points)
+    return scale_to_depth(np.asarray(estimate, dtype=np.float64), points)
 
 
 def project(projection: Array, points: Array) -> Array:
