@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OutOfRangeError, Problem
-from ..estimation.resection import homogeneous, project
+from ..estimation.resection import homogeneous
 from ..system import STD_PER_HALF_WIDTH, Array, Law, Mount, Reading, RotationForm, Sources, System, Triangulation
 
 LAW_CODE = {Law.NORMAL: 0, Law.UNIFORM: 1, Law.TRIANGULAR: 2}
@@ -160,14 +160,42 @@ def _vertex_values(system: System, vertex: Mapping[str, float] | Array | None) -
     return tuple(float(v) for v in values)
 
 
-def object_frame(points: Array) -> tuple[Array, Array, Array]:
-    """(E, centroid, y): ``X = E y + centroid``, y (N, 3) centred, RMS sqrt(3), on principal axes."""
+def product(a: Array, b: Array) -> Array:
+    """Matrix product by plain sums.  BLAS picks its order of summation by processor; these tables decide digits."""
+    return np.asarray((a[:, :, None] * b[None, :, :]).sum(axis=1))
+
+
+def images_of(projection: Array, points: Array) -> Array:
+    """Pinhole projection (Eq 1) by plain sums: (3, 4), (n, 3) -> (n, 2)."""
+    homogeneous_images = product(homogeneous(points), projection.T)
+    return np.asarray(homogeneous_images[:, :2] / homogeneous_images[:, 2:])
+
+
+def principal_axes(moment: Array) -> Array:
+    """Eigenvectors (rows, right-handed) of a symmetric (3, 3), by cyclic Jacobi rotations (Golub and Van Loan 8.5)."""
+    m, axes = moment.copy(), np.eye(3)
+    for _ in range(12):  # quadratic convergence: six sweeps reach rounding
+        for p, q in ((0, 1), (0, 2), (1, 2)):
+            if abs(m[p, q]) <= 1e-17 * (abs(m[p, p]) + abs(m[q, q])):
+                continue
+            ratio = (m[q, q] - m[p, p]) / (2 * m[p, q])
+            t = (1.0 if ratio >= 0 else -1.0) / (abs(ratio) + sqrt(ratio * ratio + 1))
+            c = 1 / sqrt(t * t + 1)
+            turn = np.eye(3)
+            turn[p, p] = turn[q, q] = c
+            turn[p, q], turn[q, p] = -t * c, t * c
+            m = product(product(turn, m), turn.T)
+            axes = product(turn, axes)
+    return axes
+
+
+def object_frame(points: Array) -> tuple[Array, Array, Array, Array]:
+    """(E, E^-1, centroid, y): ``X = E y + centroid``, y (N, 3) centred, RMS sqrt(3), on principal axes."""
     centroid = points.mean(axis=0)
     centred = points - centroid
     scale = sqrt(3) / sqrt((centred**2).sum(axis=1).mean())
-    axes = np.linalg.svd(centred, full_matrices=False)[2]
-    axes = axes * np.sign(np.linalg.det(axes))
-    return axes.T / scale, centroid, scale * centred @ axes.T
+    into = scale * principal_axes(product(centred.T, centred))
+    return into.T / scale**2, into, centroid, product(centred, into.T)
 
 
 def compile_plan(
@@ -184,8 +212,7 @@ def compile_plan(
         raise OutOfRangeError(Problem("", "shots-per-unit", f"shots_per_unit must be at least 1, got {shots_per_unit}"))
     points = system.fiducials_mm
     count, views, targets = len(points), len(system.views), len(system.targets)
-    out, centroid, y = object_frame(points)
-    into = np.asarray(np.linalg.inv(out), dtype=np.float64)
+    out, into, centroid, y = object_frame(points)
     y1 = homogeneous(y)
     upper = np.triu_indices(4)
     diagonal: Array = np.asarray((y1**2).sum(axis=0), dtype=np.float64)
@@ -194,11 +221,11 @@ def compile_plan(
     positions = np.array([t.position_mm for t in system.targets])
     frame = np.block([[out, centroid[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
     for view in system.views:
-        origin = project(view.projection, points).mean(axis=0)
+        origin = images_of(view.projection, points).mean(axis=0)
         shifted = view.projection - np.array([*origin, 0.0])[:, None] * view.projection[2]
         cameras.append(shifted.ravel())
-        fixed.append((shifted @ frame).ravel())
-        images.append(project(shifted, positions))
+        fixed.append(product(shifted, frame).ravel())
+        images.append(images_of(shifted, positions))
 
     values = _vertex_values(system, vertex)
     taken = 0
@@ -213,7 +240,7 @@ def compile_plan(
         held = _bounded(sources)
         at = np.array(values[taken : taken + len(held)])
         taken += len(held)
-        shifts.append(sources.direction[:, held] @ (sources.half_width[held] * at))
+        shifts.append((sources.direction[:, held] * (sources.half_width[held] * at)).sum(axis=1))
     mounts = (system.interface_1, system.interface_2, system.hand_eye)
     torsors = np.array([m.bias + s for m, s in zip(mounts, shifts[:3], strict=True)])
 
@@ -239,7 +266,7 @@ def compile_plan(
     small = system.rotation_form is RotationForm.SMALL_ANGLE
     eq18 = system.reading is Reading.EQ18
     active = sum(1 << k for k in range(3) if source_laws[k] or np.any(torsors[k] != 0))
-    tcp_con = system.T_tcp_con
+    tcp_con = product(system.T_tcp_flange, system.T_flange_con)
     tables = Tables(
         segments=_segments(kept),
         counts=np.array([count, views, targets, manufactured, eq18, small, blocks[-1].stop, active]),
@@ -260,8 +287,8 @@ def compile_plan(
         centre=read_only(centroid),
         pivots=read_only(np.array([m.pivot_mm for m in mounts])),
         targets=read_only(positions),
-        targets_frame=read_only((positions - centroid) @ into.T),
-        targets_tcp=read_only(positions @ tcp_con[:3, :3].T + tcp_con[:3, 3]),
+        targets_frame=read_only(product(positions - centroid, into.T)),
+        targets_tcp=read_only(product(positions, tcp_con[:3, :3].T) + tcp_con[:3, 3]),
         to_tcp=read_only(tcp_con[:3, :3].ravel()),
         execution_bias=read_only(system.execution_bias_mm + shifts[3]),
     )
