@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import json
+import re
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -52,6 +54,22 @@ def client_with(settings: Settings | None = None) -> Iterator[httpx.Client]:
         httpx.Client(base_url=f"http://{host}:{port}", timeout=120.0, trust_env=False) as client,
     ):
         yield client
+
+
+def read_answer(connection: socket.socket) -> tuple[bytes, bytes]:
+    """(status line, headers and body) of one response, read as far as its Content-Length says or to the end."""
+    received = b""
+    while True:
+        head, found, body = received.partition(b"\r\n\r\n")
+        length = re.search(rb"content-length: (\d+)", head, re.IGNORECASE)
+        if found and length and len(body) >= int(length.group(1)):
+            break
+        more = connection.recv(65536)
+        if not more:
+            break
+        received += more
+    status, _, rest = received.partition(b"\r\n")
+    return status, rest
 
 
 def check_problem(response: Any, status: int, slug: str) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import httpx
 import pytest
-from service_scenes import check_problem, client_with, small_design
+from service_scenes import check_problem, client_with, read_answer, small_design
 
 from tailstack_service.settings import Settings
 
@@ -28,22 +28,10 @@ def connect(client: httpx.Client) -> socket.socket:
     return socket.create_connection((client.base_url.host, client.base_url.port or 80), timeout=20)
 
 
-def answer_of(connection: socket.socket) -> tuple[bytes, bytes]:
-    """(status line, rest) of everything that arrives until the peer closes or falls silent."""
-    received = b""
-    while b"\r\n\r\n" not in received or not received.endswith((b"}", b"\n")):
-        more = connection.recv(65536)
-        if not more:
-            break
-        received += more
-    status, _, rest = received.partition(b"\r\n")
-    return status, rest
-
-
 def test_a_body_that_never_comes_is_408_and_the_connection_is_closed(client: httpx.Client) -> None:
     with connect(client) as connection:
         connection.sendall(HEAD % b"/v1/scores" + b"Content-Length: 1000\r\n\r\n{")
-        status, rest = answer_of(connection)
+        status, rest = read_answer(connection)
     assert status == b"HTTP/1.1 408 Request Timeout"
     assert b"1 bytes arrived" in rest
     assert b"connection: close" in rest.lower()
@@ -69,7 +57,7 @@ def test_a_body_that_breaks_off_hurts_nobody(client: httpx.Client) -> None:
 def test_what_is_not_http_is_refused(client: httpx.Client, head: bytes) -> None:
     with connect(client) as connection:
         connection.sendall(head)
-        status, _ = answer_of(connection)
+        status, _ = read_answer(connection)
     assert status.startswith(b"HTTP/1.1 4"), status
     assert client.get("/health/live").status_code == 200
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import httpx
 import pytest
-from service_scenes import check_problem, client_with, coplanar_design, small_design
+from service_scenes import check_problem, client_with, coplanar_design, read_answer, small_design
 
 from tailstack_service.problems import CATALOGUE
 from tailstack_service.settings import Settings
@@ -291,9 +291,9 @@ def test_an_announced_flood_is_refused_unread(bounded: httpx.Client) -> None:
     )
     with socket.create_connection(address, timeout=10) as connection:
         connection.sendall(head)
-        answer = connection.recv(65536)
-    assert answer.startswith(b"HTTP/1.1 413 ")
-    assert b"99999999999 bytes were announced" in answer
+        status, rest = read_answer(connection)
+    assert status.startswith(b"HTTP/1.1 413 ")
+    assert b"99999999999 bytes were announced" in rest
 
 
 def test_too_many_fiducials_targets_views(bounded: httpx.Client) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 
 import httpx
 import pytest
-from service_scenes import EXAMPLES, ROOT, small_design
+from service_scenes import EXAMPLES, ROOT, read_answer, small_design
 
 DEMO = str(EXAMPLES / "demo.yaml")
 PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
@@ -149,9 +149,9 @@ def test_a_stop_ends_what_is_being_computed() -> None:
                 time.sleep(1.0)
                 process.send_signal(signal.SIGTERM)
                 connection.settimeout(30)
-                answer = connection.recv(65536)
-        assert answer.startswith(b"HTTP/1.1 503 ")
-        assert b"/v1/problems/stopping" in answer
+                status, rest = read_answer(connection)
+        assert status == b"HTTP/1.1 503 Service Unavailable"
+        assert b"/v1/problems/stopping" in rest
         assert process.wait(timeout=30) == 0
 
 

@@ -134,13 +134,13 @@ def wait_until_ready(url: str, tell: Callable[[str], None], seconds: float = REQ
 
 
 def post(url: str, request: dict[str, Any]) -> bytes:
-    """The body of a 200 answer.  Raises RequestError with the problems of any other."""
+    """The body of a 200 answer.  Raises TransportError with the first problem of any other."""
     import urllib.error
     import urllib.request
 
     from tailstack.errors import Problem
 
-    from ..problems import RequestError
+    from ..problems import TransportError
 
     content = json.dumps(request).encode()
     headers = {"Content-Type": "application/json"}
@@ -150,6 +150,6 @@ def post(url: str, request: dict[str, Any]) -> bytes:
             return bytes(answer.read())
     except urllib.error.HTTPError as error:
         document = json.loads(error.read())
-        raise RequestError(
-            [Problem(e["pointer"], e["code"], e["detail"], e["hint"]) for e in document["errors"]]
-        ) from None
+        first = document["errors"][0]
+        problem = Problem(first["pointer"], first["code"], first["detail"], first["hint"])
+        raise TransportError(document["type"].rpartition("/")[2], problem) from None

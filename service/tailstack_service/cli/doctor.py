@@ -93,10 +93,9 @@ def _known_value() -> str:
 
 def _chain() -> str:
     """First order against the simulated chain, two pieces of code that share nothing, on a small design."""
-    from tailstack.verifying import verify
-
     from tailstack.design import load_design
     from tailstack.scoring import score
+    from tailstack.verifying import verify
 
     from ..http.example import EXAMPLE_DESIGN
 

@@ -24,7 +24,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     output = None if arguments.output is None else writable(arguments.output)
     design = read_design(arguments.design)
 
-    from tailstack.optimisation import optimise
+    from tailstack import optimise
 
     from ..documents import to_json
     from ..rendering.optimisation import optimisation_text

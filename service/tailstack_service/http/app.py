@@ -105,10 +105,9 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
 
 def _warm(app: FastAPI) -> None:
     """Compile what requests will run, so that the first one does not wait for it."""
-    from tailstack.verifying import verify
-
     from tailstack.design import load_design
     from tailstack.scoring import score
+    from tailstack.verifying import verify
 
     from .computing import Stopped, Watch
     from .example import EXAMPLE_DESIGN

@@ -64,7 +64,7 @@ def _verify(design: Design, options: VerificationOptions, settings: Settings, wa
 
 
 def _optimise(design: Design, options: OptimisationOptions, settings: Settings, watch: Watch) -> Any:
-    from tailstack.optimisation import optimise
+    from tailstack import optimise
 
     return optimise(design, seed=options.seed, starts=options.starts, threads=settings.threads, progress=watch)
 
