@@ -66,9 +66,7 @@ def average(law, function):
             half, weight = (x + 1) / 2, w / 2 * (1 - (x + 1) / 2)
             rules.append([*zip(-half, weight, strict=True), *zip(half, weight, strict=True)])
     first, second = rules
-    return sum(
-        a * b * function(law.mean + law.columns @ np.array([u, v])) for u, a in first for v, b in second
-    )
+    return sum(a * b * function(law.mean + law.columns @ np.array([u, v])) for u, a in first for v, b in second)
 
 
 def test_reference_of_the_method_notes():

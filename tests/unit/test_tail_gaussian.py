@@ -75,8 +75,10 @@ def test_one_axis_folded_normal_to_the_last_digits():
     for ratio in (0.5, 3.0, 1e3, 1e4):
         for p in PROBABILITIES:
             with mpmath.workdps(40):
-                start = ratio + float(stats.norm.ppf(p)) if ratio > 100 else norm_quantile(
-                    p, np.array([ratio, 0, 0]), np.diag([1.0, 0, 0])
+                start = (
+                    ratio + float(stats.norm.ppf(p))
+                    if ratio > 100
+                    else norm_quantile(p, np.array([ratio, 0, 0]), np.diag([1.0, 0, 0]))
                 )
                 exact = mpmath.findroot(
                     lambda r, a=ratio, q=p: mpmath.ncdf(r - a) - mpmath.ncdf(-r - a) - mpmath.mpf(q), start

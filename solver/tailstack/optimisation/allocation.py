@@ -1,7 +1,8 @@
 """Tolerance allocation at a fixed layout: convex in the variances, under convex bounds of the tail.
 
 With the layout fixed and no bias, ``S(v) = S_noise + sum_i v_i g_i g_i'`` is linear in the variances
-``v_i = tau_i^2 / 3`` of uniform tolerances of half-width tau_i, and the cost ``sum c_i / tau_i = sum c_i (3 v_i)^(-1/2)``
+``v_i = tau_i^2 / 3`` of uniform tolerances of half-width tau_i, and the cost ``sum c_i / tau_i``, or
+``sum c_i (3 v_i)^(-1/2)``,
 is convex in them.  Each bound below is convex in S and at least the Gaussian P95 squared, so the feasible set is
 convex and inside the true one; ratios to the exact P95 squared over all spectra:
 
