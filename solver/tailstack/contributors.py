@@ -41,13 +41,18 @@ def declared_law(
     where: dict[tuple[str, int], int] = {}
     for block in model.blocks if blocks is None else blocks:
         gain = model.gain(block, error)
-        normal = np.array([law is Law.NORMAL for law in block.laws])
-        scaled = gain[:, normal] * block.std[normal]
-        gaussian += scaled @ scaled.T
+        if block.grouped and block.laws[0] is Law.NORMAL:  # noise of many pixels: no look at each
+            scaled = gain * block.std
+            gaussian += scaled @ scaled.T
+            continue
+        moved = (gain * block.half_width).T
         for j, law in enumerate(block.laws):
-            if law in KIND and block.half_width[j] > 0:
+            if law is Law.NORMAL:
+                scaled = gain[:, j] * block.std[j]
+                gaussian += scaled[:, None] * scaled
+            elif law in KIND and block.half_width[j] > 0:
                 where[block.contributor, j] = len(columns)
-                columns.append(gain[:, j] * block.half_width[j])
+                columns.append(moved[j])
                 kinds.append(KIND[law])
     stacked = np.stack(columns, axis=1) if columns else np.zeros((3, 0))
     return LinearLaw(mean, gaussian, stacked, np.array(kinds, dtype=np.int64)), where

@@ -97,7 +97,7 @@ def _metric(model: LinearModel, error: str, worst: WorstCase, limit_mm: float | 
         law=found.method,
         law_error_mm=found.error_mm,
         bounds_mm=Bounds(ladder.gaussian, ladder.unimodal, ladder.moments),
-        cvar95_mm=law_cvar(law, P95),
+        cvar95_mm=law_cvar(law, P95, found),
         limit_mm=limit_mm,
         exceedance_probability=None if limit_mm is None else law_exceedance(law, limit_mm),
     )
@@ -109,7 +109,7 @@ def _per_unit(model: LinearModel, error: str, worst: WorstCase, quantile: float,
     shots = tuple(block for block in model.blocks if not block.per_unit)
     installed, _ = declared_law(model, error, worst.mean_mm, unit)
     shot, _ = declared_law(model, error, np.zeros(3), shots)
-    risk = unit_risk(installed, shot, quantile, limit_mm, log2_units=7)
+    risk = unit_risk(installed, shot, quantile, limit_mm, log2_units=6)
     return PerUnit(
         limit_mm=limit_mm,
         yield_fraction=risk.yield_fraction,

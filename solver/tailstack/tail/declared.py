@@ -213,13 +213,16 @@ def _mean_excess(law: LinearLaw, h: Array, r: float, p: float) -> float:
     return float(conditional_excess(r, x, longest, RANDOMISATIONS).mean())
 
 
-def law_cvar(law: LinearLaw, p: float) -> float:
-    """E[|e| given |e| >= r_p], mm: the mean of the worst 1 - p.  Raises ValueError for p outside (0, 1)."""
+def law_cvar(law: LinearLaw, p: float, quantile: LawQuantile | None = None) -> float:
+    """E[|e| given |e| >= r_p], mm: the mean of the worst 1 - p; ``quantile`` is r_p where it is already known.
+
+    Raises ValueError for p outside (0, 1).
+    """
     p = probability_iv(p)
     h, _ = lattice_columns(law)
     if h.shape[0] == 0:
         return norm_cvar(p, law.mean, law.covariance)
-    r = _quantile(law, p, True).quantile_mm
+    r = (_quantile(law, p, True) if quantile is None else quantile).quantile_mm
     return r + _mean_excess(law, h, r, p) / (1.0 - p)
 
 
