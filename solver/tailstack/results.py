@@ -138,7 +138,7 @@ class TargetScore:
     limit_mm: float | None
     exceedance_probability: float | None
     localisation: MetricScore
-    block_diagonal_p95_mm: float  # the paper's Eq 16: cross-view covariance dropped; for comparison only
+    block_diagonal_p95_mm: float  # Gaussian, cross-view covariance dropped (Eq 16): compare bounds_mm.gaussian
     contributors: tuple[Contributor, ...]
     worst_vertex: tuple[str, ...]  # bounded components at their worst ends, e.g. ("interface_1.rz=+0.10 deg",)
     per_unit: PerUnit

@@ -109,7 +109,7 @@ def _per_unit(model: LinearModel, error: str, worst: WorstCase, quantile: float,
     shots = tuple(block for block in model.blocks if not block.per_unit)
     installed, _ = declared_law(model, error, worst.mean_mm, unit)
     shot, _ = declared_law(model, error, np.zeros(3), shots)
-    risk = unit_risk(installed, shot, quantile, limit_mm, log2_units=6)
+    risk = unit_risk(installed, shot, quantile, limit_mm, log2_units=7)
     return PerUnit(
         limit_mm=limit_mm,
         yield_fraction=risk.yield_fraction,

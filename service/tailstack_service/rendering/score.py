@@ -151,12 +151,17 @@ def risk_text(target: TargetScore) -> str:
     unit = target.per_unit
     sentence = f"95 % of installed units have a P95 over their shots below {unit.p95_of_units_mm:.3f} mm"
     if unit.yield_fraction is not None and unit.limit_mm is not None:
-        sentence += f"; {percent(unit.yield_fraction, 2)} % of units meet {unit.limit_mm:g} mm"
+        error = percent(unit.yield_standard_error or 0.0, 2)
+        sentence += (
+            f"; {percent(unit.yield_fraction, 2)} % of units (standard error {error} %) meet {unit.limit_mm:g} mm"
+        )
     lines.append(wrapped(sentence + ".", first="per unit: ", indent="  "))
-    if abs(target.block_diagonal_p95_mm / target.p95_mm - 1) > 1e-4 if target.p95_mm else False:
+    whole = target.bounds_mm.gaussian
+    if abs(target.block_diagonal_p95_mm / whole - 1) > 1e-4 if whole else False:
         lines.append(
             wrapped(
-                f"{target.block_diagonal_p95_mm:.4f} mm if the covariance between views is left out (Eq 16).",
+                f"as a Gaussian law, P95 would be {target.block_diagonal_p95_mm:.4f} mm with the covariance between "
+                f"views left out (Eq 16) and is {whole:.4f} mm with it.",
                 first="for comparison: ",
                 indent="  ",
             )
