@@ -37,7 +37,7 @@ class Check:
     error: str  # tcp or localisation
     risk: str  # pooled or per_unit
     quantile: float
-    value_mm: float
+    value_mm: float  # the quantile; per_unit: 95th percentile over units of the unit's own quantile
     interval_mm: Interval  # Monte Carlo: confidence interval; first order: calibrated error of linearisation
     limit_mm: float
     yield_fraction: float | None

@@ -8,7 +8,7 @@ from .contributors import WorstCase, budget, declared_law, worst_case
 from .design import Design, check_design
 from .errors import OutOfRangeError
 from .estimation.checks import check_geometry, check_views
-from .propagation.linear import LinearModel, covariance_block_diagonal, linearise
+from .propagation.linear import LinearModel, covariance_block_diagonal, largest_rotation_rad, linearise
 from .propagation.second_order import refuse_outside_range, second_order_moments
 from .propagation.validity import validity
 from .results import (
@@ -139,6 +139,12 @@ def _second_order(system: System, index: int, model: LinearModel, worst: WorstCa
     )
 
 
+def trust_of(system: System, models: dict[str, LinearModel]) -> Validity:
+    """The validity of first order at the worst target."""
+    nu = max(model.nu for model in models.values())
+    return validity(nu, len(system.fiducials_mm), max(largest_rotation_rad(model) for model in models.values()))
+
+
 def _error_band(value_mm: float, trust: Validity, quantile: float) -> Interval:
     """Where the full chain's quantile lies if the linearisation is as good as its calibration says."""
     if trust.expected_error_percent is None:
@@ -170,7 +176,9 @@ def _checks(system: System, models: dict[str, LinearModel], trust: Validity) -> 
             else:
                 interval = (0.0, 1.0)
             here = _per_unit(model, error, worst, p, requirement.limit_mm)
-            checks.append(check_per_unit(requirement, name, value, band, here.yield_fraction or 0.0, interval))
+            own, doubt = here.p95_of_units_mm, 3 * here.p95_of_units_standard_error_mm
+            around = (max(own - doubt, 0.0) / ratio, (own + doubt) * ratio)
+            checks.append(check_per_unit(requirement, name, own, around, here.yield_fraction or 0.0, interval))
     return tuple(checks)
 
 
@@ -183,7 +191,7 @@ def score(design: Design | System, *, second_order: bool = False) -> Score:
     """
     system, findings, views = checked_system(design)
     models = {target.name: linearise(system, target) for target in system.targets}
-    trust = validity(max(model.nu for model in models.values()), len(system.fiducials_mm))
+    trust = trust_of(system, models)
     targets = []
     for index, (name, model) in enumerate(models.items()):
         worst = worst_case(model, "tcp", P95)

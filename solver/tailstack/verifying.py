@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from math import ceil
 from typing import Literal
 
 import numpy as np
@@ -18,13 +19,13 @@ from .montecarlo.estimators import (
     Goal,
     cvar_estimate,
     exceedance_estimate,
+    interval_ranks,
     quantile_estimate,
     simulate_to_precision,
 )
 from .montecarlo.radial import LinearChain, gains_in_plan_order, radial
 from .montecarlo.simulate import Samples, simulate
 from .propagation.linear import LinearModel, linearise
-from .propagation.validity import validity
 from .results import (
     Check,
     Exceedance,
@@ -36,7 +37,7 @@ from .results import (
     Validity,
     Verification,
 )
-from .scoring import FRAMES, NOT_INCLUDED, P95, checked_system, provenance, tightest_limit, vector3
+from .scoring import FRAMES, NOT_INCLUDED, P95, checked_system, provenance, tightest_limit, trust_of, vector3
 from .system import Requirement, System
 from .tail.declared import law_exceedance, law_quantile
 from .verdict import check_per_unit, check_pooled, conclude
@@ -106,7 +107,7 @@ def verify(
         )
     system, findings, _ = checked_system(design)
     ready = prepare(system)
-    trust = validity(max(model.nu for model in ready.models.values()), len(system.fiducials_mm))
+    trust = trust_of(system, ready.models)
     if method == "radial":
         run = _run_radial(ready, seed, threads, progress)
     elif trials is not None:
@@ -311,30 +312,41 @@ def _checks(ready: Prepared, run: Run, seed: int) -> tuple[Check, ...]:
             if requirement.risk == "pooled":
                 checks.append(check_pooled(requirement, name, found.value_mm, found.interval_mm))
             else:
-                fraction, interval = _yield(ready, requirement, name, seed)
-                checks.append(check_per_unit(requirement, name, found.value_mm, found.interval_mm, fraction, interval))
+                checks.append(_check_units(ready, requirement, name, seed))
     return tuple(checks)
 
 
-def _yield(ready: Prepared, requirement: Requirement, name: str, seed: int) -> tuple[float, Interval]:
-    """Fraction of sampled units whose own quantile over shots meets the limit, with its Clopper-Pearson interval.
+def _check_units(ready: Prepared, requirement: Requirement, name: str, seed: int) -> Check:
+    """Nested sampling: ``UNITS`` installed units, ``SHOTS`` shots of each.
 
-    A unit's quantile is estimated from ``SHOTS`` shots: a unit on the limit counts as met half of the time, which
-    pulls the yield towards one half by much less than the interval's width.
+    Yield with its Clopper-Pearson interval; value: the 95th percentile over units of the unit's own quantile, by
+    order statistics.  A unit's quantile is itself estimated from its shots: a unit on the limit counts as met half
+    of the time, which pulls the yield towards one half by much less than the interval's width.
     """
     vertex: Mapping[str, float] = dict(ready.vertices[name, requirement.error])
     plan = compile_plan(ready.system, vertex=vertex, shots_per_unit=SHOTS)
     place = [target.name for target in ready.system.targets].index(name)
     metric = list(FRAMES).index(requirement.error)
-    met = 0
+    rank = ceil(SHOTS * requirement.quantile) - 1
+    own = []
     for first in range(0, UNITS, UNITS_PER_BATCH):
         errors = run_indices(plan, seed, first * SHOTS, UNITS_PER_BATCH * SHOTS).errors[place, metric]
         norms = np.linalg.norm(errors, axis=0).reshape(UNITS_PER_BATCH, SHOTS)
-        met += int(((norms <= requirement.limit_mm).mean(axis=1) >= requirement.quantile).sum())
+        own.append(np.partition(norms, rank, axis=1)[:, rank])
+    ordered = np.sort(np.concatenate(own))
+    met = int((ordered <= requirement.limit_mm).sum())
     alpha = 1 - requirement.confidence
     low = float(beta.ppf(alpha / 2, met, UNITS - met + 1)) if met > 0 else 0.0
     high = float(beta.ppf(1 - alpha / 2, met + 1, UNITS - met)) if met < UNITS else 1.0
-    return met / UNITS, (low, high)
+    below, above = interval_ranks(UNITS, P95, requirement.confidence)
+    return check_per_unit(
+        requirement,
+        name,
+        float(ordered[ceil(UNITS * P95) - 1]),
+        (float(ordered[below - 1]), float(ordered[above - 1])),
+        met / UNITS,
+        (low, high),
+    )
 
 
 def _remarks(targets: tuple[TargetEstimate, ...], trust: Validity) -> tuple[Finding, ...]:

@@ -21,7 +21,7 @@ from scenes import (
     target,
     with_noise,
 )
-from tailstack import IllPosedError, load_design, score
+from tailstack import IllPosedError, load_design, score, verify
 from tailstack.propagation.validity import validity
 from tailstack.system import Law, Requirement, System
 
@@ -196,6 +196,17 @@ def test_validity_levels_are_ordered():
     statuses = [validity(nu, 12).status for nu in (0.001, 0.05, 0.1, 0.5)]
     assert statuses == ["good to 1 %", "good to 5 %", "good to 20 %", "not valid"]
     assert validity(0.05, 6).status == "not valid"
+
+
+def test_large_random_rotations_are_not_called_linear():
+    """sampled: at a standard deviation of 15 deg first order is more than 1 % off (60,000 trials: 0.5 %)."""
+    turned = mount("interface_2", (0, 0, -145), half_width=[15 * DEGREES] * 3 + [0.1] * 3)
+    system = cube8_system(interface_2=turned)
+    result = score(system)
+    assert result.validity.status == "good to 20 %"
+    assert "deg" in result.validity.statement
+    check = verify(system, trials=60_000, seed=3)
+    assert 0.01 < abs(check.first_order_ratio - 1) < 0.2
 
 
 def test_second_order_helps_inside_its_range_and_is_refused_outside():

@@ -97,7 +97,8 @@ def certificate_text(result: Optimisation) -> str:
     check = certificate.verification
     best = ", ".join(number(cost, 5) for cost in certificate.best_costs[:5])
     sentence = (
-        f"{certificate.converged_starts} of {certificate.starts} starts converged, best costs {best}; KKT residual "
+        f"{certificate.converged_starts} of {certificate.starts} starts converged, best costs {best} "
+        "before the exact law and the check took their share; KKT residual "
         f"{certificate.kkt_residual:.1e}; {certificate.tightening_rounds} round(s) of tightening; starts from seed "
         f"{certificate.seed}, checked by {check.trials:,} fresh trials with seed {check.seed} to "
         f"{percent(check.precision_reached, 2)} %."

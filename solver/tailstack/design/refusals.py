@@ -203,6 +203,9 @@ def _unknown(raw: Sequence[str | int], path: list[str | int], value: Any) -> Pro
         hint = f"a view by {kind} does not take it: give one kind of geometry"
     elif close:
         hint = f"did you mean {close[0]}?"
+        stem, _, unit = close[0].rpartition("_")
+        if stem and stem == name.rpartition("_")[0]:  # the same quantity in another unit: 0.1 mm is not 0.1 deg
+            hint += f" It is in {unit}: convert the number, do not only rename the field"
     else:
         hint = "fields known here: " + ", ".join(fields) if fields else ""
     return Problem(pointer(path), "unknown-field", f"unknown field {name[:60]!r}; got {shown(value)}", hint)

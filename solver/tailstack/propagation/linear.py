@@ -239,3 +239,13 @@ def covariance_block_diagonal(model: LinearModel, error: str) -> Array:
             to_frame = model.tcp_from_localisation if error == "tcp" else np.eye(3)
             total += to_frame @ change @ to_frame.T
     return total
+
+
+def largest_rotation_rad(model: LinearModel) -> float:
+    """Largest standard deviation of a random rotation, half-width where it is bounded; rad."""
+    largest = 0.0
+    for block in model.blocks:
+        for unit, law, std, half_width in zip(block.units, block.laws, block.std, block.half_width, strict=True):
+            if unit == "rad":
+                largest = max(largest, float(half_width if law is Law.BOUNDED else std))
+    return largest
