@@ -118,10 +118,8 @@ def _slope(
     return total
 
 
-def budget(
-    model: LinearModel, error: str, worst: WorstCase, quantile: float
-) -> tuple[LawBudget, tuple[Contributor, ...]]:
-    """The quantile at the worst vertex, its derivatives, and the lines of the budget, in the order of the chain."""
+def budget(model: LinearModel, error: str, worst: WorstCase, quantile: float) -> tuple[Contributor, ...]:
+    """The lines of the budget at the worst vertex, in the order of the chain."""
     law, where = declared_law(model, error, worst.mean_mm)
     lines = lines_of(model)
     gains = [model.gain(line.block, error) for line in lines]
@@ -139,7 +137,7 @@ def budget(
         alike = (len(chosen) == 1 or block.grouped) and np.ptp(half_widths) == 0
         without_mm = without_heavy[k].quantile_mm if k in without_heavy else _without_light(numbers, *removals[k])
         if any((block.contributor, j) in worst.signs for j in chosen):
-            without_mm = _without_bounded(model, error, block.contributor, chosen, worst, quantile)
+            without_mm = _without_bounded(model, error, block, chosen, quantile)
         laws = {str(block.laws[j]) for j in chosen}
         rows.append(
             Contributor(
@@ -155,7 +153,7 @@ def budget(
                 p95_without_mm=without_mm,
             )
         )
-    return numbers, tuple(rows)
+    return tuple(rows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,13 +194,10 @@ def worst_case(
     return WorstCase(found.law.mean, signs, tuple(names))
 
 
-def _without_bounded(
-    model: LinearModel, error: str, contributor: str, sources: list[int], worst: WorstCase, quantile: float
-) -> float:
+def _without_bounded(model: LinearModel, error: str, block: Block, sources: list[int], quantile: float) -> float:
     """Quantile with a line removed that has bounded sources: the others may then be worst at another vertex."""
-    gone = frozenset((contributor, j) for j in sources)
+    gone = frozenset((block.contributor, j) for j in sources)
     mean = worst_case(model, error, quantile, without=gone).mean_mm
     law, where = declared_law(model, error, mean)
-    line = next(b for b in model.blocks if b.contributor == contributor)
-    removal = _removal(Line(line, "", tuple(sources)), model.gain(line, error), where)
+    removal = _removal(Line(block, "", tuple(sources)), model.gain(block, error), where)
     return law_quantile(without_group(law, *removal), quantile).quantile_mm

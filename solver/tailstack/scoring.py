@@ -12,7 +12,6 @@ from .propagation.linear import LinearModel, covariance_block_diagonal, largest_
 from .propagation.second_order import refuse_outside_range, second_order_moments
 from .propagation.validity import validity
 from .results import (
-    Bounds,
     Check,
     Finding,
     Interval,
@@ -86,7 +85,6 @@ def _metric(model: LinearModel, error: str, worst: WorstCase, limit_mm: float | 
     law, _ = declared_law(model, error, worst.mean_mm)
     found = law_quantile(law, P95)
     total = law.total_covariance
-    ladder = bounds(P95, worst.mean_mm, total)
     return MetricScore(
         frame=FRAMES[error],
         bias_mm=vector3(worst.mean_mm),
@@ -96,7 +94,7 @@ def _metric(model: LinearModel, error: str, worst: WorstCase, limit_mm: float | 
         p95_mm=found.quantile_mm,
         law=found.method,
         law_error_mm=found.error_mm,
-        bounds_mm=Bounds(ladder.gaussian, ladder.unimodal, ladder.moments),
+        bounds_mm=bounds(P95, worst.mean_mm, total),
         cvar95_mm=law_cvar(law, P95, found),
         limit_mm=limit_mm,
         exceedance_probability=None if limit_mm is None else law_exceedance(law, limit_mm),
@@ -197,7 +195,6 @@ def score(design: Design | System, *, second_order: bool = False) -> Score:
         worst = worst_case(model, "tcp", P95)
         limit = tightest_limit(system, name, "tcp")
         metric = _metric(model, "tcp", worst, limit)
-        _, rows = budget(model, "tcp", worst, P95)
         localised = worst_case(model, "localisation", P95)
         targets.append(
             TargetScore(
@@ -205,7 +202,7 @@ def score(design: Design | System, *, second_order: bool = False) -> Score:
                 **{field: getattr(metric, field) for field in MetricScore.__dataclass_fields__},
                 localisation=_metric(model, "localisation", localised, tightest_limit(system, name, "localisation")),
                 block_diagonal_p95_mm=norm_quantile(P95, worst.mean_mm, covariance_block_diagonal(model, "tcp")),
-                contributors=rows,
+                contributors=budget(model, "tcp", worst, P95),
                 worst_vertex=worst.names,
                 per_unit=_per_unit(model, "tcp", worst, P95, limit),
                 second_order=_second_order(system, index, model, worst)

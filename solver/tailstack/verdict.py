@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 from .results import Check, Finding, Interval, Verdict
@@ -48,15 +49,9 @@ def check_per_unit(
     """Per-unit risk: ``fraction`` of installed units meets the limit; without ``min_yield`` the quantile's share of
     units must (95 % of units for a P95)."""
     required = requirement.quantile if requirement.min_yield is None else requirement.min_yield
-    return Check(
-        requirement=requirement.name,
-        target=target,
-        error=requirement.error,
+    return replace(
+        check_pooled(requirement, target, value_mm, interval_mm),
         risk="per_unit",
-        quantile=requirement.quantile,
-        value_mm=value_mm,
-        interval_mm=interval_mm,
-        limit_mm=requirement.limit_mm,
         yield_fraction=fraction,
         min_yield=required,
         status=decide_yield(interval, required),

@@ -172,11 +172,6 @@ def plain_data(value: Any, limits: Limits) -> Any:
     return copy(value, "", 0)
 
 
-def _token(key: str) -> str:
-    """A key in an RFC 6901 pointer."""
-    return key.replace("~", "~0").replace("/", "~1")
-
-
 def _refuse_surrogates(text: str, path: str, file: str | None) -> None:
     """Half a surrogate pair is not text: it can be neither written nor hashed."""
     try:
