@@ -1,0 +1,266 @@
+"""Where fiducials may and may not be: boxes, cylinders and balls in con, and the isometries of a symmetric layout.
+
+Positions are in mm.  Functions marked Duck take floats, arrays over many points, or CasADi scalars: they use
++ - * / alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+from typing import Any
+
+import numpy as np
+
+from ..system import Array
+from .symbols import Duck, plain
+
+ROUNDING = 1e-9  # of a scaled piece: a point on the border of a keep-out zone is clear
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """Axis-parallel box; an axis may have no extent."""
+
+    low_mm: Array  # (3,)
+    high_mm: Array  # (3,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cylinder:
+    """A tube when the inner radius is above zero, its surface when both radii agree, a disc when the height is 0."""
+
+    base_mm: Array  # (3,) centre of the base
+    axis: Array  # (3,) unit vector from base to top
+    height_mm: float
+    radius_mm: float  # above zero
+    inner_radius_mm: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ball:
+    """A shell when the inner radius is above zero, a sphere when both radii agree."""
+
+    centre_mm: Array  # (3,)
+    radius_mm: float  # above zero
+    inner_radius_mm: float = 0.0
+
+
+Shape = Box | Cylinder | Ball
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeepOut:
+    """Where no moved fiducial may be, with the distance to be kept from it."""
+
+    name: str
+    shape: Shape
+    clearance_mm: float
+    pointer: str = "/optimise/keep_out"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Isometry:
+    """``x -> rotation @ x + shift_mm``; the rotation may be a reflection."""
+
+    rotation: Array  # (3, 3) orthogonal
+    shift_mm: Array  # (3,)
+
+
+def corners(low_high_mm: Array) -> Array:
+    """(8, 3) corners of a (2, 3) box."""
+    return np.array([[low_high_mm[i, 0], low_high_mm[j, 1], low_high_mm[k, 2]]
+                     for i in (0, 1) for j in (0, 1) for k in (0, 1)])  # fmt: skip
+
+
+def bounding_box(shape: Shape) -> Array:
+    """(2, 3) lowest and highest coordinates, mm, each reached."""
+    if isinstance(shape, Box):
+        return np.array([shape.low_mm, shape.high_mm])
+    if isinstance(shape, Ball):
+        return np.array([shape.centre_mm - shape.radius_mm, shape.centre_mm + shape.radius_mm])
+    ends = np.array([shape.base_mm, shape.base_mm + shape.height_mm * shape.axis])
+    reach = shape.radius_mm * np.sqrt(np.maximum(1 - shape.axis**2, 0.0))
+    return np.array([ends.min(axis=0) - reach, ends.max(axis=0) + reach])
+
+
+def volume_mm3(shape: Shape) -> float:
+    """Volume; 0 for surfaces and discs."""
+    if isinstance(shape, Box):
+        return float(np.prod(shape.high_mm - shape.low_mm))
+    if isinstance(shape, Ball):
+        return 4 / 3 * pi * (shape.radius_mm**3 - shape.inner_radius_mm**3)
+    return pi * (shape.radius_mm**2 - shape.inner_radius_mm**2) * shape.height_mm
+
+
+def contains(shape: Shape, points: Array, tolerance_mm: float = 1e-6) -> Array:
+    """(M,) whether points (M, 3) lie in the region, or within the tolerance of it."""
+    return np.asarray(np.linalg.norm(clip(shape, points) - points, axis=1) <= tolerance_mm)
+
+
+def clip(shape: Shape, points: Array) -> Array:
+    """(M, 3) nearest points of the region; from the axis of a tube or the centre of a shell, in a fixed direction."""
+    if isinstance(shape, Box):
+        return np.clip(points, shape.low_mm, shape.high_mm)
+    if isinstance(shape, Ball):
+        return shape.centre_mm + _between(points - shape.centre_mm, np.eye(3)[0], shape)
+    offset = points - shape.base_mm
+    along = offset @ shape.axis
+    across = _between(offset - along[:, None] * shape.axis, across_axis(shape.axis)[0], shape)
+    return shape.base_mm + across + np.clip(along, 0, shape.height_mm)[:, None] * shape.axis
+
+
+def _between(offset: Array, fallback: Array, shape: Cylinder | Ball) -> Array:
+    """Offsets (M, 3) with their lengths brought between the radii; those without direction take the fallback's."""
+    length = np.linalg.norm(offset, axis=1, keepdims=True)
+    direction = np.where(length > 0, offset / np.where(length > 0, length, 1.0), fallback)
+    kept = (length >= shape.inner_radius_mm) & (length <= shape.radius_mm)
+    return np.where(kept, offset, direction * np.clip(length, shape.inner_radius_mm, shape.radius_mm))
+
+
+def across_axis(axis: Array) -> tuple[Array, Array]:
+    """Two unit vectors that make a right-handed frame with a unit axis, first those two."""
+    first = np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis)
+    first = first / np.linalg.norm(first)
+    return first, np.cross(axis, first)
+
+
+def sample(shape: Shape, rng: np.random.Generator, count: int, on_surface: float) -> Array:
+    """(count, 3) random points: uniform, then moved outwards with a probability.
+
+    ``on_surface`` is the probability that a coordinate (of a box, or along the axis of a cylinder) goes to the
+    nearer end, and that a radius becomes the outer one.
+    """
+    if isinstance(shape, Box):
+        unit = rng.uniform(-1, 1, (count, 3))
+        unit = np.where(rng.random(unit.shape) < on_surface, np.sign(unit), unit)
+        return (shape.low_mm + shape.high_mm) / 2 + (shape.high_mm - shape.low_mm) / 2 * unit
+    unit = rng.random((count, 3))
+    outwards = rng.random((count, 2)) < on_surface
+    angle = 2 * pi * unit[:, 1]
+    inner, outer = shape.inner_radius_mm, shape.radius_mm
+    power = 3 if isinstance(shape, Ball) else 2
+    radius = (inner**power + unit[:, 0] * (outer**power - inner**power)) ** (1 / power)
+    radius = np.where(outwards[:, 0], outer, radius)
+    if isinstance(shape, Ball):
+        height = 2 * unit[:, 2] - 1  # Archimedes: uniform on the sphere
+        ring = np.sqrt(1 - height**2)
+        direction = np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
+        return shape.centre_mm + radius[:, None] * direction
+    along = np.where(outwards[:, 1], np.round(unit[:, 2]), unit[:, 2]) * shape.height_mm
+    first, second = across_axis(shape.axis)
+    across = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
+    return np.asarray(shape.base_mm + radius[:, None] * across + along[:, None] * shape.axis)
+
+
+def inside_rows(shape: Shape, point: Duck) -> list[tuple[str, Any, bool]]:
+    """(name, expression about 1 in size, equality) of each face: ``>= 0`` inside, ``== 0`` where equality.
+
+    Duck: point (3,).  Polynomials of the position, at most squares.
+    """
+    rows: list[tuple[str, Any, bool]] = []
+    if isinstance(shape, Box):
+        extent = shape.high_mm - shape.low_mm
+        largest = float(extent.max()) or 1.0
+        for k, axis in enumerate("xyz"):
+            low, high, size = float(shape.low_mm[k]), float(shape.high_mm[k]), float(extent[k])
+            if size > 0:
+                rows.append((f"lower {axis} face", (point[k] - low) / size, False))
+                rows.append((f"upper {axis} face", (high - point[k]) / size, False))
+            else:
+                rows.append((f"{axis} plane", (point[k] - low) / largest, True))
+        return rows
+    inner, outer = float(shape.inner_radius_mm), float(shape.radius_mm)
+    across, along = _across_and_along(shape, point)
+    if inner == outer:
+        rows.append(("surface", across / outer**2 - 1, True))
+    else:
+        rows.append(("outer radius", 1 - across / outer**2, False))
+        if inner > 0:
+            rows.append(("inner radius", (across - inner**2) / outer**2, False))
+    if isinstance(shape, Cylinder):
+        height = float(shape.height_mm)
+        if height > 0:
+            rows.append(("base", along / height, False))
+            rows.append(("top", 1 - along / height, False))
+        else:
+            rows.append(("plane of the disc", along / outer, True))
+    return rows
+
+
+def _across_and_along(shape: Cylinder | Ball, point: Duck) -> tuple[Any, Any]:
+    """Squared distance from the axis (or the centre), and the coordinate along the axis (0 for a ball)."""
+    origin = shape.centre_mm if isinstance(shape, Ball) else shape.base_mm
+    offset = [point[k] - float(origin[k]) for k in range(3)]
+    if isinstance(shape, Ball):
+        return sum(value * value for value in offset), 0.0
+    first, second = across_axis(shape.axis)
+    u, v = _dot(first, offset), _dot(second, offset)
+    return u * u + v * v, _dot(shape.axis, offset)
+
+
+def _dot(direction: Array, offset: list[Any]) -> Any:
+    return sum(value * float(part) for part, value in zip(direction, offset, strict=True))
+
+
+def outside_pieces(zone: KeepOut, point: Duck) -> list[tuple[str, Any]]:
+    """(name, expression about 1 in size) of the pieces of the outside: a point is clear iff any is ``>= 0``.
+
+    Duck: point (3,), or (3, M) for many points at once.  Each face is moved out by the clearance, which at the
+    edges and corners of a box, and at the rims of a cylinder, keeps more than the clearance (conservative).
+    """
+    shape, gap = zone.shape, float(zone.clearance_mm)
+    pieces: list[tuple[str, Any]] = []
+    if isinstance(shape, Box):
+        scale = float((shape.high_mm - shape.low_mm).max()) / 2 + gap or 1.0
+        for k, axis in enumerate("xyz"):
+            low, high = float(shape.low_mm[k]), float(shape.high_mm[k])
+            pieces.append((f"lower {axis} face", (low - gap - point[k]) / scale))
+            pieces.append((f"upper {axis} face", (point[k] - (high + gap)) / scale))
+        return pieces
+    inner, outer = float(shape.inner_radius_mm) - gap, float(shape.radius_mm) + gap
+    across, along = _across_and_along(shape, point)
+    pieces.append(("side" if isinstance(shape, Cylinder) else "surface", across / outer**2 - 1))
+    if isinstance(shape, Cylinder):
+        height = float(shape.height_mm)
+        scale = max(height / 2, outer)
+        pieces.append(("base", (-gap - along) / scale))
+        pieces.append(("top", (along - (height + gap)) / scale))
+    if inner > 0:
+        pieces.append(("inner radius", (inner**2 - across) / outer**2))
+    return pieces
+
+
+def clear_of(zone: KeepOut, points: Array) -> Array:
+    """(M,) whether points (M, 3) keep the clearance from the zone."""
+    return np.asarray(np.array([value for _, value in outside_pieces(zone, points.T)]).max(axis=0) >= -ROUNDING)
+
+
+def clearest_piece(zone: KeepOut, points: Array) -> Array:
+    """(M,) index into :func:`outside_pieces` of the piece that each point (M, 3) is furthest into."""
+    return np.asarray(np.array([value for _, value in outside_pieces(zone, points.T)]).argmax(axis=0))
+
+
+def mirror(point_mm: Array, normal: Array) -> tuple[Isometry]:
+    """Reflection in the plane through a point with a normal of any length."""
+    unit = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
+    return (Isometry(np.eye(3) - 2 * np.outer(unit, unit), 2 * float(unit @ point_mm) * unit),)
+
+
+def turns(point_mm: Array, axis: Array, order: int) -> tuple[Isometry, ...]:
+    """The ``order - 1`` rotations by multiples of 360/order degrees about the line through a point (Rodrigues)."""
+    x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    found = []
+    for k in range(1, order):
+        angle = 2 * pi * k / order
+        rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+        found.append(Isometry(rotation, np.asarray(point_mm) - rotation @ point_mm))
+    return tuple(found)
+
+
+def moved(isometry: Isometry, points: Duck) -> Duck:
+    """Points (..., 3) after the isometry.  Duck."""
+    if np.asarray(points).dtype == object:
+        return points @ plain(isometry.rotation).T + plain(isometry.shift_mm)
+    return points @ isometry.rotation.T + isometry.shift_mm
