@@ -6,11 +6,13 @@ Positions are in mm.  Functions marked Duck take floats, arrays over many points
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
 from math import pi
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..system import Array
 from .symbols import Duck, plain
@@ -67,6 +69,17 @@ class Isometry:
     shift_mm: Array  # (3,)
 
 
+def distinct(shapes: Iterable[Shape]) -> tuple[tuple[Shape, ...], tuple[int, ...]]:
+    """The different regions among ``shapes``, in order of appearance, and which of them each is."""
+    found: dict[tuple[object, ...], tuple[int, Shape]] = {}
+    which = []
+    for shape in shapes:
+        values = (getattr(shape, entry.name) for entry in fields(shape))
+        key = (type(shape), *(tuple(np.atleast_1d(value).tolist()) for value in values))
+        which.append(found.setdefault(key, (len(found), shape))[0])
+    return tuple(shape for _, shape in found.values()), tuple(which)
+
+
 def corners(low_high_mm: Array) -> Array:
     """(8, 3) corners of a (2, 3) box."""
     return np.array([[low_high_mm[i, 0], low_high_mm[j, 1], low_high_mm[k, 2]]
@@ -93,7 +106,7 @@ def volume_mm3(shape: Shape) -> float:
     return pi * (shape.radius_mm**2 - shape.inner_radius_mm**2) * shape.height_mm
 
 
-def contains(shape: Shape, points: Array, tolerance_mm: float = 1e-6) -> Array:
+def contains(shape: Shape, points: Array, tolerance_mm: float = 1e-6) -> NDArray[np.bool_]:
     """(M,) whether points (M, 3) lie in the region, or within the tolerance of it."""
     return np.asarray(np.linalg.norm(clip(shape, points) - points, axis=1) <= tolerance_mm)
 
@@ -146,7 +159,7 @@ def sample(shape: Shape, rng: np.random.Generator, count: int, on_surface: float
         height = 2 * unit[:, 2] - 1  # Archimedes: uniform on the sphere
         ring = np.sqrt(1 - height**2)
         direction = np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
-        return shape.centre_mm + radius[:, None] * direction
+        return np.asarray(shape.centre_mm + radius[:, None] * direction)
     along = np.where(outwards[:, 1], np.round(unit[:, 2]), unit[:, 2]) * shape.height_mm
     first, second = across_axis(shape.axis)
     across = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
@@ -231,12 +244,12 @@ def outside_pieces(zone: KeepOut, point: Duck) -> list[tuple[str, Any]]:
     return pieces
 
 
-def clear_of(zone: KeepOut, points: Array) -> Array:
+def clear_of(zone: KeepOut, points: Array) -> NDArray[np.bool_]:
     """(M,) whether points (M, 3) keep the clearance from the zone."""
     return np.asarray(np.array([value for _, value in outside_pieces(zone, points.T)]).max(axis=0) >= -ROUNDING)
 
 
-def clearest_piece(zone: KeepOut, points: Array) -> Array:
+def clearest_piece(zone: KeepOut, points: Array) -> NDArray[np.int64]:
     """(M,) index into :func:`outside_pieces` of the piece that each point (M, 3) is furthest into."""
     return np.asarray(np.array([value for _, value in outside_pieces(zone, points.T)]).argmax(axis=0))
 

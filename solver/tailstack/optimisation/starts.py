@@ -1,4 +1,4 @@
-"""Starting layouts: random points on the faces and edges of the box, improved by exchange.
+"""Layouts to start from and to compare with: random ones, improved by exchange or not, and the textbook's.
 
 The programme is not convex in the layout.  From uniformly random layouts 3 of 20 solves end within 0.2 %
 of the best optimum known (8 fiducials, 0.5 mm); from layouts improved first by Fedorov's (1972) exchange,
@@ -9,124 +9,27 @@ their smallest; it costs about 5 ms and runs on the same compiled gains as the s
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
-from numba import njit
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from ..propagation.noise import noise_gains
 from ..system import Array
+from .exchange import apart_from_copies, exchange, keeps_distance
 from .problem import PlacementProblem
-from .terms import Estimator, TargetTerms, free_laws
+from .regions import Box, Cylinder, Shape, across_axis, clear_of, clip, contains, distinct, moved, sample
+from .terms import DemandTerms, Estimator, free_laws
 
 CANDIDATES = 60
 SWEEPS = 3
-ON_FACE = 0.6  # probability that a coordinate of a candidate lies on a face of the box
+ON_FACE = 0.6  # probability that a coordinate of a candidate lies on a face of the region
+BATCHES = 8  # of 4 * CANDIDATES draws, until enough keep the rules
+CARELESS = 0xCA7E  # keeps these seeds apart from those of the starts
 
 
-# Inlined into the kernels below it takes their error model: coplanar candidates get infinite gains, not an exception.
-# (A second njit of the same function would share its cache entry, which does not know about error models.)
-gains_or_infinity = register_jitable(noise_gains)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def mean_square(
-    projections: Array, points: Array, told: Array, reconstructed: Array, to_error: Array, constant: Array,
-    fiducial_px: Array, manufacturing_std: Array, work: tuple[Array, Array, Array, Array],
-) -> float:  # fmt: skip
-    """Largest over targets of E|e|^2, mm^2; inf where the layout is singular.  points as the estimator is told."""
-    fiducial, target_gain, manufacturing, perspective = work
-    worst = 0.0
-    for t in range(reconstructed.shape[0]):
-        gains_or_infinity(projections, points, reconstructed[t], fiducial, target_gain, manufacturing, perspective)
-        total = constant[t]
-        for i in range(points.shape[0]):
-            for r in range(3):
-                for v in range(projections.shape[0]):
-                    for c in range(2):
-                        g = 0.0
-                        for k in range(3):
-                            g += to_error[t, r, k] * fiducial[v, i, k, c]
-                        total += (g * fiducial_px[v]) ** 2
-                for c in range(3):
-                    g = 0.0
-                    for v in range(projections.shape[0]):
-                        for k in range(3):
-                            for m in range(3):
-                                g += to_error[t, r, k] * manufacturing[v, i, k, m] * told[m, c]
-                    total += (g * manufacturing_std[i, c]) ** 2
-        if not total < np.inf:
-            return np.inf
-        worst = max(worst, total)
-    return worst
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def keeps_distance(
-    points: Array, i: int, candidate: Array, projections: Array, spacing_mm: float, spacing_px: float
-) -> bool:
-    """Whether fiducial i, put at ``candidate``, keeps the 3-D and projected spacing to all others."""
-    for j in range(points.shape[0]):
-        if j == i:
-            continue
-        apart = 0.0
-        for k in range(3):
-            apart += (points[j, k] - candidate[k]) ** 2
-        if apart < spacing_mm * spacing_mm:
-            return False
-        for v in range(projections.shape[0]):
-            depth_a = projections[v, 2, 3]
-            depth_b = projections[v, 2, 3]
-            for k in range(3):
-                depth_a += projections[v, 2, k] * points[j, k]
-                depth_b += projections[v, 2, k] * candidate[k]
-            apart = 0.0
-            for r in range(2):
-                a = projections[v, r, 3]
-                b = projections[v, r, 3]
-                for k in range(3):
-                    a += projections[v, r, k] * points[j, k]
-                    b += projections[v, r, k] * candidate[k]
-                apart += (a / depth_a - b / depth_b) ** 2
-            if apart < spacing_px * spacing_px:
-                return False
-    return True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def exchange(
-    points: Array, movable: NDArray[np.int64], candidates: Array, sweeps: int, spacing_mm: float, spacing_px: float,
-    projections: Array, told: Array, reconstructed: Array, to_error: Array, constant: Array, fiducial_px: Array,
-    manufacturing_std: Array,
-) -> float:  # fmt: skip
-    """Move the movable points (M,) to the best candidates (C, 3) in place; returns the mean square reached."""
-    views, count = projections.shape[0], points.shape[0]
-    work = (
-        np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2)), np.zeros((views, count, 3, 3)),
-        np.zeros((views, count, 2)),
-    )  # fmt: skip
-    args = (told, reconstructed, to_error, constant, fiducial_px, manufacturing_std, work)
-    best = mean_square(projections, points, *args)
-    for _ in range(sweeps):
-        improved = False
-        for i in movable:
-            kept = points[i].copy()
-            for c in range(candidates.shape[0]):
-                if not keeps_distance(points, i, candidates[c], projections, spacing_mm, spacing_px):
-                    continue
-                points[i] = candidates[c]
-                value = mean_square(projections, points, *args)
-                if value < best * (1 - 1e-9):
-                    best = value
-                    kept = candidates[c].copy()
-                    improved = True
-            points[i] = kept
-        if not improved:
-            break
-    return best
-
-
-def in_field(problem: PlacementProblem, estimator: Estimator, terms: tuple[TargetTerms, ...], points: Array) -> Array:
+def in_field(
+    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], points: Array
+) -> NDArray[np.bool_]:
     """(M,) whether each told point (M, 3) is in front of every source, inside every image with its margin, and
     clear of the targets' images."""
     kept = np.ones(len(points), dtype=bool)
@@ -141,62 +44,233 @@ def in_field(problem: PlacementProblem, estimator: Estimator, terms: tuple[Targe
             centre = projection[:, :3] @ term.reconstructed_mm + projection[:, 3]
             apart = np.linalg.norm(image - centre[:2] / centre[2], axis=1)
             kept &= apart >= problem.target_clearance_px
-    return kept
+    return np.asarray(kept)
+
+
+def with_copies(problem: PlacementProblem, points: Array) -> Array:
+    """(M, G, 3): each point (M, 3) followed by its copies under the symmetry."""
+    return np.stack([points, *(moved(isometry, points) for isometry in problem.symmetry)], axis=1)
+
+
+def _told(estimator: Estimator, points: Array) -> Array:
+    """Positions (..., 3) as the estimator is told them."""
+    flat = points.reshape(-1, 3) @ estimator.told.T + estimator.told_shift_mm
+    return np.ascontiguousarray(flat.reshape(points.shape))
+
+
+def _allowed(
+    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], region: Shape, drawn: Array
+) -> NDArray[np.bool_]:
+    """(M,) whether points (M, G, 3) of a region and its copies keep every rule but the spacing to other fiducials."""
+    count = drawn.shape[1]
+    told = _told(estimator, drawn)
+    kept = in_field(problem, estimator, terms, told.reshape(-1, 3)).reshape(-1, count).all(axis=1)
+    for zone in problem.keep_out:
+        kept &= clear_of(zone, drawn.reshape(-1, 3)).reshape(-1, count).all(axis=1)
+    for m in range(1, count):
+        kept &= contains(region, drawn[:, m])
+    if count > 1:
+        spacing = (problem.min_spacing_mm, problem.min_projected_spacing_px)
+        kept &= apart_from_copies(told, np.ascontiguousarray(estimator.projections), *spacing)
+    return np.asarray(kept)
+
+
+def _candidates(
+    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], region: Shape,
+    rng: np.random.Generator,
+) -> Array:  # fmt: skip
+    """(C, G, 3) told: at most CANDIDATES that keep the rules, or any when a thousand draws hold none."""
+    kept: list[Array] = []
+    for _ in range(BATCHES):
+        drawn = with_copies(problem, sample(region, rng, 4 * CANDIDATES, ON_FACE))
+        kept.append(drawn[_allowed(problem, estimator, terms, region, drawn)])
+        if sum(map(len, kept)) >= CANDIDATES // 4:
+            break
+    found = np.concatenate(kept)
+    return _told(estimator, (found if len(found) else drawn)[:CANDIDATES])
 
 
 def _spread(
-    rng: np.random.Generator, candidates: Array, points: Array, movable: NDArray[np.int64], projections: Array,
+    rng: np.random.Generator, candidates: list[Array], points: Array, groups: NDArray[np.int64], projections: Array,
     spacing_mm: float, spacing_px: float,
 ) -> None:  # fmt: skip
-    """Put the movable points on candidates that keep their distance, in place; anywhere when none does."""
-    points[movable] = 1e6 * (1 + np.arange(len(movable)))[:, None]  # out of the way until placed
-    for i in movable:
-        order = rng.permutation(len(candidates))
-        free = (
-            c for c in order
-            if keeps_distance(points, i, candidates[c], projections, spacing_mm, spacing_px)
-        )  # fmt: skip
-        points[i] = candidates[next(free, order[0])]
+    """Put each group on a candidate of its own that keeps its distance, in place; on any when none does."""
+    points[groups.ravel()] = 1e6 * (1 + np.arange(groups.size))[:, None]  # out of the way until placed
+    for group, own in zip(groups, candidates, strict=True):
+        order = rng.permutation(len(own))
+        free = (c for c in order if keeps_distance(points, group, own[c], projections, spacing_mm, spacing_px))
+        points[group] = own[next(free, order[0])]
 
 
 def starting_layouts(
-    problem: PlacementProblem, estimator: Estimator, terms: tuple[TargetTerms, ...], starts: int, seed: int
+    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], starts: int, seed: int
 ) -> list[Array]:
-    """``starts`` layouts (N, 3) mm: the present one, clipped to the box, then exchanged random ones.
+    """``starts`` layouts (N, 3) mm: the present one, clipped to its regions, then exchanged random ones.
 
     Start k depends on (seed, k) alone, so that more starts only add.
     """
-    movable = np.array(problem.free_fiducials, dtype=np.int64)
-    present = problem.system.fiducials_mm.copy()
-    low, high = problem.box_mm
-    present[movable] = np.clip(present[movable], low, high)
-    if not len(movable):
+    present = _placed(problem, problem.system.fiducials_mm)
+    if not problem.places:
         return [present]
-    smallest = problem.lower * [per for _, per in free_laws(problem)]
-    constant = np.array([
-        term.bias_mm @ term.bias_mm + np.trace(term.covariance) + ((term.free_gain * smallest) ** 2).sum()
-        for term in terms
-    ])  # fmt: skip
-    fixed = (
-        np.ascontiguousarray(estimator.projections), np.ascontiguousarray(estimator.told),
-        np.array([term.reconstructed_mm for term in terms]), np.array([term.to_error for term in terms]), constant,
-        estimator.fiducial_px, estimator.manufacturing_std_mm,
-    )  # fmt: skip
+    groups = np.array([place.fiducials for place in problem.places], dtype=np.int64)
+    regions, which = distinct(place.region for place in problem.places)
+    fixed = _for_exchange(problem, estimator, terms)
+    spacing = (problem.min_spacing_mm, problem.min_projected_spacing_px)
     layouts = [present]
     inverse = np.linalg.inv(estimator.told)
     for k in range(1, starts):
         rng = np.random.default_rng([seed, k])
-        unit = rng.uniform(-1, 1, (4 * CANDIDATES, 3))
-        unit = np.where(rng.random(unit.shape) < ON_FACE, np.sign(unit), unit)
-        candidates = (low + high) / 2 + (high - low) / 2 * unit
-        candidates = candidates @ estimator.told.T + estimator.told_shift_mm
-        seen = candidates[in_field(problem, estimator, terms, candidates)]
-        candidates = np.ascontiguousarray((seen if len(seen) else candidates)[:CANDIDATES])
-        points = np.ascontiguousarray(problem.system.fiducials_mm @ estimator.told.T + estimator.told_shift_mm)
-        spacing = (problem.min_spacing_mm, problem.min_projected_spacing_px)
-        _spread(rng, candidates, points, movable, fixed[0], *spacing)
-        exchange(points, movable, candidates, SWEEPS, *spacing, *fixed)
+        pools = [_candidates(problem, estimator, terms, region, rng) for region in regions]
+        ends = np.cumsum([len(pool) for pool in pools])
+        last = ends[list(which)]
+        first = last - np.array([len(pools[r]) for r in which])
+        points = _told(estimator, problem.system.fiducials_mm)
+        _spread(rng, [pools[r] for r in which], points, groups, fixed[0], *spacing)
+        exchange(points, groups, np.concatenate(pools), first, last, SWEEPS, *spacing, *fixed)
         layout = present.copy()
-        layout[movable] = np.clip(((points - estimator.told_shift_mm) @ inverse.T)[movable], low, high)
-        layouts.append(layout)
+        free = list(problem.free_fiducials)
+        layout[free] = ((points - estimator.told_shift_mm) @ inverse.T)[free]
+        layouts.append(_placed(problem, layout))
     return layouts
+
+
+def _for_exchange(
+    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...]
+) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
+    """What the exchange looks at: errors relative to their limits, free half-widths at their smallest."""
+    smallest = problem.lower * [per for _, per in free_laws(problem)]
+    limits = np.array([term.demand.requirement.limit_mm for term in terms])
+    share = limits.min() / limits
+    constant = [
+        term.bias_mm @ term.bias_mm + np.trace(term.covariance) + ((term.free_gain * smallest) ** 2).sum()
+        for term in terms
+    ]
+    return (
+        np.ascontiguousarray(estimator.projections), np.ascontiguousarray(estimator.told),
+        np.array([term.reconstructed_mm for term in terms]),
+        np.array([term.to_error for term in terms]) * share[:, None, None], np.array(constant) * share**2,
+        estimator.fiducial_px, estimator.manufacturing_std_mm,
+    )  # fmt: skip
+
+
+def _placed(problem: PlacementProblem, fiducials_mm: Array) -> Array:
+    """A layout (N, 3) with every generator clipped into its region and followed by its copies."""
+    layout = fiducials_mm.copy()
+    for place in problem.places:
+        generator = clip(place.region, layout[[place.fiducials[0]]])
+        layout[list(place.fiducials)] = with_copies(problem, generator)[0]
+    return layout
+
+
+def careless_layouts(
+    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], count: int, seed: int
+) -> list[Array]:
+    """Up to ``count`` layouts (N, 3) mm as a careless designer might draw them: random, but within every rule.
+
+    Fiducials are drawn uniformly in their regions one after the other, and again where one breaks a rule.  Fewer
+    are returned when the rules are too tight for that.  Layout k depends on (seed, k) alone.
+    """
+    groups = np.array([place.fiducials for place in problem.places], dtype=np.int64)
+    regions, which = distinct(place.region for place in problem.places)
+    args = (np.ascontiguousarray(estimator.projections), problem.min_spacing_mm, problem.min_projected_spacing_px)
+    layouts = []
+    for k in range(count):
+        rng = np.random.default_rng([seed, CARELESS, k])
+        for _ in range(BATCHES):
+            pools = []
+            for region in regions:
+                drawn = with_copies(problem, sample(region, rng, 4 * CANDIDATES, 0.0))
+                pools.append(drawn[_allowed(problem, estimator, terms, region, drawn)])
+            layout = _drawn(problem, estimator, groups, [pools[r] for r in which], args)
+            if layout is not None:
+                layouts.append(layout)
+                break
+    return layouts
+
+
+def _drawn(
+    problem: PlacementProblem, estimator: Estimator, groups: NDArray[np.int64], pools: list[Array],
+    args: tuple[Array, float, float],
+) -> Array | None:  # fmt: skip
+    """Each group on the first point of its pool (M, G, 3), con, that keeps its spacing; None when a pool runs out."""
+    layout = problem.system.fiducials_mm.copy()
+    told = _told(estimator, layout)
+    told[groups.ravel()] = 1e6 * (1 + np.arange(groups.size))[:, None]
+    for group, pool in zip(groups, pools, strict=True):
+        tried = _told(estimator, pool)
+        free = (c for c in range(len(pool)) if keeps_distance(told, group, tried[c], *args))
+        chosen = next(free, None)
+        if chosen is None:
+            return None
+        layout[group], told[group] = pool[chosen], tried[chosen]
+    return layout
+
+
+def textbook_layout(
+    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...]
+) -> tuple[str, Array] | None:
+    """What a textbook would do with the free fiducials, as (name, layout (N, 3) mm), or None where it has no answer.
+
+    One box for all: its corners, then midpoints of edges, centres of faces, its centre; six or seven leave out opposite
+    corners.  One cylinder for all: two rings at its ends.  The name says so when the layout breaks a rule.
+    """
+    regions, _ = distinct(place.region for place in problem.places)
+    free = list(problem.free_fiducials)
+    if len(regions) != 1 or problem.symmetry or len(free) < 6:
+        return None
+    region = regions[0]
+    made = None
+    if isinstance(region, Box):
+        made = _on_lattice(region, len(free))
+    elif isinstance(region, Cylinder):
+        made = _on_rings(region, len(free))
+    if made is None:
+        return None
+    name, points = made
+    layout = problem.system.fiducials_mm.copy()
+    layout[free] = points
+    if not _keeps_rules(problem, estimator, terms, region, layout):
+        name += ", which breaks a rule on spacing, view or keep-out"
+    return name, layout
+
+
+def _on_lattice(box: Box, count: int) -> tuple[str, Array] | None:
+    """Up to 27 points (count, 3) of a box: opposite ones follow each other."""
+    if count > 27 or not (box.high_mm > box.low_mm).all():
+        return None
+    half = [point for point in product((-1, 0, 1), repeat=3) if point <= (0, 0, 0)]
+    half.sort(key=lambda point: point.count(0))
+    ordered = [sign * np.array(point) for point in half for sign in (1, -1)][:27]
+    chosen = ordered[8 - count :][:count] if count < 8 else ordered[:count]
+    names = (
+        (8, "the corners of the box"),
+        (20, "corners and edges of the box"),
+        (26, "corners, edges and faces of the box"),
+    )
+    name = next((text for most, text in names if count <= most), "corners, edges, faces and centre of the box")
+    return name, (box.low_mm + box.high_mm) / 2 + (box.high_mm - box.low_mm) / 2 * np.array(chosen)
+
+
+def _on_rings(cylinder: Cylinder, count: int) -> tuple[str, Array] | None:
+    """Half of the points (count, 3) on each rim, one ring turned by half a step."""
+    if cylinder.height_mm <= 0:
+        return None
+    across = np.array(across_axis(cylinder.axis))
+    rings = []
+    for size, along, turn in (((count + 1) // 2, 0.0, 0.0), (count // 2, cylinder.height_mm, 0.5)):
+        angle = 2 * np.pi * (np.arange(size) + turn) / size
+        rim = cylinder.radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=1) @ across
+        rings.append(cylinder.base_mm + along * cylinder.axis + rim)
+    return "two rings at the ends of the cylinder", np.concatenate(rings)
+
+
+def _keeps_rules(
+    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], region: Shape, layout: Array
+) -> bool:
+    """Whether the free fiducials of a layout without symmetry keep every rule."""
+    args = (np.ascontiguousarray(estimator.projections), problem.min_spacing_mm, problem.min_projected_spacing_px)
+    free = np.array(problem.free_fiducials, dtype=np.int64)
+    told = _told(estimator, layout)
+    return bool(_allowed(problem, estimator, terms, region, layout[free, None]).all()) and all(
+        keeps_distance(told, free[m : m + 1], told[free[m : m + 1]], *args) for m in range(len(free))
+    )
