@@ -3,48 +3,42 @@
 from __future__ import annotations
 
 from itertools import combinations
-from math import pi, sqrt
 
 import numpy as np
-from scipy.optimize import linprog
 
 from ..errors import DesignError, Problem
-from ..system import Array, View
-from .problem import PlacementProblem, half_widths_of, in_words
-from .program import box_corners
-from .terms import Estimator, estimator_of
+from .problem import PlacementProblem, for_people, in_words, label_of, present_choice
+from .room import refuse_regions
+from .terms import estimator_of
 
 ROUNDING_MM = 1e-3  # fixed positions may have been rounded by who wrote them
-DENSEST_SPHERES = pi / sqrt(18)  # Kepler: no packing of equal spheres fills more (Hales 2005)
-DENSEST_DISCS = pi / sqrt(12)  # Thue (Fejes Toth 1940)
 
 
 def refuse_contradictions(problem: PlacementProblem) -> None:
     """Raise DesignError with every contradiction that can be shown without solving."""
-    found = _bounds(problem)
-    if problem.free_fiducials:
+    found = _bounds(problem) + _mechanics(problem)
+    if not found:
+        found = _objective(problem)
+    if problem.places:
         estimator = estimator_of(problem.system)
-        found += _box(problem, estimator) or _field(problem, estimator) or _packing(problem, estimator)
+        found += refuse_regions(problem, estimator)
         if not estimator.fiducial_px.any() and not estimator.manufacturing_std_mm.any():
             found.append(
                 Problem(
-                    "/optimise/box",
+                    problem.places[0].pointer,
                     "no-influence",
                     "fiducial noise and manufacturing errors are zero, and a rigid installation error acts the same "
                     "way whatever the layout: moving fiducials changes nothing",
-                    "state the noise of the fiducials in the views, or remove the box",
+                    "state the noise of the fiducials in the views, or remove the region",
                 )
             )
-    elif not problem.half_widths:
-        found.append(Problem("/optimise", "nothing-free", "no fiducial and no tolerance is free to change"))
-    if problem.requirement.risk != "pooled":
+    elif not (problem.half_widths or problem.pivots or problem.spacings):
         found.append(
             Problem(
-                "/optimise/requirement",
-                "unsupported-risk",
-                f"the optimiser holds a quantile over units and shots together; {problem.requirement.name!r} asks for "
-                f"risk {problem.requirement.risk!r}",
-                "name a requirement with risk: pooled",
+                "/optimise",
+                "nothing-free",
+                "no fiducial, tolerance, pivot or locator spacing is free to change",
+                "add a box or rotation_bounds",
             )
         )
     found += _fixed_pairs(problem)
@@ -54,124 +48,102 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
 
 def _bounds(problem: PlacementProblem) -> list[Problem]:
     found = []
-    for k, (free, now) in enumerate(zip(problem.half_widths, half_widths_of(problem), strict=True)):
-        name = in_words(problem, k)
+    for k, free in enumerate(problem.half_widths):
         if not 0 < free.minimum <= free.maximum:
+            (low, unit), (high, _) = for_people(problem, k, free.minimum), for_people(problem, k, free.maximum)
             found.append(
                 Problem(
                     free.pointer,
                     "bounds-crossed",
-                    f"the smallest half-width of {name} must be above zero and not above the largest; got "
-                    f"{np.degrees(free.minimum):.6g} and {np.degrees(free.maximum):.6g} deg",
-                )
-            )
-        if not now > 0:
-            found.append(
-                Problem(
-                    free.pointer,
-                    "zero-half-width",
-                    f"{name} has half-width 0 today: its cost weight / half-width is infinite",
-                    "give the half-width it is made to now",
+                    f"the smallest half-width of {in_words(problem, k)} must be above zero and not above the largest; "
+                    f"got {low:.6g} and {high:.6g} {unit}",
+                    "give a smallest half-width above zero and below the largest",
                 )
             )
     return found
 
 
-def _box(problem: PlacementProblem, estimator: Estimator) -> list[Problem]:
-    low, high = problem.box_mm
-    if (low > high).any():
-        axis = int(np.argmax(low > high))
-        detail = f"the lowest corner is above the highest along {'xyz'[axis]}: {low[axis]:g} > {high[axis]:g} mm"
-        return [Problem("/optimise/box", "empty-box", detail)]
-    corners = box_corners(problem.box_mm) @ estimator.told.T + estimator.told_shift_mm
-    for view, projection in zip(problem.system.views, estimator.projections, strict=True):
-        depth = float((corners @ projection[2, :3] + projection[2, 3]).min())
-        if depth <= 0:
-            return [
+def _mechanics(problem: PlacementProblem) -> list[Problem]:
+    """Bounds of pivots and locator spacings."""
+    found = []
+    for pivot in problem.pivots:
+        name = label_of(problem, pivot.contributor)
+        for k, axis in enumerate("xyz"):
+            low, high = float(pivot.low_mm[k]), float(pivot.high_mm[k])
+            if low > high:
+                detail = f"the box of the pivot of {name} is empty along {axis}: {low:g} > {high:g} mm"
+                found.append(Problem(pivot.pointer, "empty-box", detail, "swap the two numbers"))
+    for spacing in problem.spacings:
+        if not 0 < spacing.minimum <= spacing.maximum:
+            found.append(
                 Problem(
-                    "/optimise/box",
-                    "behind-source",
-                    f"the box reaches {-depth:.4g} mm behind the source of view {view.name}",
-                    "make it smaller, or move the source back",
+                    spacing.pointer,
+                    "bounds-crossed",
+                    f"the smallest factor on the locator spacing of {label_of(problem, spacing.contributor)} must be "
+                    f"above zero and not above the largest; got {spacing.minimum:g} and {spacing.maximum:g}",
+                    "give a smallest factor above zero and below the largest",
                 )
-            ]
+            )
+    return found
+
+
+def _objective(problem: PlacementProblem) -> list[Problem]:
+    """Whether the bounds of the half-widths, which are in order, leave the objective anything to do."""
+    if problem.objective == "scaling":
+        return _scaling(problem)
+    if problem.objective != "quantile" or not problem.half_widths:
+        return []
+    least = problem.cost(problem.upper)
+    if problem.cost_limit is None:
+        return [
+            Problem(
+                "/optimise/cost_limit",
+                "missing-field",
+                "the smallest quantile with free half-widths and no limit on their cost has every one at its smallest",
+                f"give a cost_limit; with every free half-width at its largest the cost is {least:.6g}",
+            )
+        ]
+    if problem.cost_limit < least * (1 - 1e-9):
+        return [
+            Problem(
+                "/optimise/cost_limit",
+                "cost-out-of-reach",
+                f"with every free half-width at its largest the cost is {least:.6g}, the least possible; cost_limit is "
+                f"{problem.cost_limit:.6g}",
+                f"raise cost_limit to {least:.6g} or more, or allow larger half-widths",
+            )
+        ]
     return []
 
 
-def _inside_rows(problem: PlacementProblem, estimator: Estimator, view: View, v: int) -> tuple[Array, Array]:
-    """``a x <= b`` for a position x to lie inside the image of one view: linear, as the depth is positive."""
-    assert view.image_size_px is not None
-    rows, limits = [], []
-    projection = estimator.projections[v]
-    for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
-        edge = problem.image_margin_px if sign > 0 else view.image_size_px[axis] - 1 - problem.image_margin_px
-        row = -sign * (projection[axis] - edge * projection[2])
-        rows.append(row[:3] @ estimator.told)
-        limits.append(-(row[:3] @ estimator.told_shift_mm + row[3]))
-    scale = np.linalg.norm(rows, axis=1)
-    return np.array(rows) / scale[:, None], np.array(limits) / scale
-
-
-def _field(problem: PlacementProblem, estimator: Estimator) -> list[Problem]:
-    """Whether any point of the box lies in every image, by linear programming; the views one by one first."""
-    sized = [(v, view) for v, view in enumerate(problem.system.views) if view.image_size_px is not None]
-    parts = [_inside_rows(problem, estimator, view, v) for v, view in sized]
-    for (_, view), (rows, limits) in zip(sized, parts, strict=True):
-        if not _meets_box(problem, rows, limits):
-            return [_outside(problem, f"no point of the box is inside the image of view {view.name}")]
-    if parts and not _meets_box(problem, np.vstack([a for a, _ in parts]), np.concatenate([b for _, b in parts])):
-        return [_outside(problem, "no point of the box is inside the images of all views at once")]
-    return []
-
-
-def _meets_box(problem: PlacementProblem, rows: Array, limits: Array) -> bool:
-    answer = linprog(np.zeros(3), A_ub=rows, b_ub=limits, bounds=problem.box_mm.T, method="highs")
-    return bool(answer.status != 2)
-
-
-def _outside(problem: PlacementProblem, detail: str) -> Problem:
-    return Problem(
-        "/optimise/box",
-        "outside-view",
-        f"{detail} with a margin of {problem.image_margin_px:g} px",
-        "move the box, or reduce image_margin_px",
-    )
-
-
-def _packing(problem: PlacementProblem, estimator: Estimator) -> list[Problem]:
-    """Balls of diameter d about the fiducials lie in the box grown by d/2 and cannot fill more than Kepler's share of
-    it; likewise discs in the rectangle about the box's image."""
-    count, d = len(problem.free_fiducials), problem.min_spacing_mm
-    sides = problem.box_mm[1] - problem.box_mm[0]
-    if count > 1 and count * pi / 6 * d**3 > DENSEST_SPHERES * float(np.prod(sides + d)):
-        return [_crowded("/optimise/min_spacing_mm", count, f"{d:g} mm apart", "the box")]
-    if count > 1 and d > float(np.linalg.norm(sides)) + 1e-9:
-        return [_crowded("/optimise/min_spacing_mm", count, f"{d:g} mm apart", "the box")]
-    corners = box_corners(problem.box_mm) @ estimator.told.T + estimator.told_shift_mm
-    d = problem.min_projected_spacing_px
-    for view, projection in zip(problem.system.views, estimator.projections, strict=True):
-        image = corners @ projection[:, :3].T + projection[:, 3]
-        image = image[:, :2] / image[:, 2:]
-        low, high = image.min(axis=0), image.max(axis=0)
-        if view.image_size_px is not None:
-            low = np.maximum(low, problem.image_margin_px)
-            high = np.minimum(high, np.array(view.image_size_px) - 1 - problem.image_margin_px)
-        size = np.maximum(high - low, 0.0)
-        if count > 1 and (
-            count * pi / 4 * d**2 > DENSEST_DISCS * float(np.prod(size + d)) or d > float(np.linalg.norm(size)) + 1e-6
-        ):
-            where = f"what view {view.name} sees of the box ({size[0]:.0f} x {size[1]:.0f} px)"
-            return [_crowded("/optimise/min_projected_spacing_px", count, f"{d:g} px apart", where)]
-    return []
-
-
-def _crowded(pointer: str, count: int, apart: str, where: str) -> Problem:
-    return Problem(
-        pointer,
-        "does-not-fit",
-        f"{count} free fiducials cannot be {apart} in {where}: no packing is that dense",
-        "reduce the spacing, the number of free fiducials, or enlarge the box",
-    )
+def _scaling(problem: PlacementProblem) -> list[Problem]:
+    """One factor on all half-widths as they are must exist between their bounds."""
+    now = present_choice(problem).half_width
+    zero = [k for k, value in enumerate(now) if not value > 0]
+    if zero or not len(now):
+        return [
+            Problem(
+                problem.half_widths[k].pointer,
+                "zero-half-width",
+                f"{in_words(problem, k)} has half-width 0 today: no factor changes that",
+                "give the half-width it is made to now, or do not free it",
+            )
+            for k in zero
+        ]
+    smallest, largest = problem.lower / now, problem.upper / now
+    tight, loose = int(np.argmax(smallest)), int(np.argmin(largest))
+    if smallest[tight] <= largest[loose] * (1 + 1e-9):
+        return []
+    return [
+        Problem(
+            problem.half_widths[tight].pointer,
+            "no-common-factor",
+            f"one factor on all half-widths must be at least {smallest[tight]:.4g} for {in_words(problem, tight)} to "
+            f"reach its smallest and at most {largest[loose]:.4g} for {in_words(problem, loose)} to stay within its "
+            "largest",
+            "widen the bounds of one of the two, or set one of them free alone with objective: cost",
+        )
+    ]
 
 
 def _fixed_pairs(problem: PlacementProblem) -> list[Problem]:
