@@ -10,7 +10,7 @@ from scipy import stats
 
 from tailstack.tail.declared import LinearLaw, law_quantile, linear_law, norm_quantile_of
 from tailstack.tail.gaussian import norm_quantile
-from tailstack.tail.per_unit import unit_risk
+from tailstack.tail.per_unit import unit_quantile, unit_risk
 
 NOISE = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]]) / 10
 COLUMNS = np.array([[0.7, 0.0, 0.1, 0.3], [0.0, 0.6, 0.2, -0.2], [0.1, 0.0, 0.3, 0.2]])
@@ -118,3 +118,101 @@ def test_bad_arguments_are_named():
         unit_risk(unit, unit, 0.95)
     with pytest.raises(ValueError, match="limit must be >= 0"):
         unit_risk(unit, SHOT, 0.95, -1.0)
+
+
+def test_quantile_against_nested_draws():
+    """Independent: 4000 units drawn plainly, 3000 shots each, nothing solved; within 4 joint standard errors (1 run in
+    16 000), the draws fixed."""
+    unit = linear_law([0.2, 0, 0.1], NOISE, COLUMNS, [0, 1, 0, 1])
+    shot = linear_law(np.zeros(3), NOISE, np.diag([0.3, 0.05, 0.1]))
+    n, p, fraction = 4000, 0.9, 0.95
+    rng = np.random.default_rng(11)
+    u = rng.uniform(-1, 1, (n, 4))
+    u[:, [1, 3]] = (u[:, [1, 3]] + rng.uniform(-1, 1, (n, 2))) / 2
+    d = unit.mean + u @ COLUMNS.T + rng.multivariate_normal(np.zeros(3), NOISE, n)
+    root = np.linalg.cholesky(NOISE).T
+    own = np.empty(n)
+    for block in np.split(np.arange(n), 20):
+        s = rng.standard_normal((200, 3000, 3)) @ root + rng.uniform(-1, 1, (200, 3000, 3)) * [0.3, 0.05, 0.1]
+        own[block] = np.quantile(np.linalg.norm(d[block, None] + s, axis=2), p, axis=1)
+    reference = np.quantile(own, fraction)
+    slope = (np.quantile(own, fraction + 0.02) - np.quantile(own, fraction - 0.02)) / 0.04
+    found = unit_quantile(unit, shot, p, fraction)
+    spread = sqrt(fraction * (1 - fraction) / n) * slope
+    assert abs(found.value_mm - reference) < 4 * sqrt(found.standard_error_mm**2 + spread**2)
+    assert found.standard_error_mm < 0.005 * found.value_mm
+    assert found.density == pytest.approx(1 / slope, rel=0.3)
+
+
+@pytest.mark.parametrize("fraction", [0.8, 0.99])
+@pytest.mark.parametrize("shot", [0.02, 0.2, 2.0])
+def test_quantile_of_isotropic_laws(fraction, shot):
+    """Closed form: R increases with |d|, hence its quantile is R at that of |d|; noncentral chi-square."""
+    unit, p = 0.5, 0.9
+
+    def own(distance):
+        return shot * sqrt(stats.ncx2.ppf(p, 3, (distance / shot) ** 2))
+
+    distance = stats.chi.ppf(fraction, 3) * unit
+    slope = (own(1.001 * distance) - own(0.999 * distance)) / (0.002 * distance)
+    installation, shots = (linear_law(np.zeros(3), s**2 * np.eye(3)) for s in (unit, shot))
+    found = unit_quantile(installation, shots, p, fraction)
+    # The control is R's own order: what is left is the curvature of R across the window.
+    assert found.value_mm == pytest.approx(own(distance), rel=2e-4)
+    assert found.density == pytest.approx(stats.chi.pdf(distance / unit, 3) / unit / slope, rel=0.15)
+
+
+def test_quantile_where_one_part_is_absent():
+    """Closed form: chi without shots, chi without an installation, a distance without either."""
+    ball, nothing = linear_law(np.zeros(3), 0.09 * np.eye(3)), linear_law(np.zeros(3), FIXED)
+    assert unit_quantile(ball, nothing, 0.8, 0.95).value_mm == pytest.approx(0.3 * stats.chi.ppf(0.95, 3), rel=2e-4)
+    alike = unit_quantile(nothing, ball, 0.8, 0.95)
+    assert alike.value_mm == pytest.approx(0.3 * stats.chi.ppf(0.8, 3), rel=1e-10)
+    assert (alike.standard_error_mm, alike.density) == (0.0, 0.0)
+    assert unit_quantile(linear_law([3, 4, 0], FIXED), nothing, 0.8, 0.95).value_mm == pytest.approx(5, rel=1e-12)
+
+
+def test_quantile_grows_with_both_probabilities():
+    unit = linear_law([0.2, 0, 0.1], NOISE, COLUMNS)
+    over_units = [unit_quantile(unit, SHOT, 0.95, f).value_mm for f in (0.5, 0.8, 0.9, 0.95, 0.99, 0.999)]
+    over_shots = [unit_quantile(unit, SHOT, p, 0.95).value_mm for p in (0.3, 0.5, 0.9, 0.95, 0.99)]
+    assert (np.diff(over_units) > 0).all()
+    assert (np.diff(over_shots) > 0).all()
+
+
+def test_quantile_does_not_see_the_frame():
+    """Another frame is another sample of the same units: within 4 joint standard errors."""
+    turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
+    unit, shot = linear_law([0.2, 0, 0.1], NOISE * 5, COLUMNS), linear_law(np.zeros(3), NOISE * 3)
+    turned = (linear_law(turn @ law.mean, turn @ law.covariance @ turn.T, turn @ law.columns) for law in (unit, shot))
+    a, b = unit_quantile(unit, shot, 0.95, 0.9), unit_quantile(*turned, 0.95, 0.9)
+    assert abs(a.value_mm - b.value_mm) < 4 * sqrt(a.standard_error_mm**2 + b.standard_error_mm**2)
+
+
+@pytest.mark.parametrize("bounded_shots", [False, True])
+def test_neighbouring_laws_have_neighbouring_quantiles(bounded_shots):
+    """On a smooth path through equal eigenvalues, no step leaves the path's parabola by more than 2e-4."""
+    values = []
+    for t in np.linspace(-0.02, 0.02, 17):
+        covariance = np.array([[1 + t, 0.003, 0], [0.003, 1 - t, 0], [0, 0, 0.3]]) * 0.1
+        unit = linear_law([0.2, 0.1 * t, 0.1], covariance, COLUMNS * (1 + t))
+        shot = linear_law(np.zeros(3), NOISE * (1 - t), np.diag([0.3, 0.05, 0.1 + t]) if bounded_shots else None)
+        values.append(unit_quantile(unit, shot, 0.95, 0.95, log2_units=7).value_mm)
+    t = np.linspace(-1, 1, 17)
+    left = np.array(values) / np.polyval(np.polyfit(t, values, 2), t) - 1
+    assert np.abs(np.diff(left)).max() < 2e-4
+    assert np.ptp(values) > 0.005  # the path goes somewhere
+
+
+def test_quantile_and_yield_are_inverse():
+    """The yield at the quantile is the fraction, within 4 joint standard errors; samples of two different roots."""
+    unit = linear_law([0.1, 0, 0], NOISE * 10, COLUMNS)
+    found = unit_quantile(unit, SHOT, 0.9, 0.8)
+    risk = unit_risk(unit, SHOT, 0.9, found.value_mm)
+    error = sqrt(risk.yield_standard_error**2 + (found.standard_error_mm * found.density) ** 2)
+    assert abs(risk.yield_fraction - 0.8) < 4 * error
+
+
+def test_bad_fraction_is_named():
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        unit_quantile(linear_law([0.1, 0, 0], NOISE), SHOT, 0.95, 1.0)

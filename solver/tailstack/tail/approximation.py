@@ -16,7 +16,22 @@ mean; the term in m vanishes without bias).  Pearson (1959, Biometrika 46, 364) 
 For a Gaussian law the 95 % point is then right to -0.6 ... +1.2 %, with Wilson and Hilferty's cube for the
 chi-square to -1.3 ... +0.9 %.  Good to drive an optimiser; the number that is promised comes from the exact law.
 
-The first two functions use + - * / and the ``sqrt`` they are given, nothing else: floats and CasADi SX alike.
+**Per unit**: an installed unit keeps its offset d, shots ``s ~ N(0, S)`` scatter about it.  Its own p-quantile R has
+``R^2 = W(c(dd'))``, W Pearson's form and
+
+    c1 = tr S + tr D,   c2 = tr S^2 + 2 tr(S D),   c3 = tr S^3 + 3 tr(S^2 D)     at D = dd'
+
+W is nearly linear in D: ``W(D) + tr(Q (dd' - D))`` with ``Q = I + 2 W_2 S + 3 W_3 S^2``, W_n its slope by c_n.  So the
+quantile of R over units is reached where d'Qd has its own, and is W at ``D = E[dd' | d'Qd = its quantile]``.  That
+quantile is again Pearson's, of cumulants that are polynomials in Q, and a quantile's derivative is a conditional mean:
+
+    D = d quantile / dQ = K1 + 2 V_2 K2 + 3 V_3 K3,   tr(Q K_n) = c_n of d'Qd,   n K_n = dc_n / dQ
+
+(V_n the slopes; tr(Q D) is the quantile itself by Euler's theorem).  Q = I gives the D from which the better Q comes.
+Within 0.7 % rms, -3.5 ... +3.7 % at worst, of ``per_unit.unit_quantile`` over 400 random laws with Gaussian shots
+(shot / installation 0.05 ... 5, p 0.90 ... 0.99, fraction 0.80 ... 0.99).  Shots count as Gaussian.
+
+Functions that are given a ``sqrt`` use it and + - * /, nothing else: floats and CasADi SX alike.
 """
 
 from __future__ import annotations
@@ -32,6 +47,10 @@ KAPPA4_UNIFORM, KAPPA6_UNIFORM = -2 / 15, 16 / 63
 KAPPA4_TRIANGULAR, KAPPA6_TRIANGULAR = -1 / 60, 1 / 126  # the sum of two uniforms of half the width
 
 Vector = Sequence[Any]
+Matrix = Sequence[Vector]
+
+# Of the sum of all second moments, added to every variance: no root of 0, and the value moves by under 1e-5.
+_TINY = 1e-12
 
 
 def square_cumulants(
@@ -105,3 +124,112 @@ def pearson_chi2_quantile(
         raise ValueError(f"Pearson's chi-square needs a positive third cumulant of |e|^2, got {c3}")
     h = c2**3 / c3**2
     return float_sqrt(max(c1 + float_sqrt(c2 / h) * (float(chdtri(h, 1 - p)) - h), 0.0))
+
+
+def _product(a: Matrix, b: Matrix) -> list[list[Any]]:
+    return [[sum(a[i][k] * b[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
+
+
+def _trace(a: Matrix, b: Matrix) -> Any:
+    """tr(a b)."""
+    return sum(a[i][k] * b[k][i] for i in range(3) for k in range(3))
+
+
+def _applied(a: Matrix, v: Vector) -> list[Any]:
+    return [sum(a[i][k] * v[k] for k in range(3)) for i in range(3)]
+
+
+def _mixed(a: Matrix, b: Matrix, by: tuple[Any, Any]) -> list[list[Any]]:
+    """by[0] a + by[1] b."""
+    return [[by[0] * a[i][j] + by[1] * b[i][j] for j in range(3)] for i in range(3)]
+
+
+def _pearson_wh_slopes(p: float, cumulants: tuple[Any, Any, Any], sqrt: Callable[[Any], Any]) -> tuple[Any, Any]:
+    """Derivatives of :func:`pearson_wh_quantile_squared` by c2 and c3; by c1 it is 1."""
+    _, c2, c3 = cumulants
+    root = sqrt(c2)
+    gamma = c3 / (c2 * root)
+    b = float_sqrt(2) / 3 * float(ndtri(p)) - gamma * (2 / 9)
+    w = gamma * b
+    value = b * (3 + 3 * w + w * w)
+    by_gamma = b * (b - gamma * (2 / 9)) * (3 + 2 * w) - (3 + 3 * w + w * w) * (2 / 9)
+    return (value - 3 * gamma * by_gamma) / (2 * root), by_gamma / c2
+
+
+def _moment_at_quantile(
+    fraction: float,
+    metric: Matrix,
+    mean: Vector,
+    covariance: Matrix,
+    uniform: Sequence[Vector],
+    triangular: Sequence[Vector],
+    sqrt: Callable[[Any], Any],
+) -> list[list[Any]]:
+    """D (3, 3) mm^2 = E[dd' | d'Qd is at its fraction-quantile], Q the metric: the module's K_n, symmetric."""
+    axes = range(3)
+    q_m = _applied(metric, mean)
+    s_q = _product(covariance, metric)
+    mm = [[mean[i] * mean[j] for j in axes] for i in axes]
+    a = _applied(s_q, mean)
+    aa = _applied(s_q, a)
+    s_2 = _product(s_q, covariance)
+    s_3 = _product(s_q, s_2)
+    k1 = [[covariance[i][j] + mm[i][j] for j in axes] for i in axes]
+    k2 = [[s_2[i][j] + a[i] * mean[j] + mean[i] * a[j] for j in axes] for i in axes]
+    k3 = [[s_3[i][j] + aa[i] * mean[j] + mean[i] * aa[j] + a[i] * a[j] for j in axes] for i in axes]
+    for columns, kappa4, kappa6 in (
+        (uniform, KAPPA4_UNIFORM, KAPPA6_UNIFORM),
+        (triangular, KAPPA4_TRIANGULAR, KAPPA6_TRIANGULAR),
+    ):
+        for g in columns:
+            q_g = _applied(metric, g)
+            s_g = _applied(covariance, q_g)
+            gg = sum(g[i] * q_g[i] for i in axes)
+            gm = sum(g[i] * q_m[i] for i in axes)
+            gsg = sum(q_g[i] * s_g[i] for i in axes)
+            square = kappa4 / 2 * (gsg + gm * gm) + kappa6 / 8 * gg * gg
+            cross = [kappa4 / 2 * gg * (s_g[i] + gm * mean[i]) for i in axes]
+            for i in axes:
+                for j in axes:
+                    k2[i][j] = k2[i][j] + kappa4 / 2 * gg * g[i] * g[j]
+                    k3[i][j] = k3[i][j] + square * g[i] * g[j] + cross[i] * g[j] + g[i] * cross[j]
+    by_c2, by_c3 = _pearson_wh_slopes(fraction, (_trace(metric, k1), _trace(metric, k2), _trace(metric, k3)), sqrt)
+    return _mixed(k1, _mixed(k2, k3, (2 * by_c2, 3 * by_c3)), (1, 1))
+
+
+def unit_quantile_squared(
+    p: float,
+    fraction: float,
+    mean: Vector,
+    installation_covariance: Matrix,
+    shot_covariance: Matrix,
+    uniform: Sequence[Vector],
+    triangular: Sequence[Vector],
+    sqrt: Callable[[Any], Any],
+) -> Any:
+    """Square, mm^2, of the approximate fraction-quantile over units of a unit's own p-quantile over shots.
+
+    mean: of the installation, 3 scalars, mm; the covariances, 3 rows of 3, mm^2, are total ones, each of its part;
+    uniform, triangular: columns of the installation as in :func:`square_cumulants`.  Smooth also where the shots or
+    the installation vanish, thanks to 1e-12 (tr of both covariances + |mean|^2) added to each variance; undefined
+    where mean and covariances are all zero.
+    """
+    axes = range(3)
+    identity = [[float(i == j) for j in axes] for i in axes]
+    small = _TINY * sum(installation_covariance[i][i] + shot_covariance[i][i] + mean[i] * mean[i] for i in axes)
+    installation = _mixed(installation_covariance, identity, (1, small))
+    shot = _mixed(shot_covariance, identity, (1, small))
+    shot_2 = _product(shot, shot)
+
+    def shot_cumulants(moment: Matrix) -> tuple[Any, Any, Any]:
+        return (
+            _trace(shot, identity) + _trace(moment, identity),
+            _trace(shot, shot) + 2 * _trace(shot, moment),
+            _trace(shot, shot_2) + 3 * _trace(shot_2, moment),
+        )
+
+    moment = _moment_at_quantile(fraction, identity, mean, installation, uniform, triangular, sqrt)
+    by_c2, by_c3 = _pearson_wh_slopes(p, shot_cumulants(moment), sqrt)
+    metric = _mixed(identity, _mixed(shot, shot_2, (2 * by_c2, 3 * by_c3)), (1, 1))
+    moment = _moment_at_quantile(fraction, metric, mean, installation, uniform, triangular, sqrt)
+    return pearson_wh_quantile_squared(p, shot_cumulants(moment), sqrt)

@@ -1,9 +1,8 @@
 """Risk per unit: the installation is drawn once and stays, noise is drawn again at each shot.
 
 A unit has its own offset ``d = m + N(0, S_unit) + columns u``; its shots scatter about it by the shot law.  Its own
-p-quantile over shots is ``R(d)``, the p-quantile of |d + shot|.  Asked for: the *yield* P_d(R(d) <= limit), and the
-95th percentile of R(d) over units.  Both by scrambled Sobol points in d, 16 independent scramblings for a standard
-error.
+p-quantile over shots is ``R(d)``, the p-quantile of |d + shot|.  Asked for: the *yield* P_d(R(d) <= limit), and a
+quantile of R(d) over units.  Both by scrambled Sobol points in d, 16 independent scramblings for a standard error.
 
 Most units need no quantile: with r_s the p-quantile of |shot| and, for a Gaussian shot, s(d) its p-quantile along d,
 
@@ -14,16 +13,20 @@ units in between are solved, with the exact Gaussian law of the shot.
 
 The fraction of units with |d| <= y is known exactly (the law of |d| is in ``declared.py``).  With y where units begin
 to fail, it differs from the yield's indicator for few units only: as a control variate of coefficient 1 it removes
-most of the sampling error.
+most of the sampling error.  For a quantile y is that of |d|, and the control says at which rank of R to read.
 
-A shot with bounded columns is taken as the Gaussian of equal covariance and then corrected: at twelve units near the
-limit (or the percentile) the declared law of d + shot is solved, and the mean difference shifts the level.  What that
+A shot with bounded columns is taken as the Gaussian of equal covariance and then corrected: at about twelve units near
+the limit (or the quantile) the declared law of d + shot is solved, and the mean difference shifts the level.  What that
 leaves, the spread of the difference over those units, is added to the standard error.
+
+An optimiser compares the quantiles of neighbouring laws, so :func:`unit_quantile` is continuous in both: the points
+are fixed, the Gaussian part has its symmetric root (eigenvectors jump where eigenvalues cross), the ranks of R and of
+|d| are averaged over one tapered window, and the units corrected are taken by their number in the sample.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, sqrt
 
 import numpy as np
@@ -31,6 +34,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ..system import Array
+from .approximation import pearson_wh_quantile_squared
 from .declared import LinearLaw, lattice_columns, law_cdf_coarse, law_quantile_coarse
 from .gaussian import norm_law_jit, probability_iv
 from .quantile import norm_quantile_jit, normal_quantile_jit
@@ -38,6 +42,17 @@ from .sampling import RANDOMISATIONS, sobol_points
 from .spectrum import principal_axes
 
 _CORRECTED = 12
+_PILOT = 32
+_WINDOW = 50  # ranks within 1/50 of all units are averaged
+
+
+@dataclass(frozen=True, slots=True)
+class UnitQuantile:
+    """A quantile over units of the unit's own p-quantile over shots."""
+
+    value_mm: float
+    standard_error_mm: float
+    density: float  # over units, of the unit's own quantile near the value, 1/mm; 0 where all units are alike
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,13 +111,17 @@ def _spread(units: NDArray[np.int64]) -> NDArray[np.int64]:
     return units[np.unique(np.linspace(0, units.size - 1, min(units.size, _CORRECTED)).astype(np.int64))]
 
 
-def _correction(p: float, shot: LinearLaw, d: Array, own: Array) -> tuple[float, float]:
-    """(mean, standard deviation) over the rows of d (n, 3) of R(d) - own(d), R under the declared law of the shot."""
+def _correction(p: float, shot: LinearLaw, d: Array, own: Array, weight: Array | None = None) -> tuple[float, float]:
+    """(mean, standard deviation) over the rows of d (n, 3) of R(d) - own(d), R under the declared law of the shot.
+
+    weight: (n,) of the units in both, equal by default.
+    """
     if d.shape[0] == 0:
         return 0.0, 0.0
     laws = (LinearLaw(row, shot.covariance, shot.columns, shot.kinds) for row in d)
     difference = np.array([law_quantile_coarse(law, p).quantile_mm for law in laws]) - own
-    return float(difference.mean()), float(difference.std())
+    mean = float(np.average(difference, weights=weight))
+    return mean, sqrt(float(np.average((difference - mean) ** 2, weights=weight)))
 
 
 def _shape_matters(shot: LinearLaw) -> bool:
@@ -120,18 +139,51 @@ def _shape_matters(shot: LinearLaw) -> bool:
     return bool(0.012 * (rho2**2).sum() > 1e-5)
 
 
-def _offsets(installation: LinearLaw, log2_units: int) -> tuple[Array, int]:
-    """((n, 3) offsets of the units, number of randomisations); one unit when all are alike."""
-    h, _ = lattice_columns(installation)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Units:
+    """A sample of n installed units and what is known of each without solving it; the shot as a Gaussian."""
+
+    p: float
+    d: Array  # (n, 3) mm
+    blocks: int  # randomisations; 1 when all units are alike, and then n is 1
+    size: Array  # (n,) |d|, mm
+    covariance: Array  # (3, 3) mm^2, total, of the shot
+    low: Array  # (n,) mm, of R(d)
+    high: Array
+    mixed: bool  # whether the shape of the shot's columns matters
+
+
+def _principal_root(installation: LinearLaw) -> Array:
+    """(3, rank) root of the Gaussian part, the largest variance first: it gets the most even of Sobol's coordinates."""
     variances, _, axes = principal_axes(installation.mean, installation.covariance)
     rank = int((variances > 0).sum())
-    if rank == 0 and h.shape[0] == 0:
-        return installation.mean[None, :].copy(), 1
-    z, u = sobol_points(rank, h.shape[0], log2_units, 1)
-    d = installation.mean + u @ h
-    if rank:
-        d = d + z @ (axes[:, :rank] * np.sqrt(variances[:rank])).T
-    return np.ascontiguousarray(d), RANDOMISATIONS
+    return np.asarray(axes[:, :rank] * np.sqrt(variances[:rank]))
+
+
+def _symmetric_root(installation: LinearLaw) -> Array:
+    """(3, 3) root of the Gaussian part, continuous in it; (3, 0) without one."""
+    variances, _, axes = principal_axes(installation.mean, installation.covariance)
+    return np.asarray((axes * np.sqrt(variances)) @ axes.T if variances[0] > 0 else np.zeros((3, 0)))
+
+
+def _sample(installation: LinearLaw, root: Array, shot: LinearLaw, p: float, log2_units: int) -> _Units:
+    """16 x 2^log2_units units, the Gaussian part by its root (3, k).  Raises ValueError."""
+    p = probability_iv(p)
+    if shot.mean.any():
+        raise ValueError(f"the shot's mean belongs to the installation; it must be 0 here, got {shot.mean.tolist()}")
+    h, _ = lattice_columns(installation)
+    d, blocks = installation.mean[None, :].copy(), 1
+    if root.shape[1] or h.shape[0]:
+        z, u = sobol_points(root.shape[1], h.shape[0], log2_units, 1)
+        d, blocks = installation.mean + u @ h, RANDOMISATIONS
+        if root.shape[1]:
+            d = d + z @ root.T
+        d = np.ascontiguousarray(d)
+    covariance = shot.total_covariance
+    top = float(norm_quantile_jit(np.zeros(3), covariance, p))
+    z_p = float(normal_quantile_jit(p)) if p > 0.5 else -1.0
+    low, high = _brackets(d, covariance, z_p, top)
+    return _Units(p, d, blocks, np.sqrt((d**2).sum(axis=1)), covariance, low, high, _shape_matters(shot))
 
 
 def _standard_error(value: Array, blocks: int) -> float:
@@ -139,16 +191,116 @@ def _standard_error(value: Array, blocks: int) -> float:
     return float(value.reshape(blocks, -1).mean(axis=1).std(ddof=1)) / sqrt(blocks) if blocks > 1 else 0.0
 
 
-def _control(
-    p: float, installation: LinearLaw, covariance: Array, d: Array, size: Array, middle: Array, level: float
-) -> Array:
+def _control(installation: LinearLaw, units: _Units, middle: Array, level: float) -> Array:
     """(n,) of mean about 0: (|d| <= y) - P(|d| <= y), y where R is about `level`; 0 where no unit is near it."""
+    size = units.size
     near = np.argsort(np.abs(middle - level))[: max(size.size // 100, 1)]
     near = _spread(near[np.argsort(middle[near])])
-    y = level - float((_gaussian_quantiles(p, d[near], covariance) - size[near]).mean())
+    y = level - float((_gaussian_quantiles(units.p, units.d[near], units.covariance) - size[near]).mean())
     if size.size == 1 or not size.min() < y < size.max():
         return np.zeros(size.size)
     return np.asarray((size <= y) - law_cdf_coarse(installation, y))
+
+
+def _narrowed(units: _Units) -> _Units:
+    """The same units, the bounds of R drawn together about its closed form.
+
+    The closed form's error varies little and smoothly from unit to unit.  Its range over 32 units, taken three times as
+    wide, is trusted to hold for all; were it missed, two ranks might be exchanged.
+    """
+    S, n = units.covariance, units.size.size
+    S_2 = S @ S
+    c1 = np.trace(S) + units.size**2
+    c2 = np.trace(S_2) + 2 * np.einsum("ni,ij,nj->n", units.d, S, units.d)
+    c3 = np.trace(S_2 @ S) + 3 * np.einsum("ni,ij,nj->n", units.d, S_2, units.d)
+    if not c2.min() > 0:  # no shots
+        return units
+    guess = np.sqrt(np.maximum(pearson_wh_quantile_squared(units.p, (c1, c2, c3), np.sqrt), 0.0))
+    pilot = np.argsort(guess)[np.linspace(0, n - 1, min(n, _PILOT)).astype(np.int64)]
+    difference = _gaussian_quantiles(units.p, units.d[pilot], S) - guess[pilot]
+    least, most = float(difference.min()), float(difference.max())
+    low = np.maximum(units.low, guess + 2 * least - most)
+    return replace(units, low=low, high=np.maximum(np.minimum(units.high, guess + 2 * most - least), low))
+
+
+def _solved_between(units: _Units, first: int, last: int) -> tuple[Array, NDArray[np.int64], int]:
+    """(R (n,), its order (n,), number of units solved): exact for the ranks first ... last, counted from 0.
+
+    The order statistics of R lie between those of its bounds; only units that may reach across need solving.
+    """
+    low, high = units.low, units.high
+    floor, ceiling = np.partition(low, first)[first], np.partition(high, last)[last]
+    own = 0.5 * (low + high)
+    between = np.flatnonzero((low <= ceiling) & (high >= floor) & (low < high))
+    own[between] = _gaussian_quantiles(units.p, units.d[between], units.covariance)
+    return own, np.argsort(own), between.size
+
+
+@njit(cache=True, error_model="numpy")
+def _rank_average(ranked: Array, position: float, width: int) -> float:
+    """Mean of the ascending values (n,) about a position, ranks from 0, weights a triangle of this half-width.
+
+    Continuous and monotone in the position; half-width 1 is linear interpolation.
+    """
+    total = 0.0
+    weights = 0.0
+    for k in range(max(int(position) - width, 0), min(int(position) + width + 1, ranked.size - 1) + 1):
+        weight = max(width - abs(k - position), 0.0)
+        total += weight * ranked[k]
+        weights += weight
+    return total / weights
+
+
+@njit(cache=True, error_model="numpy")
+def _position_of(level: float, ranked: Array, width: int) -> float:
+    """Where the average over ranks equals the level; the nearest end if nowhere.  By bisection."""
+    low = 0.0
+    high = ranked.size - 1.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        if _rank_average(ranked, middle, width) < level:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def unit_quantile(
+    installation: LinearLaw, shot: LinearLaw, p: float, fraction: float, log2_units: int = 8
+) -> UnitQuantile:
+    """The fraction-quantile over installed units of a unit's own p-quantile over shots; continuous in both laws.
+
+    installation: law of a unit's offset (its mean included); shot: law of what changes from shot to shot, mean 0; both
+    in mm and one frame.  16 x 2^log2_units units are drawn, the same ones each time.  Raises ValueError.
+    """
+    fraction = probability_iv(fraction)
+    units = _narrowed(_sample(installation, _symmetric_root(installation), shot, p, log2_units))
+    n = units.size.size
+    width = max(min(n // _WINDOW, int(0.5 * n * min(fraction, 1 - fraction))), 1)
+    distance = law_quantile_coarse(installation, fraction)
+    by_size = np.argsort(units.size)
+    position = _position_of(distance.quantile_mm, units.size[by_size], width)
+    first, last = max(int(position) - 2 * width, 0), min(int(position) + 2 * width + 1, n - 1)
+    own, order, _ = _solved_between(units, first, last)
+    ranked = own[order]
+    value, shift, error, density = _rank_average(ranked, position, width), 0.0, 0.0, 0.0
+    rank = np.empty(n)
+    rank[order] = np.arange(n)
+    if units.mixed:
+        weight = width - np.abs(rank - position)
+        near = np.flatnonzero(weight[: max(_CORRECTED * n // (2 * width), 1)] > 0)
+        shift, error = _correction(units.p, shot, units.d[near], own[near], weight[near])
+    if units.blocks > 1:
+        a, b = max(position - width, 0.0), min(position + width, n - 1.0)
+        slope = (_rank_average(ranked, b, width) - _rank_average(ranked, a, width)) * n / (b - a)
+        density = 1 / slope if slope > 0 else 0.0
+        # The indicators R <= value and |d| <= y, each a ramp across the window.
+        size_rank = np.empty(n)
+        size_rank[by_size] = np.arange(n)
+        ramps = np.clip((position - np.stack([rank, size_rank])) / (2 * width) + 0.5, 0, 1)
+        sampling = hypot(_standard_error(ramps[0] - ramps[1], units.blocks), 1 / (n * sqrt(2 * width)))
+        error = hypot(error, sampling * slope, distance.error_mm)
+    return UnitQuantile(value + shift, error, density)
 
 
 def unit_risk(
@@ -159,63 +311,47 @@ def unit_risk(
     installation: law of a unit's offset (its mean included); shot: law of what changes from shot to shot, mean 0; both
     in mm and one frame.  limit in mm.  16 x 2^log2_units units are drawn.  Raises ValueError.
     """
-    p = probability_iv(p)
-    if shot.mean.any():
-        raise ValueError(f"the shot's mean belongs to the installation; it must be 0 here, got {shot.mean.tolist()}")
     if limit is not None and not limit >= 0:
         raise ValueError(f"a limit must be >= 0 mm, got {limit}")
-    d, blocks = _offsets(installation, log2_units)
-    n = d.shape[0]
-    mixed = _shape_matters(shot)
-    covariance = shot.total_covariance
-    top = float(norm_quantile_jit(np.zeros(3), covariance, p))
-    z = float(normal_quantile_jit(p)) if p > 0.5 else -1.0
-    low, high = _brackets(d, covariance, z, top)
+    units = _sample(installation, _principal_root(installation), shot, p, log2_units)
+    d, size, low, high, blocks = units.d, units.size, units.low, units.high, units.blocks
+    n = size.size
     solved = 0
-
-    size = np.sqrt((d**2).sum(axis=1))
-    middle = 0.5 * (low + high)
 
     fraction: float | None = None
     fraction_error: float | None = None
     if limit is not None:
         level, doubt = limit, 0.0
-        if mixed:
+        if units.mixed:
             near = _spread(np.flatnonzero((low <= limit) & (high >= limit)))
-            shift, doubt = _correction(p, shot, d[near], _gaussian_quantiles(p, d[near], covariance))
+            shift, doubt = _correction(p, shot, d[near], _gaussian_quantiles(p, d[near], units.covariance))
             level -= shift
         good = high <= level
         between = np.flatnonzero((low <= level) & ~good)
-        good[between] = _gaussian_meets(p, level, d[between], covariance)
+        good[between] = _gaussian_meets(p, level, d[between], units.covariance)
         solved += between.size
-        excess = good - _control(p, installation, covariance, d, size, middle, level)
+        excess = good - _control(installation, units, 0.5 * (low + high), level)
         fraction = min(max(float(excess.mean()), 0.0), 1.0)
         # Units within the correction's own spread of the level, counted by their lower bound.
         unsure = float(((low > level - doubt) & (low <= level + doubt)).mean()) / 2 if doubt else 0.0
         fraction_error = hypot(_standard_error(excess, blocks), unsure, 0.5 / n if 0.0 < fraction < 1.0 else 0.0)
 
     # Where |d| has its own 95 % point R very nearly has its: the control here.
-    control = np.zeros(n)
+    control: Array = np.zeros(n)
     if blocks > 1:
-        control = (size <= law_quantile_coarse(installation, 0.95).quantile_mm) - 0.95
-    position = min(max((0.95 + float(control.mean())) * n + 0.5, 1.0), float(n))  # Hazen's, counted from 1
-    first = min(int(position), n - 1) - 1 if n > 1 else 0
-    second = min(first + 1, n - 1)
-    # The order statistics of R lie between those of its bounds; only units that may reach across need solving.
-    floor, ceiling = np.partition(low, first)[first], np.partition(high, second)[second]
-    own = middle
-    between = np.flatnonzero((low <= ceiling) & (high >= floor) & (low < high))
-    own[between] = _gaussian_quantiles(p, d[between], covariance)
-    solved += between.size
-    order = np.argsort(own)
+        control = np.asarray((size <= law_quantile_coarse(installation, 0.95).quantile_mm) - 0.95)
+    position = min(max((0.95 + float(control.mean())) * n - 0.5, 0.0), n - 1.0)  # Hazen's, counted from 0
+    first = max(min(int(position), n - 2), 0)
+    own, order, more = _solved_between(units, first, min(first + 1, n - 1))
+    solved += more
     ranked = own[order]
-    value = float(ranked[first] + (position - 1 - first) * (ranked[second] - ranked[first]))
+    value = float(_rank_average(ranked, position, 1))
     shift, error = 0.0, 0.0
-    if mixed:
+    if units.mixed:
         near = _spread(order[max(first - 40, 0) : first + 40])
         shift, error = _correction(p, shot, d[near], own[near])
     if blocks > 1:
         a, b = max(first - n // 50, 0), min(first + n // 50, n - 1)
         slope = float(ranked[b] - ranked[a]) * n / (b - a)
         error = hypot(error, _standard_error((own <= value) - control, blocks) * slope, slope / n)
-    return UnitRisk(p, limit, fraction, fraction_error, value + shift, error, n, solved)
+    return UnitRisk(units.p, limit, fraction, fraction_error, value + shift, error, n, solved)
