@@ -1,68 +1,350 @@
-"""Convex allocation at a fixed layout: the oracle, the closed form, and the bound it is built on."""
+"""Convex allocation at a fixed layout: the oracle, known optima, brute force, and the bounds it is built on."""
 
 from __future__ import annotations
 
+import itertools
 import json
+from concurrent.futures import ThreadPoolExecutor
+from math import exp, sqrt
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from tailstack import InfeasibleError
-from tailstack.optimisation.allocation import FROBENIUS, allocate, allocate_by_trace
+from tailstack.optimisation import allocation
+from tailstack.optimisation.allocation import allocate, allocate_by_trace, gaussian_bracket
+from tailstack.optimisation.prices import Price, cost_of, reciprocal
+from tailstack.optimisation.tail_bounds import frobenius_constant, frobenius_excess, squared_bound
 from tailstack.tail.gaussian import norm_quantile
 
 CASE = json.loads((Path(__file__).parents[1] / "data" / "oracles" / "convex_allocation.json").read_text())
 NOISE, GAINS, COST = (np.array(CASE[key]) for key in ("Sigma_noise", "G_rows", "cost_coeff"))
+PRICES = [reciprocal(weight) for weight in COST]
+UNIFORM = np.full(COST.size, 1 / sqrt(3))
+BOUNDS = ["fro", "trace", "lmax"]
+ONE, THREE = 3.841458820694124, 7.814727903251179  # 95 % points of chi-square with 1 and 3 degrees of freedom
+
+
+def bound_squared(covariance, bound):
+    """The three bounds of P95 squared, as the oracle states them."""
+    if bound == "lmax":
+        return THREE * np.linalg.eigvalsh(covariance)[-1]
+    trace = np.trace(covariance)
+    return ONE * trace if bound == "trace" else trace + (ONE - 1) * np.sqrt((covariance**2).sum())
+
+
+def random_problem(rng, k, targets, curves=("power", "exponential")):
+    """noise (t, 3, 3), gains (t, k, 3), prices, std per half-width, limits (t,), lower, upper."""
+    root = rng.normal(size=(targets, 3, 3)) * 0.05
+    gains = rng.normal(size=(targets, k, 3)) * rng.choice([1.0, 100.0], k)[:, None]
+    size = 1 / np.sqrt((gains**2).sum(axis=(0, 2)))
+    prices = [
+        Price(
+            curve := str(rng.choice(curves)),
+            rng.uniform(0.5, 5) * (s ** (n := rng.uniform(0.5, 2.5)) if curve == "power" else 1),
+            n if curve == "power" else 1.0,
+            s * rng.uniform(0.2, 3),
+        )
+        for s in size
+    ]
+    per = rng.choice([1 / sqrt(3), 1 / sqrt(6), 0.5], k)
+    return root @ np.swapaxes(root, 1, 2), gains, prices, per, rng.uniform(0.6, 2, targets), 0.02 * size, 3 * size
+
+
+def total(noise, gains, per, half_width):
+    return noise + np.einsum("tia,tib,i->tab", gains, gains, (per * half_width) ** 2)
+
+
+def cost(prices, half_width):
+    return sum(cost_of(price, float(h)) for price, h in zip(prices, half_width, strict=True))
 
 
 @pytest.mark.parametrize("limit", CASE["results"])
-@pytest.mark.parametrize("bound", ["fro", "trace", "lmax"])
+@pytest.mark.parametrize("bound", BOUNDS)
 def test_oracle_costs(limit, bound):
     """oracle: cvxpy, IPOPT and closed form."""
     expected = CASE["results"][limit]
-    found = allocate(NOISE, GAINS, COST, float(limit), bound)
+    found = allocate(NOISE, GAINS, PRICES, UNIFORM, float(limit), lower=0, upper=np.inf, bound=bound)
     assert found.cost == pytest.approx(expected[f"{bound}_cost"], rel=CASE["tol_rel_cost"])
+    assert found.gap < 1e-8
     if bound == "trace":
-        assert found.half_width == pytest.approx(expected["trace_tau_closed"], rel=1e-9)
-        assert found.cost == pytest.approx(expected["trace_cost_closed"], rel=1e-9)
+        half_width, closed = allocate_by_trace(NOISE, GAINS, COST, UNIFORM, float(limit))
+        assert half_width == pytest.approx(expected["trace_tau_closed"], rel=1e-9)
+        assert closed == pytest.approx(expected["trace_cost_closed"], rel=1e-9)
+        assert found.half_width == pytest.approx(half_width, rel=1e-5)
     if bound == "fro":
-        total = NOISE + (GAINS.T * found.half_width**2 / 3) @ GAINS
-        assert norm_quantile(0.95, np.zeros(3), total) == pytest.approx(expected["P95_gauss_at_fro"], rel=1e-5)
+        covariance = NOISE + (GAINS.T * found.half_width**2 / 3) @ GAINS
+        assert norm_quantile(0.95, np.zeros(3), covariance) == pytest.approx(expected["P95_gauss_at_fro"], rel=1e-5)
         assert found.half_width == pytest.approx(expected["fro_tau_rad"], rel=1e-3)
 
 
-@pytest.mark.parametrize("bound", ["fro", "trace", "lmax"])
-def test_bounds_are_above_the_exact_quantile(bound):
-    """independent: the exact law at the allocation never exceeds the limit, over random problems."""
+@pytest.mark.parametrize("p", [0.5, 0.8, 0.9, 0.95, 0.99, 0.999])
+def test_bounds_over_spectra(p):
+    """independent: over a grid of spectra each bound is at least the exact square, fro by at most its excess."""
+    spectra = [np.array([1.0, a, b]) for a in np.linspace(0, 1, 13) for b in np.linspace(0, a, 7)]
+    exact = np.array([norm_quantile(p, np.zeros(3), np.diag(s)) for s in spectra]) ** 2
+    covariances = np.array([np.diag(s) for s in spectra])
+    for bound in BOUNDS:
+        assert (squared_bound(covariances, p, bound) / exact).min() > 1 - 1e-9
+    assert (squared_bound(covariances, p, "fro") / exact).max() <= frobenius_excess(p)
+    if p == 0.95:
+        assert (squared_bound(covariances, p, "fro") / exact).max() > 1.018  # the excess is not larger than it must be
+
+
+def test_constants_of_p95():
+    """published: chi-square tables; and the plain constant q_1 - 1 is too small at p = 0.9, so it is not used there."""
+    assert frobenius_constant(0.95) == pytest.approx(ONE - 1, rel=1e-12)
+    assert squared_bound(np.eye(3)[None], 0.95, "lmax")[0] == pytest.approx(THREE, rel=1e-12)
+    assert squared_bound(np.eye(3)[None], 0.95, "trace")[0] == pytest.approx(3 * ONE, rel=1e-12)
+    assert 3 + (chi2.ppf(0.9, 1) - 1) * sqrt(3) < 0.96 * chi2.ppf(0.9, 3)
+    assert squared_bound(np.eye(3)[None], 0.9, "fro")[0] == pytest.approx(chi2.ppf(0.9, 3), rel=1e-12)
+
+
+@pytest.mark.parametrize("bound", BOUNDS)
+@pytest.mark.parametrize("p", [0.8, 0.95, 0.999])
+def test_exact_quantile_is_within_every_limit(bound, p):
+    """independent: the exact Gaussian law at the allocation, several targets, all curves."""
     rng = np.random.default_rng(3)
-    for _ in range(5):
-        root = rng.normal(size=(3, 3)) * 0.05
-        gains, cost = rng.normal(size=(6, 3)) * 100, rng.uniform(0.5, 5, 6)
-        found = allocate(root @ root.T, gains, cost, 1.0, bound)
-        total = root @ root.T + (gains.T * found.half_width**2 / 3) @ gains
-        assert norm_quantile(0.95, np.zeros(3), total) <= 1.0 + 1e-6
+    for _ in range(3):
+        noise, gains, prices, per, limits, lower, upper = random_problem(rng, 6, 3)
+        found = allocate(noise, gains, prices, per, 1.5 * limits, lower=lower, upper=upper, p=p, bound=bound)
+        for covariance, limit in zip(total(noise, gains, per, found.half_width), 1.5 * limits, strict=True):
+            assert norm_quantile(p, np.zeros(3), covariance) <= limit * (1 + 1e-9)
 
 
-def test_frobenius_bound_over_spectra():
-    """independent: ratio of bound to exact P95^2 over a grid of spectra stays within 1 and 1.019 (P95: 1.0093)."""
-    ratios = []
-    for a in np.linspace(0, 1, 15):
-        for b in np.linspace(0, a, 8):
-            spectrum = np.array([1.0, a, b])
-            exact = norm_quantile(0.95, np.zeros(3), np.diag(spectrum)) ** 2
-            ratios.append((spectrum.sum() + FROBENIUS * np.linalg.norm(spectrum)) / exact)
-    assert min(ratios) > 1 - 1e-9
-    assert max(ratios) < 1.0093**2
+@pytest.mark.parametrize("bound", BOUNDS)
+def test_one_tolerance_by_hand(bound):
+    """closed form: without noise the law is on a line, and 1.96 (lmax: 2.80) standard deviations are the limit."""
+    for price in (reciprocal(7.0), Price("power", 2.0, 1.7), Price("exponential", 3.0, scale=0.004)):
+        found = allocate(
+            np.zeros((3, 3)),
+            np.array([[0, 165.0, 0]]),
+            [price],
+            np.array([0.5]),
+            2.0,
+            lower=0,
+            upper=np.inf,
+            bound=bound,
+        )
+        expected = 2.0 / (0.5 * 165 * sqrt(THREE if bound == "lmax" else ONE))
+        assert found.half_width[0] == pytest.approx(expected, rel=1e-7)
+        slope = (cost_of(price, expected * (1 + 1e-6)) - cost_of(price, expected * (1 - 1e-6))) / (2e-6 * 2.0)
+        assert found.limit_prices[0] == pytest.approx(slope, rel=1e-5)
 
 
-def test_one_tolerance_by_hand():
-    """closed form: one gain g: tau = sqrt(3 (limit^2/3.8415 - tr S)) / |g|."""
-    found = allocate_by_trace(np.eye(3) * 0.01, np.array([[0, 165.0, 0]]), np.array([1.0]), 1.0)
-    assert found.half_width[0] == pytest.approx(np.sqrt(3 * (1 / 3.841458820694124 - 0.03)) / 165, rel=1e-12)
+def test_three_equal_tolerances_by_symmetry():
+    """closed form: equal tolerances on three axes stay equal, so S = (noise + v) I, where lmax is exact."""
+    for bound, constant in (("fro", 3 + (ONE - 1) * sqrt(3)), ("trace", 3 * ONE), ("lmax", THREE)):
+        found = allocate(
+            0.01 * np.eye(3), 20 * np.eye(3), [reciprocal()] * 3, np.full(3, 0.5), 1.0, lower=0, upper=1, bound=bound
+        )
+        assert found.half_width == pytest.approx([sqrt(1 / constant - 0.01) / 10] * 3, rel=1e-6)
 
 
-def test_noise_over_the_limit_is_infeasible():
-    for bound in ("fro", "trace", "lmax"):
-        with pytest.raises(InfeasibleError, match="without any tolerance"):
-            allocate(np.eye(3), GAINS, COST, 0.5, bound)
+@pytest.mark.parametrize("bound", ["fro", "trace"])
+def test_known_primal_and_dual(bound):
+    """independent: half-widths and multipliers come first, the prices that make them optimal are derived.
+
+    Stationarity: -cost'(h_i) = 2 per_i^2 h_i sum_j lambda_j g_ji' M_j g_ji, M the gradient of the bound, which for a
+    half-width at its largest may be exceeded, and at its smallest may be missed.
+    """
+    rng = np.random.default_rng(11)
+    for _ in range(4):
+        k, targets = 7, 3
+        root = rng.normal(size=(targets, 3, 3)) * 0.05
+        noise, gains = root @ np.swapaxes(root, 1, 2), rng.normal(size=(targets, k, 3)) * 50
+        per, half_width = rng.choice([1 / sqrt(3), 0.5], k), rng.uniform(0.002, 0.01, k)
+        covariance = total(noise, gains, per, half_width)
+        squared = np.array([bound_squared(s, bound) for s in covariance])
+        multipliers = np.array([rng.uniform(1, 5), rng.uniform(1, 5), 0.0])
+        limits = np.sqrt(squared * np.array([1.0, 1.0, 1.3]))  # the third target has room, and no multiplier
+        gradient = np.array([np.eye(3) + (ONE - 1) * s / np.linalg.norm(s) for s in covariance])
+        if bound == "trace":
+            gradient[:] = ONE * np.eye(3)
+        charge = 2 * per**2 * half_width * np.einsum("t,tia,tab,tib->i", multipliers, gains, gradient, gains)
+        lower, upper = half_width * 0.3, half_width * 3
+        upper[0], lower[1] = half_width[0], half_width[1]
+        charge[:2] *= [2.0, 0.5]
+        prices = []
+        for i in range(k):
+            h, n = half_width[i], rng.uniform(0.5, 2.5)
+            s = h * rng.uniform(0.3, 2)
+            power = i % 2 == 0
+            weight = charge[i] * h ** (n + 1) / n if power else charge[i] * s * exp(h / s)
+            prices.append(Price("power", weight, n) if power else Price("exponential", weight, scale=s))
+        found = allocate(noise, gains, prices, per, limits, lower=lower, upper=upper, bound=bound)
+        assert found.half_width == pytest.approx(half_width, rel=1e-5)
+        assert found.limit_prices == pytest.approx(-2 * multipliers * limits, rel=1e-4, abs=1e-5)
+        assert found.cost == pytest.approx(cost(prices, half_width), rel=1e-9)
+
+
+@pytest.mark.parametrize("bound", BOUNDS)
+@pytest.mark.parametrize(
+    "price",
+    [reciprocal(2.0), Price("power", 0.05, 2.0), Price("power", 3.0, 0.7), Price("exponential", 9.0, scale=0.02)],
+)
+def test_two_tolerances_by_brute_force(price, bound):
+    """independent: along the boundary of the feasible set, half-width by half-width, the other found by bisection."""
+    rng = np.random.default_rng(5)
+    noise, gains = 0.02 * np.eye(3), rng.normal(size=(2, 3)) * 20
+    prices = [price, Price("power", 1.0, 1.2)]
+    found = allocate(noise, gains, prices, np.full(2, 0.5), 1.0, lower=0, upper=np.inf, bound=bound)
+
+    def within(first, second):
+        root = gains * 0.5 * np.array([[first], [second]])
+        return bound_squared(noise + root.T @ root, bound) <= 1
+
+    best = np.inf
+    for first in np.linspace(0.9, 1.1, 81) * found.half_width[0]:
+        low, high = 0.0, 1.0
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if within(first, middle) else (low, middle)
+        if low > 0:
+            best = min(best, cost(prices, [first, low]))
+    assert found.cost == pytest.approx(best, rel=2e-6)
+    far = np.linspace(0.02, 4, 60)[:, None] * found.half_width
+    assert found.cost < min(cost(prices, h) for h in itertools.product(*far.T) if within(*h))
+
+
+@pytest.mark.parametrize("bound", BOUNDS)
+def test_lower_bound_is_below_every_feasible_point(bound):
+    """independent: random feasible half-widths never cost less than the dual bound; the best of them comes near."""
+    rng = np.random.default_rng(9)
+    for _ in range(3):
+        noise, gains, prices, per, limits, lower, upper = random_problem(rng, 3, 2)
+        found = allocate(noise, gains, prices, per, limits, lower=lower, upper=upper, bound=bound)
+        assert found.lower_bound_cost <= found.cost * (1 + 1e-12)
+        assert found.gap < 1e-7
+        costs = []
+        for _ in range(1500):
+            spread = np.exp(rng.normal(size=3) * rng.choice([0.03, 0.5]))
+            trial = np.clip(found.half_width * spread, lower, upper)
+            squared = [bound_squared(s, bound) for s in total(noise, gains, per, trial)]
+            if (np.array(squared) <= limits**2).all():
+                costs.append(cost(prices, trial))
+        assert len(costs) > 100
+        assert found.lower_bound_cost <= min(costs) < 1.1 * found.cost
+
+
+@pytest.mark.parametrize("bound", BOUNDS)
+def test_units_do_not_matter(bound):
+    """closed form: mm to m, half-widths to another unit and the cost's unit scale the answer and nothing else."""
+    noise, gains, prices, per, limits, lower, upper = random_problem(np.random.default_rng(2), 6, 2)
+    metre, unit, money = 1e-3, 1e3, 1e-4
+    rescaled = [
+        Price(q.curve, money * q.weight * (unit**q.exponent if q.curve == "power" else 1), q.exponent, q.scale * unit)
+        for q in prices
+    ]
+    found = allocate(noise, gains, prices, per, limits, lower=lower, upper=upper, bound=bound)
+    other = allocate(
+        noise * metre**2, gains * metre / unit, rescaled, per, limits * metre, lower=lower * unit, upper=upper * unit,
+        bound=bound,
+    )  # fmt: skip
+    assert other.half_width == pytest.approx(found.half_width * unit, rel=1e-6)
+    assert other.cost == pytest.approx(found.cost * money, rel=1e-9)
+    assert other.limit_prices == pytest.approx(found.limit_prices * money / metre, rel=1e-5, abs=1e-9 * money / metre)
+
+
+def test_programmes_are_compiled_once_and_solved_again_as_if_fresh():
+    """independent: re-solves with other numbers, also from several threads, equal solves of a fresh compilation."""
+    rng = np.random.default_rng(4)
+    problems = [random_problem(rng, 5, 2, curves=("power",)) for _ in range(6)]
+
+    def solve(problem):
+        noise, gains, prices, per, limits, lower, upper = problem
+        return allocate(noise, gains, prices, per, limits, lower=lower, upper=upper)
+
+    fresh = []
+    for problem in problems:
+        allocation._programme.cache_clear()
+        fresh.append(solve(problem))
+    allocation._programme.cache_clear()
+    with ThreadPoolExecutor(4) as pool:
+        again = list(pool.map(solve, problems))
+    allocation._programme.cache_clear()
+    one_by_one = [solve(problem) for problem in problems]
+    assert allocation._programme.cache_info().misses == 1
+    for a, b, c in zip(fresh, again, one_by_one, strict=True):
+        assert a.half_width == pytest.approx(b.half_width, rel=1e-9)
+        assert a.cost == pytest.approx(c.cost, rel=1e-12)
+
+
+@pytest.mark.parametrize("bound", BOUNDS)
+def test_programme_is_disciplined_and_parametrised(bound):
+    """independent: cvxpy's own rules: convex, and affine in its parameters, so that a re-solve compiles nothing."""
+    problem = allocation._programme(2, bound, (False, True, False)).problem
+    assert problem.is_dcp(dpp=True)
+
+
+def test_a_looser_limit_never_costs_more():
+    """closed form: the feasible set grows with the limit; the slope is the limit's price."""
+    noise, gains, prices, per, limits, lower, upper = random_problem(np.random.default_rng(8), 5, 1)
+    grid = limits[0] * np.linspace(0.9, 1.6, 15)
+    found = [allocate(noise, gains, prices, per, limit, lower=lower, upper=upper) for limit in grid]
+    costs = np.array([answer.cost for answer in found])
+    prices_of_limit = np.array([answer.limit_prices[0] for answer in found])
+    assert (np.diff(costs) <= 0).all()
+    assert (prices_of_limit <= 0).all()
+    # The optimal cost is convex in limit^2, so each chord lies between the prices at its ends.
+    chords, slopes = np.diff(costs) / np.diff(grid**2), prices_of_limit / (2 * grid)
+    assert (slopes[:-1] <= chords + 1e-7).all()
+    assert (chords <= slopes[1:] + 1e-7).all()
+
+
+def test_loose_limit_leaves_every_tolerance_at_its_largest():
+    """closed form: what the limit does not reach costs least where it is loosest, and the limit is worth nothing."""
+    noise, gains, prices, per, _, lower, upper = random_problem(np.random.default_rng(8), 5, 2)
+    found = allocate(noise, gains, prices, per, 1e3, lower=lower, upper=upper)
+    assert (found.half_width == upper).all()
+    assert found.gap == 0
+    assert not found.limit_prices.any()
+
+
+def test_tolerances_that_no_target_sees_and_fixed_ones():
+    """closed form: an unseen tolerance goes to its largest, equal bounds fix one, whose variance is then noise."""
+    gains = np.array([[30.0, 0, 0], [0, 20.0, 0], [0, 0, 0], [10.0, 5.0, 0]])
+    per = np.full(4, 0.5)
+    prices = [reciprocal(), Price("power", 0.01, 2.0), reciprocal(), reciprocal()]
+    lower, upper = np.array([0, 0, 0.1, 0.004]), np.array([1, 1, 0.7, 0.004])
+    found = allocate(0.01 * np.eye(3), gains, prices, per, 1.0, lower=lower, upper=upper)
+    assert found.half_width[2:] == pytest.approx([0.7, 0.004], rel=1e-12)
+    noise = 0.01 * np.eye(3) + (0.5 * 0.004) ** 2 * np.outer(gains[3], gains[3])
+    rest = allocate(noise, gains[:2], prices[:2], per[:2], 1.0, lower=0, upper=1)
+    assert found.half_width[:2] == pytest.approx(rest.half_width, rel=1e-6)
+    assert found.cost == pytest.approx(rest.cost + 1 / 0.7 + 1 / 0.004, rel=1e-9)
+
+
+def test_bracket_holds_the_optimum_of_the_exact_law():
+    """independent: normal tolerances on two axes, exact P95 by the Gaussian law, its optimum by a scan of the ratio."""
+    noise, gains, per = 0.01 * np.eye(3), np.array([[25.0, 0, 0], [0, 10.0, 3.0]]), np.full(2, 0.5)
+    for p in (0.9, 0.95, 0.99):
+        least, attained = gaussian_bracket(noise, gains, [reciprocal()] * 2, per, 1.0, lower=0, upper=np.inf, p=p)
+        best = np.inf
+        for ratio in np.geomspace(0.1, 10, 60):
+            low, high = 0.0, 1.0
+            for _ in range(40):
+                size = 0.5 * (low + high)
+                root = gains * 0.5 * size * np.array([[1.0], [ratio]])
+                good = norm_quantile(p, np.zeros(3), noise + root.T @ root) <= 1
+                low, high = (size, high) if good else (low, size)
+            best = min(best, 1 / low + 1 / (ratio * low))
+        assert least < best < attained * 1.001  # the scan's best is up to 0.1 % above the optimum
+        assert attained < 1.08 * least
+
+
+@pytest.mark.parametrize("bound", BOUNDS)
+def test_limit_out_of_reach_is_refused(bound):
+    """closed form: noise alone over the limit, and smallest half-widths over it, by the bound of the second target."""
+    with pytest.raises(InfeasibleError, match="smallest the bound of P95"):
+        allocate(np.eye(3), GAINS, PRICES, UNIFORM, 0.5, lower=0, upper=1, bound=bound)
+    noise = np.array([np.zeros((3, 3)), np.diag([0.04, 0, 0])])
+    least = sqrt(THREE if bound == "lmax" else ONE) * 0.5  # standard deviation sqrt(0.04 + 0.21) mm
+    gains = np.array([[[1.0, 0, 0]], [[10.0, 0, 0]]])
+    with pytest.raises(InfeasibleError, match=f"is {least:.4g} mm, not below the limit of 0.9 mm"):
+        allocate(noise, gains, [reciprocal()], np.ones(1), np.full(2, 0.9), lower=sqrt(0.0021), upper=1, bound=bound)
+    if bound == "trace":
+        with pytest.raises(InfeasibleError):
+            allocate_by_trace(np.eye(3), GAINS, COST, UNIFORM, 0.5)

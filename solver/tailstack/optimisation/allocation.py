@@ -1,103 +1,390 @@
 """Tolerance allocation at a fixed layout: convex in the variances, under convex bounds of the tail.
 
-With the layout fixed and no bias, ``S(v) = S_noise + sum_i v_i g_i g_i'`` is linear in the variances
-``v_i = tau_i^2 / 3`` of uniform tolerances of half-width tau_i, and the cost ``sum c_i / tau_i``, or
-``sum c_i (3 v_i)^(-1/2)``,
-is convex in them.  Each bound below is convex in S and at least the Gaussian P95 squared, so the feasible set is
-convex and inside the true one; ratios to the exact P95 squared over all spectra:
+With the layout fixed and no bias, the covariance at a target is affine in the variances ``v_i = (per_i h_i)^2`` of
+the tolerances, ``S(v) = S_noise + sum_i v_i g_i g_i'``, per_i the standard deviation per half-width (1/sqrt 3
+uniform, 1/sqrt 6 triangular, 1/coverage normal).  The bounds of ``tail_bounds.py`` are convex in S, so in v, and the
+costs ``w h^-n`` and ``w exp(-h/s)`` are convex in v (powers v^(-n/2), and exp of the convex -sqrt v): a convex
+programme, whose dual bounds its optimum from below.
 
-- ``fro``:   ``tr S + 2.8415 |S|_F``   1.0000-1.0093 (a second-order cone; checked numerically, not proven);
-- ``trace``: ``3.8415 tr S``          1.000-1.214 (a theorem: equality at rank one), optimum in closed form;
-- ``lmax``:  ``7.8147 lambda_max(S)`` 1.000-1.426 (a theorem: equality at S = I).
-
-It stops being convex when the bias moves with the tolerances, or when the layout does.
+It stops being convex when the bias moves with the tolerances (bounded laws), when the risk is per unit, and when the
+layout moves.  And its optimum is that of the bound.  It brackets the optimum under the exact law only for normal
+tolerances (:func:`gaussian_bracket`); for uniform and triangular ones, whose tails are lighter than those of the
+Gaussian law of the same covariance, the true optimum may be cheaper than anything computed here.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import sqrt
-from typing import Literal
+from functools import lru_cache
+from math import exp, sqrt
+from threading import Lock
+from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import lambertw
 
 from ..errors import InfeasibleError, NotConvergedError, Problem
 from ..system import Array
+from .prices import Price
+from .tail_bounds import Bound, frobenius_constant, frobenius_excess, maximum_constant, squared_bound, trace_constant
 
-Bound = Literal["fro", "trace", "lmax"]
-_ONE, _THREE = float(chi2.ppf(0.95, 1)), float(chi2.ppf(0.95, 3))
-FROBENIUS = _ONE - 1.0  # exact at rank one, where tr S = |S|_F
+# Half-widths are as good as the square root of the gap, so it is asked for near rounding; what is reached is checked.
+_SOLVER_OPTIONS = {"tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12, "tol_feas": 1e-12}
+_LARGEST_GAP = 1e-6  # relative, between cost and dual bound: what an answer is accepted by
+# The six numbers of a symmetric matrix, scaled so that their Euclidean norm is the Frobenius norm.
+_ROWS, _COLUMNS = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
+_WEIGHTS = np.array([1.0, 1.0, 1.0, sqrt(2), sqrt(2), sqrt(2)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Allocation:
-    """Half-widths (k,) in the native unit of each gain, and their cost."""
+    """Half-widths, what they cost, and what no allocation under the same bound can undercut."""
 
     bound: Bound
-    half_width: Array
+    half_width: Array  # (k,) native units
     cost: float
+    lower_bound_cost: float  # Lagrangian bound, recomputed from the multipliers
+    gap: float  # (cost - lower_bound_cost) / cost
+    limit_prices: Array  # (t,) d cost / d limit_mm of each target, <= 0
 
 
-def _infeasible(noise: float, limit_mm: float) -> InfeasibleError:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Curves:
+    """Prices as arrays (k,): ``weight h^-exponent``, or ``weight exp(-h / scale)`` where ``exponential``."""
+
+    exponential: NDArray[np.bool_]
+    weight: Array
+    exponent: Array
+    scale: Array
+
+    def log_cost(self, half_width: Array) -> Array:
+        """(k,) logarithm of the cost of each half-width (k,) > 0."""
+        fall = np.where(self.exponential, half_width / self.scale, self.exponent * np.log(half_width))
+        return np.asarray(np.log(self.weight) - fall)
+
+    def cost(self, half_width: Array) -> Array:
+        """(k,) cost of each half-width (k,) > 0."""
+        return np.asarray(np.exp(self.log_cost(half_width)))
+
+    def cheapest(self, charge: Array, lower: Array, upper: Array) -> Array:
+        """(k,) least ``cost(h) + charge h^2`` in [lower, upper], charge (k,) >= 0; both terms are convex in h."""
+        with np.errstate(divide="ignore"):
+            power = (self.exponent * self.weight / (2 * charge)) ** (1 / (self.exponent + 2))
+            falling = self.scale * lambertw(self.weight / (2 * charge * self.scale**2)).real
+        return np.clip(np.where(self.exponential, falling, power), lower, upper)
+
+    def only(self, chosen: NDArray[np.bool_]) -> _Curves:
+        return _Curves(self.exponential[chosen], self.weight[chosen], self.exponent[chosen], self.scale[chosen])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Case:
+    """The tolerances that are to be chosen, in units of each limit; the others are part of the noise."""
+
+    bound: Bound
+    p: float
+    noise: Array  # (t, 3, 3) over limit^2
+    outer: Array  # (t, k, 3, 3): per^2 g g' over limit^2, per squared half-width
+    curves: _Curves
+    lower: Array  # (k,)
+    upper: Array  # (k,) finite
+
+    def covariance(self, half_width: Array) -> Array:
+        """(t, 3, 3) over limit^2."""
+        return np.asarray(self.noise + np.einsum("tiab,i->tab", self.outer, half_width**2))
+
+    def ratios(self, half_width: Array) -> Array:
+        """(t,) the bound over limit^2."""
+        return squared_bound(self.covariance(half_width), self.p, self.bound)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Programme:
+    """A compiled cvxpy problem and its handles; the parameters are shared state, so it is used under its lock."""
+
+    problem: Any
+    scaled_variance: Any
+    parameters: dict[str, Any]
+    within: list[Any]
+    lock: Lock
+
+
+def allocate_by_trace(
+    noise: Array, gains: Array, weight: Array, std_per_half_width: Array, limit_mm: float, p: float = 0.95
+) -> tuple[Array, float]:
+    """(half-widths (k,), cost) under the trace bound for costs ``w / h``: ``h_i = s (w_i / (per_i |g_i|)^2)^(1/3)``.
+
+    noise (3, 3) mm^2; gains (k, 3), mm per unit of each tolerance; weight and std_per_half_width (k,).  From
+    stationarity of the Lagrangian, ``w_i / h_i^2 = 2 lambda (per_i |g_i|)^2 h_i``; s makes the bound tight.  Raises
+    InfeasibleError.
+    """
+    room = limit_mm**2 / trace_constant(p) - float(np.trace(noise))
+    if room <= 0:
+        raise _infeasible(np.array([trace_constant(p) * np.trace(noise)]) / limit_mm**2, np.array([limit_mm]), p)
+    size2 = (gains**2).sum(axis=1) * std_per_half_width**2
+    shape = (weight / size2) ** (1 / 3)
+    half_width = shape * sqrt(room / float((size2 * shape**2).sum()))
+    return half_width, float((weight / half_width).sum())
+
+
+def allocate(
+    noise: Array,
+    gains: Array,
+    prices: Sequence[Price],
+    std_per_half_width: Array,
+    limits_mm: Array | float,
+    *,
+    lower: Array | float,
+    upper: Array | float,
+    p: float = 0.95,
+    bound: Bound = "fro",
+) -> Allocation:
+    """Cheapest half-widths between lower and upper with the bound of the p-quantile within the limit at every target.
+
+    noise (t, 3, 3) or (3, 3) mm^2; gains (t, k, 3) or (k, 3), mm per native unit of each tolerance; std_per_half_width
+    (k,); limits_mm (t,); lower (k,) >= 0, upper (k,) may be inf.  Grades are priced by the power law through them.
+    Raises InfeasibleError when the tightest half-widths exceed the bound, NotConvergedError when the duality gap stays
+    above 1e-6.
+    """
+    gains = np.asarray(gains, dtype=np.float64).reshape(-1, len(prices), 3)
+    limits = np.broadcast_to(np.asarray(limits_mm, dtype=np.float64), gains.shape[:1])
+    low, high = (np.broadcast_to(np.asarray(b, dtype=np.float64), len(prices)) for b in (lower, upper))
+    case, curves, free, high = _case(noise, gains, prices, np.asarray(std_per_half_width), limits, low, high, p, bound)
+
+    def answer(chosen: Array, multipliers: Array, dual: float | None) -> Allocation:
+        half_width = np.array(np.broadcast_to(high, len(prices)))
+        half_width[free] = chosen
+        cost = float(curves.cost(half_width).sum())
+        fixed = cost - float(case.curves.cost(chosen).sum())
+        least = cost if dual is None else min(fixed + dual, cost)
+        return Allocation(
+            bound, half_width, cost, least, (cost - least) / cost if cost > 0 else 0.0, -2 * multipliers / limits
+        )
+
+    tightest = case.ratios(case.lower)
+    if tightest.max() >= 1:
+        raise _infeasible(tightest, limits, p)
+    if case.ratios(case.upper).max() <= 1:
+        return answer(case.upper, np.zeros(limits.size), None)
+    found, multipliers, matrices = _by_cone(case, _unit(case))
+    excess = case.ratios(found)
+    # The bound is convex in the variances: on the way to the tightest it is below its chord.
+    theta = min(1.0, float(((1 - tightest) / (np.maximum(excess, 1) - tightest)).min()))
+    found = np.sqrt(case.lower**2 + theta * (found**2 - case.lower**2))
+    result = answer(found, multipliers, _dual_bound(case, multipliers, matrices))
+    if not result.gap <= _LARGEST_GAP:
+        raise _not_converged(f"the cost is {result.gap:.1e} of itself above its dual bound, not {_LARGEST_GAP:g}")
+    return result
+
+
+def gaussian_bracket(
+    noise: Array,
+    gains: Array,
+    prices: Sequence[Price],
+    std_per_half_width: Array,
+    limits_mm: Array | float,
+    *,
+    lower: Array | float,
+    upper: Array | float,
+    p: float = 0.95,
+) -> tuple[float, float]:
+    """(least, attained) cost around the optimum under the exact law, for normal tolerances without bias.
+
+    As :func:`allocate`.  The fro bound divided by :func:`frobenius_excess` is nowhere above the exact squared quantile
+    (checked, not proven), so its optimum is not dearer than the true one; the fro bound's own optimum meets the limit.
+    """
+    relaxed = np.asarray(limits_mm, dtype=np.float64) * sqrt(frobenius_excess(p))
+    least = allocate(noise, gains, prices, std_per_half_width, relaxed, lower=lower, upper=upper, p=p)
+    attained = allocate(noise, gains, prices, std_per_half_width, limits_mm, lower=lower, upper=upper, p=p)
+    return least.lower_bound_cost, attained.cost
+
+
+def _case(
+    noise: Array,
+    gains: Array,
+    prices: Sequence[Price],
+    std_per_half_width: Array,
+    limits: Array,
+    low: Array,
+    high: Array,
+    p: float,
+    bound: Bound,
+) -> tuple[_Case, _Curves, NDArray[np.bool_], Array]:
+    """(programme's data, all curves (k,), which are to be chosen (k,), the half-widths of the others (k,))."""
+    curves = _Curves(
+        np.array([price.curve == "exponential" for price in prices]),
+        np.array([price.weight for price in prices]),
+        np.array([price.exponent for price in prices]),
+        np.array([price.scale for price in prices]),
+    )
+    scaled = gains * std_per_half_width[:, None] / limits[:, None, None]
+    outer = np.einsum("tia,tib->tiab", scaled, scaled)
+    # Alone and without noise a tolerance uses up the limit here: rank one, where fro and trace meet.
+    alone = trace_constant(p) if bound == "trace" else 1 + frobenius_constant(p)
+    size = (maximum_constant(p) if bound == "lmax" else alone) * (scaled**2).sum(axis=2).max(axis=0)
+    seen = size > 0
+    free = seen & (high > low)
+    reach = np.full(len(prices), np.inf)
+    reach[seen] = 1.01 / np.sqrt(size[seen])  # a little beyond, so that the limit and not this stops it
+    base = np.asarray(noise, dtype=np.float64).reshape(-1, 3, 3) / limits[:, None, None] ** 2
+    still = seen & ~free
+    base = base + np.einsum("tiab,i->tab", outer[:, still], high[still] ** 2)
+    top = np.minimum(high, np.maximum(reach, 2 * low))
+    case = _Case(bound, p, base, outer[:, free], curves.only(free), low[free], top[free])
+    return case, curves, free, high
+
+
+def _infeasible(ratios: Array, limits: Array, p: float) -> InfeasibleError:
+    worst = int(ratios.argmax())
+    least = sqrt(float(ratios[worst])) * float(limits[worst])
     return InfeasibleError(
         Problem(
             "/requirements",
-            "noise-alone-exceeds-limit",
-            f"without any tolerance the bound of P95 is {sqrt(noise):.4g} mm, over the limit of {limit_mm:g} mm",
-            "loosen the limit, lower the noise or move the fiducials: no tolerance helps",
+            "smallest-tolerances-exceed-limit",
+            f"with every tolerance at its smallest the bound of P{100 * p:g} is {least:.4g} mm, "
+            f"not below the limit of {limits[worst]:g} mm",
+            "loosen the limit, lower the noise or the smallest half-widths, or move the fiducials",
         )
     )
 
 
-def allocate_by_trace(noise: Array, gains: Array, cost: Array, limit_mm: float) -> Allocation:
-    """Closed form under the trace bound: ``tau_i = s (c_i / |g_i|^2)^(1/3)``.
+def _not_converged(detail: str) -> NotConvergedError:
+    return NotConvergedError(Problem("/optimise", "allocation-not-converged", detail, "report the design"))
 
-    noise (3, 3) mm^2; gains (k, 3), mm per unit of each tolerance; cost (k,).  From stationarity of the Lagrangian,
-    ``c_i / tau_i^2 = 2/3 lambda |g_i|^2 tau_i``; s makes the bound tight.  Raises InfeasibleError.
+
+def _unit(case: _Case) -> Array:
+    """(k,) unit of the solver's variables, in which they are near 1 whatever rad, mm and the cost's unit are.
+
+    The optimum under the trace bound with one multiplier for all targets (limits doubled in the square where even the
+    smallest half-widths break it), but not far below the largest: there the solver would see nothing but the box.
     """
-    room = limit_mm**2 / _ONE - float(np.trace(noise))
-    if room <= 0:
-        raise _infeasible(_ONE * float(np.trace(noise)), limit_mm)
-    size2 = (gains**2).sum(axis=1)
-    shape = (cost / size2) ** (1 / 3)
-    half_width = shape * sqrt(3 * room / float((size2 * shape**2).sum()))
-    return Allocation("trace", half_width, float((cost / half_width).sum()))
+    size = np.trace(case.outer, axis1=2, axis2=3)  # (t, k)
+    noise = np.trace(case.noise, axis1=1, axis2=2)
+    constant = trace_constant(case.p)
+    aim = max(1.0, 2.0 * constant * float((noise + size @ case.lower**2).max()))
+
+    def chosen(log_multiplier: float) -> Array:
+        return case.curves.cheapest(np.exp(log_multiplier) * size.sum(axis=0), case.lower, case.upper)
+
+    def over(log_multiplier: float) -> float:
+        return float((constant * (noise + size @ chosen(log_multiplier) ** 2)).max()) - aim
+
+    if constant * (noise + size @ case.upper**2).max() <= aim:
+        return case.upper
+    middle = float(case.curves.log_cost(case.upper).max())
+    less, more = middle, middle
+    while over(less) < 0:
+        less -= 5.0
+    while over(more) > 0:
+        more += 5.0
+    best = chosen(brentq(over, less, more, xtol=1e-12) if more > less else middle)
+    return np.asarray(np.maximum(best, 0.03 * case.upper))
 
 
-def allocate(noise: Array, gains: Array, cost: Array, limit_mm: float, bound: Bound = "fro") -> Allocation:
-    """Cheapest uniform tolerances whose bound of P95 is within the limit; see :func:`allocate_by_trace`.
+def _vectors(symmetric: Array) -> Array:
+    """(..., 6) of (..., 3, 3), with the Frobenius norm as their length."""
+    return np.asarray(symmetric[..., _ROWS, _COLUMNS] * _WEIGHTS)
 
-    Raises InfeasibleError when the noise alone is over the limit, NotConvergedError when the solver stops early.
+
+@lru_cache(maxsize=64)
+def _programme(targets: int, bound: Bound, exponential: tuple[bool, ...]) -> _Programme:
+    """The programme of a shape, compiled at its first solve; every number in it is a parameter (DPP).
+
+    The cost of tolerance i is ``exp(offset_i - rate_i z_i)``, x its scaled variance, with ``z <= log(x) / 2`` (power
+    laws) or ``z <= sqrt(x) - 1`` (exponentials): decreasing in z, so these hold with equality.
     """
-    if bound == "trace":
-        return allocate_by_trace(noise, gains, cost, limit_mm)
-    alone = float(np.trace(noise)) + FROBENIUS * float(np.linalg.norm(noise))
-    if bound == "lmax":
-        alone = _THREE * float(np.linalg.eigvalsh(noise)[-1])
-    if alone >= limit_mm**2:
-        raise _infeasible(alone, limit_mm)
-    return _by_cone(noise, gains, cost, limit_mm, bound)
-
-
-def _by_cone(noise: Array, gains: Array, cost: Array, limit_mm: float, bound: Bound) -> Allocation:
     import cvxpy as cp
 
-    # In units of the closed form's optimum the variables are near 1, whatever rad and mm are.
-    start = allocate_by_trace(noise * min(1.0, 0.5 * limit_mm**2 / (_ONE * np.trace(noise))), gains, cost, limit_mm)
-    unit = start.half_width**2 / 3
-    scaled = cp.Variable(len(cost), pos=True)
-    outer = np.einsum("ia,ib,i->iab", gains, gains, unit) / limit_mm**2
-    total = noise / limit_mm**2 + sum(scaled[i] * outer[i] for i in range(len(cost)))
-    if bound == "fro":
-        within = cp.trace(total) + FROBENIUS * cp.norm(total, "fro") <= 1
-    else:
-        within = _THREE * cp.lambda_max(total) <= 1
-    price = cost / start.half_width
-    problem = cp.Problem(cp.Minimize(price / price.sum() @ cp.power(scaled, -0.5)), [within])
-    problem.solve(solver=cp.CLARABEL)
-    if problem.status != cp.OPTIMAL:
-        detail = f"the conic solver stopped with status {problem.status!r}"
-        raise NotConvergedError(Problem("/optimise", "allocation-not-converged", detail, "report the design"))
-    half_width = start.half_width * np.sqrt(np.asarray(scaled.value, dtype=np.float64))
-    return Allocation(bound, half_width, float((cost / half_width).sum()))
+    k = len(exponential)
+    x, z = cp.Variable(k), cp.Variable(k)
+    parameters = {
+        "offset": cp.Parameter(k),
+        "rate": cp.Parameter(k, nonneg=True),
+        "lower": cp.Parameter(k, nonneg=True),
+        "upper": cp.Parameter(k, nonneg=True),
+        "trace": cp.Parameter(targets, nonneg=True),
+        "traces": cp.Parameter((targets, k), nonneg=True),
+    }
+    powers, falling = [i for i in range(k) if not exponential[i]], [i for i in range(k) if exponential[i]]
+    constraints = [x >= parameters["lower"], x <= parameters["upper"]]
+    if powers:
+        constraints.append(z[powers] <= cp.log(x[powers]) / 2)
+    if falling:
+        constraints.append(z[falling] <= cp.sqrt(x[falling]) - 1)
+    within = [parameters["trace"] + parameters["traces"] @ x <= 1]
+    if bound != "trace":
+        parameters["matrix"] = cp.Parameter(6 * targets)
+        parameters["matrices"] = cp.Parameter((6 * targets, k))
+        total = cp.reshape(parameters["matrix"] + parameters["matrices"] @ x, (targets, 6), order="C")
+        if bound == "fro":
+            within = [parameters["trace"] + parameters["traces"] @ x + cp.norm(total, 2, axis=1) <= 1]
+        else:
+            unpack = np.zeros((9, 6))
+            unpack[3 * _ROWS + _COLUMNS, np.arange(6)] = 1 / _WEIGHTS
+            unpack[3 * _COLUMNS + _ROWS, np.arange(6)] = 1 / _WEIGHTS
+            within = [np.eye(3) - cp.reshape(unpack @ total[j], (3, 3), order="C") >> 0 for j in range(targets)]
+    cost = cp.sum(cp.exp(parameters["offset"] - cp.multiply(parameters["rate"], z)))
+    return _Programme(cp.Problem(cp.Minimize(cost), constraints + within), x, parameters, within, Lock())
+
+
+def _by_cone(case: _Case, unit: Array) -> tuple[Array, Array, Array]:
+    """(half-widths (k,), multipliers (t,), cost per relative limit^2, M (t, 3, 3)): <M, S> touches each bound."""
+    import cvxpy as cp
+
+    curves = case.curves
+    log_scale = float(np.logaddexp.reduce(curves.log_cost(unit)))  # the scale itself may underflow
+    scale = exp(log_scale)
+    rate = np.where(curves.exponential, unit / curves.scale, curves.exponent)
+    targets = case.noise.shape[0]
+    outer = case.outer * (unit**2)[:, None, None]
+    constant = trace_constant(case.p) if case.bound == "trace" else 1.0
+    tilt = frobenius_constant(case.p) if case.bound == "fro" else maximum_constant(case.p)
+    values = {
+        "offset": curves.log_cost(unit) - log_scale,
+        "rate": rate,
+        "lower": (case.lower / unit) ** 2,
+        "upper": (case.upper / unit) ** 2,
+        "trace": constant * np.trace(case.noise, axis1=1, axis2=2),
+        "traces": constant * np.trace(outer, axis1=2, axis2=3),
+        "matrix": tilt * _vectors(case.noise).ravel(),
+        "matrices": tilt * np.swapaxes(_vectors(outer), 1, 2).reshape(6 * targets, -1),
+    }
+    programme = _programme(targets, case.bound, tuple(bool(e) for e in curves.exponential))
+    with programme.lock:
+        for name, parameter in programme.parameters.items():
+            parameter.value = values[name]
+        # Not problem.solve: it warns of an almost solved programme, where the dual bound below is the judge.
+        data, chain, inverse = programme.problem.get_problem_data(cp.CLARABEL, solver_opts=_SOLVER_OPTIONS)
+        solution = chain.invert(chain.solve_via_data(programme.problem, data, solver_opts=_SOLVER_OPTIONS), inverse)
+        if solution.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
+            raise _not_converged(f"the conic solver stopped with status {solution.status!r}")
+        programme.problem.unpack(solution)
+        scaled = np.asarray(programme.scaled_variance.value, dtype=np.float64)
+        duals = [np.asarray(constraint.dual_value, dtype=np.float64) for constraint in programme.within]
+    half_width = np.clip(unit * np.sqrt(np.maximum(scaled, 0.0)), case.lower, case.upper)
+    if case.bound == "lmax":
+        eigenvalues, vectors = np.linalg.eigh(np.array(duals))
+        positive = np.einsum("tai,ti,tbi->tab", vectors, np.maximum(eigenvalues, 0.0), vectors)
+        multipliers = np.trace(positive, axis1=1, axis2=2)
+        return half_width, scale * multipliers, tilt * positive / np.maximum(multipliers, 1e-300)[:, None, None]
+    multipliers = np.maximum(duals[0].reshape(targets), 0.0)
+    matrices = np.broadcast_to(constant * np.eye(3), (targets, 3, 3))
+    if case.bound == "fro":
+        total = case.covariance(half_width)
+        matrices = matrices + tilt * total / np.linalg.norm(total, axis=(1, 2))[:, None, None]
+    return half_width, scale * multipliers, matrices
+
+
+def _dual_bound(case: _Case, multipliers: Array, matrices: Array) -> float:
+    """Least Lagrangian over the box: a lower bound of the programme for any multipliers >= 0.
+
+    Each bound is at least ``<M, S>`` for its tangent M (I + c Z with |Z|_F <= 1; q_3 Z with Z >= 0, tr Z = 1), and with
+    it in the bound's place the Lagrangian is a sum over the tolerances, minimised one by one.
+    """
+    charge = np.einsum("t,tab,tiab->i", multipliers, matrices, case.outer)
+    best = case.curves.cheapest(charge, case.lower, case.upper)
+    room = 1 - np.einsum("tab,tab->t", matrices, case.noise)
+    return float(case.curves.cost(best).sum() + charge @ best**2 - multipliers @ room)
