@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from optimise_scenes import BOX_MM, oracle_problem
-from scenes import target
+from scenes import mount, target
 from tailstack.optimisation.problem import Place, PlacementProblem
 from tailstack.optimisation.regions import Ball, Box, Cylinder, KeepOut, Shape, contains, mirror, turns
 from tailstack.optimisation.starts import careless_layouts, starting_layouts, textbook_layout
@@ -24,6 +24,7 @@ BASE_MM = np.array([0.0, 0.0, -90.0])
 TUBE = Cylinder(BASE_MM, UP, 100.0, 50.0, 35.0)
 SPHERE = Ball(np.array([0.0, 0.0, -40.0]), 60.0, 60.0)
 LEFT, RIGHT = Box(BOX.low_mm, np.array([-20.0, 50.0, 10.0])), Ball(np.array([30.0, 0.0, -40.0]), 25.0)
+NOT_SYMMETRIC = Box(BOX.low_mm, np.array([25.0, 50.0, 10.0]))  # only a part of it has its mirror image in it
 CLAMP = KeepOut("clamp", Box(np.array([-10.0, -60.0, -60.0]), np.array([60.0, 0.0, -20.0])), 3.0)
 ROUNDING = 1e-9
 
@@ -38,7 +39,7 @@ PROBLEMS: dict[str, PlacementProblem] = {
         12, places=places_of(TUBE, range(12), 3), symmetry=turns(np.zeros(3), UP, 3), keep_out=(CLAMP,)
     ),
     "mirrored box": oracle_problem(
-        10, places=places_of(BOX, range(10), 2), symmetry=mirror(np.zeros(3), np.array([1.0, 0.0, 0.0]))
+        10, places=places_of(NOT_SYMMETRIC, range(10), 2), symmetry=mirror(np.zeros(3), np.array([1.0, 0.0, 0.0]))
     ),
     "sphere about a clamp": oracle_problem(10, places=places_of(SPHERE, range(10)), keep_out=(CLAMP,)),
     "two regions, one fixed": oracle_problem(
@@ -135,7 +136,8 @@ def test_the_first_start_is_the_present_layout() -> None:
     np.testing.assert_allclose(starting_layouts(*given(moved), 1, 0)[0][0], [50.0, 10.0, -90.0])
     mirrored = PROBLEMS["mirrored box"]
     layout = starting_layouts(*given(mirrored), 1, 0)[0]
-    np.testing.assert_array_equal(layout[::2], mirrored.system.fiducials_mm[::2])
+    kept = np.minimum(mirrored.system.fiducials_mm[::2], NOT_SYMMETRIC.high_mm)
+    np.testing.assert_array_equal(layout[::2], kept)
     np.testing.assert_allclose(layout[1::2], layout[::2] * [-1.0, 1.0, 1.0], atol=1e-12)
 
 
@@ -176,7 +178,10 @@ def test_the_exchange_weighs_targets_by_their_limits() -> None:
     """independent: a far target with a limit so loose that it never matters changes no start; with the same it does."""
     near = replace(oracle_problem(8), target_clearance_px=0.0)
     far = target((0.0, 0.0, 200.0), "far")
-    near = replace(near, system=replace(near.system, targets=(*near.system.targets, far)))
+    turned = mount(
+        "interface_2", (0.0, 0.0, -145.0), bias=(0.01, 0, 0, 0, 0, 0), half_width=[np.deg2rad(0.05)] * 3 + [0] * 3
+    )
+    near = replace(near, system=replace(near.system, targets=(*near.system.targets, far), interface_2=turned))
     first = near.requirements[0]
     alone = starting_layouts(*given(near), 3, 3)
     for limit_mm, same in ((100.0, True), (first.limit_mm, False)):
