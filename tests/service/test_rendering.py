@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from optimisation_scenes import bare_result, full_result, tolerance, verification
 
 from tailstack.results import Check, Contributor, Finding, Verdict
+from tailstack_service.rendering.demo import before_after_text
+from tailstack_service.rendering.optimisation import moved_text, optimisation_text, tolerances_text
 from tailstack_service.rendering.score import grouped
 from tailstack_service.rendering.tables import WIDTH, columns, number, percent, shortened, table, wrapped
 from tailstack_service.rendering.verdict import checks_table, findings_text, verdict_text
@@ -109,3 +116,109 @@ def test_the_verdict_comes_last_and_findings_before_it() -> None:
     assert "error: [requirement-failed] tip is beyond its limit" in text
     assert "\x1b[31m" in verdict_text(verdict, colour=True)
     assert findings_text((), colour=True) == ""
+
+
+# --- optimise -------------------------------------------------------------------------------------
+
+
+def row_of(text: str, name: str) -> list[str]:
+    """The cells of the table row that begins with a name, at least two blanks apart."""
+    line = next(line for line in text.splitlines() if line.startswith(name))
+    return re.split(r" {2,}", line.strip())
+
+
+def test_an_optimised_design_has_its_parts_in_order() -> None:
+    text = optimisation_text(full_result())
+    parts = (
+        "optimised: least cost", "note: [floor] moving fiducials", "P95, first order", "cost: ", "scaling: ", "1.375",
+        "placement: textbook", "fiducial ", "pivot", "spacing: connector on flange", "tolerance ",
+        "binding: P95 at target 'tip'; carrier", "worth: 0.1 mm of limit", "fiducials  ", "front: ", "certificate: ",
+        "lower bound: no allocation", "search: all 8 starts were solved", "check: 1,048,576", "not included: ",
+        "tip-accuracy", "warning: [far-target]",
+    )  # fmt: skip
+    places = [text.index(part) for part in parts]
+    assert places == sorted(places)
+    assert text.endswith("\n\nverdict: pass (Monte Carlo)\n")
+    assert max(map(columns, text.splitlines())) <= WIDTH
+
+
+def test_before_and_after() -> None:
+    text = optimisation_text(full_result())
+    assert row_of(text, "P95, first order") == ["P95, first order", "mm", "1.1440", "0.9983", "-12.7 %"]
+    assert row_of(text, "P95, Monte Carlo check")[2:] == ["-", "0.9985", "[0.997, 1.000]"]
+    assert row_of(text, "cost ") == ["cost", "2000", "1120", "-44.0 %"]
+    unpriced = optimisation_text(full_result(cost_before=None, p95_before_mm=None))
+    assert row_of(unpriced, "cost ") == ["cost", "-", "1120", "-"]
+    assert row_of(unpriced, "P95, first order")[2:] == ["-", "0.9983", "-"]
+
+
+def test_the_cost_is_the_sum_of_its_parts() -> None:
+    """closed form: 400 + 350, 250, and what is left of 1120."""
+    text = optimisation_text(full_result())
+    sentence = " ".join(text[text.index("\ncost: ") : text.index("\nscaling: ")].split())
+    assert sentence == (
+        "cost: 750.0 (carrier on connector, two dowel pins, 2 half-widths) + 250.0 (connector on flange, 1 half-width)"
+        " + 120.0 (fiducials) = 1120"
+    )
+    assert "(fiducials)" not in optimisation_text(full_result(cost_after=1000.0))
+
+
+def test_positions_before_and_after_of_what_changed_only() -> None:
+    text = moved_text(full_result())
+    assert row_of(text, "F1") == ["F1", "0.00", "0.00", "0.00", "3.00", "4.00", "0.00", "5.00"]
+    assert row_of(text, "F3") == ["F3", "-", "-", "-", "9.00", "8.00", "7.00", "new"]
+    assert row_of(text, "F4") == ["F4", "5.00", "5.00", "5.00", "-", "-", "-", "left out"]
+    assert "F2" not in text
+    assert row_of(optimisation_text(full_result()), "carrier on connector, … dowel pins")[-2:] == ["-80.00", "15.00"]
+
+
+def test_tolerances_with_the_names_of_the_document_and_millimetres_at_the_target() -> None:
+    entry = tolerance("rz", 12.5, label="seat rz", at_target_before_mm=0.25, at_target_mm=0.5)
+    text = tolerances_text(full_result(tolerances=(entry,)))
+    assert row_of(text, "seat rz") == ["seat rz", "deg", "0.100", "0.123", "0.250", "0.500", "573.0", "12.50"]
+    assert "grade" not in text
+    text = tolerances_text(full_result(tolerances=(replace(entry, grade="ground", cost_before=None),)))
+    assert row_of(text, "seat rz") == ["seat rz", "ground", "deg", "0.100", "0.123", "0.250", "0.500", "-", "12.50"]
+
+
+def test_counts_front_and_optima() -> None:
+    text = optimisation_text(full_result())
+    assert row_of(text, "8  ") == ["8", "cannot meet the limit", "-", "1.062"]
+    assert row_of(text, "10  ") == ["10", "chosen", "1120", "1.000"]
+    assert row_of(text, "0.7500") == ["0.7500", "2500", "0.7481", "0.7496"]
+    assert row_of(text, "     1130.0") == ["1130.0", "2", "3", "12.25"]
+
+
+def test_many_optima_are_cut_and_counted() -> None:
+    result = full_result()
+    optima = tuple(replace(result.certificate.optima[0], objective=1000.0 + k) for k in range(9))
+    text = optimisation_text(replace(result, certificate=replace(result.certificate, optima=optima)))
+    assert "(the first 5 of 9)" in " ".join(text.split())
+    assert "1004.0" in text
+    assert "1005.0" not in text
+
+
+def test_what_was_not_asked_for_is_not_there() -> None:
+    text = optimisation_text(bare_result())
+    for part in ("cost", "scaling:", "placement:", "pivot", "spacing:", "half-width", "binding:", "worth:", "front:"):
+        assert part not in text
+    assert "\n\n\n" not in text
+    assert "verdict: pass" in text
+
+
+@given(st.text(max_size=60), st.text(max_size=60), st.floats(1e-9, 1e9))
+def test_an_optimised_design_fits_the_page_whatever_it_is_called(label: str, grade: str, value: float) -> None:
+    entry = tolerance("rx", value, label=label, grade=grade, before_half_width=value, at_target_mm=value)
+    text = tolerances_text(full_result(tolerances=(entry,)))
+    assert len(text.splitlines()) == 4
+    assert max(map(columns, text.splitlines())) <= WIDTH
+
+
+def test_the_chapter_of_the_demo_takes_a_layout_that_had_no_price() -> None:
+    score: Any = SimpleNamespace(targets=verification().targets)  # what the table reads of a score
+    checks = verification("fail", 1.2), verification()
+    text = before_after_text(score, checks[0], score, checks[1], full_result(cost_before=None))
+    assert row_of(text, "cost of what was free") == ["cost of what was free", "-", "1120"]
+    assert row_of(text, "tip: P95, Monte Carlo")[2:] == ["1.2000", "0.9985"]
+    assert row_of(text, "carrier on connector, two dowel pins rx, half-width")[1:] == ["deg", "0.100", "0.123"]
+    assert row_of(text, "verdict, Monte Carlo") == ["verdict, Monte Carlo", "fail", "pass"]

@@ -1,74 +1,193 @@
-"""Move fiducials and set rotational half-widths at least cost under the design's limit, verified by Monte Carlo."""
+"""Move fiducials and set tolerances at least cost under the design's limits, verified by Monte Carlo."""
 
 from __future__ import annotations
 
 import argparse
+import os
+import signal
 import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING
 
-from .answer import Answer, exit_code_of
+from .answer import INTERRUPTED, Answer, exit_code_of
 from .design_input import add_design, coloured_output, read_design, whole
 from .progress import Progress
 
-HELP = "placement and rotational budgets at least cost"
+if TYPE_CHECKING:
+    from tailstack.design import Design
+    from tailstack.design.optimise_document import Optimise
+    from tailstack.results import Optimisation
+
+HELP = "placement and tolerances at least cost"
+
+DOCUMENTS, PICTURES = (".yaml", ".yml", ".json"), (".svg",)
+# Rough shares of the time; those stages count that the design asks for.
+STAGES = {"start": 6.0, "count": 6.0, "grades": 2.0, "front": 6.0, "check": 1.0}
+STOPPING = "stopping: checking the best design found so far; press Ctrl-C again to leave without it"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_design(parser)
     parser.add_argument("-o", "--output", metavar="NEW", help="write the new design here (.yaml or .json)")
+    parser.add_argument("--picture", metavar="FILE", help="draw the layout before and after (.svg)")
     parser.add_argument("--seed", type=whole(0, 2**63 - 1), metavar="N", help="seed (default: the design's)")
     parser.add_argument("--starts", type=whole(1, 256), metavar="N", help="starting layouts (default: the design's)")
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    output = None if arguments.output is None else writable(arguments.output)
+    output = None if arguments.output is None else writable(arguments.output, DOCUMENTS)
+    picture = None if arguments.picture is None else writable(arguments.picture, PICTURES)
     design = read_design(arguments.design)
 
     from tailstack import optimise
+    from tailstack.errors import NotConvergedError
+    from tailstack.optimisation import influence
 
     from ..documents import to_json
     from ..rendering.optimisation import optimisation_text
+    from ..rendering.verdict import findings_text
+    from .refusals import report_error
 
-    with Progress("optimise") as progress:
-
-        def report(stage: str, done: int, total: int, least: float | None) -> None:
-            cost = "" if least is None else f", least cost so far {least:.5g}"
-            # the checks come last and are quick: they do not move the fraction
-            progress.report(*((done, total) if stage == "start" else (1, 1)), f"{stage} {done} of {total}{cost}")
-
-        result = optimise(design, seed=arguments.seed, starts=arguments.starts, progress=report)
-    if output is not None:
-        write_design(result.design, output)
-        print(f"wrote {output}", file=sys.stderr)
-    code = exit_code_of(result.certificate.verification.verdict)
+    if known := findings_text(influence(design), False):
+        print(known, file=sys.stderr, flush=True)
+    with Progress("optimise") as progress, stopped_by_signals() as stop:
+        try:
+            result = optimise(
+                design,
+                seed=arguments.seed,
+                starts=arguments.starts,
+                progress=reporter(progress, design.document.optimise),
+                stop=stop.is_set,
+            )
+        except NotConvergedError as error:
+            if error.problems[0].code != "stopped":
+                raise
+            report_error(error, arguments)
+            return Answer("", INTERRUPTED)
+    write_results(design, result, output, picture)
+    code = INTERRUPTED if stop.is_set() else exit_code_of(result.certificate.verification.verdict)
+    if output is None:
+        following = f"next: tailstack optimise {arguments.design} -o NEW.yaml   (keeps the new design)"
+    else:
+        following = f"next: tailstack verify {output}"
     if arguments.json:
+        print(following, file=sys.stderr)
         return Answer(to_json(result, indent=2), code)
-    return Answer(optimisation_text(result, colour=coloured_output()), code)
+    return Answer(f"{optimisation_text(result, colour=coloured_output())}{following}\n", code)
 
 
-def writable(name: str) -> Path:
-    """A path for a new design, refused before the work and not after it.  Raises RequestError."""
+# --- progress and stopping ------------------------------------------------------------------------
+
+
+def reporter(progress: Progress, wanted: Optimise | None) -> Callable[[str, int, int, float | None], None]:
+    """What the optimiser calls after each step: fraction of the whole, step, incumbent."""
+    stages = stages_of(wanted)
+    finished = dict.fromkeys(stages, 0.0)
+    smallest = wanted is not None and wanted.wanted == "quantile"
+    incumbent = "least quantile over limit" if smallest else "least cost"
+
+    def report(stage: str, done: int, total: int, least: float | None) -> None:
+        if stage == "check":  # nothing else comes after, whatever was cut short
+            finished.update(dict.fromkeys(finished, 1.0))
+        finished[stage] = done / total
+        known = "" if least is None else f", {incumbent} so far {least:.5g}"
+        whole_work = sum(STAGES[name] for name in finished)
+        gone = sum(STAGES[name] * fraction for name, fraction in finished.items())
+        progress.report(gone, whole_work, f"{stage} {done} of {total}{known}")
+
+    return report
+
+
+def stages_of(wanted: Optimise | None) -> tuple[str, ...]:
+    """The stages that a design's ``optimise`` section makes necessary."""
+    if wanted is None:
+        return ("start", "check")
+    asked = {
+        "count": wanted.count is not None,
+        "grades": any(free.grades is not None for free in wanted.tolerances),
+        "front": wanted.wanted == "pareto",
+    }
+    return tuple(stage for stage in STAGES if asked.get(stage, True))
+
+
+@contextmanager
+def stopped_by_signals() -> Iterator[threading.Event]:
+    """The first SIGINT or SIGTERM sets the event, the next one raises KeyboardInterrupt."""
+    stop = threading.Event()
+
+    def handle(_number: int, _frame: FrameType | None) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+        print(("\n" if sys.stderr.isatty() else "") + STOPPING, file=sys.stderr, flush=True)
+
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+def writable(name: str, endings: tuple[str, ...]) -> Path:
+    """A path for a new file, refused before the work and not after it.  Raises RequestError."""
     from tailstack.errors import Problem
 
     from ..problems import RequestError
 
     path = Path(name)
-    if path.suffix.lower() not in (".yaml", ".yml", ".json"):
-        raise RequestError(Problem("", "unknown-format", f"{name!r} has no known ending", "known: .yaml, .yml, .json"))
+    if path.suffix.lower() not in endings:
+        hint = f"known: {', '.join(endings)}"
+        raise RequestError(Problem("", "unknown-format", f"{name!r} has no known ending", hint))
     if not path.parent.is_dir() or path.is_dir():
         raise RequestError(Problem("", "file-unwritable", f"cannot write {name}: no such directory, or a directory"))
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise RequestError(Problem("", "file-unwritable", f"cannot write {name}: no permission in its directory"))
     return path
 
 
-def write_design(data: dict[str, object], path: Path) -> None:
-    """Write a design whole or not at all."""
+def write_results(design: Design, result: Optimisation, output: Path | None, picture: Path | None) -> None:
+    """The new design and the picture, each whole or not at all; says on stderr what was written."""
+    texts: dict[Path, str] = {}
+    if output is not None:
+        texts[output] = design_text(result.design, output)
+    if picture is not None:
+        texts[picture] = picture_text(design, result)
+    for path, text in texts.items():
+        replace_file(path, text)
+        print(f"wrote {path}", file=sys.stderr)
+
+
+def design_text(data: dict[str, object], path: Path) -> str:
+    """A design as its file's ending asks for."""
     import json
-    import os
 
     from tailstack.design.loading import data_to_yaml
 
-    is_json = path.suffix.lower() == ".json"
-    text = json.dumps(data, indent=2, ensure_ascii=False) + "\n" if is_json else data_to_yaml(data)
+    if path.suffix.lower() == ".json":
+        return json.dumps(data, indent=2, ensure_ascii=False) + "\n"
+    return data_to_yaml(data)
+
+
+def picture_text(design: Design, result: Optimisation) -> str:
+    """The layout before and after, as SVG."""
+    from tailstack.design import compile_design, load_design
+
+    from ..rendering.layout_picture import layout_svg
+
+    new = compile_design(load_design(result.design))
+    return layout_svg(compile_design(design), new, f"{design.name}: layout before and after optimisation")
+
+
+def replace_file(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
     beside = path.with_name(path.name + f".{os.getpid()}.part")
     try:
         beside.write_text(text, encoding="utf-8")

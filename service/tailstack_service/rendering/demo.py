@@ -30,15 +30,14 @@ def before_after_text(
             (f"{old.name}: mean error, Monte Carlo", "mm", fixed(old.mean_norm_mm, 4), fixed(new.mean_norm_mm, 4)),
             (f"{old.name}: shots beyond the limit", "%", *beyond),
         ]  # fmt: skip
-    rows.append(("cost of the rotational tolerances", "1/rad", number(result.cost_before), number(result.cost_after)))
+    rows.append(("cost of what was free", "", number(result.cost_before), number(result.cost_after)))
     rows += [
-        (f"{t.contributor}.{t.component}, half-width", t.unit, number(t.before_half_width, 3),
-         number(t.after_half_width, 3))
+        (f"{t.label}, half-width", t.unit, number(t.before_half_width, 3), number(t.after_half_width, 3))
         for t in result.tolerances
-    ]  # fmt: skip
+    ]
     rows.append(("verdict, Monte Carlo", "", before.verdict.status, after.verdict.status))
     return (
-        table(("", "unit", "before", "after"), rows, left=2, widest=50)
+        table(("", "unit", "before", "after"), rows, left=2, widest=60)
         + "\n\n"
         + verdict_line(after.verdict, False)
         + "\n"

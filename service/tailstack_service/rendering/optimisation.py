@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from tailstack.results import Optimisation
+from collections.abc import Sequence
+
+from tailstack.results import Optimisation, Vector3
 
 from .tables import fixed, number, percent, table, wrapped
 from .verdict import checks_table, findings_text, heading, joined, provenance_text, verdict_line
+
+MOST_OPTIMA = 5
 
 
 def optimisation_text(result: Optimisation, *, colour: bool = False) -> str:
@@ -13,10 +17,14 @@ def optimisation_text(result: Optimisation, *, colour: bool = False) -> str:
     check = result.certificate.verification
     return joined(
         heading(result.provenance, f"optimised: {result.objective}"),
+        findings_text(result.influence, colour),
         before_after_text(result),
         moved_text(result),
+        mounts_text(result),
         tolerances_text(result),
         prices_text(result),
+        counts_text(result),
+        front_text(result),
         certificate_text(result),
         provenance_text(result.provenance),
         checks_table(check.verdict.checks),
@@ -26,52 +34,105 @@ def optimisation_text(result: Optimisation, *, colour: bool = False) -> str:
 
 
 def before_after_text(result: Optimisation) -> str:
-    """Cost and P95, before and after."""
+    """P95 and cost, before and after, and what the cost is made of."""
     worst = max(result.certificate.verification.targets, key=lambda target: target.p95_mm)
     low, high = worst.p95_interval_mm
-    rows = (
+    rows = [
         ("P95, first order", "mm", fixed(result.p95_before_mm, 4), fixed(result.p95_after_mm, 4),
          _change(result.p95_before_mm, result.p95_after_mm)),
         ("P95, Monte Carlo check", "mm", "-", f"{worst.p95_mm:.4f}", f"[{low:.3f}, {high:.3f}]"),
-        ("cost of the tolerances", "1/rad", number(result.cost_before), number(result.cost_after),
-         _change(result.cost_before, result.cost_after)),
-    )  # fmt: skip
-    return table(("", "unit", "before", "after", "change"), rows, left=2)
+    ]  # fmt: skip
+    if result.cost_before or result.cost_after:
+        before, after = number(result.cost_before), number(result.cost_after)
+        rows.append(("cost", "", before, after, _change(result.cost_before, result.cost_after)))
+    lines = [table(("", "unit", "before", "after", "change"), rows, left=2), ""]
+    if made_of := _cost_in_words(result):
+        lines.append(wrapped(made_of, first="cost: ", indent="  "))
+    if result.scaling is not None:
+        lines.append(wrapped(f"all free half-widths times {number(result.scaling)}", first="scaling: ", indent="  "))
+    if result.placement_value is not None:
+        lines.append(wrapped(result.placement_value.sentence, first="placement: ", indent="  "))
+    return "\n".join(lines).rstrip("\n")
 
 
 def _change(before: float | None, after: float) -> str:
     return f"{100 * (after / before - 1):+.1f} %" if before else "-"
 
 
-def moved_text(result: Optimisation) -> str:
-    moved = [entry for entry in result.moved if entry.before_mm != entry.after_mm]
-    if not moved:
+def _cost_in_words(result: Optimisation) -> str:
+    """Sums over each interface's half-widths; what is left of the total is the price of the fiducials."""
+    if not result.tolerances:
         return ""
-    rows = [
-        (
-            entry.label,
-            *(f"{value:.2f}" for value in entry.before_mm),
-            *(f"{value:.2f}" for value in entry.after_mm),
-            fixed(sum((a - b) ** 2 for a, b in zip(entry.after_mm, entry.before_mm, strict=True)) ** 0.5, 2),
-        )
-        for entry in moved
+    widths: dict[str, list[float]] = {}
+    names: dict[str, str] = {}
+    for entry in result.tolerances:
+        names.setdefault(entry.contributor, entry.label.removesuffix(f" {entry.component}"))
+        widths.setdefault(entry.contributor, []).append(entry.cost_after)
+    parts = [
+        f"{number(sum(costs))} ({names[name]}, {_counted(len(costs), 'half-width')})" for name, costs in widths.items()
     ]
-    header = (
-        "fiducial\n(con frame)", "before\nx, mm", "\ny, mm", "\nz, mm", "after\nx, mm", "\ny, mm", "\nz, mm",
-        "moved\nmm",
-    )  # fmt: skip
-    return table(header, rows)
+    of_widths = sum(map(sum, widths.values()))
+    fiducials = result.cost_after - of_widths
+    if abs(fiducials) > 1e-6 * abs(result.cost_after):
+        parts.append(f"{number(fiducials)} (fiducials)")
+    return f"{' + '.join(parts)} = {number(result.cost_after)}"
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}" + ("" if count == 1 else "s")
+
+
+def moved_text(result: Optimisation) -> str:
+    """Fiducials that moved, are new or were left out."""
+    changed = [(e.label, e.before_mm, e.after_mm) for e in result.moved if e.before_mm != e.after_mm]
+    return _positions("fiducial\n(con frame)", changed)
+
+
+def mounts_text(result: Optimisation) -> str:
+    """Pivots that moved, and locators that were spread."""
+    changed = [(e.label, e.before_mm, e.after_mm) for e in result.pivots if e.before_mm != e.after_mm]
+    lines = [_positions("pivot\n(con frame)", changed)]
+    for entry in result.spacings:
+        spread = f"{entry.label}, locators {number(entry.scale)} times as far from their centre"
+        lines.append(wrapped(spread, first="spacing: ", indent="  "))
+    return "\n".join(line for line in lines if line)
+
+
+def _positions(what: str, rows: Sequence[tuple[str, Vector3 | None, Vector3 | None]]) -> str:
+    if not rows:
+        return ""
+    header = (what, "before\nx, mm", "\ny, mm", "\nz, mm", "after\nx, mm", "\ny, mm", "\nz, mm", "moved\nmm")
+    body = [(label, *_coordinates(before), *_coordinates(after), _way(before, after)) for label, before, after in rows]
+    return table(header, body)
+
+
+def _coordinates(position: Vector3 | None) -> tuple[str, str, str]:
+    if position is None:
+        return "-", "-", "-"
+    x, y, z = (f"{value:.2f}" for value in position)
+    return x, y, z
+
+
+def _way(before: Vector3 | None, after: Vector3 | None) -> str:
+    if before is None:
+        return "new"
+    if after is None:
+        return "left out"
+    return fixed(sum((a - b) ** 2 for a, b in zip(after, before, strict=True)) ** 0.5, 2)
 
 
 def tolerances_text(result: Optimisation) -> str:
+    """Half-widths that were free, what they move the target by, and what they cost."""
     if not result.tolerances:
         return ""
     rows = [
         (
-            f"{entry.contributor}.{entry.component}",
+            entry.label,
+            entry.grade or "-",
             entry.unit,
             number(entry.before_half_width, 3),
             number(entry.after_half_width, 3),
+            number(entry.at_target_before_mm, 3),
             number(entry.at_target_mm, 3),
             number(entry.cost_before),
             number(entry.cost_after),
@@ -79,10 +140,12 @@ def tolerances_text(result: Optimisation) -> str:
         for entry in result.tolerances
     ]
     header = (
-        "tolerance\n(half-width)", "unit", "before\nunit", "after\nunit", "moves the\ntarget, mm", "cost\nbefore",
-        "cost\nafter",
+        "tolerance\n(half-width)", "grade", "unit", "before\nunit", "after\nunit", "at target\nbefore, mm",
+        "at target\nafter, mm", "cost\nbefore", "cost\nafter",
     )  # fmt: skip
-    return table(header, rows, left=2)
+    if all(entry.grade is None for entry in result.tolerances):
+        return table((header[0], *header[2:]), [(row[0], *row[2:]) for row in rows], left=2)
+    return table(header, rows, left=3)
 
 
 def prices_text(result: Optimisation) -> str:
@@ -92,15 +155,64 @@ def prices_text(result: Optimisation) -> str:
     return "\n".join(lines)
 
 
+def counts_text(result: Optimisation) -> str:
+    """The best design with each number of fiducials that was tried."""
+    if not result.counts:
+        return ""
+    rows = [
+        (str(entry.fiducials), entry.note, number(entry.cost), number(entry.worst_ratio)) for entry in result.counts
+    ]
+    header = ("fiducials", "", "cost", "quantile\nover limit")
+    return table(header, rows, left=2, widest=70)
+
+
+def front_text(result: Optimisation) -> str:
+    """Least cost at a row of limits."""
+    if not result.front:
+        return ""
+    rows = [
+        (number(point.limit_mm), number(point.cost), fixed(point.quantile_mm, 4), fixed(point.verified_upper_mm, 4))
+        for point in result.front
+    ]
+    header = ("limit\nmm", "cost", "quantile, first order\nmm", "upper limit of the check\nmm")
+    note = "half-widths and positions of each point are in the JSON answer (--json)"
+    return table(header, rows, left=0) + "\n" + wrapped(note, first="front: ", indent="  ")
+
+
 def certificate_text(result: Optimisation) -> str:
+    """Starts, distinct optima, lower bound, why the search ended, and the check."""
     certificate = result.certificate
     check = certificate.verification
-    best = ", ".join(number(cost, 5) for cost in certificate.best_costs[:5])
-    sentence = (
-        f"{certificate.converged_starts} of {certificate.starts} starts converged, best costs {best} "
-        "before the exact law and the check took their share; KKT residual "
-        f"{certificate.kkt_residual:.1e}; {certificate.tightening_rounds} round(s) of tightening; starts from seed "
-        f"{certificate.seed}, checked by {check.trials:,} fresh trials with seed {check.seed} to "
-        f"{percent(check.precision_reached, 2)} %."
+    optima = len(certificate.optima)
+    shown = f"the first {MOST_OPTIMA} of {optima}" if optima > MOST_OPTIMA else f"{optima}"
+    starts = (
+        f"{certificate.converged_starts} of {certificate.starts} starts converged, from seed {certificate.seed}; KKT "
+        f"residual {certificate.kkt_residual:.1e}; distinct optima, by the closed form that ranks them ({shown}):"
     )
-    return wrapped(sentence, first="certificate: ", indent="  ")
+    checked = (
+        f"{check.trials:,} fresh trials with seed {check.seed}, to {percent(check.precision_reached, 2)} %; "
+        f"{certificate.tightening_rounds} round(s) of tightening."
+    )
+    if result.cost_closed_form is not None:
+        checked += (
+            f" The exact law and the check took the cost from {number(result.cost_closed_form, 5)} to "
+            f"{number(result.cost_after, 5)}."
+        )
+    paragraphs = (
+        ("certificate: ", starts),
+        ("", _optima_table(result)),
+        ("lower bound: ", certificate.relaxation.statement),
+        ("search: ", certificate.stopped),
+        ("check: ", checked),
+    )
+    return "\n".join(wrapped(text, first=name, indent="  ") if name else text for name, text in paragraphs)
+
+
+def _optima_table(result: Optimisation) -> str:
+    rows = [
+        (number(optimum.objective, 5), str(optimum.starts), str(optimum.first_start), fixed(optimum.rms_distance_mm, 2))
+        for optimum in result.certificate.optima[:MOST_OPTIMA]
+    ]
+    header = ("objective", "starts", "first\nstart", "fiducials from\nthe best, rms mm")
+    text = table(header, rows, left=0)
+    return "\n".join("  " + line for line in text.split("\n"))

@@ -1,0 +1,292 @@
+"""``tailstack optimise``: what it says on the way, how it is stopped, and what it leaves on the disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+from optimisation_scenes import full_result, verification
+from service_scenes import EXAMPLES, ROOT
+
+from tailstack.design import design_to_data, load_design
+from tailstack.errors import NotConvergedError, Problem
+from tailstack.results import Finding, Optimisation
+from tailstack_service.cli.main import main
+from tailstack_service.cli.optimise import STOPPING, reporter, stages_of
+from tailstack_service.cli.progress import Progress
+
+DEMO = EXAMPLES / "demo.yaml"
+NEW_DESIGN = design_to_data(load_design(DEMO.read_text(encoding="utf-8").replace("[-30, -29, -72]", "[-40, -41, -72]")))
+RESULT = full_result(design=NEW_DESIGN)
+Captured = tuple[int, str, str]
+Optimise = Callable[..., Optimisation]
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Run the command with an optimiser of the test's own; (exit code, stdout, stderr)."""
+
+    def run(optimiser: Optimise, *arguments: str) -> Captured:
+        found = Finding("floor", "note", "moving fiducials cannot bring P95 below 0.98 mm")
+        monkeypatch.setattr("tailstack.optimise", optimiser, raising=False)
+        monkeypatch.setattr("tailstack.optimisation.influence", lambda _design: (found,), raising=False)
+        handlers = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+        code = main(["optimise", str(DEMO), *arguments])
+        assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == handlers
+        captured = capsys.readouterr()
+        assert "Traceback" not in captured.err
+        return code, captured.out, captured.err
+
+    return run
+
+
+def answers(result: Optimisation = RESULT) -> Optimise:
+    return lambda _design, **_options: result
+
+
+def interrupted(number: int, outcome: Callable[[], Optimisation]) -> Optimise:
+    """An optimiser that gets a signal on the way and looks whether it is to stop."""
+
+    def optimise(_design: Any, *, stop: Callable[[], bool], **_options: Any) -> Optimisation:
+        assert not stop()
+        os.kill(os.getpid(), number)
+        assert stop()
+        return outcome()
+
+    return optimise
+
+
+def refused(code: str) -> Callable[[], Optimisation]:
+    def outcome() -> Optimisation:
+        raise NotConvergedError(Problem("/optimise", code, "nothing had converged", "let it run longer"))
+
+    return outcome
+
+
+# --- what it says ---------------------------------------------------------------------------------
+
+
+def test_the_answer_ends_with_the_verdict_and_what_to_type_next(call: Any, tmp_path: Path) -> None:
+    new = tmp_path / "new.yaml"
+    code, out, err = call(answers(), "-o", str(new))
+    assert code == 0
+    assert out.splitlines()[-2:] == ["verdict: pass (Monte Carlo)", f"next: tailstack verify {new}"]
+    assert err.splitlines() == ["note: [floor] moving fiducials cannot bring P95 below 0.98 mm", f"wrote {new}"]
+    assert yaml.safe_load(new.read_text(encoding="utf-8")) == NEW_DESIGN
+    assert [path.name for path in tmp_path.iterdir()] == ["new.yaml"]
+
+
+def test_without_a_file_it_says_how_to_keep_the_design(call: Any) -> None:
+    _, out, _ = call(answers())
+    assert out.splitlines()[-1].startswith(f"next: tailstack optimise {DEMO} -o NEW.yaml")
+
+
+def test_json_holds_the_document_alone(call: Any, tmp_path: Path) -> None:
+    new = tmp_path / "new.json"
+    code, out, err = call(answers(), "-o", str(new), "--json")
+    assert code == 0
+    assert json.loads(out)["design"] == json.loads(new.read_text(encoding="utf-8")) == NEW_DESIGN
+    assert err.splitlines()[-1] == f"next: tailstack verify {new}"
+
+
+@pytest.mark.parametrize(("status", "code"), [("pass", 0), ("inconclusive", 4)])
+def test_the_verdict_is_the_exit_code(call: Any, status: str, code: int) -> None:
+    checked = replace(RESULT.certificate, verification=verification(status))
+    assert call(answers(replace(RESULT, certificate=checked)))[0] == code
+
+
+def test_the_options_reach_the_optimiser(call: Any) -> None:
+    seen: dict[str, Any] = {}
+
+    def optimise(design: Any, **options: Any) -> Optimisation:
+        seen.update(options, name=design.name)
+        return RESULT
+
+    assert call(optimise, "--seed", "5", "--starts", "3")[0] == 0
+    assert (seen["seed"], seen["starts"], seen["name"]) == (5, 3, NEW_DESIGN["name"])
+
+
+# --- pictures and files ---------------------------------------------------------------------------
+
+
+def test_a_picture_shows_both_layouts(call: Any, tmp_path: Path) -> None:
+    picture = tmp_path / "layout.svg"
+    code, _, err = call(answers(), "--picture", str(picture))
+    assert code == 0
+    assert f"wrote {picture}" in err
+    root = ElementTree.fromstring(picture.read_bytes())
+    assert "12 fiducials, 1 moved" in str(root[1].text)
+    assert [path.name for path in tmp_path.iterdir()] == ["layout.svg"]
+
+
+@pytest.mark.parametrize("option", ["-o", "--picture"])
+@pytest.mark.parametrize("name", ["missing/new{ending}", "new.txt", "folder{ending}"])
+def test_files_that_cannot_be_written_are_refused_before_the_work(
+    call: Any, tmp_path: Path, option: str, name: str
+) -> None:
+    def never(*_: Any, **__: Any) -> Optimisation:
+        raise AssertionError("the work was begun")
+
+    ending = ".yaml" if option == "-o" else ".svg"
+    (tmp_path / f"folder{ending}").mkdir()
+    code, out, err = call(never, option, str(tmp_path / name.format(ending=ending)))
+    assert (code, out) == (2, "")
+    assert "next: tailstack optimise --help" in err
+
+
+def test_a_write_that_fails_leaves_what_was_there(call: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    new = tmp_path / "new.yaml"
+    new.write_text("precious", encoding="utf-8")
+
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    code, out, err = call(answers(), "-o", str(new))
+    assert (code, out) == (3, "")
+    assert "No space left" in err
+    assert new.read_text(encoding="utf-8") == "precious"
+    assert [path.name for path in tmp_path.iterdir()] == ["new.yaml"]
+
+
+# --- signals, in process --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_first_signal_keeps_what_was_found(call: Any, tmp_path: Path, number: int) -> None:
+    new = tmp_path / "new.yaml"
+    code, out, err = call(interrupted(number, lambda: RESULT), "-o", str(new))
+    assert code == 130
+    assert "verdict: pass (Monte Carlo)" in out
+    assert err.count(STOPPING) == 1
+    assert yaml.safe_load(new.read_text(encoding="utf-8")) == NEW_DESIGN
+
+
+def test_a_signal_before_anything_converged_is_130_with_the_reason(call: Any, tmp_path: Path) -> None:
+    new = tmp_path / "new.yaml"
+    code, out, err = call(interrupted(signal.SIGINT, refused("stopped")), "-o", str(new))
+    assert (code, out) == (130, "")
+    assert "nothing had converged" in err
+    assert not new.exists()
+
+
+def test_another_failure_keeps_its_own_exit_code(call: Any) -> None:
+    assert call(interrupted(signal.SIGINT, refused("not-verified")))[0] == 3
+
+
+def test_the_second_signal_leaves_at_once(call: Any, tmp_path: Path) -> None:
+    def second() -> Optimisation:
+        os.kill(os.getpid(), signal.SIGINT)
+        raise AssertionError("the second signal was ignored")
+
+    new = tmp_path / "new.yaml"
+    code, out, err = call(interrupted(signal.SIGTERM, second), "-o", str(new))
+    assert (code, out) == (130, "")
+    assert err.splitlines()[-2:] == [STOPPING, "tailstack: interrupted"]
+    assert not new.exists()
+
+
+# --- progress -------------------------------------------------------------------------------------
+
+
+def wanted(**changes: Any) -> Any:
+    """The demo's optimise section with fields changed."""
+    data: dict[str, Any] = yaml.safe_load(DEMO.read_text(encoding="utf-8"))
+    data["optimise"] |= changes
+    return load_design(data).document.optimise
+
+
+@pytest.mark.parametrize(
+    ("changes", "stages"),
+    [
+        ({}, ("start", "check")),
+        ({"count": {"min": 8, "max": 12}}, ("start", "count", "check")),
+        ({"objective": "pareto"}, ("start", "front", "check")),
+    ],
+)
+def test_the_stages_are_those_the_design_asks_for(changes: dict[str, Any], stages: tuple[str, ...]) -> None:
+    assert stages_of(wanted(**changes)) == stages
+
+
+@pytest.mark.parametrize("changes", [{}, {"objective": "pareto"}])
+def test_the_fraction_grows_from_nothing_to_the_end(changes: dict[str, Any]) -> None:
+    progress = Progress("optimise")
+    report = reporter(progress, wanted(**changes))
+    seen = []
+    for stage in stages_of(wanted(**changes)):
+        for done in range(1, 5):
+            report(stage, done, 4, None if done == 1 else 1500.0 / done)
+            seen.append(progress.fraction)
+    assert seen == sorted(seen)
+    assert 0 < seen[0] < 0.25
+    assert seen[-1] == pytest.approx(1)
+    assert progress.detail == "check 4 of 4, least cost so far 375"
+
+
+def test_starts_that_were_cut_short_do_not_hold_up_the_fraction() -> None:
+    progress = Progress("optimise")
+    report = reporter(progress, wanted())
+    report("start", 2, 64, 1500.0)
+    report("check", 1, 2, 1500.0)
+    assert progress.fraction > 0.9
+
+
+# --- real processes -------------------------------------------------------------------------------
+
+
+def started(directory: Path) -> subprocess.Popen[str]:
+    """A long search, past its first progress line."""
+    path = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
+    kept = {key: value for key, value in os.environ.items() if not key.startswith("TAILSTACK_")}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tailstack_service.cli.main", "optimise", str(DEMO), "--starts", "64",
+         "-o", str(directory / "new.yaml")],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**kept, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+    )  # fmt: skip
+    assert process.stderr is not None
+    said = ""
+    while "optimise: " not in said or "start " not in said:
+        said = process.stderr.readline()
+        assert said, "the search ended before it could be stopped"
+    return process
+
+
+def test_an_interrupted_search_is_checked_and_written(tmp_path: Path) -> None:
+    process = started(tmp_path)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert STOPPING in err
+    assert "verdict: pass (Monte Carlo)" in out
+    assert "of 64 starts" in out
+    new = load_design(tmp_path / "new.yaml")
+    assert new.document.optimise is not None
+    assert main(["score", str(tmp_path / "new.yaml")]) in (0, 4)
+
+
+def test_a_second_interrupt_leaves_at_once(tmp_path: Path) -> None:
+    process = started(tmp_path)
+    assert process.stderr is not None
+    process.send_signal(signal.SIGINT)
+    while STOPPING not in process.stderr.readline():
+        time.sleep(0.001)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out == ""
+    assert err.splitlines()[-1] == "tailstack: interrupted"
+    assert "Traceback" not in err
+    assert not list(tmp_path.iterdir())
