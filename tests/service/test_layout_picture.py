@@ -212,6 +212,29 @@ def test_an_image_of_unknown_size_is_as_large_as_what_is_in_it() -> None:
     assert any("image size unknown" in str(text.text) for text in root.findall(f"{SVG}text"))
 
 
+def test_a_small_layout_is_enlarged_and_says_so() -> None:
+    """independent: px follow from the tooltips; a quarter of the size leaves a part of the image to be shown."""
+    small = [
+        replace(
+            with_fiducials(system, 0.25 * system.fiducials_mm, system.fiducial_labels),
+            targets=(Target("tip", np.array([0.0, 0.0, 12.0])),),
+        )
+        for system in (BEFORE, AFTER)
+    ]
+    root = read(layout_svg(small[0], small[1], "x"))
+    captions = [str(text.text) for text in root.findall(f"{SVG}text") if "image 1536 × 1536" in str(text.text)]
+    assert len(captions) == 4
+    assert all("part of an image" in caption for caption in captions)
+    groups = [group for group in root.findall(f"{SVG}g") if group[0].tag == f"{SVG}circle"]
+    image = np.array(
+        [numbers(str(group[1].text).rsplit(": ", 1)[1]) for group in groups if " px" in str(group[1].text)]
+    )
+    page = np.array([mark.at for mark in marks(root) if mark.column < 2 and mark.kind != "target"])
+    scale = np.ptp(page[:12], axis=0) / np.ptp(image[:12], axis=0)
+    assert scale[0] == pytest.approx(scale[1], rel=0.01)
+    assert scale[0] > 2 * 340 / 1536
+
+
 def test_what_lies_behind_a_source_has_no_image() -> None:
     """A layout that was never checked may hold such a fiducial; AP's source is at y = -700 mm."""
     positions = BEFORE.fiducials_mm.copy()

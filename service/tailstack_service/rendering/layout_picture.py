@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from html import escape
-from math import ceil, cos, floor, log10, radians, sin
+from math import ceil, cos, floor, radians, sin
 from typing import Literal
 
 import numpy as np
@@ -17,12 +17,12 @@ from tailstack.geometry.camera import depths
 from tailstack.system import Array, Mount, System, View
 
 from .label_places import MarkedPoint, label_places
+from .panels import MARGIN, PLOT, ROW_HEIGHT, ROW_TOP, Panel, around, fitted, image_corners, round_step
 from .svg import FAINT, FONT, INK, LABEL_COLOUR, MUTED, PALE, Kind, box, line, printable, rounded, shape, text
 
 WIDTH, HEIGHT = 1200, 932
-MARGIN, CELL, PLOT = 15, 390, 340  # outer margin; width of a column; side of the square that a panel is drawn in
-INDENT, ROW_TOP, ROW_HEIGHT = 42, 52, 418  # room for tick labels; first row; from row to row
 STRIP = 14  # kept from the oblique view for its axes and scale bar
+TICKS = 45  # least distance of ticks
 MOST_LABELS = {"image": 60, "oblique": 30}  # of a kind; more would hide the marks.  The tooltips have all names
 AZIMUTH, ELEVATION = radians(-62), radians(20)  # of the eye that sees the oblique view
 RIGHT = np.array([-sin(AZIMUTH), cos(AZIMUTH), 0.0])
@@ -38,23 +38,6 @@ class Mark:
     label: str  # "" where its neighbours carry the name (samples of one region)
     position_mm: Array  # (3,)
     was_mm: Array | None = None  # (3,) where it was, if it moved
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Panel:
-    """A picture plane (u right, v down; px or mm) fitted into a square of the page."""
-
-    left: float
-    top: float
-    low: Array  # (2,) corner of what is shown
-    high: Array  # (2,)
-    scale: float  # page units per px or mm
-    offset: Array  # (2,)
-
-    def page(self, plane: Array) -> tuple[float, float]:
-        """Where a point (2,) of the plane is on the page."""
-        x, y = self.offset + self.scale * plane
-        return float(x), float(y)
 
 
 def layout_svg(before: System, after: System, title: str) -> str:
@@ -171,31 +154,10 @@ def _border(view: View) -> Array | None:
     return np.array([[-0.5, -0.5], [width - 0.5, height - 0.5]])
 
 
-def _fitted(points: Array, column: int, row: int, border: Array | None, height: float) -> Panel:
-    """The panel that shows all points (M, 2), and the image's border if there is one, in its place on the page."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    pad = 0.07 * max(float((high - low).max()), 1e-3)
-    low, high = low - pad, high + pad
-    if border is not None:
-        inside = bool((points >= border[0]).all() and (points <= border[1]).all())
-        low, high = (border[0], border[1]) if inside else (np.minimum(low, border[0]), np.maximum(high, border[1]))
-    left, top = MARGIN + column * CELL + INDENT, ROW_TOP + row * ROW_HEIGHT + 30
-    room = np.array([PLOT, height])
-    scale = float((room / (high - low)).min())
-    offset = np.array([left, top]) + (room - scale * (high - low)) / 2 - scale * low
-    return Panel(left, top, low, high, scale, offset)
-
-
 def _ground(points_mm: Array, floor_mm: float) -> Array:
     """(4, 3) corners of the rectangle below all fiducials (N, 3), con, mm."""
     low, high = points_mm[:, :2].min(axis=0) - 5, points_mm[:, :2].max(axis=0) + 5
     return np.array([[x, y, floor_mm] for x, y in ((low[0], low[1]), (high[0], low[1]), high, (low[0], high[1]))])
-
-
-def _round_step(about: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is not above ``about``."""
-    power = 10.0 ** floor(log10(about))
-    return power * max(factor for factor in (1, 2, 5) if factor * power <= about * (1 + 1e-9))
 
 
 # --- panels ---------------------------------------------------------------------------------------
@@ -205,10 +167,10 @@ def _image_column(column: int, rows: list[tuple[View, list[Mark]]]) -> list[str]
     """The image of one view, before and after, on one scale."""
     shown = [imaged(view, marks) for view, marks in rows]
     planes = [_detector(view) for view, _ in rows]
-    corners = np.vstack([_spread(marks, plane) for marks, plane in zip(shown, planes, strict=True)])
+    points = np.vstack([_spread(marks, plane) for marks, plane in zip(shown, planes, strict=True)])
     parts = []
     for row, ((view, _), marks, plane) in enumerate(zip(rows, shown, planes, strict=True)):
-        parts += _image_panel(_fitted(corners, column, row, _border(view), PLOT), view, marks, plane)
+        parts += _image_panel(fitted(*image_corners(points, _border(view)), column, row, PLOT), view, marks, plane)
     return parts
 
 
@@ -230,23 +192,27 @@ def _oblique_column(rows: list[list[Mark]]) -> list[str]:
     fiducials = np.array([mark.position_mm for marks in rows for mark in marks if mark.kind in ("fiducial", "new")])
     floor_mm = float(fiducials[:, 2].min())
     ground = _ground(fiducials, floor_mm)
-    corners = np.vstack([*(_spread(marks, _oblique) for marks in rows), [_oblique(corner) for corner in ground]])
+    points = np.vstack([*(_spread(marks, _oblique) for marks in rows), [_oblique(corner) for corner in ground]])
     parts = []
     for row, marks in enumerate(rows):
-        parts += _oblique_panel(_fitted(corners, 2, row, None, PLOT - STRIP), marks, ground, floor_mm)
+        parts += _oblique_panel(fitted(*around(points), 2, row, PLOT - STRIP), marks, ground, floor_mm)
     return parts
 
 
 def _image_panel(panel: Panel, view: View, marks: list[Mark], plane: Callable[[Array], Array]) -> list[str]:
     border = _border(view)
-    size = f"image {view.image_size_px[0]} × {view.image_size_px[1]} px" if view.image_size_px else "image size unknown"
-    parts = [text(panel.left, panel.top - 9, f"{printable(view.name, 24)}, px   ({size})")]
     (x0, y0), (x1, y1) = panel.page(panel.low), panel.page(panel.high)
-    if border is None:
-        parts.append(box(x0, y0, x1, y1, f'fill="none" stroke="{FAINT}" stroke-width="0.6" stroke-dasharray="3 3"'))
+    dashed = box(x0, y0, x1, y1, f'fill="none" stroke="{FAINT}" stroke-width="0.6" stroke-dasharray="3 3"')
+    if border is None or view.image_size_px is None:
+        size, frame = "image size unknown", dashed
     else:
-        corners = (*panel.page(border[0]), *panel.page(border[1]))
-        parts.append(box(*corners, f'fill="none" stroke="{INK}" stroke-width="1"'))
+        size = "image {} × {} px".format(*view.image_size_px)
+        if (panel.low > border[0]).any() or (panel.high < border[1]).any():
+            size, frame = f"part of an {size}", dashed
+        else:
+            corners = (*panel.page(border[0]), *panel.page(border[1]))
+            frame = box(*corners, f'fill="none" stroke="{INK}" stroke-width="1"')
+    parts = [text(panel.left, panel.top - 9, f"{printable(view.name, 24)}, px   ({size})"), frame]
     parts += _ticks(panel)
 
     def say(mark: Mark) -> str:
@@ -263,8 +229,8 @@ def _ticks(panel: Panel) -> list[str]:
         text(x1, y1 + 29, "u, px →", anchor="end", colour=MUTED),
         text(x0 - 14, y1 + 29, "v, px ↓", colour=MUTED),
     ]
+    step = round_step(2.5 * TICKS / panel.scale)  # round numbers are at most 2.5 apart
     for axis in (0, 1):
-        step = _round_step(float(panel.high[axis] - panel.low[axis]) / 3)
         first, last = ceil(panel.low[axis] / step), floor(panel.high[axis] / step)
         for value in (step * k for k in range(first, last + 1)):
             at = panel.page(np.array([value, value]))[axis]
@@ -305,7 +271,7 @@ def _axes(panel: Panel) -> list[str]:
         across, down = arm * _oblique(direction)
         parts.append(line(x, y, x + across, y + down, INK, 1.2))
         parts.append(text(x + 1.3 * across, y + 1.3 * down + 4, name, anchor="middle"))
-    length = _round_step(110 / panel.scale)
+    length = round_step(110 / panel.scale)
     end = panel.left + PLOT
     begin = end - length * panel.scale
     parts += [
