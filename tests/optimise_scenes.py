@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from scenes import mount, system_of
-from tailstack.optimisation import FreeHalfWidth, PlacementProblem
+from tailstack.optimisation import FreeHalfWidth, Place, PlacementProblem
+from tailstack.optimisation.prices import reciprocal
+from tailstack.optimisation.regions import Box
 from tailstack.propagation.linear import linearise
 from tailstack.system import Array, Law, Requirement
 
@@ -25,10 +28,16 @@ def requirement(limit_mm: float, **changes: Any) -> Requirement:
 
 def free_rotations(components: tuple[str, ...] = ROTATIONS, max_deg: float = 3.0) -> tuple[FreeHalfWidth, ...]:
     return tuple(
-        FreeHalfWidth(interface, component, np.deg2rad(1e-3), np.deg2rad(max_deg), 1.0)
+        FreeHalfWidth(interface, component, np.deg2rad(1e-3), np.deg2rad(max_deg), reciprocal())
         for interface in ("interface_1", "interface_2")
         for component in components
     )
+
+
+def places_in_box(fiducials: Iterable[int], box_mm: Array = BOX_MM) -> tuple[Place, ...]:
+    """A place for each of these fiducials, all in one box."""
+    box = Box(*np.asarray(box_mm, dtype=float))
+    return tuple(Place((i,), box) for i in fiducials)
 
 
 def oracle_problem(
@@ -44,9 +53,8 @@ def oracle_problem(
     )
     problem = PlacementProblem(
         system=system,
-        requirement=requirement(limit_mm),
-        free_fiducials=tuple(range(fiducials)),
-        box_mm=BOX_MM,
+        requirements=(requirement(limit_mm),),
+        places=places_in_box(range(fiducials)),
         half_widths=free_rotations(),
         min_spacing_mm=12.0,
         min_projected_spacing_px=25.0,
@@ -61,7 +69,7 @@ def fixed_layout(problem: PlacementProblem, fiducials_mm: Any = None) -> Placeme
     system = problem.system
     if fiducials_mm is not None:
         system = replace(system, fiducials_mm=np.array(fiducials_mm, dtype=float))
-    return replace(problem, system=system, free_fiducials=())
+    return replace(problem, system=system, places=())
 
 
 def image_covariance_by_score(problem: PlacementProblem, fiducials_mm: Array) -> Array:
@@ -70,7 +78,7 @@ def image_covariance_by_score(problem: PlacementProblem, fiducials_mm: Array) ->
     total = np.zeros((3, 3))
     for block in model.blocks:
         if "noise" in block.contributor or "manufacturing" in block.contributor:
-            scaled = model.gain(block, problem.requirement.error) * block.std
+            scaled = model.gain(block, problem.requirements[0].error) * block.std
             total += scaled @ scaled.T
     return total
 

@@ -8,15 +8,17 @@ from .conversion import Conversion, convert, convert_file
 from .loading import Design, design_to_data, design_to_json, design_to_yaml, load_design
 from .presets import list_presets
 from .reading import DEFAULT_LIMITS, Limits
-from .revision import FreeRotation, free_rotations, revise_design
+from .revision import CONTRIBUTOR, FIELD, Revision, revise_design
 from .schema import design_json_schema
 
 __all__ = [
+    "CONTRIBUTOR",
     "DEFAULT_LIMITS",
+    "FIELD",
     "Conversion",
     "Design",
-    "FreeRotation",
     "Limits",
+    "Revision",
     "check_design",
     "compile_design",
     "convert",
@@ -25,7 +27,6 @@ __all__ = [
     "design_to_data",
     "design_to_json",
     "design_to_yaml",
-    "free_rotations",
     "list_presets",
     "load_design",
     "revise_design",

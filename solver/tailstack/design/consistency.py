@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from ..errors import Problem
 from .document import Box, DesignDocument, TargetDocument
 from .fiducial_files import FiducialList
+from .naming_rules import known, unique
+from .optimise_consistency import check_optimise, check_optimise_labels
 from .presets import PRESETS
 from .reading import Limits
 from .view_document import PresetView
@@ -36,58 +37,44 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
     problems += _too_many("/fiducials/points", "fiducials", len(document.fiducials.points or ()), limits.fiducials)
     problems += _too_many("/targets", "targets", sum(map(sample_count, document.targets)), limits.targets)
     problems += _too_many("/requirements", "requirements", len(document.requirements), limits.targets)
-    problems += _unique([(f"/views/{i}/name", view.name) for i, view in enumerate(document.views)], "views")
-    problems += _unique([(f"/targets/{i}/name", target.name) for i, target in enumerate(document.targets)], "targets")
+    problems += unique([(f"/views/{i}/name", view.name) for i, view in enumerate(document.views)], "views")
+    problems += unique([(f"/targets/{i}/name", target.name) for i, target in enumerate(document.targets)], "targets")
     problems += _expanded_names(document.targets)
-    problems += _unique(
+    problems += unique(
         [(f"/requirements/{i}/name", item.name) for i, item in enumerate(document.requirements)], "requirements"
     )
     for index, view in enumerate(document.views):
         if isinstance(view, PresetView):
             problems += _preset(view, f"/views/{index}")
-    known = [target.name for target in document.targets]
+    named = [target.name for target in document.targets]
     for index, requirement in enumerate(document.requirements):
         if requirement.targets == "all":
             continue
         for place, name in enumerate(requirement.targets):
-            problems += _known(f"/requirements/{index}/targets/{place}", "target", name, known)
-        problems += _unique(
+            problems += known(f"/requirements/{index}/targets/{place}", "target", name, named)
+        problems += unique(
             [(f"/requirements/{index}/targets/{i}", name) for i, name in enumerate(requirement.targets)], "entries"
         )
-    return problems + _optimise(document)
+    return problems + check_optimise(document)
 
 
 def check_fiducials(document: DesignDocument, fiducials: FiducialList) -> list[Problem]:
     """Labels: unique, and known where the optimiser is told to keep them."""
     inline = document.fiducials.points is not None
-    problems = _unique(
+    problems = unique(
         [
             (f"/fiducials/points/{i}/label" if inline else "/fiducials/file", label)
             for i, label in enumerate(fiducials.labels)
         ],
         "fiducials",
     )
-    for index, label in enumerate(document.optimise.fixed if document.optimise else ()):
-        problems += _known(f"/optimise/fixed/{index}", "fiducial", label, fiducials.labels)
-    return problems
+    return problems + check_optimise_labels(document, fiducials)
 
 
 def _too_many(pointer: str, what: str, count: int, limit: int) -> list[Problem]:
     if count <= limit:
         return []
     return [Problem(pointer, "too-many", f"{count} {what}; at most {limit} are accepted")]
-
-
-def _unique(named: Iterable[tuple[str, str]], what: str) -> list[Problem]:
-    seen: set[str] = set()
-    problems = []
-    for pointer, name in named:
-        if name in seen:
-            problems.append(
-                Problem(pointer, "duplicate-name", f"two {what} are called {name[:60]!r}", "names are unique")
-            )
-        seen.add(name)
-    return problems
 
 
 def _expanded_names(targets: Sequence[TargetDocument]) -> list[Problem]:
@@ -100,19 +87,10 @@ def _expanded_names(targets: Sequence[TargetDocument]) -> list[Problem]:
     ]
 
 
-def _known(pointer: str, what: str, name: str, names: Sequence[str]) -> list[Problem]:
-    if name in names:
-        return []
-    close = difflib.get_close_matches(name, names, 1)
-    listing = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-    hint = f"did you mean {close[0]}?" if close else f"known: {listing}"
-    return [Problem(pointer, "unknown-name", f"no {what} is called {name[:60]!r}", hint)]
-
-
 def _preset(view: PresetView, pointer: str) -> list[Problem]:
     preset = PRESETS.get(view.preset)
     if preset is None:
-        return _known(f"{pointer}/preset", "preset", view.preset, list(PRESETS))
+        return known(f"{pointer}/preset", "preset", view.preset, list(PRESETS))
     problems = [
         Problem(
             pointer,
@@ -134,54 +112,3 @@ def _preset(view: PresetView, pointer: str) -> list[Problem]:
             )
         )
     return problems
-
-
-def _optimise(document: DesignDocument) -> list[Problem]:
-    wanted = document.optimise
-    if wanted is None:
-        return []
-    problems: list[Problem] = []
-    names = [requirement.name for requirement in document.requirements]
-    if wanted.requirement is not None:
-        problems += _known("/optimise/requirement", "requirement", wanted.requirement, names)
-    elif len(names) != 1:
-        problems.append(
-            Problem(
-                "/optimise",
-                "missing-field",
-                f"the field 'requirement' is required: there are {len(names)} requirements",
-                "say which limit must hold",
-            )
-        )
-    for index, free in enumerate(wanted.tolerances):
-        interface = getattr(document.interfaces, free.interface)
-        declared = interface is not None and interface.tolerances is not None
-        if not declared or getattr(interface.tolerances, free.component) is None:
-            problems.append(
-                Problem(
-                    f"/optimise/tolerances/{index}",
-                    "unknown-name",
-                    f"{free.interface} declares no tolerance for {free.component}: its law is not known",
-                    f"add interfaces/{free.interface}/tolerances/{free.component}",
-                )
-            )
-    if wanted.rotation_bounds is not None and not declared_rotations(document):
-        problems.append(
-            Problem(
-                "/optimise/rotation_bounds",
-                "nothing-free",
-                "neither interface declares a rotational tolerance",
-                "declare rx, ry or rz under interfaces/.../tolerances",
-            )
-        )
-    return problems
-
-
-def declared_rotations(document: DesignDocument) -> list[tuple[str, str]]:
-    """(interface, component) of every rotational tolerance the two interfaces declare."""
-    found = []
-    for name in ("structure_connector", "connector_flange"):
-        interface = getattr(document.interfaces, name)
-        if interface is not None and interface.tolerances is not None:
-            found += [(name, axis) for axis in ("rx", "ry", "rz") if getattr(interface.tolerances, axis) is not None]
-    return found

@@ -29,6 +29,7 @@ from .fields import (
     refusal,
 )
 from .mount_document import Execution, Interfaces
+from .optimise_document import Optimise
 from .view_document import Transform, ViewDocument
 
 SCHEMA_NAME = "tailstack/design/1"
@@ -213,103 +214,6 @@ class Model(Record):
         description="normalised: in the fiducials' Hartley frame. published: in plain con mm. Default normalised.",
         examples=["normalised"],
     )
-
-
-class SearchBox(Record):
-    """Where fiducials may go: an axis-parallel box in con."""
-
-    min_mm: Point = Field(description="Lowest corner, con, mm.", examples=[[-50.0, -50.0, -90.0]])
-    max_mm: Point = Field(description="Highest corner, con, mm.", examples=[[50.0, 50.0, 10.0]])
-
-    @model_validator(mode="after")
-    def _ordered(self) -> SearchBox:
-        for axis, low, high in zip("xyz", self.min_mm, self.max_mm, strict=True):
-            if low > high:
-                raise refusal("empty-box", f"min_mm is above max_mm along {axis}: {low} > {high}", at="min_mm")
-        return self
-
-
-class RotationBounds(Record):
-    """Bounds and cost of a free rotational half-width."""
-
-    min_deg: Annotated[float, Field(ge=1e-4, le=10)] = Field(
-        description="Smallest half-width the shop can hold, degrees.", examples=[0.01]
-    )
-    max_deg: Annotated[float, Field(ge=1e-4, le=10)] = Field(
-        description="Largest half-width worth having, degrees.", examples=[0.5]
-    )
-    cost_weight: Annotated[float, Field(gt=0, le=1e6)] = Field(
-        default=1.0, description="c of the cost c / half-width in radians. Default 1.", examples=[1.0]
-    )
-
-    @model_validator(mode="after")
-    def _ordered(self) -> RotationBounds:
-        if self.min_deg > self.max_deg:
-            raise refusal("out-of-range", f"min_deg {self.min_deg} is above max_deg {self.max_deg}", at="min_deg")
-        return self
-
-
-class FreeTolerance(RotationBounds):
-    """One rotational half-width that the optimiser may set."""
-
-    interface: Literal["structure_connector", "connector_flange"] = Field(
-        description="Which interface.", examples=["structure_connector"]
-    )
-    component: Literal["rx", "ry", "rz"] = Field(description="Which rotation.", examples=["rz"])
-
-
-class Optimise(Record):
-    """What the optimiser may change, and what it must keep."""
-
-    requirement: Name | None = Field(
-        default=None,
-        description="Name of the requirement whose limit must hold. Default the only one.",
-        examples=["tip-accuracy"],
-    )
-    box: SearchBox | None = Field(default=None, description="Where fiducials may go. Absent: they stay.")
-    fixed: list[Name] = Field(default=[], description="Labels of fiducials that stay. Default none.", examples=[["F1"]])
-    min_spacing_mm: Annotated[float, Field(ge=0, le=1e4)] = Field(
-        default=10.0, description="Smallest distance between two fiducials, mm. Default 10.", examples=[12.0]
-    )
-    min_projected_spacing_px: Annotated[float, Field(ge=0, le=1e4)] = Field(
-        default=25.0,
-        description="Smallest distance between two fiducials' images in any view, px. Default 25.",
-        examples=[25.0],
-    )
-    image_margin_px: Annotated[float, Field(ge=0, le=1e4)] = Field(
-        default=20.0,
-        description="Images of fiducials keep this distance from the image border, px. Default 20.",
-        examples=[20.0],
-    )
-    target_clearance_px: Annotated[float, Field(ge=0, le=1e4)] = Field(
-        default=0.0,
-        description="Smallest distance between the image of a fiducial and that of a target, px. Default 0.",
-        examples=[25.0],
-    )
-    rotation_bounds: RotationBounds | None = Field(
-        default=None,
-        description="Frees every rotational tolerance that the two interfaces declare, with these bounds. Either this "
-        "or tolerances; neither: tolerances stay.",
-    )
-    tolerances: list[FreeTolerance] = Field(default=[], description="Rotational tolerances that are free, one by one.")
-    starts: Annotated[int, Field(ge=1, le=256)] = Field(
-        default=8, description="Number of starting layouts. Default 8.", examples=[8]
-    )
-    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = Field(
-        default=1, description="Seed of the starts and of the check. Default 1.", examples=[1]
-    )
-
-    @model_validator(mode="after")
-    def _something_free(self) -> Optimise:
-        if self.rotation_bounds is not None and self.tolerances:
-            raise refusal("one-of", "give rotation_bounds or tolerances; both arrived", at="tolerances")
-        if self.box is None and self.rotation_bounds is None and not self.tolerances:
-            raise refusal("nothing-free", "give box, rotation_bounds or tolerances: nothing may change", "add a box")
-        seen = [(free.interface, free.component) for free in self.tolerances]
-        for index, pair in enumerate(seen):
-            if pair in seen[:index]:
-                raise refusal("duplicate-name", f"{pair[0]}.{pair[1]} is freed twice", at=f"tolerances/{index}")
-        return self
 
 
 class DesignDocument(Record):

@@ -1,83 +1,73 @@
-"""What an optimiser may change in a design, and the design with it changed."""
+"""A design with some of its numbers changed: what an optimiser hands back."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from math import degrees, radians
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import degrees
 from typing import Any
 
+import numpy as np
+
 from ..system import Array
-from .consistency import declared_rotations
 from .loading import Design, design_to_data, load_design
 from .reading import DEFAULT_LIMITS, Limits
 
 CONTRIBUTOR = {"structure_connector": "interface_1", "connector_flange": "interface_2"}
-FIELD = {contributor: field for field, contributor in CONTRIBUTOR.items()}
+FIELD = {contributor: name for name, contributor in CONTRIBUTOR.items()}
+ROTATIONS = ("rx", "ry", "rz")
 
 
-@dataclass(frozen=True, slots=True)
-class FreeRotation:
-    """One rotational half-width that may be set; its cost is ``cost_weight / half-width in rad``."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Revision:
+    """What to change.  Contributors are "interface_1" and "interface_2"; half-widths in rad or mm."""
 
-    contributor: str  # "interface_1" or "interface_2"
-    component: str  # "rx", "ry", "rz"
-    min_rad: float
-    max_rad: float
-    cost_weight: float
-    pointer: str  # where its bounds stand
-
-
-def free_rotations(design: Design) -> tuple[FreeRotation, ...]:
-    """The rotational half-widths a design sets free: those it lists, or all it declares within common bounds."""
-    wanted = design.document.optimise
-    if wanted is None:
-        return ()
-    bounds = wanted.rotation_bounds
-    if bounds is not None:
-        return tuple(
-            FreeRotation(
-                CONTRIBUTOR[interface],
-                component,
-                radians(bounds.min_deg),
-                radians(bounds.max_deg),
-                bounds.cost_weight,
-                "/optimise/rotation_bounds",
-            )
-            for interface, component in declared_rotations(design.document)
-        )
-    return tuple(
-        FreeRotation(
-            CONTRIBUTOR[free.interface],
-            free.component,
-            radians(free.min_deg),
-            radians(free.max_deg),
-            free.cost_weight,
-            f"/optimise/tolerances/{index}",
-        )
-        for index, free in enumerate(wanted.tolerances)
-    )
+    labels: Sequence[str] | None = None  # of fiducials_mm; None: those of the design
+    fiducials_mm: Array | None = None  # (N, 3) con; None: they stay
+    half_width: Mapping[tuple[str, str], float] = field(default_factory=dict)  # (contributor, component or locator)
+    pivot_mm: Mapping[str, Array] = field(default_factory=dict)  # (3,) con
+    locator_scale: Mapping[str, float] = field(default_factory=dict)  # about the locators' centre
 
 
-def revise_design(
-    design: Design,
-    *,
-    fiducials_mm: Array | None = None,
-    half_width_rad: Mapping[tuple[str, str], float] | None = None,
-    limits: Limits = DEFAULT_LIMITS,
-) -> Design:
-    """The design with new fiducial positions (N, 3), con, and rotational half-widths, loaded and checked anew.
+def revise_design(design: Design, change: Revision, limits: Limits = DEFAULT_LIMITS) -> Design:
+    """The design with a change made, loaded and checked anew.
 
-    ``half_width_rad`` maps (contributor, component), for example ("interface_1", "rz"), to rad.  Fiducials
-    from a file become points of the document, so the result stands alone.
+    Fiducials from a file become points of the document, so the result stands alone.  Raises DesignError.
     """
     data: dict[str, Any] = design_to_data(design, inline=True)
-    if fiducials_mm is not None:
+    if change.fiducials_mm is not None:
+        labels = design.fiducials.labels if change.labels is None else change.labels
         data["fiducials"]["points"] = [
             {"label": label, "position_mm": [float(value) for value in position]}
-            for label, position in zip(design.fiducials.labels, fiducials_mm, strict=True)
+            for label, position in zip(labels, change.fiducials_mm, strict=True)
         ]
-    for (contributor, component), value in (half_width_rad or {}).items():
-        tolerances = data["interfaces"][FIELD[contributor]]["tolerances"]
-        tolerances[component]["half_width_deg"] = degrees(float(value))
+        _forget_missing_labels(data, set(labels))
+    for (contributor, component), value in change.half_width.items():
+        _set_half_width(data["interfaces"][FIELD[contributor]], component, float(value))
+    for contributor, position in change.pivot_mm.items():
+        data["interfaces"][FIELD[contributor]]["pivot_mm"] = [float(value) for value in position]
+    for contributor, scale in change.locator_scale.items():
+        locators = data["interfaces"][FIELD[contributor]]["locators"]
+        positions = np.array([locator["position_mm"] for locator in locators], dtype=float)
+        centre = positions.mean(axis=0)
+        for locator, position in zip(locators, centre + scale * (positions - centre), strict=True):
+            locator["position_mm"] = [float(value) for value in position]
     return load_design(data, limits=limits)
+
+
+def _set_half_width(interface: dict[str, Any], component: str, value: float) -> None:
+    if interface.get("locators"):
+        for locator in interface["locators"]:
+            if locator["name"] == component:
+                locator["half_width_mm"] = value
+        return
+    unit, shown = ("deg", degrees(value)) if component in ROTATIONS else ("mm", value)
+    interface["tolerances"][component][f"half_width_{unit}"] = shown
+
+
+def _forget_missing_labels(data: dict[str, Any], labels: set[str]) -> None:
+    """Fiducials that were left out are no longer named in the optimise section."""
+    wanted = data.get("optimise")
+    if not wanted:
+        return
+    wanted["fixed"] = [label for label in wanted.get("fixed") or [] if label in labels]

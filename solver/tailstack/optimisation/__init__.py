@@ -1,9 +1,17 @@
-"""Fiducial placement and rotational tolerance budgets at least cost under a tail-risk limit (CasADi and IPOPT)."""
+"""Fiducial placement and tolerance budgets at least cost under a tail-risk limit (CasADi, IPOPT, cvxpy, HiGHS)."""
 
 from __future__ import annotations
 
-from .optimising import optimise, problem_of
+from .optimising import influence, optimise
 from .placement import PlacementSolution, solve_placement
-from .problem import FreeHalfWidth, PlacementProblem
+from .problem import FreeHalfWidth, Place, PlacementProblem
 
-__all__ = ["FreeHalfWidth", "PlacementProblem", "PlacementSolution", "optimise", "problem_of", "solve_placement"]
+__all__ = [
+    "FreeHalfWidth",
+    "Place",
+    "PlacementProblem",
+    "PlacementSolution",
+    "influence",
+    "optimise",
+    "solve_placement",
+]

@@ -1,18 +1,17 @@
-"""What an optimum is worth: optimality residual recomputed from the multipliers, shadow prices, what binds."""
+"""What an optimum is worth: optimality residual recomputed from the multipliers, and what binds."""
 
 from __future__ import annotations
 
-from math import degrees, floor, log10, radians
-
 import numpy as np
 
-from ..results import ShadowPrice
 from ..system import Array
-from .problem import in_words
+from .problem import PlacementProblem, for_people, in_words, label_of
 from .program import Parameters, Point, Program
+from .regions import Box
+from .rules import Row
 
 ACTIVE = 1e-6  # slack, in the scaled units of the programme, up to which a constraint binds
-PRICED = 1e-2  # per cent of the cost for one step: smaller shadow prices only fill the page
+SAMPLED_ACTIVE = 1e-3  # of a quantile that is sampled
 
 
 def kkt_residual(program: Program, point: Point, parameters: Parameters) -> float:
@@ -20,11 +19,11 @@ def kkt_residual(program: Program, point: Point, parameters: Parameters) -> floa
 
     Stationarity ``|grad f + J' lambda + mu|`` over the variables that are not held, divided by the largest
     multiplier when that exceeds one; complementarity ``|multiplier| * slack``; feasibility.  Recomputed here
-    from the returned multipliers, not taken from the solver.
+    from the returned multipliers, not taken from the solver; with ``parameters`` corrected to the exact law at this
+    point, the conditions are those of the exact law.
     """
-    least = not program.problem.half_widths
-    p = parameters.vector(least)
-    lower, upper = program.bounds(least)
+    p = parameters.vector(program, "main")
+    lower, upper = program.bounds("main")
     x, rows, bounds = point.x, point.row_multipliers, point.bound_multipliers
     gradient = program.gradient(x, p)[1].full().ravel()
     g, jacobian = program.jacobian(x, p)
@@ -54,37 +53,30 @@ def _complementarity(multiplier: Array, value: Array, lower: Array, upper: Array
 
 def binding(program: Program, point: Point, parameters: Parameters) -> tuple[str, ...]:
     """The constraints that hold with equality, in the user's words."""
-    problem = program.problem
-    least = not problem.half_widths
-    values = program.constraints(point.x, parameters.vector(least))[1].full().ravel()
+    values = program.constraints(point.x, parameters.vector(program, "main"))[1].full().ravel()
     found = []
-    for row, value in zip(program.rows, values, strict=True):
-        if row.kind == "quantile":
-            if not least and value >= row.upper - ACTIVE:
-                found.append(f"{row.text}, limit {problem.requirement.limit_mm:g} mm ({problem.requirement.name})")
+    for t, (row, value) in enumerate(zip(program.rows, values, strict=True)):
+        if row.lower == row.upper:  # on a surface by definition
+            continue
+        if row.kind in ("quantile", "cost"):
+            sampled = row.kind == "quantile" and program.terms[t].demand.per_unit
+            if value >= row.upper - (SAMPLED_ACTIVE if sampled else 10 * ACTIVE):
+                found.append(_upper_text(program, t, row))
         elif value <= row.lower + ACTIVE:
-            found.append(row.text + _minimum(program, row.kind))
-    count = 3 * len(program.free)
-    for row_index, i in enumerate(program.free):
-        faces = []
-        for k in range(3):
-            coordinate = point.x[3 * row_index + k]
-            if program.half[k] > 0 and abs(coordinate) >= 1 - ACTIVE:
-                side = 1 if coordinate > 0 else 0
-                faces.append(f"{'xyz'[k]} = {problem.box_mm[side, k]:g} mm")
-        if faces:
-            found.append(f"{problem.system.fiducial_labels[i]} on the box at {', '.join(faces)}")
-    for k, free in enumerate(problem.half_widths):
-        value = point.x[count + k]
-        if value >= np.log(free.maximum) - ACTIVE:
-            found.append(f"{in_words(problem, k)} at its largest half-width, {degrees(free.maximum):.4g} deg")
-        elif value <= np.log(free.minimum) + ACTIVE:
-            found.append(f"{in_words(problem, k)} at its smallest half-width, {degrees(free.minimum):.4g} deg")
-    return tuple(found)
+            found.append(row.text + _minimum(program.problem, row.kind))
+    return (*found, *_faces(program, point), *_widths(program, point), *_mechanics(program, point))
 
 
-def _minimum(program: Program, kind: str) -> str:
-    problem = program.problem
+def _upper_text(program: Program, t: int, row: Row) -> str:
+    if row.kind == "cost":
+        return f"the cost limit of {program.problem.cost_limit:g}"
+    requirement = program.terms[t].demand.requirement
+    if program.problem.objective == "quantile":
+        return f"{row.text}: the largest part of its limit ({requirement.name})"
+    return f"{row.text}, limit {requirement.limit_mm:g} mm ({requirement.name})"
+
+
+def _minimum(problem: PlacementProblem, kind: str) -> str:
     return {
         "spacing": f" at {problem.min_spacing_mm:g} mm",
         "projected_spacing": f" at {problem.min_projected_spacing_px:g} px",
@@ -93,54 +85,57 @@ def _minimum(program: Program, kind: str) -> str:
     }.get(kind, "")
 
 
-def shadow_prices(program: Program, point: Point, cost: float) -> tuple[ShadowPrice, ...]:
-    """What one unit of each limit is worth, from the multipliers of ``log cost``.
+def _at_bound(program: Program, point: Point, index: int) -> int:
+    """-1 at the lower bound, +1 at the upper one, 0 between them or where there is no room."""
+    lower, upper = program.bounds("main")
+    if upper[index] - lower[index] <= 0:
+        return 0
+    x = point.x[index]
+    return 1 if x >= upper[index] - ACTIVE else -1 if x <= lower[index] + ACTIVE else 0
 
-    By the envelope theorem ``d log cost / d theta`` is the partial derivative of the Lagrangian: a limit L enters as
-    ``-2 log L`` with multiplier lambda, so its price is ``-2 lambda cost / L`` per mm; a bound h of a half-width enters
-    through its logarithm, ``-mu cost / h``; a spacing d through ``-2 / d`` where it binds; a face of the box at
-    distance ``half`` from the centre per scaled unit.
-    """
+
+def _faces(program: Program, point: Point) -> list[str]:
+    problem, found = program.problem, []
+    for g, place in enumerate(problem.places):
+        if not isinstance(place.region, Box):
+            continue
+        sides = [(k, _at_bound(program, point, 3 * g + k)) for k in range(3)]
+        faces = [
+            f"{'xyz'[k]} = {(place.region.high_mm if side > 0 else place.region.low_mm)[k]:g} mm"
+            for k, side in sides
+            if side
+        ]
+        if faces:
+            found.append(f"{problem.system.fiducial_labels[place.fiducials[0]]} on the box at {', '.join(faces)}")
+    return found
+
+
+def _widths(program: Program, point: Point) -> list[str]:
     problem = program.problem
-    if not problem.half_widths:
-        return ()
-    prices: list[ShadowPrice] = []
-
-    def add(name: str, unit: str, per_unit: float, phrase: str, step: float = 1.0) -> None:
-        share = 100 * abs(per_unit) * step / cost
-        if share > PRICED:
-            effect = "saves" if per_unit < 0 else "adds"
-            prices.append(ShadowPrice(name, unit, float(per_unit), f"{phrase} {effect} {share:.3g} % of cost"))
-
-    limit = problem.requirement.limit_mm
-    rows = point.row_multipliers
-    quantile = sum(m for m, row in zip(rows, program.rows, strict=True) if row.kind == "quantile")
-    per_mm = -2 * float(quantile) * cost / limit
-    step = 10.0 ** floor(log10(limit / 10))  # a step small enough for a derivative to mean something
-    add("limit", "mm", per_mm, f"{step:g} mm more on the limit of {limit:g} mm", step)
-    count = 3 * len(program.free)
+    if problem.objective == "scaling":
+        side = _at_bound(program, point, program.widths_at.start)
+        return ["the common factor at a bound of some half-width"] if side else []
+    found = []
     for k, free in enumerate(problem.half_widths):
-        multiplier = float(point.bound_multipliers[count + k])
-        bound, which = (free.maximum, "largest") if multiplier > 0 else (free.minimum, "smallest")
-        per_step = -multiplier * cost / bound * radians(0.01)
-        add(
-            f"{in_words(problem, k)} {which} half-width", "0.01 deg", per_step,
-            f"0.01 deg more on the {which} half-width of {in_words(problem, k)}",
-        )  # fmt: skip
-    spacings = {
-        "spacing": ("min_spacing_mm", "mm", problem.min_spacing_mm),
-        "projected_spacing": ("min_projected_spacing_px", "px", problem.min_projected_spacing_px),
-        "target_clearance": ("target_clearance_px", "px", problem.target_clearance_px),
-    }
-    for kind, (name, unit, size) in spacings.items():
-        total = sum(float(m) for m, row in zip(rows, program.rows, strict=True) if row.kind == kind)
-        if size > 0:
-            add(name, unit, total * -2 / size * cost, f"1 {unit} more {name.rsplit('_', 1)[0].replace('_', ' ')}")
-    faces = point.bound_multipliers[:count].reshape(-1, 3)
-    for k in range(3):
-        for side, word in ((-1, "lower"), (1, "upper")):
-            pressed = float(np.maximum(side * faces[:, k], 0).sum())
-            if program.half[k] > 0:
-                face = f"{word} {'xyz'[k]} face of the box"
-                add(face, "mm", -pressed / float(program.half[k]) * cost, f"moving the {face} out by 1 mm")
-    return tuple(prices)
+        side = _at_bound(program, point, program.widths_at.start + k)
+        if side:
+            value, unit = for_people(problem, k, free.maximum if side > 0 else free.minimum)
+            which = "largest" if side > 0 else "smallest"
+            found.append(f"{in_words(problem, k)} at its {which} half-width, {value:.4g} {unit}")
+    return found
+
+
+def _mechanics(program: Program, point: Point) -> list[str]:
+    problem, found = program.problem, []
+    for p, free in enumerate(problem.pivots):
+        for k in range(3):
+            side = _at_bound(program, point, program.pivots_at.start + 3 * p + k)
+            if side:
+                bound = (free.high_mm if side > 0 else free.low_mm)[k]
+                found.append(f"pivot of {label_of(problem, free.contributor)} at {'xyz'[k]} = {bound:g} mm")
+    for i, spacing in enumerate(problem.spacings):
+        side = _at_bound(program, point, program.spacings_at.start + i)
+        if side:
+            bound = spacing.maximum if side > 0 else spacing.minimum
+            found.append(f"locators of {label_of(problem, spacing.contributor)} at {bound:g} times their spacing")
+    return found

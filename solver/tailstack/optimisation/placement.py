@@ -1,4 +1,4 @@
-"""Least-cost placement and half-widths: the best of many starts, its exact quantile brought to the limit."""
+"""The best of many starts, its exact quantiles brought to their aims."""
 
 from __future__ import annotations
 
@@ -8,39 +8,40 @@ import numpy as np
 
 from ..errors import NotConvergedError, Problem
 from ..system import Array
+from .begin import begin
 from .certificate import kkt_residual
 from .infeasible import explain_infeasible
-from .problem import PlacementProblem
+from .problem import Choice, PlacementProblem
 from .program import Parameters, Point, Program, solve
-from .promise import Promise, closed_form_mm, promise
-from .search import Progress, Search, least_quantile, promised, search, with_targets
+from .promise import Promise, correction_at, promise
+from .search import Found, Progress, Search, Stop, least_quantile, promised, search, with_demands, worst_ratio
 
-AT_LIMIT = 1e-4  # relative: how near below the aim the exact quantile is brought
-AIM_BELOW = 1e-5  # relative: where in that window it is aimed
-MAX_ROUNDS = 16
+AT_AIM = 4e-6  # relative: how near below its aim the largest exact quantile is brought
+AIM_BELOW = 2e-6  # relative: where in that window it is aimed
+SAMPLED_AT_AIM = 4e-4  # likewise for a per-unit quantile, which is sampled
+MAX_ROUNDS = 20
+STATIONARY = 1e-6  # residual of the first-order conditions with the exact law that ends the rounds
 FREE_VERTICES = 6  # rounds in which bounded sources may change ends; two vertices may tie at the optimum
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacementSolution:
-    """A local optimum of the programme whose exact quantile is at (or below) ``aim_mm``."""
+    """A local optimum of the programme with the exact law, its quantiles at (or below) their aims."""
 
     problem: PlacementProblem
-    fiducials_mm: Array  # (N, 3) all of them
-    half_width: Array  # (K,) native unit
+    choice: Choice
     cost: float  # 0 when no half-width is free
-    quantile_mm: tuple[float, ...]  # exact, at every required target
-    aim_mm: float
+    ratios: tuple[float, ...]  # exact quantile over its limit, every demand
+    aims: Array  # of those
     kkt_residual: float
-    rounds: int  # solves it took to bring the exact quantile to the aim
+    rounds: int  # solves it took to bring the exact quantiles to their aims
     program: Program
-    point: Point
-    parameters: Parameters
+    found: Found
 
     @property
-    def worst_mm(self) -> float:
-        """Largest exact quantile over the required targets."""
-        return max(self.quantile_mm)
+    def worst_ratio(self) -> float:
+        """Largest exact quantile over its limit."""
+        return max(self.ratios)
 
 
 def solve_placement(
@@ -50,68 +51,80 @@ def solve_placement(
     seed: int = 0,
     threads: int | None = None,
     progress: Progress | None = None,
+    stop: Stop | None = None,
 ) -> PlacementSolution:
-    """Best of ``starts`` local optima, its exact quantile within 1e-4 below the requirement's limit.
+    """Best of ``starts`` local optima, its exact quantiles just below the limits of the requirements.
 
     Raises InfeasibleError (with the smallest quantile attainable), NotConvergedError, IllPosedError.  The
     same seed gives the same answer; start k depends on (seed, k) alone.
     """
-    return settle(
-        search(problem, starts=starts, seed=seed, threads=threads, progress=progress), problem.requirement.limit_mm
-    )
+    found = search(problem, starts=starts, seed=seed, threads=threads, progress=progress, stop=stop)
+    return settle(found, np.ones(len(found.terms)))
 
 
-def settle(found: Search, aim_mm: float, start: PlacementSolution | None = None) -> PlacementSolution:
-    """Bring the exact quantile to ``aim_mm``, from the best point of a search or from an earlier solution.
+def settle(found: Search, aims: Array, start: PlacementSolution | None = None) -> PlacementSolution:
+    """Bring the exact quantiles to ``aims`` (of their limits), from the best point of a search or an earlier solution.
 
-    The closed form's limit at each target is the aim times (closed form / exact) at the last iterate; as the ratio
-    hardly moves, two or three rounds do.  Bounded sources sit at the worst vertex of the last iterate.
-    Targets outside the programme that turn out worse join it.  Raises InfeasibleError, NotConvergedError.
+    The closed form is corrected to the exact law at the last iterate, in value and gradient; as the correction
+    hardly moves, two or three rounds do.  Bounded sources sit at the worst vertex of the last iterate.  Demands
+    outside the programme that turn out worse join it.  Raises InfeasibleError, NotConvergedError.
     """
     if start is not None:
-        found = replace(found, program=start.program, parameters=start.parameters, points=(start.point,))
-    program, parameters, point = found.program, found.parameters, found.points[0]
-    least = not program.problem.half_widths
-    worst = np.inf
+        found = replace(found, program=start.program, found=(start.found,))
+    here = found.found[0]
+    reached = np.inf
     for rounds in range(MAX_ROUNDS):
-        held = promised(program, point)
-        worst = max(item.exact_mm for item in held)
-        if _arrived(program, point, worst, aim_mm):
-            values = _everywhere(found, point)
-            if max(values) <= max(worst, aim_mm) * (1 + 1e-9):
-                return _solution(program, point, parameters, values, aim_mm, rounds)
-            found = with_targets(found, point, values, max(worst, aim_mm))
-            program, parameters, point = found.program, found.parameters, found.points[0]
+        program = found.program
+        own = np.array([aim for term, aim in zip(found.terms, aims, strict=True) if _inside(program, term.demand.key)])
+        held = promised(program, here.point)
+        reached = max(item.exact_mm / item.limit_mm / aim for item, aim in zip(held, own, strict=True))
+        if rounds and _arrived(program, here.point, held, reached):
+            exact = _corrected(program, here, held, own, same_ends=True)
+            residual = kkt_residual(program, here.point, exact)
+            if residual > STATIONARY and rounds < FREE_VERTICES:
+                here = Found(_again(program, here.point, exact), exact)
+                continue
+            ratios = _everywhere(found, here.point)
+            if (ratios / aims).max() <= max(reached, 1.0) * (1 + 1e-9):
+                return _solution(found, here, residual, ratios, aims, rounds)
+            found = with_demands(found, here.point, ratios / aims, max(reached, 1.0))
+            here = found.found[0]
             continue
-        if least and worst > aim_mm:
-            raise explain_infeasible(program, point, aim_mm)
-        parameters = _rescaled(program, point, held, aim_mm, parameters if rounds >= FREE_VERTICES else None)
-        point = _again(program, point, parameters, aim_mm)
-    raise _not_settled(aim_mm, worst)
+        parameters = _corrected(program, here, held, own, same_ends=rounds >= FREE_VERTICES)
+        here = Found(_again(program, here.point, parameters), parameters)
+    raise _not_settled(reached)
 
 
-def _arrived(program: Program, point: Point, worst_mm: float, aim_mm: float) -> bool:
-    """The exact quantile is in the window below the aim, or below it because nothing is gained by using it up."""
-    if worst_mm > aim_mm:
+def _inside(program: Program, key: tuple[str, str]) -> bool:
+    return any(term.demand.key == key for term in program.terms)
+
+
+def _arrived(program: Program, point: Point, held: list[Promise], reached: float) -> bool:
+    """The exact quantile is in the window below its aim, or below it because nothing is gained by using it up."""
+    window = SAMPLED_AT_AIM if any(term.demand.per_unit for term in program.terms) else AT_AIM
+    if program.problem.objective == "quantile":
+        return bool(abs(2 * np.log(worst_ratio(held)) - point.objective) <= 2 * window)
+    if reached > 1:
         return False
     pressed = any(multiplier > 1e-7 for multiplier in point.row_multipliers[: len(program.terms)])
-    return not program.problem.half_widths or not pressed or worst_mm >= aim_mm * (1 - AT_LIMIT)
+    return not pressed or reached >= 1 - window
 
 
-def _again(program: Program, point: Point, parameters: Parameters, aim_mm: float) -> Point:
+def _again(program: Program, point: Point, parameters: Parameters) -> Point:
     """Solve again for slightly different parameters, from where the last solve ended."""
-    least = not program.problem.half_widths
-    start = point if least else replace(point, x=_scaled(program, point.x, parameters))
-    polished = solve(program, start.x, parameters, least_quantile=least, warm=start)
+    start = replace(point, x=_scaled(program, point.x, parameters))
+    polished = solve(program, start.x, parameters, warm=start)
     if not polished.solved:
-        polished = solve(program, start.x, parameters, least_quantile=least)
-    if not polished.solved:
-        bottom = least_quantile(program, parameters, [point.x])
-        reached = max(item.exact_mm for item in promised(program, bottom))
-        if reached > aim_mm:
-            raise explain_infeasible(program, bottom, aim_mm)
-        raise _not_settled(aim_mm, reached)
-    return polished
+        polished = solve(program, start.x, parameters)
+    if polished.solved:
+        return polished
+    bottom = least_quantile(
+        program, [replace(begin(program, program.split(point.x).fiducials_mm), parameters=parameters)]
+    )
+    reached = worst_ratio(promised(program, bottom.point))
+    if bottom.point.objective > 0:
+        raise explain_infeasible(program, bottom.point, parameters)
+    raise _not_settled(reached)
 
 
 def _scaled(program: Program, x: Array, parameters: Parameters) -> Array:
@@ -120,13 +133,15 @@ def _scaled(program: Program, x: Array, parameters: Parameters) -> Array:
     A warm interior-point solve that starts outside the feasible set by a per cent takes 150 iterations, from just
     inside it 15.
     """
-    count, rows = 3 * len(program.free), len(program.terms)
-    low, high = program.bounds(False)
-    vector = parameters.vector(False)
+    widths, rows = program.widths_at, len(program.terms)
+    if program.problem.objective == "quantile" or widths.stop == widths.start:
+        return x
+    low, high = program.bounds("main")
+    vector = parameters.vector(program, "main")
 
     def at(shift: float) -> Array:
         moved = x.copy()
-        moved[count:-1] = np.clip(x[count:-1] + shift, low[count:-1], high[count:-1])
+        moved[widths] = np.clip(x[widths] + shift, low[widths], high[widths])
         return moved
 
     a, b = -3.0, 3.0
@@ -137,56 +152,54 @@ def _scaled(program: Program, x: Array, parameters: Parameters) -> Array:
     return at(a)
 
 
-def _not_settled(aim_mm: float, reached_mm: float) -> NotConvergedError:
+def _not_settled(reached: float) -> NotConvergedError:
     return NotConvergedError(
         Problem(
             "/optimise",
             "not-settled",
-            f"the exact quantile could not be brought to {aim_mm:.6g} mm; the last iterate has {reached_mm:.6g} mm",
+            f"the exact quantile could not be brought to its aim; the last iterate is at {reached:.6g} of it",
             "try another seed or more starts",
         )
     )
 
 
-def _rescaled(
-    program: Program, point: Point, held: list[Promise], aim_mm: float, same_ends: Parameters | None
-) -> Parameters:
-    """Limits for the closed form such that the exact quantile ends just below the aim; bounded sources at the worst
-    ends of this iterate, or kept at those of ``same_ends`` (the ratio then carries the difference)."""
+def _corrected(program: Program, here: Found, held: list[Promise], aims: Array, *, same_ends: bool) -> Parameters:
+    """Closed form corrected to the exact law at this iterate; bounded sources at its worst ends, or kept."""
     problem = program.problem
-    _, half_width, _ = program.split(point.x)
-    count = len(held)
-    signs = np.array([item.signs for item in held]).reshape(count, -1)
-    free_signs = np.array([item.free_signs for item in held]).reshape(count, -1)
-    if same_ends is not None:
-        signs, free_signs = same_ends.signs, same_ends.free_signs
-    ratio = [
-        closed_form_mm(problem, term, item.image, half_width, signs[t], free_signs[t]) / item.exact_mm
+    choice = program.split(here.point.x)
+    signs = np.array([item.signs for item in held]).reshape(len(held), -1)
+    if same_ends:
+        signs = here.parameters.signs
+    corrections = tuple(
+        correction_at(problem, term, choice, item, signs[t] if same_ends else None)
         for t, (term, item) in enumerate(zip(program.terms, held, strict=True))
-    ]
-    return Parameters(np.log(aim_mm * (1 - AIM_BELOW)) + np.log(ratio), signs, free_signs)
+    )
+    limits = np.log([item.limit_mm for item in held])
+    if problem.objective != "quantile":
+        limits = limits + np.log(aims * (1 - AIM_BELOW))
+    return Parameters(limits, signs, corrections, program.pieces_of(choice))
 
 
-def _everywhere(found: Search, point: Point) -> tuple[float, ...]:
-    fiducials, half_width, _ = found.program.split(point.x)
-    return tuple(promise(found.program.problem, term, fiducials, half_width).exact_mm for term in found.terms)
+def _everywhere(found: Search, point: Point) -> Array:
+    """Exact quantile over its limit of every demand."""
+    choice = found.program.split(point.x)
+    held = [promise(found.program.problem, term, choice) for term in found.terms]
+    return np.array([item.exact_mm / item.limit_mm for item in held])
 
 
 def _solution(
-    program: Program, point: Point, parameters: Parameters, values: tuple[float, ...], aim_mm: float, rounds: int
+    found: Search, here: Found, residual: float, ratios: Array, aims: Array, rounds: int
 ) -> PlacementSolution:
-    fiducials, half_width, _ = program.split(point.x)
-    problem = program.problem
+    program, problem = found.program, found.program.problem
+    choice = program.split(here.point.x)
     return PlacementSolution(
         problem=problem,
-        fiducials_mm=fiducials,
-        half_width=half_width,
-        cost=problem.cost(half_width) if len(half_width) else 0.0,
-        quantile_mm=values,
-        aim_mm=aim_mm,
-        kkt_residual=kkt_residual(program, point, parameters),
+        choice=choice,
+        cost=problem.cost(choice.half_width) if problem.half_widths else 0.0,
+        ratios=tuple(float(ratio) for ratio in ratios),
+        aims=aims,
+        kkt_residual=residual,
         rounds=rounds,
         program=program,
-        point=point,
-        parameters=parameters,
+        found=here,
     )

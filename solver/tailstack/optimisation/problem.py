@@ -3,45 +3,145 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import degrees
+from typing import Any, Literal
 
 import numpy as np
 
 from ..system import Array, Mount, Requirement, System, Target
+from .prices import Price, cost_of
+from .regions import Isometry, KeepOut, Shape
+
+Objective = Literal["cost", "quantile", "scaling"]
 
 
 @dataclass(frozen=True, slots=True)
 class FreeHalfWidth:
-    """One half-width of a mount that may be set; its cost is ``cost_weight / half_width``."""
+    """One half-width of a mount that may be set, and what it costs."""
 
     contributor: str  # "interface_1" or "interface_2"
-    component: str  # name of the source: rx, ry, rz
-    minimum: float  # native unit of the source (rad)
+    component: str  # name of the source: rx ... tz, or a locator
+    minimum: float  # native unit of the source (rad, mm)
     maximum: float
-    cost_weight: float
+    price: Price
     pointer: str = "/optimise/tolerances"  # where the user gave the bounds
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A fiducial that may go anywhere in a region, followed by its copies under the symmetry, in that order."""
+
+    fiducials: tuple[int, ...]  # indices into system.fiducials_mm
+    region: Shape
+    pointer: str = "/optimise/box"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FreePivot:
+    """The pivot of a mount, free in a box."""
+
+    contributor: str
+    low_mm: Array  # (3,) con
+    high_mm: Array  # (3,)
+    pointer: str = "/optimise/pivots"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FreeSpacing:
+    """Six locators spread by a factor s about their centre: the mount's direction is ``shift + turn / s``.
+
+    A contact at distance s r turns the seat by 1/s of what it did at r and shifts the centre as before.
+    """
+
+    contributor: str
+    minimum: float
+    maximum: float
+    shift: Array  # (6, 6)
+    turn: Array  # (6, 6)
+    pointer: str = "/optimise/locator_spacing"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Choice:
+    """A value for everything that may change."""
+
+    fiducials_mm: Array  # (N, 3) all of them, con
+    half_width: Array  # (K,) native units
+    pivots_mm: Array  # (P, 3) con
+    spacing: Array  # (L,) factors
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Demand:
+    """One requirement at one target: one quantile that has one limit."""
+
+    requirement: Requirement
+    target: Target
+
+    @property
+    def key(self) -> tuple[str, str]:
+        return self.requirement.name, self.target.name
+
+    @property
+    def text(self) -> str:
+        per_unit = f" of {100 * self.fraction:g} % of units" if self.per_unit else ""
+        return f"P{100 * self.requirement.quantile:g}{per_unit} at target {self.target.name!r}"
+
+    @property
+    def per_unit(self) -> bool:
+        return self.requirement.risk == "per_unit"
+
+    @property
+    def fraction(self) -> float:
+        """Per unit: the fraction of units whose own quantile must meet the limit, as the verdict takes it."""
+        required = self.requirement.min_yield
+        return self.requirement.quantile if required is None else required
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacementProblem:
-    """Least cost of the free half-widths, over them and the free fiducials, with the quantile within its limit.
+    """Least cost of the free half-widths with every quantile within its limit, over all that is free.
 
-    ``system`` holds everything else, fixed.  With no free half-width the objective is the quantile itself.
+    ``objective``: "cost"; "quantile", the smallest largest ratio of a quantile to its limit (within
+    ``cost_limit`` when half-widths are free); "scaling", one factor on all half-widths as they are, as large as
+    the limits allow.  ``system`` holds everything else, fixed.
     """
 
     system: System
-    requirement: Requirement
-    free_fiducials: tuple[int, ...]  # indices into system.fiducials_mm
-    box_mm: Array  # (2, 3) lowest and highest corner, con; read only when fiducials are free
-    half_widths: tuple[FreeHalfWidth, ...]
+    requirements: tuple[Requirement, ...]
+    places: tuple[Place, ...] = ()
+    half_widths: tuple[FreeHalfWidth, ...] = ()
+    pivots: tuple[FreePivot, ...] = ()
+    spacings: tuple[FreeSpacing, ...] = ()
+    objective: Objective = "cost"
+    cost_limit: float | None = None
+    symmetry: tuple[Isometry, ...] = ()
+    keep_out: tuple[KeepOut, ...] = ()
     min_spacing_mm: float = 0.0
     min_projected_spacing_px: float = 0.0  # between the images of two fiducials, in every view
     image_margin_px: float = 0.0  # from the image's border, in views whose size is stated
     target_clearance_px: float = 0.0  # between the image of a fiducial and that of a required target
 
     @property
+    def free_fiducials(self) -> tuple[int, ...]:
+        """Indices of the fiducials that move, ascending."""
+        return tuple(sorted(i for place in self.places for i in place.fiducials))
+
+    @property
+    def demands(self) -> tuple[Demand, ...]:
+        """Every requirement at every target it names, in the order of the system."""
+        return tuple(
+            Demand(requirement, target)
+            for requirement in self.requirements
+            for target in self.system.targets
+            if target.name in requirement.targets
+        )
+
+    @property
     def targets(self) -> tuple[Target, ...]:
-        """The targets the requirement names, in the order of the system."""
-        return tuple(t for t in self.system.targets if t.name in self.requirement.targets)
+        """The targets that some requirement names, in the order of the system."""
+        named = {name for requirement in self.requirements for name in requirement.targets}
+        return tuple(target for target in self.system.targets if target.name in named)
 
     @property
     def lower(self) -> Array:
@@ -53,14 +153,9 @@ class PlacementProblem:
         """(K,) largest half-widths, native unit."""
         return np.array([free.maximum for free in self.half_widths])
 
-    @property
-    def weights(self) -> Array:
-        """(K,) cost weights."""
-        return np.array([free.cost_weight for free in self.half_widths])
-
     def cost(self, half_width: Array) -> float:
-        """Sum of ``cost_weight / half_width`` over the free half-widths (K,), native unit (1/rad)."""
-        return float((self.weights / half_width).sum())
+        """Sum over the free half-widths (K,), native unit."""
+        return sum((cost_of(f.price, float(h)) for f, h in zip(self.half_widths, half_width, strict=True)), 0.0)
 
 
 def mount_named(system: System, contributor: str) -> Mount:
@@ -68,32 +163,78 @@ def mount_named(system: System, contributor: str) -> Mount:
     return {mount.name: mount for mount in (system.interface_1, system.interface_2)}[contributor]
 
 
+def label_of(problem: PlacementProblem, contributor: str) -> str:
+    """What the user calls an interface."""
+    mount = mount_named(problem.system, contributor)
+    return mount.label or mount.name
+
+
 def in_words(problem: PlacementProblem, index: int) -> str:
     """What the user calls a free half-width: the interface's label and the component."""
     free = problem.half_widths[index]
-    mount = mount_named(problem.system, free.contributor)
-    return f"{mount.label or mount.name} {free.component}"
+    return f"{label_of(problem, free.contributor)} {free.component}"
 
 
-def half_widths_of(problem: PlacementProblem) -> Array:
-    """(K,) what the free half-widths are in the system as it stands, native unit."""
-    values = []
+def unit_of(problem: PlacementProblem, index: int) -> str:
+    """Native unit of a free half-width: rad or mm."""
+    free = problem.half_widths[index]
+    sources = mount_named(problem.system, free.contributor).sources
+    return sources.units[sources.names.index(free.component)]
+
+
+def for_people(problem: PlacementProblem, index: int, value: float) -> tuple[float, str]:
+    """A free half-width (or a bound of it) in the unit of the document: deg or mm."""
+    return (degrees(value), "deg") if unit_of(problem, index) == "rad" else (value, "mm")
+
+
+def present_choice(problem: PlacementProblem) -> Choice:
+    """Everything as it is in the system."""
+    widths = []
     for free in problem.half_widths:
         sources = mount_named(problem.system, free.contributor).sources
-        values.append(float(sources.half_width[sources.names.index(free.component)]))
-    return np.array(values)
+        widths.append(float(sources.half_width[sources.names.index(free.component)]))
+    pivots = [mount_named(problem.system, free.contributor).pivot_mm for free in problem.pivots]
+    return Choice(
+        problem.system.fiducials_mm, np.array(widths), np.array(pivots).reshape(-1, 3), np.ones(len(problem.spacings))
+    )
 
 
-def apply_choice(problem: PlacementProblem, fiducials_mm: Array, half_width: Array) -> System:
-    """The system with all fiducials (N, 3) mm and the free half-widths (K,) replaced."""
+def width_bounds(problem: PlacementProblem, present: Array) -> tuple[Array, Array]:
+    """Bounds of the variables that stand for half-widths: their logarithms, or that of the common factor."""
+    low, high = np.log(problem.lower), np.log(problem.upper)
+    if problem.objective == "scaling" and len(low):
+        return np.array([(low - np.log(present)).max()]), np.array([(high - np.log(present)).min()])
+    return low, high
+
+
+def least_half_widths(problem: PlacementProblem, present: Array) -> Array:
+    """(K,) the smallest half-widths that are allowed together, native units."""
+    if problem.objective != "scaling" or not problem.half_widths:
+        return problem.lower
+    return np.asarray(present * np.exp(width_bounds(problem, present)[0][0]))
+
+
+def apply_choice(problem: PlacementProblem, choice: Choice) -> System:
+    """The system with a choice made."""
     mounts = {mount.name: mount for mount in (problem.system.interface_1, problem.system.interface_2)}
-    for free, value in zip(problem.half_widths, half_width, strict=True):
-        mount = mounts[free.contributor]
-        widths = mount.sources.half_width.copy()
-        widths[mount.sources.names.index(free.component)] = value
-        widths.setflags(write=False)
-        mounts[free.contributor] = replace(mount, sources=replace(mount.sources, half_width=widths))
-    placed = np.array(fiducials_mm, dtype=float)
+
+    def change(contributor: str, **fields: Any) -> None:
+        mount = mounts[contributor]
+        for array in fields.values():
+            array.setflags(write=False)
+        pivot = {"pivot_mm": fields.pop("pivot_mm")} if "pivot_mm" in fields else {}
+        mounts[contributor] = replace(mount, sources=replace(mount.sources, **fields), **pivot)
+
+    for free, value in zip(problem.half_widths, choice.half_width, strict=True):
+        sources = mounts[free.contributor].sources
+        widths = sources.half_width.copy()
+        widths[sources.names.index(free.component)] = value
+        change(free.contributor, half_width=widths)
+    for pivot, position in zip(problem.pivots, choice.pivots_mm, strict=True):
+        change(pivot.contributor, pivot_mm=np.array(position, dtype=float))
+    for spacing, factor in zip(problem.spacings, choice.spacing, strict=True):
+        change(spacing.contributor, direction=spacing.shift + spacing.turn / float(factor))
+    placed = np.array(choice.fiducials_mm, dtype=float)
     placed.setflags(write=False)
     first, second = problem.system.interface_1.name, problem.system.interface_2.name
     return replace(problem.system, fiducials_mm=placed, interface_1=mounts[first], interface_2=mounts[second])

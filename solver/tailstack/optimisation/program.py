@@ -1,25 +1,30 @@
 """The nonlinear programme: one CasADi expression, built once, solved from many starts by IPOPT.
 
-Variables: free positions scaled to [-1, 1] in the box, logarithms of the free half-widths, and a slack s.
-``log q_t^2 - 2 log limit_t <= s`` at every target, so that one programme serves two questions: with
-``s = 0`` and the logarithm of the cost as objective, the optimum; with the half-widths at their smallest
-and s as objective, the smallest quantile attainable.  Logarithms make both scale free.
+Variables: free positions scaled to [-1, 1] in the bounding box of their region, logarithms of the free half-widths
+(of one common factor when scaling), free pivots scaled likewise, logarithms of locator spacings, and a slack s.
+``log r_t^2 + correction_t - 2 log limit_t <= s`` for every quantile, so that one programme serves two questions: with
+``s = 0`` and the logarithm of the cost as objective, the optimum; with s as objective, the smallest quantile
+attainable.  Logarithms make both scale free.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from ..system import Array
-from .problem import PlacementProblem
+from .moments import moments, squared_quantile
+from .prices import smooth_cost
+from .problem import Choice, PlacementProblem, present_choice, width_bounds
+from .promise import Correction
+from .regions import bounding_box, clearest_piece, moved, outside_pieces
+from .rules import Row, geometric_rows
 from .symbols import elements, plain
-from .terms import Estimator, TargetTerms, image_covariance, moments
+from .terms import DemandTerms, Estimator, Mechanics, estimator_affine, image_covariances
 
 QUIET: dict[str, Any] = {
     "print_time": False,
@@ -48,15 +53,7 @@ POLISH = QUIET | {
 SLACK = 50.0  # |log| of how far the quantile may be from the limit in the question without a limit
 SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One constraint ``lower <= g <= upper`` and what it is about, in the user's words."""
-
-    kind: str  # quantile, spacing, projected_spacing, target_clearance, field, front
-    text: str
-    lower: float
-    upper: float
+Question = Literal["main", "least"]  # the problem's own, or the smallest quantile with the half-widths at their least
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,93 +72,194 @@ class Point:
 class Parameters:
     """What may change between solves of one programme."""
 
-    log_limits: Array  # (T,) log of the limit set at each target, mm
-    signs: Array  # (T, B) ends of the fixed bounded sources
-    free_signs: Array  # (T, K) ends of the free bounded half-widths
+    log_limits: Array  # (T,) log of the limit of each quantile, mm
+    signs: Array  # (T, B) ends of the bounded sources
+    corrections: tuple[Correction, ...]  # T
+    pieces: Array  # (Z,) which piece of the outside each (keep-out zone, fiducial) uses
 
-    def vector(self, least_quantile: bool) -> Array:
-        return np.concatenate(
-            [self.log_limits, self.signs.ravel(), self.free_signs.ravel(), [1.0 if least_quantile else 0.0]]
-        )
+    def vector(self, program: Program, question: Question) -> Array:
+        upper = np.triu_indices(3)
+        twice = np.where(upper[0] == upper[1], 1.0, 2.0)
+        corrected = [
+            np.concatenate([
+                [part.offset], part.noise[upper] * twice, part.made[upper] * twice, part.widths, part.pivots,
+                part.spacings,
+            ])
+            for part in self.corrections
+        ]  # fmt: skip
+        least = question == "least" or program.problem.objective == "quantile"
+        chosen = [np.eye(count)[int(piece)] for count, piece in zip(program.piece_counts, self.pieces, strict=True)]
+        return np.concatenate([
+            self.log_limits, self.signs.ravel(), *corrected, *chosen, [1.0 if least else 0.0]
+        ])  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Program:
-    """The compiled programme.  ``coordinates = centre + half * x`` for the free fiducials."""
+    """The compiled programme.  ``coordinates = centre + half * x`` for the free fiducials and pivots."""
 
     problem: PlacementProblem
-    terms: tuple[TargetTerms, ...]
+    terms: tuple[DemandTerms, ...]
     rows: tuple[Row, ...]
-    free: NDArray[np.int64]  # (F,) indices of the free fiducials
-    centre: Array  # (3,) mm
-    half: Array  # (3,) mm
+    movable: NDArray[np.int64]  # (G,) index of the fiducial each free position is of
+    centre: Array  # (G + P, 3) mm
+    half: Array  # (G + P, 3) mm
+    present_width: Array  # (K,) native units
+    piece_counts: tuple[int, ...]  # of the outside, for each (keep-out zone, free fiducial)
     explore: tuple[Any, ...]  # one solver per thread, sharing the derivatives
     polish: Any
     constraints: Any  # (x, p) -> (f, g)
     jacobian: Any
     gradient: Any
+    expressions: dict[str, Any]  # x, p, f, g of the programme, for questions asked once
 
-    def split(self, x: Array) -> tuple[Array, Array, float]:
-        """All fiducials (N, 3) mm, free half-widths (K,), slack."""
+    @property
+    def widths_at(self) -> slice:
+        """Where the logarithms of half-widths (or of their factor) stand among the variables."""
+        start = 3 * len(self.movable)
+        return slice(start, start + self.width_variables)
+
+    @property
+    def width_variables(self) -> int:
+        count = len(self.problem.half_widths)
+        return min(count, 1) if self.problem.objective == "scaling" else count
+
+    @property
+    def pivots_at(self) -> slice:
+        start = self.widths_at.stop
+        return slice(start, start + 3 * len(self.problem.pivots))
+
+    @property
+    def spacings_at(self) -> slice:
+        start = self.pivots_at.stop
+        return slice(start, start + len(self.problem.spacings))
+
+    def split(self, x: Array) -> Choice:
+        """What the variables stand for."""
         positions = self.problem.system.fiducials_mm.copy()
-        count = 3 * len(self.free)
-        positions[self.free] = self.centre + self.half * x[:count].reshape(-1, 3)
-        return positions, np.exp(x[count:-1]), float(x[-1])
+        count = len(self.movable)
+        placed = self.centre[:count] + self.half[:count] * x[: 3 * count].reshape(-1, 3)
+        positions[self.movable] = placed
+        for place, position in zip(self.problem.places, placed, strict=True):
+            for i, copy in zip(place.fiducials[1:], self.problem.symmetry, strict=True):
+                positions[i] = moved(copy, position)
+        widths = np.exp(x[self.widths_at])
+        if self.problem.objective == "scaling":
+            widths = self.present_width * (widths[0] if len(widths) else 1.0)
+        pivots = self.centre[count:] + self.half[count:] * x[self.pivots_at].reshape(-1, 3)
+        return Choice(positions, widths, pivots, np.exp(x[self.spacings_at]))
 
-    def join(self, fiducials_mm: Array, half_width: Array, slack: float = 0.0) -> Array:
-        """The variables of a choice; a box axis without extent holds its variable at 0."""
-        scale = np.where(self.half > 0, self.half, 1.0)
-        free = (fiducials_mm[self.free] - self.centre) / scale * (self.half > 0)
-        return np.concatenate([np.clip(free, -1, 1).ravel(), np.log(half_width), [slack]])
+    def join(self, choice: Choice, slack: float = 0.0) -> Array:
+        """The variables of a choice, those outside their bounds clipped; an axis without extent holds its at 0."""
+        placed = np.vstack([choice.fiducials_mm[self.movable], choice.pivots_mm])
+        scaled = (placed - self.centre) / np.where(self.half > 0, self.half, 1.0) * (self.half > 0)
+        split = 3 * len(self.movable)
+        flat = np.clip(scaled, -1, 1).ravel()
+        widths = np.log(choice.half_width)
+        if self.problem.objective == "scaling":
+            widths = np.log(choice.half_width / self.present_width)[:1]
+        return np.concatenate([flat[:split], widths, flat[split:], np.log(choice.spacing), [slack]])
 
-    def bounds(self, least_quantile: bool) -> tuple[Array, Array]:
+    def bounds(self, question: Question) -> tuple[Array, Array]:
         """Bounds of the variables for either question."""
-        extent = np.tile((self.half > 0).astype(float), len(self.free))
-        low, high = np.log(self.problem.lower), np.log(self.problem.upper)
-        if least_quantile:
-            return np.concatenate([-extent, low, [-SLACK]]), np.concatenate([extent, low, [SLACK]])
-        return np.concatenate([-extent, low, [0.0]]), np.concatenate([extent, high, [0.0]])
+        extent = (self.half > 0).astype(float).ravel()
+        split = 3 * len(self.movable)
+        low, high = width_bounds(self.problem, self.present_width)
+        free = question == "least" or self.problem.objective == "quantile"
+        if question == "least":
+            high = low
+        spread = [np.log([free.minimum for free in self.problem.spacings]),
+                  np.log([free.maximum for free in self.problem.spacings])]  # fmt: skip
+        slack = [SLACK] if free else [0.0]
+        return (
+            np.concatenate([-extent[:split], low, -extent[split:], spread[0], np.negative(slack)]),
+            np.concatenate([extent[:split], high, extent[split:], spread[1], slack]),
+        )
+
+    def pieces_of(self, choice: Choice) -> Array:
+        """(Z,) the piece of the outside of each keep-out zone that each free fiducial is furthest into."""
+        free = list(self.problem.free_fiducials)
+        if not self.problem.keep_out:
+            return np.zeros(0)
+        return np.concatenate([clearest_piece(zone, choice.fiducials_mm[free]) for zone in self.problem.keep_out])
 
 
 def build_program(
-    problem: PlacementProblem, estimator: Estimator, terms: tuple[TargetTerms, ...], threads: int = 1
+    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], threads: int = 1
 ) -> Program:
     """Build expressions, exact derivatives, a solver for each thread and one that polishes, which share them."""
-    free = np.array(problem.free_fiducials, dtype=np.int64)
-    low, high = problem.box_mm
-    centre, half = (low + high) / 2, (high - low) / 2
-    widths_count = len(problem.half_widths)
-    x = ca.SX.sym("x", 3 * len(free))
-    u = ca.SX.sym("u", widths_count)
+    movable = np.array([place.fiducials[0] for place in problem.places], dtype=np.int64)
+    boxes = [bounding_box(place.region) for place in problem.places]
+    boxes += [np.array([free.low_mm, free.high_mm]) for free in problem.pivots]
+    low_high = np.array(boxes).reshape(-1, 2, 3)
+    centre, half = low_high.mean(axis=1), (low_high[:, 1] - low_high[:, 0]) / 2
+    present = present_choice(problem)
+    widths_count, count = len(problem.half_widths), len(movable)
+    x = ca.SX.sym("x", 3 * count)
+    u = ca.SX.sym("u", min(widths_count, 1) if problem.objective == "scaling" else widths_count)
+    w = ca.SX.sym("w", 3 * len(problem.pivots))
+    tau = ca.SX.sym("tau", len(problem.spacings))
     s = ca.SX.sym("s")
-    bounded = terms[0].bounded.shape[1]
+    bounded = len(terms[0].bounded)
+    size = 13 + widths_count + w.numel() + tau.numel()
     limits = ca.SX.sym("limits", len(terms))
-    signs = ca.SX.sym("signs", len(terms), bounded)
-    free_signs = ca.SX.sym("free_signs", len(terms), widths_count)
+    signs = ca.SX.sym("signs", bounded, len(terms))
+    corrections = ca.SX.sym("corrections", size, len(terms))
     least = ca.SX.sym("least")
 
     points = plain(problem.system.fiducials_mm)
-    for position, i in enumerate(free):
+    for g, place in enumerate(problem.places):
         for k in range(3):
-            points[i, k] = float(centre[k]) + float(half[k]) * x[3 * position + k]
-    half_width = elements(ca.exp(u))
-    rows: list[Row] = []
-    g: list[Any] = []
-    for t, term in enumerate(terms):
-        image = image_covariance(estimator, term, points)
-        law = moments(problem, term, image, half_width, elements(signs[t, :].T), elements(free_signs[t, :].T))
-        g.append(ca.log(law.squared_quantile(problem.requirement.quantile, ca.sqrt)) - 2 * limits[t] - s)
-        quantile = f"P{100 * problem.requirement.quantile:g}"
-        rows.append(Row("quantile", f"{quantile} at target {term.target.name!r}", -np.inf, 0.0))
-    for row, expression in _geometry(problem, estimator, terms, points):
-        rows.append(row)
-        g.append(expression)
+            points[movable[g], k] = float(centre[g, k]) + float(half[g, k]) * x[3 * g + k]
+        for i, copy in zip(place.fiducials[1:], problem.symmetry, strict=True):
+            points[i] = moved(copy, points[movable[g]])
+    logs = elements(u) if problem.objective != "scaling" else np.array(
+        [float(np.log(value)) + u[0] for value in present.half_width] or [], dtype=object
+    )  # fmt: skip
+    half_width = np.array([ca.exp(value) for value in logs], dtype=object)
+    pivots = plain(centre[count:].ravel())
+    for p in range(w.numel()):
+        pivots[p] = pivots[p] + float(half[count:].flat[p]) * w[p]
+    shift = pivots - plain(present.pivots_mm.ravel())
+    mechanics = Mechanics(shift, np.array([ca.exp(-tau[i]) - 1 for i in range(tau.numel())], dtype=object))
+    projections, told_shift = (_duck(part.at(mechanics)) for part in estimator_affine(problem))
 
-    cost = ca.log(ca.dot(ca.DM(problem.weights), ca.exp(-u))) if widths_count else ca.SX(0)
-    variables = ca.vertcat(x, u, s)
-    # Row by row, as Parameters.vector lays them out.
-    parameters = ca.vertcat(limits, ca.vec(signs.T), ca.vec(free_signs.T), least)
-    objective, constraints = ca.cse([least * s + (1 - least) * cost, ca.vertcat(*g)])
+    rows: list[Row] = []
+    g_all: list[Any] = []
+    for t, term in enumerate(terms):
+        noise, made = image_covariances(
+            estimator, term, points, projections, told_shift, _duck(term.reconstructed.at(mechanics))
+        )
+        law = moments(term, noise, made, half_width, mechanics, elements(signs[:, t]))
+        seen = [1.0, *noise[np.triu_indices(3)], *made[np.triu_indices(3)], *logs, *shift, *elements(tau)]
+        correction = sum(corrections[i, t] * value for i, value in enumerate(seen))
+        g_all.append(ca.log(squared_quantile(term.demand, law, ca.sqrt)) + correction - 2 * limits[t] - s)
+        rows.append(Row("quantile", term.demand.text, -np.inf, 0.0))
+    cost = ca.SX(0)
+    if widths_count:
+        priced = [smooth_cost(free.price, value, ca.exp) for free, value in zip(problem.half_widths, logs, strict=True)]
+        cost = ca.log(sum(priced))
+    if problem.cost_limit is not None:
+        g_all.append(cost - float(np.log(problem.cost_limit)))
+        rows.append(Row("cost", "cost", -np.inf, 0.0))
+    for row, expression in geometric_rows(problem, estimator, terms, points):
+        rows.append(row)
+        g_all.append(expression)
+    choosers: list[Any] = []
+    piece_counts: list[int] = []
+    for zone in problem.keep_out:
+        for i in problem.free_fiducials:
+            pieces = outside_pieces(zone, points[i])
+            chosen = ca.SX.sym(f"piece_{len(choosers)}", len(pieces))
+            g_all.append(sum(chosen[j] * value for j, (_, value) in enumerate(pieces)))
+            label = problem.system.fiducial_labels[i]
+            rows.append(Row("keep_out", f"{label} outside keep-out zone {zone.name!r}", 0.0, np.inf, (i,)))
+            choosers.append(chosen)
+            piece_counts.append(len(pieces))
+
+    variables = ca.vertcat(x, u, w, tau, s)
+    parameters = ca.vertcat(limits, ca.vec(signs), ca.vec(corrections), *choosers, least)
+    objective, constraints = ca.cse([least * s + (1 - least) * cost, ca.vertcat(*g_all)])
     nlp = {"x": variables, "p": parameters, "f": objective, "g": constraints}
     explore = ca.nlpsol("explore", "ipopt", nlp, EXPLORE)
     shared = {
@@ -173,77 +271,22 @@ def build_program(
         problem=problem,
         terms=terms,
         rows=tuple(rows),
-        free=free,
+        movable=movable,
         centre=centre,
         half=half,
+        present_width=present.half_width,
+        piece_counts=tuple(piece_counts),
         explore=(explore, *(ca.nlpsol("explore", "ipopt", nlp, EXPLORE | shared) for _ in range(threads - 1))),
         polish=ca.nlpsol("polish", "ipopt", nlp, POLISH | shared),
         constraints=ca.Function("constraints", [variables, parameters], [objective, constraints]),
         jacobian=shared["jac_g"],
         gradient=shared["grad_f"],
+        expressions=nlp,
     )
 
 
-def _geometry(
-    problem: PlacementProblem, estimator: Estimator, terms: tuple[TargetTerms, ...], points: Any
-) -> list[tuple[Row, Any]]:
-    """Spacing, projected spacing, clearance of the targets' images, field of view; each about 1 in size."""
-    found: list[tuple[Row, Any]] = []
-    labels = problem.system.fiducial_labels
-    free = set(problem.free_fiducials)
-    pairs = [(i, j) for i, j in combinations(range(len(labels)), 2) if i in free or j in free]
-    if problem.min_spacing_mm > 0:
-        for i, j in pairs:
-            gap = points[i] - points[j]
-            text = f"spacing of {labels[i]} and {labels[j]}"
-            found.append((Row("spacing", text, 0.0, np.inf), (gap @ gap) / problem.min_spacing_mm**2 - 1))
-    told = points @ plain(estimator.told).T + plain(estimator.told_shift_mm)
-    for view, projection in zip(problem.system.views, estimator.projections, strict=True):
-        homogeneous = told @ plain(projection[:, :3]).T + plain(projection[:, 3])
-        image = homogeneous[:, :2] / homogeneous[:, 2:]
-        if problem.min_projected_spacing_px > 0:
-            for i, j in pairs:
-                gap = image[i] - image[j]
-                text = f"images of {labels[i]} and {labels[j]} in {view.name}"
-                scaled = (gap @ gap) / problem.min_projected_spacing_px**2 - 1
-                found.append((Row("projected_spacing", text, 0.0, np.inf), scaled))
-        if problem.target_clearance_px > 0:
-            for term in terms:
-                centre = projection[:, :3] @ term.reconstructed_mm + projection[:, 3]
-                for i in sorted(free):
-                    gap = image[i] - plain(centre[:2] / centre[2])
-                    text = f"image of {labels[i]} and of target {term.target.name!r} in {view.name}"
-                    scaled = (gap @ gap) / problem.target_clearance_px**2 - 1
-                    found.append((Row("target_clearance", text, 0.0, np.inf), scaled))
-        found += _field(problem, estimator, view, projection, homogeneous)
-    return found
-
-
-def _field(problem: PlacementProblem, estimator: Estimator, view: Any, projection: Array, homogeneous: Any) -> Any:
-    """Inside the image with its margin, multiplied by the depth: linear in the position.
-
-    A side that the whole box keeps (its corners do, and the constraint is linear) gives no rows.
-    """
-    if view.image_size_px is None:
-        return []
-    corners = box_corners(problem.box_mm) @ estimator.told.T + estimator.told_shift_mm
-    seen = corners @ projection[:, :3].T + projection[:, 3]
-    scale = float(np.abs(seen[:, 2]).mean()) * max(view.image_size_px)
-    found = []
-    for axis, sign, name in ((0, 1, "left"), (0, -1, "right"), (1, 1, "top"), (1, -1, "bottom")):
-        edge = problem.image_margin_px if sign > 0 else view.image_size_px[axis] - 1 - problem.image_margin_px
-        if (sign * (seen[:, axis] - edge * seen[:, 2]) >= 0).all():
-            continue
-        for i in problem.free_fiducials:
-            text = f"{problem.system.fiducial_labels[i]} at the {name} edge of {view.name}"
-            inside = sign * (homogeneous[i, axis] - float(edge) * homogeneous[i, 2]) / scale
-            found.append((Row("field", text, 0.0, np.inf), inside))
-    return found
-
-
-def box_corners(box_mm: Array) -> Array:
-    """(8, 3) corners of a (2, 3) box."""
-    return np.array([[box_mm[i, 0], box_mm[j, 1], box_mm[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+def _duck(value: Any) -> Any:
+    return value if value.dtype == object else plain(value)
 
 
 def solve(
@@ -251,7 +294,7 @@ def solve(
     start: Array,
     parameters: Parameters,
     *,
-    least_quantile: bool = False,
+    question: Question = "main",
     warm: Point | None = None,
     lane: int = 0,
 ) -> Point:
@@ -259,10 +302,10 @@ def solve(
 
     Solves of different lanes may run at the same time; those of one lane, and polishing, may not.
     """
-    lower, upper = program.bounds(least_quantile)
+    lower, upper = program.bounds(question)
     given: dict[str, Any] = {
         "x0": np.clip(start if warm is None else warm.x, lower, upper),
-        "p": parameters.vector(least_quantile),
+        "p": parameters.vector(program, question),
         "lbx": lower,
         "ubx": upper,
         "lbg": [row.lower for row in program.rows],

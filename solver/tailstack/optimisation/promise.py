@@ -1,77 +1,271 @@
-"""The quantile that is promised: the declared law of the linear model at a choice, bounded sources at their worst."""
+"""The quantile that is promised: the exact law at a choice, and the correction that carries it into the programme.
+
+The programme's constraint is smooth closed form + correction.  The correction is affine in what the quantile sees
+(image covariances, logarithms of half-widths, pivots, spacings) and is chosen at an iterate so that value *and*
+gradient are those of the exact law there.  Solved again until the iterate stands still, the programme's
+first-order conditions are those of the exact law (first-order model management: Alexandrov and Lewis 2001).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import sqrt
+from dataclasses import dataclass, replace
+from math import log
 
 import numpy as np
 
-from ..contributors import declared_law, worst_case
+from ..contributors import WorstCase, declared_law, worst_case
 from ..propagation.linear import LinearModel, linearise
-from ..system import Array
-from ..tail.declared import law_quantile
-from .problem import PlacementProblem, apply_choice
-from .terms import LAYOUT_BLOCKS, TargetTerms, moments
+from ..system import Array, Law
+from ..tail.declared import law_budget, law_quantile
+from ..tail.per_unit import unit_quantile
+from .moments import closed_form_mm
+from .problem import Choice, Demand, PlacementProblem, apply_choice
+from .terms import LAYOUT_BLOCKS, DemandTerms, mechanics_of
+
+MADE = "fiducial_manufacturing"
+LOG2_UNITS = 7  # 2048 units for a per-unit quantile: as the score draws them
+STEP = 1e-5  # relative step of central differences of the closed form
+PIVOT_STEP_MM, SPACING_STEP = 0.05, 1e-3  # of the exact quantile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Promise:
-    """One target at one choice."""
+    """One quantile at one choice."""
 
     exact_mm: float
+    limit_mm: float  # of its requirement
     density: float  # of the error's norm there, 1/mm
+    relative_error: float  # numerical error of exact_mm, relative
     mean_mm: Array  # (3,) at the worst vertex
-    signs: Array  # (B,) worst ends of the fixed bounded sources
-    free_signs: Array  # (K,) of the free half-widths whose law is bounded; +1 elsewhere
-    image: Array  # (3, 3) mm^2 of the image-side sources, in the frame of the limited error
+    signs: Array  # (B,) ends of the bounded sources, in the order of ``DemandTerms.bounded``
+    noise: Array  # (3, 3) mm^2 of image noise, in the frame of the limited error
+    made: Array  # (3, 3) mm^2 of manufacturing errors
     model: LinearModel
 
 
-def image_part(model: LinearModel, error: str) -> Array:
-    """(3, 3) mm^2 of image noise and manufacturing errors."""
-    total = np.zeros((3, 3))
+@dataclass(frozen=True, slots=True, eq=False)
+class Correction:
+    """``offset + <noise, N> + <made, M> + widths . log h + pivots . w + spacings . log s``, added to log r^2."""
+
+    offset: float
+    noise: Array  # (3, 3) symmetric, per mm^2
+    made: Array  # (3, 3)
+    widths: Array  # (K,)
+    pivots: Array  # (3P,) per mm of deviation
+    spacings: Array  # (L,) per log of the factor
+
+
+def image_parts(model: LinearModel, error: str) -> tuple[Array, Array]:
+    """Covariances (3, 3) mm^2 of image noise and of manufacturing errors."""
+    noise, made = np.zeros((3, 3)), np.zeros((3, 3))
     for block in model.blocks:
         if block.contributor.startswith(LAYOUT_BLOCKS):
             scaled = model.gain(block, error) * block.std
-            total += scaled @ scaled.T
-    return total
+            (made if block.contributor == MADE else noise)[...] += scaled @ scaled.T
+    return noise, made
 
 
-def closed_form_mm(
-    problem: PlacementProblem, terms: TargetTerms, image: Array, half_width: Array, signs: Array, free_signs: Array
-) -> float:
-    """The programme's own quantile, in floats."""
-    law = moments(problem, terms, image, half_width, signs, free_signs)
-    return sqrt(float(law.squared_quantile(problem.requirement.quantile, sqrt)))
-
-
-def promise(problem: PlacementProblem, terms: TargetTerms, fiducials_mm: Array, half_width: Array) -> Promise:
-    """Exact quantile of the declared law at one target, at the worst vertex of the bounded sources: the number the
+def promise(problem: PlacementProblem, terms: DemandTerms, choice: Choice) -> Promise:
+    """Exact quantile of the declared law for one demand, at the worst vertex of the bounded sources: the number the
     score reports.  Raises IllPosedError or NotConvergedError."""
-    error, p = problem.requirement.error, problem.requirement.quantile
-    model = linearise(apply_choice(problem, fiducials_mm, half_width), terms.target)
-    worst = worst_case(model, error, p)
-    law, _ = declared_law(model, error, worst.mean_mm)
-    found = law_quantile(law, p)
+    requirement = terms.demand.requirement
+    model = linearise(apply_choice(problem, choice), terms.demand.target)
+    exact = exact_quantile(model, terms.demand)
+    noise, made = image_parts(model, requirement.error)
+    keys = [(terms.sources[b].contributor, terms.sources[b].index) for b in terms.bounded]
     return Promise(
-        exact_mm=found.quantile_mm,
-        density=found.density,
-        mean_mm=worst.mean_mm,
-        signs=np.array([worst.signs.get(key, 1.0) for key in terms.bounded_keys]),
-        free_signs=np.array([worst.signs.get(key, 1.0) for key in terms.free_keys]),
-        image=image_part(model, error),
+        exact_mm=exact.value_mm,
+        limit_mm=requirement.limit_mm,
+        density=exact.density,
+        relative_error=exact.relative_error,
+        mean_mm=exact.worst.mean_mm,
+        signs=np.array([exact.worst.signs.get(key, 1.0) for key in keys]),
+        noise=noise,
+        made=made,
         model=model,
     )
 
 
-def leading_targets(
-    problem: PlacementProblem, terms: tuple[TargetTerms, ...], choices: list[tuple[Array, Array]], share: float
+@dataclass(frozen=True, slots=True, eq=False)
+class ExactQuantile:
+    """The quantile that a requirement limits, of a linear model at its worst vertex."""
+
+    value_mm: float
+    density: float  # 1/mm
+    relative_error: float
+    worst: WorstCase
+
+
+def exact_quantile(model: LinearModel, demand: Demand) -> ExactQuantile:
+    """Quantile of the declared law; per unit, the required fraction of units' own quantile (sampled)."""
+    requirement = demand.requirement
+    worst = worst_case(model, requirement.error, requirement.quantile)
+    if not demand.per_unit:
+        law, _ = declared_law(model, requirement.error, worst.mean_mm)
+        found = law_quantile(law, requirement.quantile)
+        return ExactQuantile(found.quantile_mm, found.density, found.error_mm / max(found.quantile_mm, 1e-300), worst)
+    installed = tuple(block for block in model.blocks if block.per_unit)
+    shots = tuple(block for block in model.blocks if not block.per_unit)
+    unit, _ = declared_law(model, requirement.error, worst.mean_mm, installed)
+    shot, _ = declared_law(model, requirement.error, np.zeros(3), shots)
+    own = unit_quantile(unit, shot, requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
+    return ExactQuantile(own.value_mm, own.density, own.standard_error_mm / max(own.value_mm, 1e-300), worst)
+
+
+def closed_form_at(problem: PlacementProblem, terms: DemandTerms, held: Promise, choice: Choice) -> float:
+    """The closed form, mm, at the choice of a promise and with its ends."""
+    mechanics = mechanics_of(problem, choice)
+    return closed_form_mm(terms, held.noise, held.made, choice.half_width, mechanics, held.signs)
+
+
+def no_correction(problem: PlacementProblem) -> Correction:
+    zero = np.zeros((3, 3))
+    return Correction(
+        0.0, zero, zero, np.zeros(len(problem.half_widths)), np.zeros(3 * len(problem.pivots)),
+        np.zeros(len(problem.spacings)),
+    )  # fmt: skip
+
+
+def correction_at(
+    problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Promise, same_ends: Array | None
+) -> Correction:
+    """The correction that makes value and gradient exact at a choice; value alone for a per-unit quantile, whose
+    sampled value has no useful derivative.  ``same_ends`` (B,) keeps the bounded sources where they are in the
+    programme, when the worst vertex flips between iterates."""
+    signs = held.signs if same_ends is None else same_ends
+    at_ends = held if same_ends is None else replace(held, signs=same_ends)
+    difference = 2 * log(held.exact_mm) - 2 * log(closed_form_at(problem, terms, at_ends, choice))
+    if terms.demand.per_unit:
+        return replace(no_correction(problem), offset=difference)
+    exact = _exact_gradient(problem, terms, choice, held)
+    form = _closed_gradient(problem, terms, choice, held, signs)
+    slope = Correction(
+        0.0, exact.noise - form.noise, exact.made - form.made, exact.widths - form.widths,
+        exact.pivots - form.pivots, exact.spacings - form.spacings,
+    )  # fmt: skip
+    return replace(slope, offset=difference - value_of(slope, problem, choice, held))
+
+
+def value_of(correction: Correction, problem: PlacementProblem, choice: Choice, held: Promise) -> float:
+    """The correction at a choice."""
+    mechanics = mechanics_of(problem, choice)
+    return float(
+        correction.offset
+        + (correction.noise * held.noise).sum()
+        + (correction.made * held.made).sum()
+        + correction.widths @ np.log(choice.half_width)
+        + correction.pivots @ mechanics.pivot_shift
+        + correction.spacings @ np.log(choice.spacing)
+    )
+
+
+def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Promise) -> Correction:
+    """Gradient of log r^2 under the declared law; by differences along pivots and spacings, analytic otherwise."""
+    error, p = terms.demand.requirement.error, terms.demand.requirement.quantile
+    law, where = declared_law(held.model, error, held.mean_mm)
+    slopes = law_budget(law, p, [])
+    per = 2 / held.exact_mm
+    gains = terms.gains.at(mechanics_of(problem, choice))
+    ends = {index: held.signs[b] for b, index in enumerate(terms.bounded)}
+    widths = np.zeros(len(problem.half_widths))
+    for index, source in enumerate(terms.sources):
+        if source.free is None:
+            continue
+        moved = gains[index] * choice.half_width[source.free]
+        if index in ends:
+            widths[source.free] += float(slopes.dr_dmean @ moved) * ends[index]
+        elif source.law is Law.NORMAL:
+            scaled = moved * source.std_per_half_width
+            widths[source.free] += 2 * float(scaled @ slopes.dr_dcovariance @ scaled)
+        else:
+            column = where.get((source.contributor, source.index))
+            widths[source.free] += 0.0 if column is None else float(slopes.dr_dlog_column[column])
+
+    def exact(at: Choice) -> tuple[float, Array, Array]:
+        there = promise(problem, terms, at)
+        return 2 * log(there.exact_mm), there.noise, there.made
+
+    steps = _mechanical_steps(problem, choice)
+    curvature = per * slopes.dr_dcovariance
+    found = []
+    for low, high, width in steps:
+        (a, noise_a, made_a), (b, noise_b, made_b) = exact(low), exact(high)
+        through_image = float((curvature * (noise_b - noise_a + made_b - made_a)).sum())
+        found.append((b - a - through_image) / width)
+    count = 3 * len(problem.pivots)
+    return Correction(
+        0.0, curvature, curvature, per * widths, np.array(found[:count]).reshape(-1),
+        np.array(found[count:]).reshape(-1),
+    )  # fmt: skip
+
+
+def _mechanical_steps(problem: PlacementProblem, choice: Choice) -> list[tuple[Choice, Choice, float]]:
+    """Choices on either side along each pivot coordinate (mm) and each spacing (its logarithm), and their distance."""
+    found = []
+    for p in range(choice.pivots_mm.size):
+        step = np.zeros(choice.pivots_mm.size)
+        step[p] = PIVOT_STEP_MM
+        shift = step.reshape(choice.pivots_mm.shape)
+        found.append((
+            replace(choice, pivots_mm=choice.pivots_mm - shift), replace(choice, pivots_mm=choice.pivots_mm + shift),
+            2 * PIVOT_STEP_MM,
+        ))  # fmt: skip
+    for spread in range(choice.spacing.size):
+        factor = np.ones(choice.spacing.size)
+        factor[spread] = np.exp(SPACING_STEP)
+        found.append((
+            replace(choice, spacing=choice.spacing / factor), replace(choice, spacing=choice.spacing * factor),
+            2 * SPACING_STEP,
+        ))  # fmt: skip
+    return found
+
+
+def _closed_gradient(
+    problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Promise, signs: Array
+) -> Correction:
+    """Gradient of the closed form's log r^2, by central differences (it costs microseconds)."""
+
+    def form(noise: Array, made: Array, half_width: Array, at: Choice) -> float:
+        return 2 * log(closed_form_mm(terms, noise, made, half_width, mechanics_of(problem, at), signs))
+
+    base = (held.noise, held.made, choice.half_width, choice)
+    scale = float(np.trace(held.noise + held.made)) or float(held.exact_mm**2)
+    by_noise, by_made = np.zeros((3, 3)), np.zeros((3, 3))
+    for part, found in ((0, by_noise), (1, by_made)):
+        for i in range(3):
+            for j in range(i, 3):
+                step = np.zeros((3, 3))
+                step[i, j] = step[j, i] = STEP * scale
+                sides = [form(*(b + s * step if k == part else b for k, b in enumerate(base))) for s in (1, -1)]  # type: ignore[arg-type, operator]
+                slope = (sides[0] - sides[1]) / (2 * STEP * scale)
+                found[i, j] = found[j, i] = slope / (1 if i == j else 2)
+    widths = []
+    for k in range(len(choice.half_width)):
+        factor = np.ones(len(choice.half_width))
+        factor[k] = np.exp(STEP)
+        up, down = choice.half_width * factor, choice.half_width / factor
+        above, below = form(held.noise, held.made, up, choice), form(held.noise, held.made, down, choice)
+        widths.append((above - below) / (2 * STEP))
+    mechanical = [
+        (form(held.noise, held.made, choice.half_width, high) - form(held.noise, held.made, choice.half_width, low)) / w
+        for low, high, w in _mechanical_steps(problem, choice)
+    ]
+    count = 3 * len(problem.pivots)
+    return Correction(
+        0.0, by_noise, by_made, np.array(widths).reshape(-1), np.array(mechanical[:count]).reshape(-1),
+        np.array(mechanical[count:]).reshape(-1),
+    )  # fmt: skip
+
+
+def leading_demands(
+    problem: PlacementProblem, terms: tuple[DemandTerms, ...], choices: list[Choice], share: float
 ) -> set[int]:
-    """Indices of the targets whose quantile is at least ``share`` of the largest at any of some choices
-    (fiducials, half-widths): those that are likely to bind."""
+    """Indices of the demands whose quantile over its limit is at least ``share`` of the largest at any of some
+    choices: those that are likely to bind."""
     leading: set[int] = set()
-    for fiducials, half_width in choices:
-        values = np.array([promise(problem, term, fiducials, half_width).exact_mm for term in terms])
+    for choice in choices:
+        values = np.array([
+            promise(problem, term, choice).exact_mm / term.demand.requirement.limit_mm for term in terms
+        ])  # fmt: skip
         leading |= {int(k) for k in np.flatnonzero(values >= share * values.max())}
     return leading

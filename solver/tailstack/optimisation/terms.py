@@ -4,24 +4,70 @@ At the biased geometry a mount, the hand-eye and the execution act on the error 
 depend on the layout (DLT absorbs a rigid displacement exactly); only image noise and manufacturing errors
 see the fiducials.  The constants come from :func:`~tailstack.propagation.linear.linearise`, the rest from
 the same :func:`~tailstack.propagation.noise.noise_gains` that the score runs, here on symbols.
+
+Pivots and locator spacings enter those constants: a displacement ``R (x - p) + p + t`` and its derivative by the
+torsor are affine in the pivot p, the direction of six locators in the inverse 1/s of their spacing.  So every gain
+is affine in the pivots, and affine in 1/s with coefficients affine in the pivots: differences of the linear model
+at a few points give the coefficients exactly.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..propagation.linear import estimator_geometry, linearise
+from ..propagation.linear import LinearModel, estimator_geometry, linearise
 from ..propagation.noise import noise_gains
-from ..system import Array, Law, System, Target
-from ..tail.approximation import pearson_wh_quantile_squared, square_cumulants
-from .problem import PlacementProblem
+from ..system import STD_PER_HALF_WIDTH, Array, Law, System
+from .problem import Choice, Demand, PlacementProblem, apply_choice, mount_named, present_choice
+from .regions import bounding_box
 from .symbols import Duck, plain, times
 
 LAYOUT_BLOCKS = ("fiducial_noise:", "target_noise:", "fiducial_manufacturing")
+PIVOT_STEP_MM = 64.0  # any step would do for an affine function; a large one loses no digits
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Affine:
+    """``base + sum_p w_p by_pivot[p] + sum_l d_l (by_spacing[l] + sum_p w_p cross[p, l])``.
+
+    w (3P,) mm: pivot coordinates less the present ones; d (L,): inverse spacing factors less 1.
+    """
+
+    base: Array  # (...)
+    by_pivot: Array  # (3P, ...)
+    by_spacing: Array  # (L, ...)
+    cross: Array  # (3P, L, ...)
+
+    def at(self, mechanics: Mechanics) -> Duck:
+        """Value for floats or symbols; the base itself when nothing mechanical is free."""
+        value: Any = self.base
+        for w, slope in zip(mechanics.pivot_shift, self.by_pivot, strict=True):
+            value = _plus(value, slope, w)
+        for spread, (d, slope) in enumerate(zip(mechanics.inverse_shift, self.by_spacing, strict=True)):
+            value = _plus(value, slope, d)
+            for w, cross in zip(mechanics.pivot_shift, self.cross[:, spread], strict=True):
+                value = _plus(value, cross, w * d)
+        return value
+
+
+def _plus(value: Duck, slope: Array, factor: Any) -> Duck:
+    return value + times(plain(slope), factor) if slope.any() else value
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mechanics:
+    """Deviations of pivots (3P,) mm and of inverse locator spacings (L,) from the present ones; floats or symbols."""
+
+    pivot_shift: Any
+    inverse_shift: Any
+
+
+def mechanics_of(problem: PlacementProblem, choice: Choice) -> Mechanics:
+    return Mechanics((choice.pivots_mm - present_choice(problem).pivots_mm).ravel(), 1 / choice.spacing - 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,38 +80,6 @@ class Estimator:
     fiducial_px: Array  # (V,) standard deviations
     target_px: Array  # (V,)
     manufacturing_std_mm: Array  # (N, 3)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Moments:
-    """Mean (3,), covariance (3, 3), and the displacement (3,) at one end of each source that is not normal, mm."""
-
-    mean: Duck
-    covariance: Duck
-    uniform: tuple[Duck, ...]
-    triangular: tuple[Duck, ...]
-
-    def squared_quantile(self, p: float, sqrt: Callable[[Any], Any]) -> Duck:
-        """The smooth closed form of the p-quantile of ``|e|^2``, mm^2."""
-        cumulants = square_cumulants(self.mean, self.covariance, self.uniform, self.triangular)
-        return pearson_wh_quantile_squared(p, cumulants, sqrt)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TargetTerms:
-    """One target: constants of the linear model that no free variable changes."""
-
-    target: Target
-    reconstructed_mm: Array  # (3,) as the estimator sees it, noise-free
-    to_error: Array  # (3, 3): displacement of the triangulated point to the error the requirement limits
-    bias_mm: Array  # (3,)
-    covariance: Array  # (3, 3) mm^2 of the fixed sources that are not image-side
-    uniform: tuple[Array, ...]  # (3,) mm at one end of those of them that are uniform
-    triangular: tuple[Array, ...]  # and triangular
-    bounded: Array  # (3, B) mm at the positive end of each fixed bounded source
-    bounded_keys: tuple[tuple[str, int], ...]  # (contributor, source) of those
-    free_gain: Array  # (3, K) mm per native unit of each free half-width
-    free_keys: tuple[tuple[str, int], ...]
 
 
 def estimator_of(system: System) -> Estimator:
@@ -81,49 +95,154 @@ def estimator_of(system: System) -> Estimator:
     )
 
 
-def terms_of(problem: PlacementProblem, target: Target) -> TargetTerms:
-    """Constants at one target.  They do not depend on the layout, so a singular one is scattered first."""
-    error = problem.requirement.error
+@dataclass(frozen=True, slots=True)
+class SourceTerm:
+    """One scalar source outside the image: its law, and its size unless that is free."""
+
+    contributor: str
+    index: int  # within its contributor
+    law: Law
+    half_width: float  # native unit; read only where free is None
+    std_per_half_width: float
+    free: int | None  # index of the free half-width
+    per_unit: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DemandTerms:
+    """One quantile: the linear model's parts that no fiducial changes."""
+
+    demand: Demand
+    reconstructed: Affine  # (3,) con: the target as the estimator sees it, noise-free
+    bias: Affine  # (3,) mm
+    gains: Affine  # (S, 3) mm per native unit of each source
+    sources: tuple[SourceTerm, ...]
+    to_error: Array  # (3, 3): displacement of the triangulated point to the error that is limited
+
+    @property
+    def bounded(self) -> tuple[int, ...]:
+        """Indices of the sources that stand at one of their ends: bounded, and free or of some size."""
+        return tuple(
+            i for i, source in enumerate(self.sources)
+            if source.law is Law.BOUNDED and (source.free is not None or source.half_width > 0)
+        )  # fmt: skip
+
+    # At the present pivots and spacings, for the starts:
+    @property
+    def reconstructed_mm(self) -> Array:
+        return self.reconstructed.base
+
+    @property
+    def bias_mm(self) -> Array:
+        return self.bias.base
+
+    @property
+    def covariance(self) -> Array:
+        """(3, 3) mm^2 of the fixed sources outside the image."""
+        total = np.zeros((3, 3))
+        for source, gain in zip(self.sources, self.gains.base, strict=True):
+            if source.free is None:
+                total += np.outer(gain, gain) * (source.std_per_half_width * source.half_width) ** 2
+        return total
+
+    @property
+    def free_gain(self) -> Array:
+        """(3, K) mm per native unit of each free half-width; 0 where it does not act."""
+        free = [(source.free, gain) for source, gain in zip(self.sources, self.gains.base, strict=True)]
+        count = 1 + max((k for k, _ in free if k is not None), default=-1)
+        found = np.zeros((3, count))
+        for k, gain in free:
+            if k is not None:
+                found[:, k] = gain
+        return found
+
+
+def terms_of(problem: PlacementProblem, demand: Demand) -> DemandTerms:
+    """Coefficients of one quantile.  They do not depend on the layout, so a singular one is scattered first."""
     system = problem.system
-    if problem.free_fiducials and is_flat(system.fiducials_mm):
-        scattered = system.fiducials_mm.copy()
-        unit = np.random.default_rng(0).uniform(size=(len(problem.free_fiducials), 3))
-        scattered[list(problem.free_fiducials)] = problem.box_mm[0] + unit * (problem.box_mm[1] - problem.box_mm[0])
-        system = replace(system, fiducials_mm=scattered)
-    model = linearise(system, target)
+    if is_flat(system.fiducials_mm):
+        system = _scattered(problem)
+    problem = replace(problem, system=system)
+    here = present_choice(problem)
+    base = _parts(problem, here, demand)
+    sources = _sources(problem, base.model)
+    pivots, spacings = here.pivots_mm.size, here.spacing.size
+
+    def at(p: int | None, spread: int | None) -> tuple[Array, Array, Array]:
+        positions, spacing = here.pivots_mm.copy(), here.spacing.copy()
+        if p is not None:
+            positions.flat[p] += PIVOT_STEP_MM
+        if spread is not None:
+            spacing[spread] = 0.5  # the inverse grows by exactly one
+        return _parts(problem, replace(here, pivots_mm=positions, spacing=spacing), demand).values
+
+    by_pivot = [at(p, None) for p in range(pivots)]
+    by_spacing = [at(None, spread) for spread in range(spacings)]
+    both = [[at(p, spread) for spread in range(spacings)] for p in range(pivots)]
+
+    def affine(part: int) -> Affine:
+        start = base.values[part]
+        shape = start.shape
+        d_pivot = np.array([value[part] - start for value in by_pivot]).reshape(pivots, *shape)
+        d_spacing = np.array([value[part] - start for value in by_spacing]).reshape(spacings, *shape)
+        corner = np.array([[value[part] for value in row] for row in both]).reshape(pivots, spacings, *shape)
+        cross = corner - start - d_pivot[:, None] - d_spacing[None] if corner.size else corner
+        return Affine(start, _clean(d_pivot / PIVOT_STEP_MM), _clean(d_spacing), _clean(cross / PIVOT_STEP_MM))
+
+    return DemandTerms(
+        demand=demand,
+        reconstructed=affine(0),
+        bias=affine(1),
+        gains=affine(2),
+        sources=sources,
+        to_error=base.model.tcp_from_localisation if demand.requirement.error == "tcp" else np.eye(3),
+    )
+
+
+def _clean(slope: Array) -> Array:
+    """Rounding of a difference is not a dependence: it would only lengthen the expressions."""
+    return np.where(np.abs(slope) < 1e-13 * max(1.0, float(np.abs(slope).max(initial=0.0))), 0.0, slope)
+
+
+def _scattered(problem: PlacementProblem) -> System:
+    fiducials = problem.system.fiducials_mm.copy()
+    rng = np.random.default_rng(0)
+    for place in problem.places:
+        low, high = bounding_box(place.region)
+        fiducials[list(place.fiducials)] = rng.uniform(low, high, (len(place.fiducials), 3))
+    if is_flat(fiducials):
+        # Fixed fiducials in one plane: no freedom cures that, and nothing here depends on where they are.
+        fiducials = fiducials + rng.uniform(-50, 50, fiducials.shape)
+    return replace(problem.system, fiducials_mm=fiducials)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Parts:
+    model: LinearModel
+    values: tuple[Array, Array, Array]  # reconstructed, bias, gains
+
+
+def _parts(problem: PlacementProblem, choice: Choice, demand: Demand) -> _Parts:
+    model = linearise(apply_choice(problem, choice), demand.target)
+    error = demand.requirement.error
+    gains = [model.gain(block, error).T for block in model.blocks if not block.contributor.startswith(LAYOUT_BLOCKS)]
+    stacked = np.vstack(gains) if gains else np.zeros((0, 3))
+    return _Parts(model, (model.reconstructed_mm, model.bias_mm(error), stacked))
+
+
+def _sources(problem: PlacementProblem, model: LinearModel) -> tuple[SourceTerm, ...]:
     free = {(item.contributor, item.component): k for k, item in enumerate(problem.half_widths)}
-    covariance, free_gain = np.zeros((3, 3)), np.zeros((3, len(free)))
-    columns: dict[Law, list[Array]] = {Law.UNIFORM: [], Law.TRIANGULAR: []}
-    bounded: dict[tuple[str, int], Array] = {}
-    free_keys = [("", 0)] * len(free)
+    laws = free_laws(problem)
+    found = []
     for block in model.blocks:
         if block.contributor.startswith(LAYOUT_BLOCKS):
             continue
-        gain = model.gain(block, error)
-        for j, (component, law) in enumerate(zip(block.components, block.laws, strict=True)):
-            position = free.get((block.contributor, component))
-            if position is not None:
-                free_gain[:, position] = gain[:, j]
-                free_keys[position] = (block.contributor, j)
-            elif law is Law.BOUNDED:
-                bounded[block.contributor, j] = gain[:, j] * block.half_width[j]
-            else:
-                covariance += np.outer(gain[:, j], gain[:, j]) * block.std[j] ** 2
-                if law in columns and block.half_width[j] > 0:
-                    columns[law].append(gain[:, j] * block.half_width[j])
-    return TargetTerms(
-        target=target,
-        reconstructed_mm=model.reconstructed_mm,
-        to_error=model.tcp_from_localisation if error == "tcp" else np.eye(3),
-        bias_mm=model.bias_mm(error),
-        covariance=covariance,
-        uniform=tuple(columns[Law.UNIFORM]),
-        triangular=tuple(columns[Law.TRIANGULAR]),
-        bounded=np.array(list(bounded.values())).T.reshape(3, -1),
-        bounded_keys=tuple(bounded),
-        free_gain=free_gain,
-        free_keys=tuple(free_keys),
-    )
+        for j, (name, law) in enumerate(zip(block.components, block.laws, strict=True)):
+            k = free.get((block.contributor, name))
+            half_width, std = float(block.half_width[j]), float(block.std[j])
+            per = laws[k][1] if k is not None else (std / half_width if half_width > 0 else 0.0)
+            found.append(SourceTerm(block.contributor, j, law, half_width, per, k, block.per_unit))
+    return tuple(found)
 
 
 def is_flat(fiducials_mm: Array) -> bool:
@@ -132,71 +251,76 @@ def is_flat(fiducials_mm: Array) -> bool:
     return bool(values[2] <= 1e-9 * values[0])
 
 
-def image_covariance(estimator: Estimator, terms: TargetTerms, fiducials: Duck) -> Duck:
-    """(3, 3) mm^2 of image noise and manufacturing errors, in the frame of the limited error.
+def free_laws(problem: PlacementProblem) -> tuple[tuple[Law, float], ...]:
+    """Law and standard deviation per half-width of each free half-width (0 where bounded)."""
+    found = []
+    for free in problem.half_widths:
+        sources = mount_named(problem.system, free.contributor).sources
+        j = sources.names.index(free.component)
+        law = sources.laws[j]
+        found.append((law, 1 / float(sources.coverage_factor[j]) if law is Law.NORMAL else STD_PER_HALF_WIDTH[law]))
+    return tuple(found)
 
-    fiducials (N, 3) mm: floats or an object array of symbols.
+
+def image_covariances(
+    estimator: Estimator, terms: DemandTerms, fiducials: Duck, projections: Duck, told_shift: Duck, reconstructed: Duck
+) -> tuple[Duck, Duck]:
+    """Covariances (3, 3) mm^2 of image noise and of manufacturing errors, in the frame of the limited error.
+
+    fiducials (N, 3) mm, projections (V, 3, 4), told_shift (3,) and reconstructed (3,): object arrays of numbers
+    or symbols.
     """
-    points = fiducials @ plain(estimator.told).T + plain(estimator.told_shift_mm)
+    points = fiducials @ plain(estimator.told).T + told_shift
     views, count = len(estimator.projections), points.shape[0]
     kind = points.dtype
     fiducial, target = np.zeros((views, count, 3, 2), kind), np.zeros((views, 3, 2), kind)
     manufacturing, perspective = np.zeros((views, count, 3, 3), kind), np.zeros((views, count, 2), kind)
-    noise_gains(
-        plain(estimator.projections),
-        points,
-        plain(terms.reconstructed_mm),
-        fiducial,
-        target,
-        manufacturing,
-        perspective,
-    )
-    total = np.zeros((3, 3), kind)
+    noise_gains(projections, points, reconstructed, fiducial, target, manufacturing, perspective)
+    noise = np.zeros((3, 3), kind)
     for v in range(views):
         columns = fiducial[v].transpose(1, 0, 2).reshape(3, 2 * count)
-        total = total + (columns @ columns.T) * float(estimator.fiducial_px[v] ** 2)
-        total = total + (target[v] @ target[v].T) * float(estimator.target_px[v] ** 2)
+        noise = noise + (columns @ columns.T) * float(estimator.fiducial_px[v] ** 2)
+        noise = noise + (target[v] @ target[v].T) * float(estimator.target_px[v] ** 2)
+    made = np.zeros((3, 3), kind)
     if estimator.manufacturing_std_mm.any():
         shared = manufacturing.sum(axis=0)
         for i in range(count):
             scaled = shared[i] @ plain(estimator.told) * plain(estimator.manufacturing_std_mm[i])
-            total = total + scaled @ scaled.T
+            made = made + scaled @ scaled.T
     to_error = plain(terms.to_error)
-    return to_error @ total @ to_error.T
+    return to_error @ noise @ to_error.T, to_error @ made @ to_error.T
 
 
-def moments(
-    problem: PlacementProblem, terms: TargetTerms, image: Duck, half_width: Duck, signs: Duck, free_signs: Duck
-) -> Moments:
-    """Moments of the error at one target.
+def estimator_affine(problem: PlacementProblem) -> tuple[Affine, Affine]:
+    """Projections (V, 3, 4) and the shift of the told fiducials (3,) as functions of the pivots."""
+    here = present_choice(problem)
+    base = estimator_of(problem.system)
+    slopes = []
+    for p in range(here.pivots_mm.size):
+        positions = here.pivots_mm.copy()
+        positions.flat[p] += PIVOT_STEP_MM
+        moved = estimator_of(apply_choice(problem, replace(here, pivots_mm=positions)))
+        slopes.append((
+            _clean((moved.projections - base.projections) / PIVOT_STEP_MM),
+            _clean((moved.told_shift_mm - base.told_shift_mm) / PIVOT_STEP_MM),
+        ))  # fmt: skip
+    count, spacings = here.pivots_mm.size, here.spacing.size
 
-    image (3, 3) from :func:`image_covariance`; half_width (K,) native unit; ``signs`` (B,) and
-    ``free_signs`` (K,) say at which end each bounded source is held (the latter only read where the law is
-    bounded).  All but the problem may be symbols.
-    """
-    laws = free_laws(problem)
-    mean = plain(terms.bias_mm) + plain(terms.bounded) @ signs
-    covariance = plain(terms.covariance) + image
-    columns = {Law.UNIFORM: [*map(plain, terms.uniform)], Law.TRIANGULAR: [*map(plain, terms.triangular)]}
-    for k, (law, per_half_width) in enumerate(laws):
-        gain = plain(terms.free_gain[:, k])
-        if law is Law.BOUNDED:
-            mean = mean + times(gain, free_signs[k] * half_width[k])
-            continue
-        covariance = covariance + times(np.outer(gain, gain), (per_half_width * half_width[k]) ** 2)
-        if law in columns:
-            columns[law].append(times(gain, half_width[k]))
-    return Moments(mean, covariance, tuple(columns[Law.UNIFORM]), tuple(columns[Law.TRIANGULAR]))
+    def affine(start: Array, part: int) -> Affine:
+        by_pivot = np.array([slope[part] for slope in slopes]).reshape(count, *start.shape)
+        return Affine(start, by_pivot, np.zeros((spacings, *start.shape)), np.zeros((count, spacings, *start.shape)))
+
+    return affine(base.projections, 0), affine(base.told_shift_mm, 1)
 
 
-def free_laws(problem: PlacementProblem) -> tuple[tuple[Law, float], ...]:
-    """Law and standard deviation per half-width of each free half-width."""
-    found = []
-    for free in problem.half_widths:
-        mounts = (problem.system.interface_1, problem.system.interface_2)
-        sources = next(mount.sources for mount in mounts if mount.name == free.contributor)
-        j = sources.names.index(free.component)
-        unit = Law.NORMAL if sources.laws[j] is Law.NORMAL else sources.laws[j]
-        per = {Law.NORMAL: 1 / float(sources.coverage_factor[j]), Law.UNIFORM: 3**-0.5, Law.TRIANGULAR: 6**-0.5}
-        found.append((unit, per.get(unit, 0.0)))
-    return tuple(found)
+def blind_half_widths(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> NDArray[np.bool_]:
+    """(K,) whether a free half-width moves no limited error at all (its lever is nought)."""
+    reach = np.zeros(len(problem.half_widths))
+    for term in terms:
+        every = np.abs(term.gains.base).max(axis=1, initial=0.0)
+        for slopes in (term.gains.by_pivot, term.gains.by_spacing):
+            every = every + np.abs(slopes).max(axis=(0, 2), initial=0.0)
+        for source, size in zip(term.sources, every, strict=True):
+            if source.free is not None:
+                reach[source.free] = max(reach[source.free], float(size))
+    return reach <= 1e-12 * max(float(reach.max(initial=0.0)), 1e-300)

@@ -1,0 +1,498 @@
+"""The ``optimise`` section of the document: what may change, what must be kept, what is asked for."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, model_validator
+
+from .fields import Direction, HalfWidth, HalfWidthDegrees, Length, Name, Point, Record, refusal
+
+InterfaceName = Literal["structure_connector", "connector_flange"]
+_Weight = Annotated[float, Field(gt=0, le=1e9)]
+_Degrees = Annotated[float, Field(ge=1e-4, le=10)]
+_Millimetres = Annotated[float, Field(ge=1e-5, le=100)]
+_Spacing = Annotated[float, Field(ge=0, le=1e4)]
+_Count = Annotated[int, Field(ge=6, le=1000)]
+
+
+class SearchBox(Record):
+    """Axis-parallel box in con."""
+
+    min_mm: Point = Field(description="Lowest corner, con, mm.", examples=[[-50.0, -50.0, -90.0]])
+    max_mm: Point = Field(description="Highest corner, con, mm.", examples=[[50.0, 50.0, 10.0]])
+
+    @model_validator(mode="after")
+    def _ordered(self) -> SearchBox:
+        for axis, low, high in zip("xyz", self.min_mm, self.max_mm, strict=True):
+            if low > high:
+                raise refusal("empty-box", f"min_mm is above max_mm along {axis}: {low} > {high}", at="min_mm")
+        return self
+
+
+class SearchCylinder(Record):
+    """Cylinder in con, or the tube between two radii."""
+
+    base_mm: Point = Field(description="Centre of the base, con, mm.", examples=[[0.0, 0.0, -90.0]])
+    axis: Direction = Field(
+        default=(0.0, 0.0, 1.0), description="Direction from base to top; any length. Default z.", examples=[[0, 0, 1]]
+    )
+    height_mm: Annotated[float, Field(ge=0, le=1e5)] = Field(description="Height along the axis, mm.", examples=[100.0])
+    radius_mm: Length = Field(description="Outer radius, mm.", examples=[50.0])
+    inner_radius_mm: Annotated[float, Field(ge=0, le=1e5)] = Field(
+        default=0.0,
+        description="Inner radius of a tube, mm; equal to radius_mm: on the surface. Default 0.",
+        examples=[40.0],
+    )
+
+    @model_validator(mode="after")
+    def _shape(self) -> SearchCylinder:
+        _check_radii(self.inner_radius_mm, self.radius_mm)
+        if max(map(abs, self.axis)) < 1e-9:
+            raise refusal("zero-direction", "an axis needs a direction; [0, 0, 0] arrived", at="axis")
+        return self
+
+
+class SearchBall(Record):
+    """Ball in con, or the shell between two radii."""
+
+    centre_mm: Point = Field(description="Centre, con, mm.", examples=[[0.0, 0.0, -40.0]])
+    radius_mm: Length = Field(description="Outer radius, mm.", examples=[60.0])
+    inner_radius_mm: Annotated[float, Field(ge=0, le=1e5)] = Field(
+        default=0.0,
+        description="Inner radius of a shell, mm; equal to radius_mm: on the surface. Default 0.",
+        examples=[50.0],
+    )
+
+    @model_validator(mode="after")
+    def _shape(self) -> SearchBall:
+        _check_radii(self.inner_radius_mm, self.radius_mm)
+        return self
+
+
+def _check_radii(inner: float, outer: float) -> None:
+    if inner > outer:
+        message = f"the region is empty: inner_radius_mm {inner:g} is above radius_mm {outer:g}"
+        raise refusal("empty-region", message, "make inner_radius_mm the smaller one", at="inner_radius_mm")
+
+
+_SHAPES = ("box", "cylinder", "ball")
+_ONE_SHAPE: dict[str, Any] = {"oneOf": [{"required": [name]} for name in _SHAPES]}
+
+
+class Shaped(Record):
+    """A region by exactly one shape."""
+
+    model_config = ConfigDict(json_schema_extra=_ONE_SHAPE)
+
+    box: SearchBox | None = Field(default=None, description="Axis-parallel box.")
+    cylinder: SearchCylinder | None = Field(default=None, description="Cylinder or tube.")
+    ball: SearchBall | None = Field(default=None, description="Ball or shell.")
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Shaped:
+        given = [name for name in _SHAPES if getattr(self, name) is not None]
+        if len(given) != 1:
+            got = " and ".join(given) or "none"
+            raise refusal("one-of", f"give exactly one of box, cylinder and ball; {got} arrived")
+        return self
+
+    @property
+    def shape(self) -> SearchBox | SearchCylinder | SearchBall:
+        found = self.box or self.cylinder or self.ball
+        assert found is not None  # the validator's work
+        return found
+
+
+class FiducialRegion(Shaped):
+    """Where some fiducials may go, when they do not all share one region."""
+
+    fiducials: Annotated[list[Name], Field(min_length=1)] = Field(
+        description="Labels of the fiducials this region holds for.", examples=[["F1", "F2"]]
+    )
+
+
+class KeepOutZone(Shaped):
+    """Where no moved fiducial may be."""
+
+    name: Name = Field(description="What is there: it is named when it binds.", examples=["clamp"])
+    clearance_mm: Annotated[float, Field(ge=0, le=1e4)] = Field(
+        default=0.0, description="Distance fiducial centres keep from the zone, mm. Default 0.", examples=[3.0]
+    )
+
+
+class Mirror(Record):
+    """Reflection in a plane."""
+
+    point_mm: Point = Field(
+        default=(0.0, 0.0, 0.0), description="A point of the plane, con, mm. Default origin.", examples=[[0, 0, 0]]
+    )
+    normal: Direction = Field(description="Normal of the plane, con; any length.", examples=[[1, 0, 0]])
+
+
+class Turn(Record):
+    """Rotation by a fraction of a full turn."""
+
+    point_mm: Point = Field(
+        default=(0.0, 0.0, 0.0), description="A point of the axis, con, mm. Default origin.", examples=[[0, 0, 0]]
+    )
+    axis: Direction = Field(
+        default=(0.0, 0.0, 1.0), description="Direction of the axis, con. Default z.", examples=[[0, 0, 1]]
+    )
+    order: Annotated[int, Field(ge=2, le=24)] = Field(
+        description="Copies per turn: 3 repeats the pattern every 120 degrees.", examples=[3]
+    )
+
+
+class Symmetry(Record):
+    """Free fiducials come in groups, in the order of the document, that map onto each other."""
+
+    mirror: Mirror | None = Field(default=None, description="Pairs mirrored in a plane.")
+    rotation: Turn | None = Field(default=None, description="Groups turned about an axis.")
+
+    @model_validator(mode="after")
+    def _one(self) -> Symmetry:
+        if (self.mirror is None) == (self.rotation is None):
+            given = "both" if self.mirror is not None else "neither"
+            raise refusal("one-of", f"give exactly one of mirror and rotation; {given} arrived")
+        direction = self.mirror.normal if self.mirror is not None else self.rotation.axis if self.rotation else ()
+        if max(map(abs, direction)) < 1e-9:
+            raise refusal("zero-direction", "a symmetry needs a direction; [0, 0, 0] arrived")
+        return self
+
+
+class Count(Record):
+    """How many fiducials the structure may have."""
+
+    min: _Count = Field(description="Fewest fiducials, fixed ones included; at least 6.", examples=[8])
+    max: _Count = Field(description="Most fiducials, fixed ones included.", examples=[16])
+    cost_per_fiducial: Annotated[float, Field(ge=0, le=1e9)] = Field(
+        default=0.0, description="Added to the cost for each fiducial. Default 0.", examples=[20.0]
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Count:
+        if self.min > self.max:
+            raise refusal("out-of-range", f"min {self.min} is above max {self.max}", at="min")
+        return self
+
+
+class CostCurve(Record):
+    """What a half-width h costs; falling with h."""
+
+    curve: Literal["reciprocal", "reciprocal_square", "exponential"] = Field(
+        default="reciprocal",
+        description="reciprocal: weight / h. reciprocal_square: weight / h^2. exponential: weight exp(-h / scale). "
+        "h in radians for rotations, mm for translations and locators. Default reciprocal.",
+        examples=["reciprocal_square"],
+    )
+    weight: _Weight = Field(default=1.0, description="Weight of the curve. Default 1.", examples=[1.0])
+    scale_deg: _Degrees | None = Field(
+        default=None, description="exponential, rotations: widening by this divides the cost by e.", examples=[0.1]
+    )
+    scale_mm: _Millimetres | None = Field(
+        default=None, description="exponential, translations and locators: the same in mm.", examples=[0.02]
+    )
+
+    @model_validator(mode="after")
+    def _scale(self) -> CostCurve:
+        given = [name for name in ("scale_deg", "scale_mm") if getattr(self, name) is not None]
+        if self.curve == "exponential" and len(given) != 1:
+            raise refusal("missing-field", "exponential needs scale_deg (rotations) or scale_mm", "scale_deg: 0.1")
+        if self.curve != "exponential" and given:
+            raise refusal("unused-field", f"{given[0]} is read only with curve: exponential", at=given[0])
+        return self
+
+
+class Grade(Record):
+    """One process and what it costs."""
+
+    name: Name = Field(description="Name of the process grade, unique in its table.", examples=["ground, IT5"])
+    half_width_deg: HalfWidthDegrees | None = Field(
+        default=None, description="Half-width it holds, degrees (rotations).", examples=[0.05]
+    )
+    half_width_mm: HalfWidth | None = Field(
+        default=None, description="Half-width it holds, mm (translations and locators).", examples=[0.01]
+    )
+    price: Annotated[float, Field(ge=0, le=1e9)] = Field(description="What it costs.", examples=[120.0])
+
+    @model_validator(mode="after")
+    def _one_width(self) -> Grade:
+        if (self.half_width_deg is None) == (self.half_width_mm is None):
+            raise refusal("one-of", "give exactly one of half_width_deg and half_width_mm")
+        if not (self.half_width_deg or self.half_width_mm):
+            raise refusal("out-of-range", "a grade holds a half-width above zero; 0 arrived")
+        return self
+
+
+class RotationBounds(Record):
+    """Bounds and cost of a free rotational half-width."""
+
+    min_deg: _Degrees = Field(description="Smallest half-width the shop can hold, degrees.", examples=[0.01])
+    max_deg: _Degrees = Field(description="Largest half-width worth having, degrees.", examples=[0.5])
+    cost_weight: _Weight = Field(
+        default=1.0, description="c of the cost c / half-width in radians. Default 1.", examples=[1.0]
+    )
+    cost: CostCurve | None = Field(default=None, description="Another cost curve, instead of cost_weight.")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> RotationBounds:
+        if self.min_deg > self.max_deg:
+            raise refusal("out-of-range", f"min_deg {self.min_deg} is above max_deg {self.max_deg}", at="min_deg")
+        _one_cost(self, self.cost, "deg")
+        return self
+
+
+class TranslationBounds(Record):
+    """Bounds and cost of a free translational half-width."""
+
+    min_mm: _Millimetres = Field(description="Smallest half-width the shop can hold, mm.", examples=[0.005])
+    max_mm: _Millimetres = Field(description="Largest half-width worth having, mm.", examples=[0.2])
+    cost_weight: _Weight = Field(
+        default=1.0, description="c of the cost c / half-width in mm. Default 1.", examples=[1.0]
+    )
+    cost: CostCurve | None = Field(default=None, description="Another cost curve, instead of cost_weight.")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> TranslationBounds:
+        if self.min_mm > self.max_mm:
+            raise refusal("out-of-range", f"min_mm {self.min_mm} is above max_mm {self.max_mm}", at="min_mm")
+        _one_cost(self, self.cost, "mm")
+        return self
+
+
+class FreeTolerance(Record):
+    """One half-width that the optimiser may set, between bounds or from a table of grades."""
+
+    interface: InterfaceName = Field(description="Which interface.", examples=["structure_connector"])
+    component: Name = Field(
+        description="rx, ry, rz (rotations), tx, ty, tz (translations), or the name of a locator.", examples=["rz"]
+    )
+    min_deg: _Degrees | None = Field(default=None, description="Rotation: smallest half-width.", examples=[0.01])
+    max_deg: _Degrees | None = Field(default=None, description="Rotation: largest half-width.", examples=[0.5])
+    min_mm: _Millimetres | None = Field(
+        default=None, description="Translation or locator: smallest half-width.", examples=[0.005]
+    )
+    max_mm: _Millimetres | None = Field(
+        default=None, description="Translation or locator: largest half-width.", examples=[0.2]
+    )
+    cost_weight: _Weight = Field(
+        default=1.0, description="c of the cost c / half-width (rad or mm). Default 1.", examples=[1.0]
+    )
+    cost: CostCurve | None = Field(default=None, description="Another cost curve, instead of cost_weight.")
+    grades: Annotated[list[Grade], Field(min_length=1, max_length=40)] | None = Field(
+        default=None, description="Process grades to choose from, instead of bounds and a curve."
+    )
+
+    @property
+    def unit(self) -> Literal["deg", "mm"]:
+        """What its half-width is given in."""
+        return "deg" if self.component in ("rx", "ry", "rz") else "mm"
+
+    @model_validator(mode="after")
+    def _complete(self) -> FreeTolerance:
+        unit, other = ("deg", "mm") if self.unit == "deg" else ("mm", "deg")
+        for field in (f"min_{other}", f"max_{other}"):
+            if getattr(self, field) is not None:
+                raise refusal("unused-field", f"{self.component} is in {unit}; {field} does not apply", at=field)
+        bounds = [getattr(self, f"{end}_{unit}") for end in ("min", "max")]
+        if self.grades is not None:
+            self._check_grades(bounds, unit)
+        elif None in bounds:
+            raise refusal("missing-field", f"give min_{unit} and max_{unit}, or grades")
+        elif bounds[0] > bounds[1]:
+            raise refusal("out-of-range", f"min_{unit} {bounds[0]} is above max_{unit} {bounds[1]}", at=f"min_{unit}")
+        _one_cost(self, self.cost, unit)
+        return self
+
+    def _check_grades(self, bounds: list[float | None], unit: str) -> None:
+        if any(bound is not None for bound in bounds) or self.cost is not None:
+            raise refusal("one-of", "give grades, or bounds with a cost curve; both arrived", at="grades")
+        names = [grade.name for grade in self.grades or ()]
+        for index, grade in enumerate(self.grades or ()):
+            if getattr(grade, f"half_width_{unit}") is None:
+                at = f"grades/{index}"
+                raise refusal("missing-field", f"{self.component} needs half_width_{unit} in each grade", at=at)
+            if grade.name in names[:index]:
+                raise refusal("duplicate-name", f"two grades are called {grade.name!r}", at=f"grades/{index}/name")
+
+
+def _one_cost(record: Record, cost: CostCurve | None, unit: str) -> None:
+    if cost is None:
+        return
+    if "cost_weight" in record.model_fields_set:
+        raise refusal("one-of", "give cost_weight or cost; both arrived", at="cost_weight")
+    wrong = {"deg": "scale_mm", "mm": "scale_deg"}[unit]
+    if getattr(cost, wrong) is not None:
+        raise refusal("unused-field", f"this half-width is in {unit}: give scale_{unit}", at=f"cost/{wrong}")
+
+
+class FreePivot(Record):
+    """A pivot that may move: where the seat's rotations turn about."""
+
+    interface: InterfaceName = Field(description="Which interface; it declares tolerances, not locators.")
+    box: SearchBox = Field(description="Where its pivot may be.")
+
+
+class LocatorSpacing(Record):
+    """Six locators that may be spread or drawn together about their centre."""
+
+    interface: InterfaceName = Field(description="Which interface; it declares locators.")
+    min_scale: Annotated[float, Field(ge=0.01, le=100)] = Field(
+        description="Smallest factor on the distances from the locators' centre.", examples=[0.5]
+    )
+    max_scale: Annotated[float, Field(ge=0.01, le=100)] = Field(description="Largest factor.", examples=[1.5])
+
+    @model_validator(mode="after")
+    def _ordered(self) -> LocatorSpacing:
+        if self.min_scale > self.max_scale:
+            message = f"min_scale {self.min_scale} is above max_scale {self.max_scale}"
+            raise refusal("out-of-range", message, at="min_scale")
+        return self
+
+
+class Front(Record):
+    """Limits at which the least cost is found."""
+
+    points: Annotated[int, Field(ge=2, le=50)] = Field(default=9, description="Points. Default 9.", examples=[9])
+    min_limit_mm: Length | None = Field(
+        default=None, description="Tightest limit, mm. Default just above the smallest attainable.", examples=[0.6]
+    )
+    max_limit_mm: Length | None = Field(
+        default=None, description="Loosest limit, mm. Default twice the requirement's.", examples=[2.0]
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Front:
+        if self.min_limit_mm and self.max_limit_mm and self.min_limit_mm >= self.max_limit_mm:
+            message = f"min_limit_mm {self.min_limit_mm} is not below max_limit_mm {self.max_limit_mm}"
+            raise refusal("out-of-range", message, at="min_limit_mm")
+        return self
+
+
+_REGIONS = ("box", "region", "regions")
+
+
+class Optimise(Record):
+    """What the optimiser may change, what it must keep, and what is asked for."""
+
+    requirement: Name | Annotated[list[Name], Field(min_length=1)] | None = Field(
+        default=None,
+        description="Name, or names, of the requirements whose limits must hold. Default all of them.",
+        examples=["tip-accuracy"],
+    )
+    objective: Literal["cost", "quantile", "scaling", "pareto"] | None = Field(
+        default=None,
+        description="cost: least cost within the limit. quantile: least quantile (P95) within cost_limit. scaling: "
+        "one factor on all free half-widths, as large as the limit allows. pareto: least cost at a row of limits. "
+        "Default cost, or quantile when no tolerance is free.",
+        examples=["cost"],
+    )
+    cost_limit: Annotated[float, Field(gt=0, le=1e12)] | None = Field(
+        default=None, description="objective: quantile with free tolerances only; what may be spent.", examples=[2000]
+    )
+    front: Front | None = Field(default=None, description="objective: pareto only; which limits. Default nine.")
+    box: SearchBox | None = Field(
+        default=None, description="Where the fiducials may go, as a box. Short for region: { box }."
+    )
+    region: Shaped | None = Field(default=None, description="Where the fiducials may go: box, cylinder or ball.")
+    regions: Annotated[list[FiducialRegion], Field(min_length=1)] | None = Field(
+        default=None, description="A region for each group of fiducials; those in no group stay."
+    )
+    keep_out: list[KeepOutZone] = Field(default=[], description="Zones no moved fiducial may be in. Default none.")
+    symmetry: Symmetry | None = Field(default=None, description="Symmetry of the free fiducials. Default none.")
+    fixed: list[Name] = Field(default=[], description="Labels of fiducials that stay. Default none.", examples=[["F1"]])
+    count: Count | None = Field(
+        default=None, description="How many fiducials may be used. Absent: as many as there are."
+    )
+    min_spacing_mm: _Spacing = Field(
+        default=10.0, description="Smallest distance between two fiducials, mm. Default 10.", examples=[12.0]
+    )
+    min_projected_spacing_px: _Spacing = Field(
+        default=25.0,
+        description="Smallest distance between two fiducials' images in any view, px. Default 25.",
+        examples=[25.0],
+    )
+    image_margin_px: _Spacing = Field(
+        default=20.0,
+        description="Images of fiducials keep this distance from the image border, px. Default 20.",
+        examples=[20.0],
+    )
+    target_clearance_px: _Spacing = Field(
+        default=0.0,
+        description="Smallest distance between the image of a fiducial and that of a target, px. Default 0.",
+        examples=[25.0],
+    )
+    rotation_bounds: RotationBounds | None = Field(
+        default=None,
+        description="Frees every rotational tolerance that the two interfaces declare, with these bounds, except "
+        "those listed in tolerances.",
+    )
+    translation_bounds: TranslationBounds | None = Field(
+        default=None,
+        description="Frees every translational tolerance that the two interfaces declare, likewise.",
+    )
+    tolerances: list[FreeTolerance] = Field(default=[], description="Tolerances that are free, one by one.")
+    pivots: Annotated[list[FreePivot], Field(max_length=2)] = Field(
+        default=[], description="Pivots that may move. Default none."
+    )
+    locator_spacing: Annotated[list[LocatorSpacing], Field(max_length=2)] = Field(
+        default=[], description="Locator patterns that may be spread. Default none."
+    )
+    starts: Annotated[int, Field(ge=1, le=256)] = Field(
+        default=8, description="Number of starting layouts. Default 8.", examples=[8]
+    )
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = Field(
+        default=1, description="Seed of the starts and of the check. Default 1.", examples=[1]
+    )
+
+    @property
+    def frees_tolerances(self) -> bool:
+        return bool(self.rotation_bounds or self.translation_bounds or self.tolerances)
+
+    @property
+    def wanted(self) -> Literal["cost", "quantile", "scaling", "pareto"]:
+        """The objective, its default filled in."""
+        return self.objective or ("cost" if self.frees_tolerances else "quantile")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Optimise:
+        given = [name for name in _REGIONS if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise refusal("one-of", f"give one of box, region and regions; {' and '.join(given)} arrived", at=given[1])
+        if not (given or self.frees_tolerances or self.pivots or self.locator_spacing):
+            raise refusal(
+                "nothing-free",
+                "give box, region, regions, rotation_bounds, tolerances, pivots or locator_spacing: nothing may change",
+                "add a box",
+            )
+        for field in ("keep_out", "symmetry", "count"):
+            if getattr(self, field) and not given:
+                raise refusal("unused-field", f"{field} is read only with a region for the fiducials", at=field)
+        if self.count is not None and self.regions is not None:
+            raise refusal("one-of", "count needs one region for all: give box or region, not regions", at="count")
+        self._check_objective()
+        for field in ("tolerances", "pivots", "locator_spacing"):
+            seen = [(free.interface, getattr(free, "component", "")) for free in getattr(self, field)]
+            for index, pair in enumerate(seen):
+                if pair in seen[:index]:
+                    what = ".".join(filter(None, pair))
+                    raise refusal("duplicate-name", f"{what} is freed twice", at=f"{field}/{index}")
+        return self
+
+    def _check_objective(self) -> None:
+        free = self.frees_tolerances
+        if self.wanted in ("cost", "scaling", "pareto") and not free:
+            raise refusal("nothing-free", f"objective: {self.wanted} needs free tolerances", "add rotation_bounds")
+        if self.wanted == "quantile" and free and self.cost_limit is None:
+            raise refusal("missing-field", "objective: quantile needs cost_limit when tolerances are free")
+        if self.cost_limit is not None and not (self.wanted == "quantile" and free):
+            message = "cost_limit is read only with objective: quantile and free tolerances"
+            raise refusal("unused-field", message, at="cost_limit")
+        if self.front is not None and self.wanted != "pareto":
+            raise refusal("unused-field", "front is read only with objective: pareto", at="front")
+        graded = [index for index, free in enumerate(self.tolerances) if free.grades is not None]
+        if graded and self.wanted != "cost":
+            raise refusal(
+                "unsupported", f"grades go with objective: cost; it is {self.wanted}", at=f"tolerances/{graded[0]}"
+            )

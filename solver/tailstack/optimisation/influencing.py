@@ -1,0 +1,99 @@
+"""What the free variables can and cannot do, known before anything is solved.
+
+The layout acts through image noise and manufacturing alone (a rigid installation error is absorbed exactly), a
+half-width through its lever, a pivot through the rotations about it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import DesignError, IllPosedError, Problem
+from ..propagation.linear import LinearModel, linearise
+from ..results import Finding
+from .problem import Demand, PlacementProblem, apply_choice, in_words, label_of, present_choice
+from .promise import exact_quantile
+from .terms import LAYOUT_BLOCKS, DemandTerms, blind_half_widths, is_flat, terms_of
+
+HARDLY = 0.005  # relative: a layout that can change the quantile by less hardly matters
+
+
+def influence_of(problem: PlacementProblem) -> tuple[Finding, ...]:
+    """Remarks on what can be gained.  Raises DesignError when nothing that is free acts on any limited error."""
+    terms = tuple(terms_of(problem, demand) for demand in problem.demands)
+    blind = blind_half_widths(problem, terms)
+    acting = bool(problem.places) or not bool(blind.all())
+    findings = [
+        Finding(
+            "no-lever",
+            "note",
+            f"{in_words(problem, int(k))} does not move any limited error: it goes to its loosest value",
+            problem.half_widths[int(k)].pointer,
+        )
+        for k in np.flatnonzero(blind)
+    ]
+    for pivot, idle in zip(problem.pivots, _idle_pivots(problem, terms), strict=True):
+        acting = acting or not idle
+        if idle:
+            message = f"the pivot of {label_of(problem, pivot.contributor)} does not act on any limited error"
+            hint = "no rotation about it varies"
+            findings.append(Finding("no-lever", "warning", f"{message}: {hint}", pivot.pointer))
+    for k, spacing in enumerate(problem.spacings):
+        idle = not any(term.gains.by_spacing[k].any() for term in terms)
+        acting = acting or not idle
+        if idle:
+            message = f"the spacing of the locators of {label_of(problem, spacing.contributor)} does not act"
+            findings.append(Finding("no-lever", "warning", message, spacing.pointer))
+    if not acting:
+        raise DesignError(
+            Problem(
+                "/optimise",
+                "no-influence",
+                "nothing that is free acts on the limited error: " + "; ".join(item.message for item in findings),
+                "free something with a lever on the target, or limit another error (tcp instead of localisation)",
+            )
+        )
+    if problem.places:
+        findings += [finding for term in terms if (finding := _layout(problem, term.demand)) is not None][:8]
+    return tuple(findings)
+
+
+def _idle_pivots(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> list[bool]:
+    return [
+        not any(
+            part.by_pivot[3 * p : 3 * p + 3].any()
+            for term in terms
+            for part in (term.gains, term.bias, term.reconstructed)
+        )
+        for p in range(len(problem.pivots))
+    ]
+
+
+def _layout(problem: PlacementProblem, demand: Demand) -> Finding | None:
+    """How far the best imaginable layout could bring one quantile: to what all but the image leaves."""
+    choice = present_choice(problem)
+    if is_flat(problem.system.fiducials_mm):
+        return None
+    try:
+        model = linearise(apply_choice(problem, choice), demand.target)
+    except IllPosedError:  # as drawn, the layout has no answer: there is nothing to compare with
+        return None
+    now = exact_quantile(model, demand).value_mm
+    floor = exact_quantile(without_image(model), demand).value_mm
+    gain = 1 - floor / now
+    return Finding(
+        "layout-influence",
+        "warning" if gain < HARDLY else "note",
+        f"{demand.text} is {now:.4g} mm; no layout can bring it below {floor:.4g} mm ({-100 * gain:+.1f} %) with the "
+        "tolerances as they are: that much is left without image noise and manufacturing errors",
+        problem.places[0].pointer,
+        floor,
+        demand.requirement.limit_mm,
+    )
+
+
+def without_image(model: LinearModel) -> LinearModel:
+    """The linear model with perfect images and perfect fiducials."""
+    return replace(model, blocks=tuple(b for b in model.blocks if not b.contributor.startswith(LAYOUT_BLOCKS)))

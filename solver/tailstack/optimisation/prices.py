@@ -1,0 +1,83 @@
+"""What a half-width costs: a falling curve, or a table of process grades."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import exp, inf, log
+from typing import Any, Literal
+
+import numpy as np
+
+Curve = Literal["power", "exponential", "grades"]
+
+
+@dataclass(frozen=True, slots=True)
+class Grade:
+    """One process: the half-width it holds (native unit) and its price."""
+
+    name: str
+    half_width: float
+    price: float
+
+
+@dataclass(frozen=True, slots=True)
+class Price:
+    """power: ``weight h^-exponent``; exponential: ``weight exp(-h / scale)``; grades: the cheapest that holds h.
+
+    h in native units (rad, mm).  A table of grades carries the power law through its points as well, which
+    stands in for it where derivatives are needed.
+    """
+
+    curve: Curve
+    weight: float
+    exponent: float = 1.0
+    scale: float = 1.0
+    grades: tuple[Grade, ...] = ()  # ascending half-width
+
+
+def reciprocal(weight: float = 1.0) -> Price:
+    """``weight / h``."""
+    return Price("power", weight)
+
+
+def of_grades(grades: tuple[Grade, ...]) -> Price:
+    """A table; its power law is the least-squares line through the logarithms of its useful grades."""
+    ordered = tuple(sorted(grades, key=lambda grade: (grade.half_width, grade.price)))
+    useful = [grade for grade in undominated(ordered) if grade.price > 0]
+    widths, prices = np.log([g.half_width for g in useful]), np.log([g.price for g in useful])
+    if len(useful) > 1 and np.ptp(widths) > 0:
+        slope, offset = np.polyfit(widths, prices, 1)
+        return Price("grades", exp(float(offset)), max(-float(slope), 0.05), grades=ordered)
+    weight = useful[0].price * useful[0].half_width if useful else 1.0
+    return Price("grades", weight, grades=ordered)
+
+
+def undominated(grades: tuple[Grade, ...]) -> tuple[Grade, ...]:
+    """Grades without those that a looser and not dearer one, or a tighter and cheaper one, makes pointless.
+
+    A tighter grade is always acceptable, so one that costs no more than a looser one replaces it; equal prices
+    keep the tighter one.
+    """
+    kept: list[Grade] = []
+    for grade in sorted(grades, key=lambda grade: (grade.half_width, grade.price)):
+        if not kept or grade.price < kept[-1].price:
+            kept.append(grade)
+    return tuple(kept)
+
+
+def cost_of(price: Price, half_width: float) -> float:
+    """Cost of holding a half-width; inf where no grade does, or at zero on a power law."""
+    if price.curve == "grades":
+        held = [grade.price for grade in price.grades if grade.half_width <= half_width * (1 + 1e-9)]
+        return min(held, default=inf)
+    if half_width <= 0:
+        return inf if price.curve == "power" else price.weight
+    return float(smooth_cost(price, log(half_width), exp))
+
+
+def smooth_cost(price: Price, log_half_width: Any, exponential: Callable[[Any], Any]) -> Any:
+    """The curve at ``exp(log_half_width)``, float or symbol; for grades the power law through them."""
+    if price.curve == "exponential":
+        return price.weight * exponential(-exponential(log_half_width) / price.scale)
+    return price.weight * exponential(-price.exponent * log_half_width)

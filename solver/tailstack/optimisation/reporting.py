@@ -1,0 +1,219 @@
+"""The record of an optimisation: what changed, what it costs, what binds, what it rests on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..design import design_to_data
+from ..errors import IllPosedError
+from ..estimation.checks import check_geometry
+from ..propagation.linear import linearise
+from ..results import (
+    Certificate,
+    ChangedSpacing,
+    ChangedTolerance,
+    CountTried,
+    Finding,
+    FrontPoint,
+    MovedFiducial,
+    MovedPivot,
+    Optimisation,
+    PlacementValue,
+    Vector3,
+)
+from ..system import Array, System
+from .certificate import binding
+from .prices import cost_of
+from .problem import Choice, Demand, PlacementProblem, for_people, in_words, label_of, present_choice
+from .promise import exact_quantile
+from .relaxation import relaxation_of
+from .request import Request, read_request
+from .search import Search
+from .search import for_people as objective_for_people
+from .shadow_prices import shadow_prices
+from .terms import DemandTerms
+from .verified import Verified
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """Everything that was found, before it is put in words."""
+
+    request: Request  # as it arrived
+    search: Search
+    verified: Verified
+    influence: tuple[Finding, ...]
+    value: PlacementValue | None
+    counts: tuple[CountTried, ...]
+    front: tuple[FrontPoint, ...]
+    seed: int
+
+
+def report(outcome: Outcome) -> Optimisation:
+    """Costs and P95 are recomputed from the new document as written."""
+    request, verified = outcome.request, outcome.verified
+    settled, solution = verified.settled, verified.settled.solution
+    problem = settled.problem
+    after = read_request(verified.design).problem
+    before_system, after_system = request.problem.system, after.system
+    p95_before: float | None = None
+    try:
+        check_geometry(before_system)
+        p95_before = _p95(before_system, request.problem.demands)
+    except IllPosedError:  # the layout as it stands has no answer; the new one has
+        pass
+    before, now = present_choice(request.problem), present_choice(after)
+    priced = bool(problem.half_widths)
+    closed = objective_for_people(outcome.search.program, outcome.search.found[0].point.objective)
+    cost_before = request.problem.cost(before.half_width) if priced else 0.0
+    count_price = request.wanted.count.cost_per_fiducial if request.wanted.count is not None else 0.0
+    cost_before += count_price * len(before_system.fiducial_labels)
+    cost_after = (problem.cost(now.half_width) if priced else 0.0) + count_price * len(after_system.fiducial_labels)
+    minimised = problem.objective != "quantile"
+    return Optimisation(
+        schema="tailstack/optimisation/1",
+        status="verified",
+        objective=_in_a_sentence(request, problem),
+        cost_before=cost_before if np.isfinite(cost_before) else None,
+        cost_after=cost_after,
+        cost_closed_form=closed if minimised else None,
+        p95_before_mm=p95_before,
+        p95_after_mm=_p95(after_system, after.demands),
+        moved=_moved(request.problem.system, after_system, problem),
+        tolerances=_tolerances(outcome, before, now),
+        pivots=tuple(
+            MovedPivot(
+                free.contributor, label_of(problem, free.contributor), vector(before.pivots_mm[k]),
+                vector(now.pivots_mm[k]),
+            )
+            for k, free in enumerate(problem.pivots)
+        ),
+        spacings=tuple(
+            ChangedSpacing(free.contributor, label_of(problem, free.contributor), float(settled.choice.spacing[k]))
+            for k, free in enumerate(problem.spacings)
+        ),
+        scaling=_scaling(problem, before, now),
+        certificate=Certificate(
+            kkt_residual=0.0 if solution is None else solution.kkt_residual,
+            starts=outcome.search.starts,
+            converged_starts=outcome.search.converged,
+            best_costs=tuple(item.objective for item in outcome.search.optima),
+            optima=outcome.search.optima,
+            relaxation=relaxation_of(outcome.search, settled),
+            seed=outcome.seed,
+            tightening_rounds=verified.rounds,
+            stopped=outcome.search.stopped,
+            verification=verified.verification,
+        ),
+        shadow_prices=()
+        if solution is None
+        else shadow_prices(
+            solution.program, solution.found.point,
+            solution.cost if solution.problem.objective != "quantile" else _largest_mm(outcome),
+        ),
+        binding=() if solution is None else binding(solution.program, solution.found.point, solution.found.parameters),
+        influence=outcome.influence,
+        placement_value=outcome.value,
+        counts=outcome.counts,
+        front=outcome.front,
+        design=design_to_data(verified.design),
+        provenance=verified.verification.provenance,
+    )  # fmt: skip
+
+
+def _in_a_sentence(request: Request, problem: PlacementProblem) -> str:
+    limits = ", ".join(
+        f"P{100 * item.quantile:g} of the {item.error} error"
+        + (f" of each of {100 * item.min_yield:g} % of units" if item.min_yield is not None else "")
+        + f" within {item.limit_mm:g} mm"
+        for item in problem.requirements
+    )
+    count = len(problem.half_widths)
+    if problem.objective == "scaling":
+        return f"largest common factor on {count} free half-widths with {limits}"
+    if problem.objective == "quantile":
+        spent = "" if problem.cost_limit is None else f" at a cost of at most {problem.cost_limit:g}"
+        wanted = ", ".join(f"P{100 * item.quantile:g} of the {item.error} error" for item in problem.requirements)
+        return f"least {wanted}{spent}"
+    curves = {free.price.curve for free in problem.half_widths}
+    plain = curves == {"power"} and {free.price.exponent for free in problem.half_widths} == {1.0}
+    made_of = "sum of cost_weight / half-width, in rad or mm," if plain else "sum of the cost curves"
+    fiducials = ", fiducials included" if request.wanted.count and request.wanted.count.cost_per_fiducial else ""
+    return f"least cost ({made_of} over {count} free tolerances{fiducials}) with {limits}"
+
+
+def _p95(system: System, demands: tuple[Demand, ...]) -> float:
+    """Largest P95 over the demanded errors and targets, pooled, whatever the requirements limit."""
+    values = []
+    for demand in demands:
+        wanted = replace(demand.requirement, quantile=0.95, risk="pooled", min_yield=None)
+        model = linearise(system, demand.target)
+        values.append(exact_quantile(model, Demand(wanted, demand.target)).value_mm)
+    return max(values)
+
+
+def _largest_mm(outcome: Outcome) -> float:
+    settled = outcome.verified.settled
+    sized = zip(settled.ratios, outcome.search.terms, strict=True)
+    return max(ratio * term.demand.requirement.limit_mm for ratio, term in sized)
+
+
+def vector(point: Array) -> Vector3:
+    x, y, z = (float(value) for value in point)
+    return x, y, z
+
+
+def _moved(before: System, after: System, problem: PlacementProblem) -> tuple[MovedFiducial, ...]:
+    """Free fiducials in the order of the new design, then those left out."""
+    old = dict(zip(before.fiducial_labels, before.fiducials_mm, strict=True))
+    free = [problem.system.fiducial_labels[i] for i in problem.free_fiducials]
+    new = dict(zip(after.fiducial_labels, after.fiducials_mm, strict=True))
+    entries = [MovedFiducial(label, vector(old[label]) if label in old else None, vector(new[label])) for label in free]
+    return (*entries, *(MovedFiducial(label, vector(old[label]), None) for label in old if label not in new))
+
+
+def _tolerances(outcome: Outcome, before: Choice, now: Choice) -> tuple[ChangedTolerance, ...]:
+    """Lever by the linear model at the demand with the largest quantile over its limit."""
+    settled = outcome.verified.settled
+    problem = settled.problem
+    worst = outcome.search.terms[int(np.argmax(settled.ratios))]
+    lever = _lever(worst, len(problem.half_widths))
+    chosen = {}
+    if settled.graded is not None:
+        chosen = dict(zip(outcome.request.graded, settled.graded.grades.names, strict=True))
+    found = []
+    for k, free in enumerate(problem.half_widths):
+        (old, unit), (new, _) = (for_people(problem, k, float(c.half_width[k])) for c in (before, now))
+        cost_before = cost_of(free.price, float(before.half_width[k]))
+        found.append(
+            ChangedTolerance(
+                contributor=free.contributor,
+                component=free.component,
+                label=in_words(problem, k),
+                unit=unit,
+                before_half_width=old,
+                after_half_width=new,
+                at_target_before_mm=float(lever[k] * before.half_width[k]),
+                at_target_mm=float(lever[k] * now.half_width[k]),
+                cost_before=cost_before if np.isfinite(cost_before) else None,
+                cost_after=cost_of(free.price, float(now.half_width[k])),
+                grade=chosen.get(k),
+            )
+        )
+    return tuple(found)
+
+
+def _lever(terms: DemandTerms, count: int) -> Array:
+    """(K,) mm at the target per native unit of each free half-width."""
+    found = np.zeros(count)
+    gain = terms.free_gain
+    found[: gain.shape[1]] = np.linalg.norm(gain, axis=0)
+    return found
+
+
+def _scaling(problem: PlacementProblem, before: Choice, now: Choice) -> float | None:
+    if problem.objective != "scaling":
+        return None
+    return float(np.min(now.half_width / before.half_width))

@@ -1,0 +1,351 @@
+"""From the document's ``optimise`` section to problems on arrays, and from a choice back to a document."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import degrees, floor, radians
+from typing import Any
+
+import numpy as np
+
+from ..design import CONTRIBUTOR, Design, Revision, compile_design, revise_design
+from ..design.locators import torsor_from_locators
+from ..design.optimise_consistency import INTERFACES, ROTATIONS, TRANSLATIONS, declared
+from ..design.optimise_document import (
+    CostCurve,
+    FreeTolerance,
+    Optimise,
+    RotationBounds,
+    SearchBall,
+    SearchBox,
+    SearchCylinder,
+    Symmetry,
+    TranslationBounds,
+)
+from ..errors import DesignError, Problem
+from ..system import Array, Requirement, System
+from .prices import Grade, Price, of_grades, reciprocal
+from .problem import Choice, FreeHalfWidth, FreePivot, FreeSpacing, Place, PlacementProblem, unit_of
+from .regions import Ball, Box, Cylinder, Isometry, KeepOut, Shape, bounding_box, mirror, turns
+
+POSITION_DECIMALS = (3, 6)  # mm: a micrometre, unless that breaks the spacing
+WIDTH_DECIMALS = 6  # degrees and mm, rounded down
+AT_BOUND = 1e-6  # relative: a half-width that near its bound is at it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Request:
+    """What a document asks for."""
+
+    design: Design
+    wanted: Optimise
+    problem: PlacementProblem  # with the fiducials as they are in number
+    graded: tuple[int, ...]  # free half-widths that a table of grades is given for
+
+
+def read_request(design: Design) -> Request:
+    """The freedom that the document's ``optimise`` section gives, on the compiled design.  Raises DesignError."""
+    wanted = design.document.optimise
+    if wanted is None:
+        raise DesignError(
+            Problem(
+                "",
+                "missing-field",
+                "the design has no optimise section: nothing is free to change",
+                "add optimise with a box, rotation_bounds or tolerances",
+            )
+        )
+    system = compile_design(design)
+    half_widths = _half_widths(design, wanted)
+    kind = "cost" if wanted.wanted == "pareto" else wanted.wanted
+    problem = PlacementProblem(
+        system=system,
+        requirements=_requirements(system, wanted.requirement),
+        places=_places(system, wanted),
+        half_widths=half_widths,
+        pivots=_pivots(wanted),
+        spacings=_spacings(design, system, wanted),
+        objective=kind,
+        cost_limit=wanted.cost_limit,
+        symmetry=_symmetry(wanted.symmetry),
+        keep_out=tuple(
+            KeepOut(zone.name, _shape(zone.shape), zone.clearance_mm, f"/optimise/keep_out/{index}")
+            for index, zone in enumerate(wanted.keep_out)
+        ),
+        min_spacing_mm=wanted.min_spacing_mm,
+        min_projected_spacing_px=wanted.min_projected_spacing_px,
+        image_margin_px=wanted.image_margin_px,
+        target_clearance_px=wanted.target_clearance_px,
+    )
+    graded = tuple(k for k, free in enumerate(half_widths) if free.price.curve == "grades")
+    return Request(design, wanted, problem, graded)
+
+
+def _requirements(system: System, named: str | list[str] | None) -> tuple[Requirement, ...]:
+    names = [named] if isinstance(named, str) else named
+    return tuple(item for item in system.requirements if names is None or item.name in names)
+
+
+def _shape(shape: SearchBox | SearchCylinder | SearchBall) -> Shape:
+    if isinstance(shape, SearchBox):
+        return Box(np.array(shape.min_mm), np.array(shape.max_mm))
+    if isinstance(shape, SearchBall):
+        return Ball(np.array(shape.centre_mm), shape.radius_mm, shape.inner_radius_mm)
+    axis = np.array(shape.axis, dtype=float)
+    axis /= np.linalg.norm(axis)
+    return Cylinder(np.array(shape.base_mm), axis, shape.height_mm, shape.radius_mm, shape.inner_radius_mm)
+
+
+def _symmetry(symmetry: Symmetry | None) -> tuple[Isometry, ...]:
+    if symmetry is None:
+        return ()
+    if symmetry.mirror is not None:
+        return mirror(np.array(symmetry.mirror.point_mm), np.array(symmetry.mirror.normal))
+    turn = symmetry.rotation
+    assert turn is not None  # the document holds exactly one
+    return turns(np.array(turn.point_mm), np.array(turn.axis), turn.order)
+
+
+def _places(system: System, wanted: Optimise) -> tuple[Place, ...]:
+    """Free fiducials with their regions, in groups of the symmetry's size."""
+    size = 1 + len(_symmetry(wanted.symmetry))
+    labels = system.fiducial_labels
+    if wanted.regions is not None:
+        return tuple(
+            place
+            for index, region in enumerate(wanted.regions)
+            for place in _groups(
+                [labels.index(label) for label in region.fiducials], size, _shape(region.shape),
+                f"/optimise/regions/{index}",
+            )
+        )  # fmt: skip
+    free = [i for i, label in enumerate(labels) if label not in wanted.fixed]
+    if wanted.box is not None:
+        return _groups(free, size, _shape(wanted.box), "/optimise/box")
+    if wanted.region is not None:
+        return _groups(free, size, _shape(wanted.region.shape), "/optimise/region")
+    return ()
+
+
+def _groups(fiducials: list[int], size: int, region: Shape, pointer: str) -> tuple[Place, ...]:
+    return tuple(
+        Place(tuple(fiducials[k : k + size]), region, pointer) for k in range(0, len(fiducials) - size + 1, size)
+    )
+
+
+def _half_widths(design: Design, wanted: Optimise) -> tuple[FreeHalfWidth, ...]:
+    """The half-widths set free: those listed, and all others of a kind that has common bounds; in the chain's order."""
+    listed = {(free.interface, free.component): index for index, free in enumerate(wanted.tolerances)}
+    found: list[FreeHalfWidth] = []
+    for bounds, components, pointer in (
+        (wanted.rotation_bounds, ROTATIONS, "/optimise/rotation_bounds"),
+        (wanted.translation_bounds, TRANSLATIONS, "/optimise/translation_bounds"),
+    ):
+        if bounds is None:
+            continue
+        low, high = _bounds(bounds)
+        found += [
+            FreeHalfWidth(
+                CONTRIBUTOR[interface], component, low, high, _price(bounds.cost, bounds.cost_weight), pointer
+            )
+            for interface, component in declared(design.document, components)
+            if (interface, component) not in listed
+        ]
+    found += [_listed(free, f"/optimise/tolerances/{index}") for index, free in enumerate(wanted.tolerances)]
+    order = list(CONTRIBUTOR.values())
+    names = (*ROTATIONS, *TRANSLATIONS)
+    return tuple(
+        sorted(
+            found,
+            key=lambda free: (
+                order.index(free.contributor), names.index(free.component) if free.component in names else len(names),
+            ),
+        )
+    )  # fmt: skip
+
+
+def _bounds(bounds: RotationBounds | TranslationBounds) -> tuple[float, float]:
+    if isinstance(bounds, RotationBounds):
+        return radians(bounds.min_deg), radians(bounds.max_deg)
+    return bounds.min_mm, bounds.max_mm
+
+
+def _price(curve: CostCurve | None, weight: float) -> Price:
+    if curve is None:
+        return reciprocal(weight)
+    if curve.curve == "exponential":
+        scale = radians(curve.scale_deg) if curve.scale_deg is not None else float(curve.scale_mm or 0.0)
+        return Price("exponential", curve.weight, scale=scale)
+    return Price("power", curve.weight, 1.0 if curve.curve == "reciprocal" else 2.0)
+
+
+def _listed(free: FreeTolerance, pointer: str) -> FreeHalfWidth:
+    native = radians if free.unit == "deg" else float
+    if free.grades is not None:
+        grades = tuple(
+            Grade(grade.name, native(getattr(grade, f"half_width_{free.unit}")), grade.price) for grade in free.grades
+        )
+        price = of_grades(grades)
+        low, high = min(g.half_width for g in grades), max(g.half_width for g in grades)
+    else:
+        price = _price(free.cost, free.cost_weight)
+        low, high = (native(getattr(free, f"{end}_{free.unit}")) for end in ("min", "max"))
+    return FreeHalfWidth(CONTRIBUTOR[free.interface], free.component, low, high, price, pointer)
+
+
+def _pivots(wanted: Optimise) -> tuple[FreePivot, ...]:
+    return tuple(
+        FreePivot(
+            CONTRIBUTOR[free.interface], np.array(free.box.min_mm), np.array(free.box.max_mm),
+            f"/optimise/pivots/{index}",
+        )
+        for index, free in enumerate(wanted.pivots)
+    )  # fmt: skip
+
+
+def _spacings(design: Design, system: System, wanted: Optimise) -> tuple[FreeSpacing, ...]:
+    """Direction of the locators as ``shift + turn / s``, from the pattern as it is and at half its spacing."""
+    found = []
+    for index, free in enumerate(wanted.locator_spacing):
+        interface = getattr(design.document.interfaces, free.interface)
+        positions = np.array([locator.position_mm for locator in interface.locators])
+        normals = np.array([locator.normal for locator in interface.locators])
+        centre, pivot = positions.mean(axis=0), np.array(interface.pivot_mm)
+        once, twice = (
+            torsor_from_locators(centre + scale * (positions - centre), normals, pivot) for scale in (1.0, 0.5)
+        )
+        turn = twice - once  # the part that goes as 1/s doubles
+        found.append(
+            FreeSpacing(
+                CONTRIBUTOR[free.interface], free.min_scale, free.max_scale, once - turn, turn,
+                f"/optimise/locator_spacing/{index}",
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def with_count(request: Request, count: int) -> PlacementProblem:
+    """The problem with so many fiducials: the last free ones left out, or new ones added to the region.
+
+    New ones take the next free labels F1, F2, ... and the manufacturing tolerance of the others.
+    """
+    problem, wanted = request.problem, request.wanted
+    system = problem.system
+    present = len(system.fiducial_labels)
+    if count == present:
+        return problem
+    free = [i for i, label in enumerate(system.fiducial_labels) if label not in wanted.fixed]
+    kept = sorted(set(range(present)) - set(free[len(free) - (present - count) :] if count < present else ()))
+    labels = [system.fiducial_labels[i] for i in kept]
+    positions, made = system.fiducials_mm[kept], system.manufacturing_half_width_mm[kept]
+    if count > present:
+        middle = bounding_box(problem.places[0].region).mean(axis=0)
+        new = count - present
+        unused = (f"F{number}" for number in range(1, 10**6) if f"F{number}" not in labels)
+        labels += [next(unused) for _ in range(new)]
+        # Where they stand does not matter: only the first start looks, and spreads what lies together.
+        rng = np.random.default_rng(0)
+        low, high = bounding_box(problem.places[0].region)
+        positions = np.vstack([positions, middle + 0.9 * (rng.uniform(low, high, (new, 3)) - middle)])
+        made = np.vstack([made, np.repeat(made[:1], new, axis=0)])
+    system = replace(
+        system, fiducial_labels=tuple(labels), fiducials_mm=_frozen(positions),
+        manufacturing_half_width_mm=_frozen(made),
+    )  # fmt: skip
+    return replace(problem, system=system, places=_places(system, wanted))
+
+
+def _frozen(values: Array) -> Array:
+    values = np.array(values)
+    values.setflags(write=False)
+    return values
+
+
+def counts_of(request: Request) -> tuple[int, ...]:
+    """The numbers of fiducials to be tried, ascending.  Raises DesignError when the symmetry allows none."""
+    count, problem = request.wanted.count, request.problem
+    present = len(problem.system.fiducial_labels)
+    if count is None:
+        return (present,)
+    fixed, size = len(request.wanted.fixed), 1 + len(problem.symmetry)
+    tried = tuple(n for n in range(count.min, count.max + 1) if n > fixed and (n - fixed) % size == 0)
+    if not tried:
+        raise DesignError(
+            Problem(
+                "/optimise/count",
+                "incomplete-group",
+                f"no number of fiducials from {count.min} to {count.max} makes whole groups of {size} beside "
+                f"{fixed} fixed ones",
+                "widen the range",
+            )
+        )
+    return tried
+
+
+def revise(request: Request, problem: PlacementProblem, choice: Choice) -> Design:
+    """The design with a choice written into it: positions rounded to a micrometre, half-widths rounded down."""
+    fiducials = _rounded(problem, choice)
+    widths = {
+        (free.contributor, free.component): rounded_down(float(value), free, unit_of(problem, k))
+        for k, (free, value) in enumerate(zip(problem.half_widths, choice.half_width, strict=True))
+    }
+    return revise_design(
+        request.design,
+        Revision(
+            labels=problem.system.fiducial_labels,
+            fiducials_mm=fiducials if problem.places else None,
+            half_width=widths,
+            pivot_mm={
+                free.contributor: np.clip(np.round(value, POSITION_DECIMALS[0]), free.low_mm, free.high_mm)
+                for free, value in zip(problem.pivots, choice.pivots_mm, strict=True)
+            },
+            locator_scale={
+                free.contributor: float(np.clip(np.round(value, 6), free.minimum, free.maximum))
+                for free, value in zip(problem.spacings, choice.spacing, strict=True)
+            },
+        ),
+    )
+
+
+def _rounded(problem: PlacementProblem, choice: Choice) -> Array:
+    """Positions to a micrometre where that keeps the spacing; copies of a symmetry and curved regions to 1e-6 mm."""
+    free = list(problem.free_fiducials)
+    fiducials = problem.system.fiducials_mm.copy()
+    coarse = not problem.symmetry and all(isinstance(place.region, Box) for place in problem.places)
+    for decimals in POSITION_DECIMALS if coarse else POSITION_DECIMALS[1:]:
+        fiducials[free] = np.round(choice.fiducials_mm[free], decimals)
+        for place in problem.places:
+            if isinstance(place.region, Box) and not problem.symmetry:
+                index = place.fiducials[0]
+                fiducials[index] = np.clip(fiducials[index], place.region.low_mm, place.region.high_mm)
+        if smallest_gap(fiducials, free) >= problem.min_spacing_mm:
+            break
+    return fiducials
+
+
+def smallest_gap(points: Array, free: list[int]) -> float:
+    """Distance of the closest pair with a free fiducial in it, mm; inf when there is none."""
+    gaps = [float(np.linalg.norm(points[i] - points[j])) for i in free for j in range(len(points)) if i != j]
+    return min(gaps, default=np.inf)
+
+
+def rounded_down(half_width: float, free: FreeHalfWidth, unit: str) -> float:
+    """A half-width, native unit, on the grid of the document, never looser; at a bound or grade it is that."""
+    fixed = [free.minimum, free.maximum, *(grade.half_width for grade in free.price.grades)]
+    for bound in fixed:
+        if abs(half_width - bound) <= AT_BOUND * bound:
+            return bound
+    shown, back = (degrees, radians) if unit == "rad" else (float, float)
+    return max(free.minimum, back(floor(shown(half_width) * 10**WIDTH_DECIMALS) / 10**WIDTH_DECIMALS))
+
+
+def interface_field(contributor: str) -> str:
+    """The document's name of an interface."""
+    return INTERFACES[list(CONTRIBUTOR.values()).index(contributor)]
+
+
+def document_of(design: Design) -> dict[str, Any]:
+    """The new document, as plain data."""
+    from ..design import design_to_data
+
+    return design_to_data(design)
