@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -11,6 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -23,7 +25,7 @@ from tailstack.design import design_to_data, load_design
 from tailstack.errors import NotConvergedError, Problem
 from tailstack.results import Finding, Optimisation
 from tailstack_service.cli.main import main
-from tailstack_service.cli.optimise import STOPPING, reporter, stages_of
+from tailstack_service.cli.optimise import STOPPING, reporter
 from tailstack_service.cli.progress import Progress
 
 DEMO = EXAMPLES / "demo.yaml"
@@ -200,53 +202,62 @@ def test_the_second_signal_leaves_at_once(call: Any, tmp_path: Path) -> None:
 # --- progress -------------------------------------------------------------------------------------
 
 
-def wanted(**changes: Any) -> Any:
-    """The demo's optimise section with fields changed."""
-    data: dict[str, Any] = yaml.safe_load(DEMO.read_text(encoding="utf-8"))
-    data["optimise"] |= changes
-    return load_design(data).document.optimise
-
-
 @pytest.mark.parametrize(
-    ("changes", "stages"),
+    ("objective", "stages"),
     [
-        ({}, ("start", "check")),
-        ({"count": {"min": 8, "max": 12}}, ("start", "count", "check")),
-        ({"objective": "pareto"}, ("start", "front", "check")),
+        ("cost", ("start", "check")),
+        ("cost", ("start", "count", "grades", "check")),
+        ("pareto", ("start", "check", "front")),
     ],
 )
-def test_the_stages_are_those_the_design_asks_for(changes: dict[str, Any], stages: tuple[str, ...]) -> None:
-    assert stages_of(wanted(**changes)) == stages
-
-
-@pytest.mark.parametrize("changes", [{}, {"objective": "pareto"}])
-def test_the_fraction_grows_from_nothing_to_the_end(changes: dict[str, Any]) -> None:
+def test_the_fraction_grows_from_nothing_to_the_end(objective: str, stages: tuple[str, ...]) -> None:
     progress = Progress("optimise")
-    report = reporter(progress, wanted(**changes))
+    report = reporter(progress, objective)
     seen = []
-    for stage in stages_of(wanted(**changes)):
+    for stage in stages:
         for done in range(1, 5):
             report(stage, done, 4, None if done == 1 else 1500.0 / done)
             seen.append(progress.fraction)
     assert seen == sorted(seen)
     assert 0 < seen[0] < 0.25
     assert seen[-1] == pytest.approx(1)
-    assert progress.detail == "check 4 of 4, least cost so far 375"
+    assert progress.detail == f"{stages[-1]} 4 of 4, least cost so far 375"
+
+
+def test_the_incumbent_is_named_for_what_it_is() -> None:
+    progress = Progress("optimise")
+    reporter(progress, "quantile")("start", 2, 8, 0.98765432)
+    assert progress.detail == "start 2 of 8, least quantile over limit so far 0.98765"
+    assert f"{100 * 6 * 2 / 8 / 7:.0f} %, about " in progress.line()  # six parts of seven are starts
 
 
 def test_starts_that_were_cut_short_do_not_hold_up_the_fraction() -> None:
     progress = Progress("optimise")
-    report = reporter(progress, wanted())
+    report = reporter(progress, "cost")
     report("start", 2, 64, 1500.0)
     report("check", 1, 2, 1500.0)
     assert progress.fraction > 0.9
 
 
+def test_a_log_gets_its_lines_at_growing_distances() -> None:
+    """A log, unlike a terminal, keeps every line."""
+    progress, waits = Progress("optimise", io.StringIO()), []
+
+    def wait(seconds: float) -> bool:
+        waits.append(seconds)
+        return len(waits) > 6
+
+    progress._done = SimpleNamespace(wait=wait)  # type: ignore[assignment]
+    progress._tick()
+    assert waits == [1, 2, 4, 8, 10, 10, 10]
+    assert progress.stream.getvalue().count("\n") == 6  # type: ignore[attr-defined]
+
+
 # --- real processes -------------------------------------------------------------------------------
 
 
-def started(directory: Path) -> subprocess.Popen[str]:
-    """A long search, past its first progress line."""
+def started(directory: Path, progress: str) -> subprocess.Popen[str]:
+    """A long search, as far as a progress line that says something."""
     path = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
     kept = {key: value for key, value in os.environ.items() if not key.startswith("TAILSTACK_")}
     process = subprocess.Popen(
@@ -257,14 +268,14 @@ def started(directory: Path) -> subprocess.Popen[str]:
     )  # fmt: skip
     assert process.stderr is not None
     said = ""
-    while "optimise: " not in said or "start " not in said:
+    while progress not in said:
         said = process.stderr.readline()
         assert said, "the search ended before it could be stopped"
     return process
 
 
 def test_an_interrupted_search_is_checked_and_written(tmp_path: Path) -> None:
-    process = started(tmp_path)
+    process = started(tmp_path, ", least cost so far ")
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=120)
     assert process.returncode == 130
@@ -278,7 +289,7 @@ def test_an_interrupted_search_is_checked_and_written(tmp_path: Path) -> None:
 
 
 def test_a_second_interrupt_leaves_at_once(tmp_path: Path) -> None:
-    process = started(tmp_path)
+    process = started(tmp_path, "optimise: ")
     assert process.stderr is not None
     process.send_signal(signal.SIGINT)
     while STOPPING not in process.stderr.readline():

@@ -19,14 +19,13 @@ from .progress import Progress
 
 if TYPE_CHECKING:
     from tailstack.design import Design
-    from tailstack.design.optimise_document import Optimise
     from tailstack.results import Optimisation
 
 HELP = "placement and tolerances at least cost"
 
 DOCUMENTS, PICTURES = (".yaml", ".yml", ".json"), (".svg",)
-# Rough shares of the time; those stages count that the design asks for.
-STAGES = {"start": 6.0, "count": 6.0, "grades": 2.0, "front": 6.0, "check": 1.0}
+# In their order, with rough shares of the time.
+STAGES = {"start": 6.0, "count": 6.0, "grades": 2.0, "check": 1.0, "front": 6.0}
 STOPPING = "stopping: checking the best design found so far; press Ctrl-C again to leave without it"
 
 
@@ -54,13 +53,15 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     if known := findings_text(influence(design), False):
         print(known, file=sys.stderr, flush=True)
+    wanted = design.document.optimise
+    assert wanted is not None  # or influence had refused the design
     with Progress("optimise") as progress, stopped_by_signals() as stop:
         try:
             result = optimise(
                 design,
                 seed=arguments.seed,
                 starts=arguments.starts,
-                progress=reporter(progress, design.document.optimise),
+                progress=reporter(progress, wanted.wanted),
                 stop=stop.is_set,
             )
         except NotConvergedError as error:
@@ -83,35 +84,22 @@ def run(arguments: argparse.Namespace) -> Answer:
 # --- progress and stopping ------------------------------------------------------------------------
 
 
-def reporter(progress: Progress, wanted: Optimise | None) -> Callable[[str, int, int, float | None], None]:
+def reporter(progress: Progress, objective: str) -> Callable[[str, int, int, float | None], None]:
     """What the optimiser calls after each step: fraction of the whole, step, incumbent."""
-    stages = stages_of(wanted)
-    finished = dict.fromkeys(stages, 0.0)
-    smallest = wanted is not None and wanted.wanted == "quantile"
-    incumbent = "least quantile over limit" if smallest else "least cost"
+    expected = {"start", "check"} | ({"front"} if objective == "pareto" else set())
+    incumbent = "least quantile over limit" if objective == "quantile" else "least cost"
+    furthest = 0.0
 
     def report(stage: str, done: int, total: int, least: float | None) -> None:
-        if stage == "check":  # nothing else comes after, whatever was cut short
-            finished.update(dict.fromkeys(finished, 1.0))
-        finished[stage] = done / total
+        nonlocal furthest
+        expected.add(stage)
+        shares = [STAGES[name] for name in STAGES if name in expected]
+        reached = [name for name in STAGES if name in expected].index(stage)  # what comes before it is over
+        furthest = max(furthest, (sum(shares[:reached]) + shares[reached] * done / total) / sum(shares))
         known = "" if least is None else f", {incumbent} so far {least:.5g}"
-        whole_work = sum(STAGES[name] for name in finished)
-        gone = sum(STAGES[name] * fraction for name, fraction in finished.items())
-        progress.report(gone, whole_work, f"{stage} {done} of {total}{known}")
+        progress.report(furthest, 1.0, f"{stage} {done} of {total}{known}")
 
     return report
-
-
-def stages_of(wanted: Optimise | None) -> tuple[str, ...]:
-    """The stages that a design's ``optimise`` section makes necessary."""
-    if wanted is None:
-        return ("start", "check")
-    asked = {
-        "count": wanted.count is not None,
-        "grades": any(free.grades is not None for free in wanted.tolerances),
-        "front": wanted.wanted == "pareto",
-    }
-    return tuple(stage for stage in STAGES if asked.get(stage, True))
 
 
 @contextmanager

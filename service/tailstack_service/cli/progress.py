@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import TextIO
 
 QUIET_SECONDS = 1.0  # shorter work says nothing
-TERMINAL_EVERY, LOG_EVERY = 0.25, 10.0
+TERMINAL_EVERY, LOG_EVERY = 0.25, 10.0  # a log gets its first lines sooner: after 1, 3, 7, 15 s
 
 
 class Progress:
@@ -62,7 +62,7 @@ class Progress:
         while not self._done.wait(wait):
             self._shown = True
             self._write(f"\r{self.line()[:98]}\x1b[K" if self._terminal else self.line() + "\n")
-            wait = TERMINAL_EVERY if self._terminal else LOG_EVERY
+            wait = TERMINAL_EVERY if self._terminal else min(2 * wait, LOG_EVERY)
 
     def _write(self, text: str) -> None:
         try:
