@@ -401,7 +401,8 @@ class Optimisation:
     objective: str
     cost_before: float | None
     cost_after: float
-    cost_closed_form: float | None  # optimum of the smooth closed form, before the exact law and the check
+    cost_closed_form: float | None  # optimum by the smooth closed form that drives the search
+    cost_exact_law: float | None  # optimum by the exact law at the limit itself, before the check's margin
     p95_before_mm: float | None  # None: the layout as it stands does not determine the target
     p95_after_mm: float
     moved: tuple[MovedFiducial, ...]

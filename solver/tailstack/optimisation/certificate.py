@@ -54,7 +54,9 @@ def _complementarity(multiplier: Array, value: Array, lower: Array, upper: Array
 def binding(program: Program, point: Point, parameters: Parameters) -> tuple[str, ...]:
     """The constraints that hold with equality, in the user's words."""
     values = program.constraints(point.x, parameters.vector(program, "main"))[1].full().ravel()
-    found = []
+    found: list[str] = []
+    touched: dict[str, list[str]] = {}
+    labels = program.problem.system.fiducial_labels
     for t, (row, value) in enumerate(zip(program.rows, values, strict=True)):
         if row.lower == row.upper:  # on a surface by definition
             continue
@@ -63,7 +65,12 @@ def binding(program: Program, point: Point, parameters: Parameters) -> tuple[str
             if value >= row.upper - (SAMPLED_ACTIVE if sampled else 10 * ACTIVE):
                 found.append(_upper_text(program, t, row))
         elif value <= row.lower + ACTIVE:
-            found.append(row.text + _minimum(program.problem, row.kind))
+            face = row.text.partition(" at the ")[2] if row.kind == "region" else ""
+            if face:
+                touched.setdefault(f"at the {face}", []).append(labels[row.fiducials[0]])
+            else:
+                found.append(row.text + _minimum(program.problem, row.kind))
+    found += [f"{', '.join(names)} {face}" for face, names in touched.items()]
     return (*found, *_faces(program, point), *_widths(program, point), *_mechanics(program, point))
 
 
@@ -95,7 +102,9 @@ def _at_bound(program: Program, point: Point, index: int) -> int:
 
 
 def _faces(program: Program, point: Point) -> list[str]:
-    problem, found = program.problem, []
+    """Fiducials on the faces of their boxes, those on the same faces together."""
+    problem = program.problem
+    found: dict[str, list[str]] = {}
     for g, place in enumerate(problem.places):
         if not isinstance(place.region, Box):
             continue
@@ -106,8 +115,9 @@ def _faces(program: Program, point: Point) -> list[str]:
             if side
         ]
         if faces:
-            found.append(f"{problem.system.fiducial_labels[place.fiducials[0]]} on the box at {', '.join(faces)}")
-    return found
+            label = problem.system.fiducial_labels[place.fiducials[0]]
+            found.setdefault(", ".join(faces), []).append(label)
+    return [f"{', '.join(labels)} on the box at {faces}" for faces, labels in found.items()]
 
 
 def _widths(program: Program, point: Point) -> list[str]:

@@ -69,30 +69,32 @@ def placement_value(search: Search, best: float, seed: int, stop: Stop | None = 
 
 
 def _sentence(
-    problem: PlacementProblem, best: float, textbook: str | None, value: float | None, tried: int,
-    found: list[float],
-) -> str:  # fmt: skip
-    what, more = ("cost", "costs") if problem.objective == "cost" else ("objective", "gives")
-    if problem.objective == "quantile":
-        what, more = "quantile", "reaches"
+    problem: PlacementProblem, best: float, textbook: str | None, value: float | None, tried: int, found: list[float]
+) -> str:
+    """What the optimal placement is worth, in words."""
+    what = "the quantile" if problem.objective == "quantile" else "the cost"
     parts = []
     if textbook is not None:
-        if value is None:
-            parts.append(f"{textbook} cannot meet the limit")
-        else:
-            parts.append(f"{textbook} {more} {100 * (value / best - 1):+.1f} % of the {what}")
+        bought = "which cannot meet the limit" if value is None else f"{_worth(value / best)} {what}"
+        parts.append(f"against {textbook}: {bought}")
     if tried:
-        infeasible = tried - len(found)
-        line = f"of {tried} careless (random) layouts {infeasible} cannot meet the limit at all"
+        line = f"against {tried} careless (random) layouts: "
+        if tried > len(found):
+            line += f"{tried - len(found)} of them cannot meet the limit at all"
         if found:
-            median, worst = float(np.median(found)) / best, float(np.max(found)) / best
-            line += f"; the median of the others {more} {_relative(median)}, the worst {_relative(worst)}"
+            median, worst = (float(value) / best for value in (np.median(found), np.max(found)))
+            line += f"{', the others give away' if tried > len(found) else 'they give away'} {_more(median)} {what} "
+            line += f"(median), {_more(worst)} it (worst)"
         parts.append(line)
-    return "against the optimal placement, budgets optimised alike: " + "; ".join(parts) if parts else ""
+    return "what the placement bought, budgets optimised alike; " + "; ".join(parts) if parts else ""
 
 
-def _relative(ratio: float) -> str:
-    return f"{100 * (ratio - 1):+.0f} %" if ratio < 2 else f"{ratio:.1f} times as much"
+def _worth(ratio: float) -> str:
+    return "nothing of" if abs(ratio - 1) < 5e-5 else f"{100 * (ratio - 1):.2g} % of"
+
+
+def _more(ratio: float) -> str:
+    return f"{100 * (ratio - 1):.2g} % of" if ratio < 2 else f"{ratio:.1f} times"
 
 
 def _at_layout(search: Search) -> Callable[[Array], float | None]:

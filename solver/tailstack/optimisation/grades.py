@@ -170,9 +170,13 @@ def _explore(search: _Search, levels: Levels) -> bool:
     _loosen(search, _cut_below(search, levels, by_price))
     for turn in range(0, len(levels), STEP):
         _cut_below(search, levels, by_price[turn:] + by_price[:turn])
-        if REV: _cut_below(search, levels, (by_price[turn:] + by_price[:turn])[::-1])
+        if REV:
+            _cut_below(search, levels, (by_price[turn:] + by_price[:turn])[::-1])
     return False
-STEP=3;REV=False
+
+
+STEP = 3
+REV = False
 
 
 def _loosen(search: _Search, levels: Levels) -> None:
@@ -220,8 +224,8 @@ def _master(search: _Search, gap: float) -> tuple[Levels, float]:
     one_each = np.zeros((len(sizes), price.size))
     for i in range(len(sizes)):
         one_each[i, first[i] : first[i + 1]] = 1
-    tighter = np.zeros((len(search.cuts), price.size))
-    for row, cut in zip(tighter, sorted(search.cuts), strict=True):
+    tighter = np.zeros((len(search.infeasible), price.size))
+    for row, cut in zip(tighter, search.infeasible, strict=True):
         for i, level in enumerate(cut):
             row[first[i] : first[i] + level] = 1
     constraints = [LinearConstraint(one_each, 1, 1), LinearConstraint(tighter, 1, np.inf)]

@@ -41,23 +41,26 @@ def settle_grades(search: Search, aims: Array, graded: tuple[int, ...], stop: St
 
     Raises InfeasibleError when even the tightest grades do not do, NotConvergedError.
     """
-    best: Graded | None = None
+    best: tuple[float, Choice, GradeChoice] | None = None
     for item in search.found:
         start = search.program.split(item.point.x)
-        candidate = _alternate(search, aims, graded, start, stop)
-        if best is None or candidate.cost < best.cost * (1 - PAYS):
-            best = candidate
+        grades = _choose(search, aims, graded, start, stop)
+        if best is None or grades.cost < best[0] * (1 - PAYS):
+            best = (grades.cost, start, grades)
         if stop is not None and stop():
             break
     assert best is not None  # a search has at least one point
-    return best
+    return _alternate(search, aims, graded, best[1], best[2], stop)
 
 
-def _alternate(search: Search, aims: Array, graded: tuple[int, ...], start: Choice, stop: Stop | None) -> Graded:
+def _alternate(
+    search: Search, aims: Array, graded: tuple[int, ...], start: Choice, first: GradeChoice, stop: Stop | None
+) -> Graded:
     problem = search.program.problem
-    choice, kept = start, None
-    for _ in range(MAX_ALTERNATIONS):
-        grades = _choose(search, aims, graded, choice, stop)
+    choice, kept, grades = start, None, first
+    for round_ in range(MAX_ALTERNATIONS):
+        if round_:
+            grades = _choose(search, aims, graded, choice, stop)
         width = choice.half_width.copy()
         width[list(graded)] = grades.half_width
         candidate = _placed(search, aims, graded, replace(choice, half_width=width), grades)

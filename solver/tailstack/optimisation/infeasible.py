@@ -11,12 +11,15 @@ import numpy as np
 
 from ..errors import InfeasibleError, Problem
 from ..propagation.linear import LinearModel
+from ..system import Array
 from .problem import Demand, PlacementProblem, label_of, least_half_widths
 from .program import QUIET, Parameters, Point, Program
 from .promise import Promise, exact_quantile, promise
+from .rules import Row
 
 LEADING = 3  # contributors named
 NOISE = ("fiducial_noise:", "target_noise:")
+SATISFIED = 1e-4  # slack of a rule, in scaled units, that is rounding
 RELIEF = 0.1  # per cent of the quantile for 1 mm or 1 px: less is no cure
 
 
@@ -140,57 +143,72 @@ def _room(program: Program, point: Point) -> list[str]:
 
 
 def refuse_geometry(program: Program, points: list[tuple[Point, Parameters]]) -> InfeasibleError:
-    """Not even the rules of the layout could be met: the least total violation, by elastic relaxation.
+    """Not even the rules of the layout could be met: which would have to give way, by elastic relaxation.
 
-    Every geometric row gets a slack >= 0 and the sum of slacks is minimised (an exact penalty): rows that keep a
-    slack are the ones that stand in each other's way.
+    Every rule (all rows of a kind) gets one slack >= 0, the sum of slacks is minimised (an exact penalty): rules that
+    keep a slack are the ones that stand in each other's way, and its size says by how much.
     """
-    nlp, rows = program.expressions, program.rows
-    geometric = [k for k, row in enumerate(rows) if row.kind not in ("quantile", "cost")]
-    slack = ca.SX.sym("slack", len(geometric))
-    kept: list[Any] = []
-    for position, k in enumerate(geometric):
-        upward = nlp["g"][k] + slack[position] if rows[k].lower > -np.inf else nlp["g"][k] - slack[position]
-        kept.append(upward)
-    count = nlp["x"].numel()
-    solver = ca.nlpsol(
-        "elastic", "ipopt",
-        {"x": ca.vertcat(nlp["x"], slack), "p": nlp["p"], "f": ca.sum1(slack), "g": ca.vertcat(*kept)},
-        QUIET | {"ipopt.max_iter": 500},
-    )  # fmt: skip
-    lower, upper = program.bounds("main")
-    best: tuple[float, Any] | None = None
-    for point, parameters in points:
-        result = solver(
-            x0=np.concatenate([np.clip(point.x, lower, upper), np.full(len(geometric), 0.1)]),
-            p=parameters.vector(program, "main"),
-            lbx=np.concatenate([lower, np.zeros(len(geometric))]),
-            ubx=np.concatenate([upper, np.full(len(geometric), np.inf)]),
-            lbg=[rows[k].lower for k in geometric],
-            ubg=[rows[k].upper for k in geometric],
-        )
-        if best is None or float(result["f"]) < best[0]:
-            best = (float(result["f"]), result["x"].full().ravel()[count:])
-    assert best is not None  # there is always a start
-    worst = sorted(zip(best[1], (rows[k] for k in geometric), strict=True), key=lambda item: -item[0])
-    named = [f"{row.text} ({_short(program.problem, row.kind, value)})" for value, row in worst[:4] if value > 1e-4]
+    rows = program.rows
+    kinds = sorted({row.kind for row in rows} - {"quantile", "cost"})
+    best, violated = _relaxed(program, points, kinds)
+    named = []
+    for kind, slack in zip(kinds, best, strict=True):
+        if slack > SATISFIED:
+            worst = max((value, row.text) for value, row in violated if row.kind == kind)[1]
+            named.append(f"{_in_its_unit(program.problem, kind, slack)} (worst: {worst})")
     return InfeasibleError(
         Problem(
             "/optimise",
             "layout-out-of-reach",
-            "no start met all rules of the layout; relaxed as little as possible, these still fail: "
-            + "; ".join(named),
-            "give the fiducials more room, or relax min_spacing_mm, min_projected_spacing_px, image_margin_px or a "
-            "keep-out zone",
+            "no start met all rules of the layout at once; the smallest relaxation found: " + "; ".join(named),
+            "relax it as said, give the fiducials more room, or use fewer",
         )
     )
 
 
-def _short(problem: PlacementProblem, kind: str, slack: float) -> str:
-    """What is left of a rule after the relaxation, in its own unit."""
-    sizes = {"spacing": (problem.min_spacing_mm, "mm"), "projected_spacing": (problem.min_projected_spacing_px, "px"),
-             "target_clearance": (problem.target_clearance_px, "px")}  # fmt: skip
+def _relaxed(
+    program: Program, points: list[tuple[Point, Parameters]], kinds: list[str]
+) -> tuple[Array, list[tuple[float, Row]]]:
+    """(slack of each rule, rows with their violation) where the sum of slacks is least."""
+    nlp, rows = program.expressions, program.rows
+    geometric = [k for k, row in enumerate(rows) if row.kind in kinds]
+    slack = ca.SX.sym("slack", len(kinds))
+    kept: list[Any] = []
+    for k in geometric:
+        given = slack[kinds.index(rows[k].kind)]
+        kept += [nlp["g"][k] + given] if rows[k].lower < rows[k].upper else [nlp["g"][k] + given, given - nlp["g"][k]]
+    count = nlp["x"].numel()
+    solver = ca.nlpsol(
+        "elastic", "ipopt",
+        {"x": ca.vertcat(nlp["x"], slack), "p": nlp["p"], "f": ca.sum1(slack), "g": ca.vertcat(*kept)},
+        QUIET | {"ipopt.max_iter": 500, "ipopt.tol": 1e-6},
+    )  # fmt: skip
+    lower, upper = program.bounds("main")
+    best: tuple[float, Array, Array, Parameters] | None = None
+    for point, parameters in points:
+        result = solver(
+            x0=np.concatenate([np.clip(point.x, lower, upper), np.ones(len(kinds))]),
+            p=parameters.vector(program, "main"),
+            lbx=np.concatenate([lower, np.zeros(len(kinds))]),
+            ubx=np.concatenate([upper, np.full(len(kinds), np.inf)]),
+            lbg=0.0,
+            ubg=np.inf,
+        )
+        x = result["x"].full().ravel()
+        if best is None or float(result["f"]) < best[0]:
+            best = (float(result["f"]), x[count:], x[:count], parameters)
+    assert best is not None  # there is always a start
+    values = program.constraints(best[2], best[3].vector(program, "main"))[1].full().ravel()
+    return best[1], [(float(max(rows[k].lower - values[k], values[k] - rows[k].upper)), rows[k]) for k in geometric]
+
+
+def _in_its_unit(problem: PlacementProblem, kind: str, slack: float) -> str:
+    """A rule as relaxed."""
+    sizes = {"spacing": ("min_spacing_mm", problem.min_spacing_mm),
+             "projected_spacing": ("min_projected_spacing_px", problem.min_projected_spacing_px),
+             "target_clearance": ("target_clearance_px", problem.target_clearance_px)}  # fmt: skip
     if kind in sizes:
-        size, unit = sizes[kind]
-        return f"{size * max(1 - slack, 0.0) ** 0.5:.3g} instead of {size:g} {unit}"
-    return f"by {100 * slack:.2g} % of its size"
+        field, size = sizes[kind]
+        return f"{field} {size * max(1 - slack, 0.0) ** 0.5:.4g} instead of {size:g}"
+    name = {"field": "the field of view", "region": "the regions", "keep_out": "the keep-out zones"}[kind]
+    return f"{name} exceeded by {100 * slack:.2g} % of their size"

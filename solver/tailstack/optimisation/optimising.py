@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..design import Design
 from ..design.refusals import place
 from ..errors import InfeasibleError, TailstackError
@@ -10,6 +12,7 @@ from .comparison import placement_value
 from .contradictions import refuse_contradictions
 from .front import front_of
 from .influencing import influence_of
+from .placement import settle
 from .problem import PlacementProblem
 from .reporting import Outcome, report
 from .request import Request, counts_of, read_request, with_count
@@ -69,7 +72,10 @@ def _optimise(
         refuse_contradictions(problem)
     remarks = influence_of(request.problem)
     found, tried = _search_counts(request, problems, counts, starts, seed, threads, progress, stop)
-    result = verified(request, found, seed=seed, threads=threads, progress=progress, stop=stop)
+    exact = None
+    if found.program.problem.objective != "quantile" and not request.graded:
+        exact = settle(found, np.ones(len(found.terms)))
+    result = verified(request, found, seed=seed, start=exact, threads=threads, progress=progress, stop=stop)
     front: tuple[FrontPoint, ...] = ()
     if request.wanted.wanted == "pareto":
         front = front_of(request, found, seed=seed, threads=threads, progress=progress, stop=stop)
@@ -77,7 +83,7 @@ def _optimise(
     value = None
     if not request.graded:
         value = placement_value(found, best, seed, stop)
-    return report(Outcome(request, found, result, remarks, value, tried, front, seed))
+    return report(Outcome(request, found, exact, result, remarks, value, tried, front, seed))
 
 
 def _search_counts(

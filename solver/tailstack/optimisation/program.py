@@ -50,6 +50,7 @@ POLISH = QUIET | {
     "ipopt.warm_start_slack_bound_frac": 1e-7,
     "ipopt.warm_start_mult_bound_push": 1e-7,
 }
+ROUNDED = 1e-5  # of the cost limit, left for half-widths that are rounded down
 SLACK = 50.0  # |log| of how far the quantile may be from the limit in the question without a limit
 SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 
@@ -240,7 +241,7 @@ def build_program(
         priced = [smooth_cost(free.price, value, ca.exp) for free, value in zip(problem.half_widths, logs, strict=True)]
         cost = ca.log(sum(priced))
     if problem.cost_limit is not None:
-        g_all.append(cost - float(np.log(problem.cost_limit)))
+        g_all.append(cost - float(np.log(problem.cost_limit * (1 - ROUNDED))))
         rows.append(Row("cost", "cost", -np.inf, 0.0))
     for row, expression in geometric_rows(problem, estimator, terms, points):
         rows.append(row)

@@ -25,6 +25,7 @@ from ..results import (
 )
 from ..system import Array, System
 from .certificate import binding
+from .placement import PlacementSolution
 from .prices import cost_of
 from .problem import Choice, Demand, PlacementProblem, for_people, in_words, label_of, present_choice
 from .promise import exact_quantile
@@ -43,6 +44,7 @@ class Outcome:
 
     request: Request  # as it arrived
     search: Search
+    exact: PlacementSolution | None  # at the limits themselves
     verified: Verified
     influence: tuple[Finding, ...]
     value: PlacementValue | None
@@ -79,6 +81,7 @@ def report(outcome: Outcome) -> Optimisation:
         cost_before=cost_before if np.isfinite(cost_before) else None,
         cost_after=cost_after,
         cost_closed_form=closed if minimised else None,
+        cost_exact_law=None if outcome.exact is None else outcome.exact.cost,
         p95_before_mm=p95_before,
         p95_after_mm=_p95(after_system, after.demands),
         moved=_moved(request.problem.system, after_system, problem),
@@ -111,7 +114,7 @@ def report(outcome: Outcome) -> Optimisation:
         if solution is None
         else shadow_prices(
             solution.program, solution.found.point,
-            solution.cost if solution.problem.objective != "quantile" else _largest_mm(outcome),
+            *((solution.cost, settled.cost) if solution.problem.objective != "quantile" else (_largest_mm(outcome),)),
         ),
         binding=() if solution is None else binding(solution.program, solution.found.point, solution.found.parameters),
         influence=outcome.influence,
@@ -138,6 +141,8 @@ def _in_a_sentence(request: Request, problem: PlacementProblem) -> str:
         wanted = ", ".join(f"P{100 * item.quantile:g} of the {item.error} error" for item in problem.requirements)
         return f"least {wanted}{spent}"
     curves = {free.price.curve for free in problem.half_widths}
+    if curves == {"grades"}:
+        return f"least price of {count} process grades with {limits}"
     plain = curves == {"power"} and {free.price.exponent for free in problem.half_widths} == {1.0}
     made_of = "sum of cost_weight / half-width, in rad or mm," if plain else "sum of the cost curves"
     fiducials = ", fiducials included" if request.wanted.count and request.wanted.count.cost_per_fiducial else ""

@@ -14,7 +14,9 @@ Add = Callable[..., None]
 PRICED = 1e-2  # per cent of the objective for one step: smaller shadow prices only fill the page
 
 
-def shadow_prices(program: Program, point: Point, objective: float) -> tuple[ShadowPrice, ...]:
+def shadow_prices(
+    program: Program, point: Point, objective: float, whole: float | None = None
+) -> tuple[ShadowPrice, ...]:
     """Derivatives of the objective (cost; or the quantile in mm, where that is least) by every limit that binds.
 
     By the envelope theorem ``d log f / d theta`` is the partial derivative of the Lagrangian of ``log f``: a limit L
@@ -22,15 +24,17 @@ def shadow_prices(program: Program, point: Point, objective: float) -> tuple[Sha
     half-width through its logarithm, ``-mu f / h``; a spacing d as ``-2 / d`` where it binds; a face of the box at
     distance ``half`` from the centre per scaled unit.  Where the quantile is least the programme minimises
     ``s = 2 log``, so every price is half of that.
+    Percentages are of ``whole`` when something was bought besides (grades).
     """
     problem = program.problem
+    whole = objective if whole is None else whole
     quantile_least = problem.objective == "quantile"
     per = 0.5 if quantile_least else 1.0
     what = "the quantile" if quantile_least else "cost"
     prices: list[ShadowPrice] = []
 
     def add(name: str, unit: str, per_unit: float, phrase: str, step: float = 1.0) -> None:
-        share = 100 * abs(per_unit) * step / objective
+        share = 100 * abs(per_unit) * step / whole
         if share > PRICED:
             effect = "saves" if per_unit < 0 else "adds"
             prices.append(ShadowPrice(name, unit, float(per_unit), f"{phrase} {effect} {share:.3g} % of {what}"))
