@@ -221,7 +221,7 @@ def test_the_fraction_grows_from_nothing_to_the_end(objective: str, stages: tupl
     assert seen == sorted(seen)
     assert 0 < seen[0] < 0.25
     assert seen[-1] == pytest.approx(1)
-    assert progress.detail == f"{stages[-1]} 4 of 4, least cost so far 375"
+    assert progress.detail == f"{stages[-1]} 4 of 4, cost 375"
 
 
 def test_the_incumbent_is_named_for_what_it_is() -> None:
@@ -229,6 +229,17 @@ def test_the_incumbent_is_named_for_what_it_is() -> None:
     reporter(progress, "quantile")("start", 2, 8, 0.98765432)
     assert progress.detail == "start 2 of 8, least quantile over limit so far 0.98765"
     assert f"{100 * 6 * 2 / 8 / 7:.0f} %, about " in progress.line()  # six parts of seven are starts
+
+
+def test_the_incumbent_never_gets_worse() -> None:
+    """Each number of fiducials has a search of its own; the line tells the best of them all."""
+    progress = Progress("optimise")
+    report = reporter(progress, "cost")
+    for done, least in enumerate((1600.0, 1595.5, 1610.0), start=1):
+        report("start", done, 4, least)
+    assert progress.detail == "start 3 of 4, least cost so far 1595.5"
+    report("start", 4, 4, None)
+    assert progress.detail == "start 4 of 4"
 
 
 def test_starts_that_were_cut_short_do_not_hold_up_the_fraction() -> None:

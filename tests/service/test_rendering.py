@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from optimisation_scenes import bare_result, full_result, tolerance, verification
 
-from tailstack.results import Check, Contributor, Finding, Verdict
+from tailstack.results import Check, Contributor, CountTried, Finding, Verdict
 from tailstack_service.rendering.demo import before_after_text
 from tailstack_service.rendering.optimisation import moved_text, optimisation_text, tolerances_text
 from tailstack_service.rendering.score import grouped
@@ -185,8 +185,17 @@ def test_counts_front_and_optima() -> None:
     text = optimisation_text(full_result())
     assert row_of(text, "8  ") == ["8", "cannot meet the limit", "-", "1.062"]
     assert row_of(text, "10  ") == ["10", "chosen", "1120", "1.000"]
+    counts = (CountTried(8, 1700.0, None, "tried"), CountTried(9, 1650.0, None, "tried"))
+    assert row_of(optimisation_text(full_result(counts=counts)), "9  ") == ["9", "tried", "1650"]
     assert row_of(text, "0.7500") == ["0.7500", "2500", "0.7481", "0.7496"]
     assert row_of(text, "     1130.0") == ["1130.0", "2", "3", "12.25"]
+
+
+def test_the_closed_form_is_compared_with_its_like() -> None:
+    """closed form: the half-widths alone, 400 + 350 + 250, not the fiducials' 120."""
+    text = " ".join(optimisation_text(full_result()).split())
+    assert "cost 1101.5 by the smooth closed form, 1000.0 with the exact law" in text
+    assert "grades chosen." in text
 
 
 def test_many_optima_are_cut_and_counted() -> None:

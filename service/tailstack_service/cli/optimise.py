@@ -87,16 +87,21 @@ def run(arguments: argparse.Namespace) -> Answer:
 def reporter(progress: Progress, objective: str) -> Callable[[str, int, int, float | None], None]:
     """What the optimiser calls after each step: fraction of the whole, step, incumbent."""
     expected = {"start", "check"} | ({"front"} if objective == "pareto" else set())
-    incumbent = "least quantile over limit" if objective == "quantile" else "least cost"
-    furthest = 0.0
+    what = "quantile over limit" if objective == "quantile" else "cost"
+    furthest, best = 0.0, float("inf")
 
     def report(stage: str, done: int, total: int, least: float | None) -> None:
-        nonlocal furthest
+        nonlocal furthest, best
         expected.add(stage)
         shares = [STAGES[name] for name in STAGES if name in expected]
         reached = [name for name in STAGES if name in expected].index(stage)  # what comes before it is over
         furthest = max(furthest, (sum(shares[:reached]) + shares[reached] * done / total) / sum(shares))
-        known = "" if least is None else f", {incumbent} so far {least:.5g}"
+        known = ""
+        if least is not None and stage in ("check", "front"):  # of the design that was checked
+            known = f", {what} {least:.5g}"
+        elif least is not None:
+            best = min(best, least)
+            known = f", least {what} so far {best:.5g}"
         progress.report(furthest, 1.0, f"{stage} {done} of {total}{known}")
 
     return report

@@ -163,7 +163,8 @@ def counts_text(result: Optimisation) -> str:
         (str(entry.fiducials), entry.note, number(entry.cost), number(entry.worst_ratio)) for entry in result.counts
     ]
     header = ("fiducials", "", "cost", "quantile\nover limit")
-    return table(header, rows, left=2, widest=70)
+    kept = [k for k in range(4) if k < 2 or any(row[k] != "-" for row in rows)]
+    return table([header[k] for k in kept], [[row[k] for k in kept] for row in rows], left=2, widest=70)
 
 
 def front_text(result: Optimisation) -> str:
@@ -194,9 +195,11 @@ def certificate_text(result: Optimisation) -> str:
         f"{certificate.tightening_rounds} round(s) of tightening."
     )
     if result.cost_closed_form is not None:
+        graded = any(entry.grade is not None for entry in result.tolerances)
         checked += (
-            f" The exact law and the check took the cost from {number(result.cost_closed_form, 5)} to "
-            f"{number(result.cost_after, 5)}."
+            f" The half-widths cost {number(result.cost_closed_form, 5)} by the smooth closed form, "
+            f"{number(sum(entry.cost_after for entry in result.tolerances), 5)} with the exact law and the margin "
+            "of the check" + (", grades chosen." if graded else ".")
         )
     paragraphs = (
         ("certificate: ", starts),
