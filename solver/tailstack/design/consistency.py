@@ -55,7 +55,7 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
         problems += unique(
             [(f"/requirements/{index}/targets/{i}", name) for i, name in enumerate(requirement.targets)], "entries"
         )
-    return problems + check_optimise(document)
+    return problems + check_optimise(document, limits.fiducials)
 
 
 def check_fiducials(document: DesignDocument, fiducials: FiducialList) -> list[Problem]:

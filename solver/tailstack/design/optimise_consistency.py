@@ -23,7 +23,7 @@ def declared(document: DesignDocument, components: tuple[str, ...]) -> list[tupl
     return found
 
 
-def check_optimise(document: DesignDocument) -> list[Problem]:
+def check_optimise(document: DesignDocument, most_fiducials: int) -> list[Problem]:
     """Requirements, tolerances, pivots and locators that the section names exist."""
     wanted = document.optimise
     if wanted is None:
@@ -41,6 +41,9 @@ def check_optimise(document: DesignDocument) -> list[Problem]:
         problems += unique(pointers, "entries")
         for pointer, name in pointers:
             problems += known(pointer, "requirement", name, names)
+    if wanted.count is not None and wanted.count.max > most_fiducials:
+        detail = f"{wanted.count.max} fiducials; at most {most_fiducials} are accepted"
+        problems.append(Problem("/optimise/count/max", "too-many", detail, f"max: {most_fiducials}"))
     return problems + _tolerances(document) + _mounts(document)
 
 

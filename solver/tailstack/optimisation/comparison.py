@@ -75,26 +75,26 @@ def _sentence(
     what = "the quantile" if problem.objective == "quantile" else "the cost"
     parts = []
     if textbook is not None:
-        bought = "which cannot meet the limit" if value is None else f"{_worth(value / best)} {what}"
-        parts.append(f"against {textbook}: {bought}")
+        bought = "what it cannot do at all: meet the limit" if value is None else _part(value / best, what)
+        parts.append(f"against {textbook}, {bought}")
     if tried:
-        line = f"against {tried} careless (random) layouts: "
-        if tried > len(found):
-            line += f"{tried - len(found)} of them cannot meet the limit at all"
+        failed = tried - len(found)
+        line = f"against {tried} careless (random) layouts, "
+        if failed:
+            line += f"feasibility itself for {failed} of them"
         if found:
             median, worst = (float(value) / best for value in (np.median(found), np.max(found)))
-            line += f"{', the others give away' if tried > len(found) else 'they give away'} {_more(median)} {what} "
-            line += f"(median), {_more(worst)} it (worst)"
+            line += f"{' and ' if failed else ''}{_part(median, what)} (median{' of the others' if failed else ''}), "
+            line += f"{_part(worst, what)} (worst)"
         parts.append(line)
-    return "what the placement bought, budgets optimised alike; " + "; ".join(parts) if parts else ""
+    return "with budgets optimised alike, the placement bought: " + "; ".join(parts) if parts else ""
 
 
-def _worth(ratio: float) -> str:
-    return "nothing of" if abs(ratio - 1) < 5e-5 else f"{100 * (ratio - 1):.2g} % of"
-
-
-def _more(ratio: float) -> str:
-    return f"{100 * (ratio - 1):.2g} % of" if ratio < 2 else f"{ratio:.1f} times"
+def _part(ratio: float, what: str) -> str:
+    """How much of ours the other one costs more."""
+    if ratio - 1 < 5e-5:
+        return "nothing"
+    return f"{100 * (ratio - 1):.2g} % of {what}" if ratio < 2 else f"{ratio - 1:.1f} times {what}"
 
 
 def _at_layout(search: Search) -> Callable[[Array], float | None]:

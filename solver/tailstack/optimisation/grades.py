@@ -228,7 +228,11 @@ def _master(search: _Search, gap: float) -> tuple[Levels, float]:
     for row, cut in zip(tighter, search.infeasible, strict=True):
         for i, level in enumerate(cut):
             row[first[i] : first[i] + level] = 1
-    constraints = [LinearConstraint(one_each, 1, 1), LinearConstraint(tighter, 1, np.inf)]
+    constraints = [
+        LinearConstraint(one_each, 1, 1),
+        LinearConstraint(tighter, 1, np.inf),
+        LinearConstraint(scale * price, -np.inf, scale * search.cost * (1 + 1e-7)),
+    ]
     found = milp(
         scale * price,
         integrality=np.ones(price.size),

@@ -76,6 +76,13 @@ def cost_of(price: Price, half_width: float) -> float:
     return float(smooth_cost(price, log(half_width), exp))
 
 
+def slope_of(price: Price, half_width: float) -> float:
+    """d cost / d half-width of the curve; for grades of the power law through them."""
+    if price.curve == "exponential":
+        return -price.weight / price.scale * exp(-half_width / price.scale)
+    return float(-price.exponent * price.weight * half_width ** (-price.exponent - 1))
+
+
 def smooth_cost(price: Price, log_half_width: Any, exponential: Callable[[Any], Any]) -> Any:
     """The curve at ``exp(log_half_width)``, float or symbol; for grades the power law through them."""
     if price.curve == "exponential":

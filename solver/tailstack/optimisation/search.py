@@ -122,7 +122,7 @@ def explore(
     best = sorted((item for item in polished if item.point.solved), key=lambda item: item.point.objective) or solved
     return Search(
         program, tuple(best), terms, estimator, len(begun), min(len(solved), len(begun)),
-        local_optima(program, points, best[0]), stopped,
+        local_optima(program, points), stopped,
     )  # fmt: skip
 
 
@@ -184,7 +184,7 @@ def farthest(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> tuple
     return tuple(terms[k] for k in sorted(np.argsort(apart, kind="stable")[:STEERING]))
 
 
-def local_optima(program: Program, points: list[Found], best: Found) -> tuple[LocalOptimum, ...]:
+def local_optima(program: Program, points: list[Found]) -> tuple[LocalOptimum, ...]:
     """The distinct optima among the points, ascending; within 1e-4 of each other they count as one."""
     solved = [(k, item.point) for k, item in enumerate(points) if item.point.solved]
     kept: list[tuple[float, list[int], Array]] = []
@@ -194,7 +194,7 @@ def local_optima(program: Program, points: list[Found], best: Found) -> tuple[Lo
             kept[-1][1].append(k)
         else:
             kept.append((value, [k], program.split(point.x).fiducials_mm))
-    reference = program.split(best.point.x).fiducials_mm
+    reference = kept[0][2]
     return tuple(
         LocalOptimum(value, len(which), min(which), rms_distance_mm(layout, reference)) for value, which, layout in kept
     )

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import floor, log10, radians
 
+import numpy as np
+
 from ..results import ShadowPrice
+from .prices import slope_of
 from .problem import in_words, label_of, unit_of
 from .program import Point, Program
 from .regions import Box
 
 Add = Callable[..., None]
+BETWEEN = 1e-6  # multiplier of a bound that does not press
 PRICED = 1e-2  # per cent of the objective for one step: smaller shadow prices only fill the page
 
 
@@ -33,11 +37,11 @@ def shadow_prices(
     what = "the quantile" if quantile_least else "cost"
     prices: list[ShadowPrice] = []
 
-    def add(name: str, unit: str, per_unit: float, phrase: str, step: float = 1.0) -> None:
+    def add(name: str, unit: str, per_unit: float, phrase: str, step: float = 1.0, verb: str | None = None) -> None:
         share = 100 * abs(per_unit) * step / whole
         if share > PRICED:
-            effect = "saves" if per_unit < 0 else "adds"
-            prices.append(ShadowPrice(name, unit, float(per_unit), f"{phrase} {effect} {share:.3g} % of {what}"))
+            effect = ("saves " if per_unit < 0 else "adds ") if verb is None else verb
+            prices.append(ShadowPrice(name, unit, float(per_unit), f"{phrase} {effect}{share:.3g} % of {what}"))
 
     rows = point.row_multipliers
     for requirement in problem.requirements:
@@ -70,8 +74,12 @@ def _widths(program: Program, point: Point, objective: float, add: Add) -> None:
         return
     for k, free in enumerate(problem.half_widths):
         multiplier = float(point.bound_multipliers[program.widths_at.start + k])
-        bound, which = (free.maximum, "largest") if multiplier > 0 else (free.minimum, "smallest")
         step, unit = (radians(0.01), "0.01 deg") if unit_of(problem, k) == "rad" else (0.01, "0.01 mm")
+        if problem.objective == "cost" and abs(multiplier) < BETWEEN:
+            own = slope_of(free.price, float(np.exp(point.x[program.widths_at.start + k]))) * step
+            words = in_words(problem, k)
+            add(f"{words} half-width", unit, own, f"{unit} on {words} is worth", verb="")
+        bound, which = (free.maximum, "largest") if multiplier > 0 else (free.minimum, "smallest")
         add(
             f"{in_words(problem, k)} {which} half-width", unit, -multiplier * objective / bound * step,
             f"{unit} more on the {which} half-width of {in_words(problem, k)}",
