@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..design import Design
@@ -116,7 +118,11 @@ def _search_counts(
     if best is None:
         assert refused is not None  # there is at least one count
         raise refused
-    return best[1], tuple(tried) if request.wanted.count is not None else ()
+    if request.wanted.count is None:
+        return best[1], ()
+    chosen = len(best[1].program.problem.system.fiducial_labels)
+    marked = (replace(item, note=f"{item.note}; chosen") if item.fiducials == chosen else item for item in tried)
+    return best[1], tuple(marked)
 
 
 def _offset(progress: Progress | None, before: int, whole: int) -> Progress | None:

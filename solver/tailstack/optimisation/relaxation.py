@@ -25,8 +25,7 @@ def relaxation_of(search: Search, settled: Settled) -> Relaxation:
         where = "at this layout" if problem.places else "for this layout"
         return Relaxation(
             "monotone cuts over grades", grades.cost, grades.lower_bound, grades.gap_percent,
-            f"{grades.statement} ({where}, other half-widths as they are; the bound rests on the quantile never "
-            "falling when a tolerance grows)",
+            f"{grades.statement.rstrip('.')} ({where}, other half-widths as they are)",
         )  # fmt: skip
     reason = _no_bound(search, problem)
     if reason is not None:

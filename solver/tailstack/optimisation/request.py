@@ -313,7 +313,7 @@ def _rounded(problem: PlacementProblem, choice: Choice) -> Array:
     fiducials = problem.system.fiducials_mm.copy()
     coarse = not problem.symmetry and all(isinstance(place.region, Box) for place in problem.places)
     for decimals in POSITION_DECIMALS if coarse else POSITION_DECIMALS[1:]:
-        fiducials[free] = np.round(choice.fiducials_mm[free], decimals)
+        fiducials[free] = np.round(choice.fiducials_mm[free], decimals) + 0.0  # no negative zeros
         for place in problem.places:
             if isinstance(place.region, Box) and not problem.symmetry:
                 index = place.fiducials[0]
