@@ -29,6 +29,9 @@ Levels = tuple[int, ...]  # of each tolerance the index of its grade, 0 the tigh
 _EQUAL = 1e-9  # relative: costs closer than this are the same
 # A master is solved only as well as the bracket at the time deserves: its bound holds whatever its own gap is.
 _SHARE, _SMALLEST_SHARE = 0.3, 1e-4
+_STRIDE = (
+    3  # every third rotation of the order of tightening makes a cut of its own: fewer masters, as many evaluations
+)
 _MASTER_TOTAL = 1e5  # the largest cost in the master, so that its absolute tolerances are below _EQUAL
 
 
@@ -62,8 +65,7 @@ class _Search:
     cost: float
     evaluations: int = 0
     feasible: list[Levels] = field(default_factory=list)  # evaluated, none below another
-    infeasible: list[Levels] = field(default_factory=list)  # evaluated, none above another
-    cuts: set[Levels] = field(default_factory=set)
+    infeasible: list[Levels] = field(default_factory=list)  # evaluated, none above another: the cuts
 
 
 def choose_grades(
@@ -162,21 +164,17 @@ def _with(levels: Levels, index: int, level: int) -> Levels:
 
 
 def _explore(search: _Search, levels: Levels) -> bool:
-    """Does it pass; on the way a candidate that cannot be loosened, or cuts that cannot be tightened."""
+    """Does it pass; on the way to candidates that cannot be loosened and cuts that cannot be tightened."""
     if _passes(search, levels):
         _loosen(search, levels)
         return True
-    by_price = sorted(range(len(levels)), key=lambda i: search.ladders[i][0].price - search.ladders[i][levels[i]].price)
-    _loosen(search, _cut_below(search, levels, by_price))
-    for turn in range(0, len(levels), STEP):
-        _cut_below(search, levels, by_price[turn:] + by_price[:turn])
-        if REV:
-            _cut_below(search, levels, (by_price[turn:] + by_price[:turn])[::-1])
+    by_saving = sorted(
+        range(len(levels)), key=lambda i: search.ladders[i][0].price - search.ladders[i][levels[i]].price
+    )
+    _loosen(search, _tighten(search, levels, by_saving))
+    for turn in range(0, len(levels), _STRIDE):
+        _tighten(search, levels, by_saving[turn:] + by_saving[:turn])
     return False
-
-
-STEP = 3
-REV = False
 
 
 def _loosen(search: _Search, levels: Levels) -> None:
@@ -194,10 +192,10 @@ def _loosen(search: _Search, levels: Levels) -> None:
             open_.discard(i)
 
 
-def _cut_below(search: _Search, levels: Levels, order: Iterable[int]) -> Levels:
-    """Add the cut of a minimal failing assignment at or below a failing one; returns a passing one next to it.
+def _tighten(search: _Search, levels: Levels, order: Iterable[int]) -> Levels:
+    """From a failing assignment to one that passes as soon as any grade is tightened; returns a passing one next to it.
 
-    Tolerances are tightened in the order given: the first ones tend to leave the cut.
+    Tolerances are tightened in the order given: the first ones tend to leave the cut, which then asks more of the rest.
     """
     passing = levels
     for i in order:
@@ -211,12 +209,11 @@ def _cut_below(search: _Search, levels: Levels, order: Iterable[int]) -> Levels:
         levels = _with(levels, i, high)
         if low >= 0:
             passing = _with(levels, i, low)
-    search.cuts.add(levels)
     return passing
 
 
 def _master(search: _Search, gap: float) -> tuple[Levels, float]:
-    """(cheapest assignment that no cut forbids, lower bound of its cost).  Raises NotConvergedError."""
+    """(cheapest assignment no cut forbids, to a relative gap, lower bound of the cost).  Raises NotConvergedError."""
     sizes = [len(ladder) for ladder in search.ladders]
     first = np.concatenate([[0], np.cumsum(sizes)])
     price = np.array([grade.price for ladder in search.ladders for grade in ladder])
@@ -225,8 +222,8 @@ def _master(search: _Search, gap: float) -> tuple[Levels, float]:
     for i in range(len(sizes)):
         one_each[i, first[i] : first[i + 1]] = 1
     tighter = np.zeros((len(search.infeasible), price.size))
-    for row, cut in zip(tighter, search.infeasible, strict=True):
-        for i, level in enumerate(cut):
+    for row, failing in zip(tighter, search.infeasible, strict=True):
+        for i, level in enumerate(failing):
             row[first[i] : first[i] + level] = 1
     constraints = [
         LinearConstraint(one_each, 1, 1),
