@@ -10,16 +10,25 @@ from typing import Any
 
 import numpy as np
 
-from scenes import mount, system_of
+from scenes import cube_fiducials, mount, random_system, read_only, system_of, with_noise
+from tailstack.design.locators import torsor_from_locators
 from tailstack.optimisation import FreeHalfWidth, Place, PlacementProblem
-from tailstack.optimisation.prices import reciprocal
+from tailstack.optimisation.prices import Price, reciprocal
+from tailstack.optimisation.problem import Choice, FreePivot, FreeSpacing, apply_choice
 from tailstack.optimisation.regions import Box
 from tailstack.propagation.linear import linearise
-from tailstack.system import Array, Law, Requirement
+from tailstack.scoring import score
+from tailstack.system import Array, Law, Mount, Requirement, Sources
 
 ORACLE = json.loads((Path(__file__).parent / "data" / "oracles" / "placement_best_known.json").read_text())
 BOX_MM = np.array([[-50.0, -50.0, -90.0], [50.0, 50.0, 10.0]])
 ROTATIONS = ("rx", "ry", "rz")
+NORMAL_P95 = 1.959963984540054  # of |N(0, 1)|
+# A 3-2-1 seat about (-7, -7, -87) mm: three contacts below, two in front, one at the side.
+LOCATORS_MM = np.array(
+    [[-40, -40, -95], [40, -40, -95], [0, 45, -95], [-40, -50, -80], [40, -50, -80], [-50, 0, -80]], dtype=float
+)
+NORMALS = np.array([[0, 0, 1]] * 3 + [[0, 1, 0]] * 2 + [[1, 0, 0]], dtype=float)
 
 
 def requirement(limit_mm: float, **changes: Any) -> Requirement:
@@ -70,6 +79,101 @@ def fixed_layout(problem: PlacementProblem, fiducials_mm: Any = None) -> Placeme
     if fiducials_mm is not None:
         system = replace(system, fiducials_mm=np.array(fiducials_mm, dtype=float))
     return replace(problem, system=system, places=())
+
+
+def silent_problem(
+    limit_mm: float, components: tuple[str, ...], max_deg: float = 3.0, law: Law = Law.NORMAL, **changes: Any
+) -> PlacementProblem:
+    """No noise, a fixed cube: the error is what the free rotations make it, with levers of 165 and 215 mm."""
+    half = [np.deg2rad(0.05) * (name in components) for name in ROTATIONS] + [0.0] * 3
+    problem = fixed_layout(oracle_problem(8, limit_mm), cube_fiducials())
+    system = replace(
+        problem.system,
+        views=with_noise(0.0),
+        interface_1=mount("interface_1", (0.0, 0.0, -95.0), half_width=half, law=law),
+        interface_2=mount("interface_2", (0.0, 0.0, -145.0), half_width=half, law=law),
+    )
+    return replace(problem, system=system, half_widths=free_rotations(components, max_deg), **changes)
+
+
+def first_interface_only(problem: PlacementProblem) -> PlacementProblem:
+    """The second interface exact, and nothing of it free."""
+    exact = replace(problem.system.interface_2, sources=mount("x").sources)
+    free = tuple(item for item in problem.half_widths if item.contributor == "interface_1")
+    return replace(problem, system=replace(problem.system, interface_2=exact), half_widths=free)
+
+
+def at_prices(problem: PlacementProblem, *prices: Price) -> PlacementProblem:
+    """The same with one price for each free half-width."""
+    free = tuple(replace(item, price=price) for item, price in zip(problem.half_widths, prices, strict=True))
+    return replace(problem, half_widths=free)
+
+
+def locators_at(factor: float) -> Array:
+    """(6, 3) mm: the seat spread by a factor about the centre of its contacts."""
+    centre = LOCATORS_MM.mean(axis=0)
+    return np.asarray(centre + factor * (LOCATORS_MM - centre))
+
+
+def seat(name: str, pivot_mm: Any, half_width_mm: Any, law: Law | tuple[Law, ...] = Law.NORMAL) -> Mount:
+    """A mount on the six locators; half_width_mm (6,), those of no size left out."""
+    laws = law if isinstance(law, tuple) else (law,) * 6
+    kept = [j for j in range(6) if half_width_mm[j] != 0]
+    sources = Sources(
+        names=tuple(f"L{j + 1}" for j in kept),
+        laws=tuple(laws[j] for j in kept),
+        half_width=read_only([half_width_mm[j] for j in kept]),
+        coverage_factor=read_only(np.ones(len(kept))),
+        units=("mm",) * len(kept),
+        direction=read_only(torsor_from_locators(LOCATORS_MM, NORMALS, np.asarray(pivot_mm))[:, kept]),
+    )
+    return Mount(name, read_only(pivot_mm), read_only(np.zeros(6)), sources)
+
+
+def free_spacing(contributor: str, pivot_mm: Any, minimum: float, maximum: float) -> FreeSpacing:
+    """The locators of :func:`seat` (all six of some size) spread by a factor."""
+    once, half = (torsor_from_locators(locators_at(s), NORMALS, np.asarray(pivot_mm)) for s in (1.0, 0.5))
+    return FreeSpacing(contributor, minimum, maximum, 2 * once - half, half - once)
+
+
+def pivot_in(contributor: str, low_mm: Any, high_mm: Any) -> FreePivot:
+    return FreePivot(contributor, np.array(low_mm, dtype=float), np.array(high_mm, dtype=float))
+
+
+def general_problem(seed: int, *, error: str = "tcp", **system_changes: Any) -> PlacementProblem:
+    """Everything at once: two targets, biases, mixed laws, manufacturing, hand-eye, execution; three of seven
+    fiducials free, locators of one interface and rotations of the other, both pivots and the locators' spacing."""
+    rng = np.random.default_rng(seed)
+    system = random_system(rng, fiducials=7, targets=2, **system_changes)
+    laws = (Law.UNIFORM, Law.NORMAL, Law.TRIANGULAR, Law.UNIFORM, Law.NORMAL, Law.UNIFORM)
+    first = replace(seat("interface_1", rng.uniform(-80, 80, 3), [0.02] * 6, laws), bias=system.interface_1.bias)
+    free = (
+        FreeHalfWidth("interface_1", "L1", 1e-3, 0.3, reciprocal(0.02)),
+        FreeHalfWidth("interface_1", "L4", 1e-3, 0.3, reciprocal(0.03)),
+        *(FreeHalfWidth("interface_2", name, 1e-4, 0.05, reciprocal()) for name in ("rx", "rz")),
+    )
+    return PlacementProblem(
+        system=replace(system, interface_1=first),
+        requirements=(requirement(5.0, error=error, targets=("t0", "t1")),),
+        places=places_in_box((0, 2, 5), np.array([[-60.0] * 3, [50.0] * 3])),
+        half_widths=free,
+        pivots=(
+            pivot_in("interface_1", first.pivot_mm - 30, first.pivot_mm + 20),
+            pivot_in("interface_2", system.interface_2.pivot_mm - 20, system.interface_2.pivot_mm + 30),
+        ),
+        spacings=(free_spacing("interface_1", first.pivot_mm, 0.6, 1.8),),
+        min_spacing_mm=5.0,
+    )
+
+
+def score_mm(problem: PlacementProblem, choice: Choice) -> list[float]:
+    """What the score says of every demand at a choice, mm."""
+    scored = score(replace(apply_choice(problem, choice), requirements=problem.requirements))
+    found = []
+    for demand in problem.demands:
+        (check,) = [c for c in scored.verdict.checks if (c.requirement, c.target) == demand.key]
+        found.append(float(check.value_mm))
+    return found
 
 
 def image_covariance_by_score(problem: PlacementProblem, fiducials_mm: Array) -> Array:

@@ -1,0 +1,352 @@
+"""Optima that are known beforehand: solved by hand, by a scan of one variable, or built from their multipliers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize, minimize_scalar
+
+from optimise_scenes import (
+    NORMAL_P95,
+    NORMALS,
+    ROTATIONS,
+    at_prices,
+    first_interface_only,
+    fixed_layout,
+    free_spacing,
+    locators_at,
+    oracle_problem,
+    pivot_in,
+    requirement,
+    score_mm,
+    seat,
+    silent_problem,
+)
+from scenes import cube_fiducials, mount, target, with_noise
+from tailstack.contributors import declared_law
+from tailstack.design.locators import torsor_from_locators
+from tailstack.optimisation import FreeHalfWidth, Place, PlacementProblem, PlacementSolution, solve_placement
+from tailstack.optimisation.certificate import binding
+from tailstack.optimisation.prices import Price, reciprocal
+from tailstack.optimisation.problem import present_choice
+from tailstack.optimisation.regions import Ball, Box, Cylinder, KeepOut
+from tailstack.optimisation.shadow_prices import shadow_prices
+from tailstack.propagation.linear import linearise
+from tailstack.system import Array, Law
+from tailstack.tail.declared import law_budget, law_quantile
+
+LEVERS_MM = np.array([165.0, 215.0])
+
+
+def test_one_free_tolerance_solved_by_hand() -> None:
+    """closed form: the error is 165 mm x angle along one axis, so 1.96 x 165 h = limit."""
+    solution = solve_placement(first_interface_only(silent_problem(0.5, ("rx",))))
+    assert solution.choice.half_width[0] == pytest.approx(0.5 / (NORMAL_P95 * 165), rel=1e-5)
+    assert 1 - 1e-5 <= solution.worst_ratio <= 1
+    (price, *_) = shadow_prices(solution.program, solution.found.point, solution.cost)
+    # cost = 1.96 x 165 / limit, so its derivative by the limit is -cost / limit
+    assert price.cost_per_unit == pytest.approx(-solution.cost / 0.5, rel=1e-5)
+
+
+@pytest.mark.parametrize("exponent", [1.0, 2.0, 3.5])
+def test_half_widths_of_power_laws_go_as_lever_to_a_power(exponent: float) -> None:
+    """closed form: least sum of w h^-n with 165^2 h1^2 + 215^2 h2^2 fixed has h ~ (w / lever^2)^(1 / (n + 2))."""
+    prices = (Price("power", 1.0, exponent), Price("power", 3.0, exponent))
+    solution = solve_placement(at_prices(silent_problem(0.5, ("rx",)), *prices))
+    shape = (np.array([1.0, 3.0]) / LEVERS_MM**2) ** (1 / (exponent + 2))
+    expected = shape * 0.5 / NORMAL_P95 / np.linalg.norm(LEVERS_MM * shape)
+    np.testing.assert_allclose(solution.choice.half_width, expected, rtol=2e-5)
+    assert solution.kkt_residual < 1e-6
+
+
+def test_one_tolerance_on_an_exponential_curve() -> None:
+    """closed form: the limit fixes the half-width, the curve its cost w exp(-h / scale); the price is cost / scale."""
+    scale = np.deg2rad(0.1)
+    problem = first_interface_only(silent_problem(0.5, ("rx",)))
+    solution = solve_placement(at_prices(problem, Price("exponential", 7.0, scale=scale)))
+    h = 0.5 / (NORMAL_P95 * 165)
+    assert solution.choice.half_width[0] == pytest.approx(h, rel=1e-5)
+    assert solution.cost == pytest.approx(7 * np.exp(-h / scale), rel=1e-5)
+    (price, *_) = shadow_prices(solution.program, solution.found.point, solution.cost)
+    assert price.cost_per_unit == pytest.approx(-solution.cost / scale * h / 0.5, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    "prices",
+    [
+        (Price("exponential", 1.0, scale=6e-4), Price("exponential", 2.0, scale=4e-4)),
+        (Price("exponential", 3.0, scale=8e-4), reciprocal(5e-4)),
+        (Price("power", 2e-7, exponent=2.0), reciprocal(4e-4)),
+    ],
+)
+def test_two_tolerances_on_any_curves(prices: tuple[Price, Price]) -> None:
+    """scan: h1 165 = R cos a, h2 215 = R sin a, least cost over the angle to 1e-12."""
+
+    def cost(price: Price, h: float) -> float:
+        if price.curve == "exponential":
+            return float(price.weight * np.exp(-h / price.scale))
+        return float(price.weight / h**price.exponent)
+
+    def widths(angle: float) -> Array:
+        return np.asarray(0.5 / NORMAL_P95 * np.array([np.cos(angle), np.sin(angle)]) / LEVERS_MM)
+
+    def total(angle: float) -> float:
+        return sum(cost(price, float(h)) for price, h in zip(prices, widths(angle), strict=True))
+
+    best = minimize_scalar(total, bounds=(1e-3, np.pi / 2 - 1e-3), method="bounded", options={"xatol": 1e-10})
+    solution = solve_placement(at_prices(silent_problem(0.5, ("rx",)), *prices))
+    np.testing.assert_allclose(solution.choice.half_width, widths(best.x), rtol=1e-4)
+    assert solution.cost == pytest.approx(best.fun, rel=1e-5)
+
+
+def test_an_axis_without_lever_goes_to_its_bound() -> None:
+    """closed form: turning about the axis through pivot and target moves nothing."""
+    solution = solve_placement(silent_problem(0.5, ("rx", "rz"), max_deg=0.7))
+    np.testing.assert_allclose(np.rad2deg(solution.choice.half_width[[1, 3]]), 0.7, rtol=1e-6)
+    words = binding(solution.program, solution.found.point, solution.found.parameters)
+    assert set(words) == {
+        "P95 at target 'target', limit 0.5 mm (accuracy)",
+        "interface_1 rz at its largest half-width, 0.7 deg",
+        "interface_2 rz at its largest half-width, 0.7 deg",
+    }
+
+
+def test_bounded_rotations_are_held_at_their_worst_ends() -> None:
+    """closed form: without noise |sum of signed levers| at the worst vertex is the limit: h1 165 + h2 215 = limit."""
+    problem = silent_problem(0.5, ("rx",), law=Law.BOUNDED)
+    # A trace of noise gives the quantile a law to be the quantile of.
+    problem = replace(problem, system=replace(problem.system, views=with_noise(1e-3)))
+    solution = solve_placement(problem)
+    # least sum of 1/h with sum lever h = limit: h ~ lever^(-1/2)
+    expected = LEVERS_MM**-0.5 * 0.5 / (LEVERS_MM**0.5).sum()
+    np.testing.assert_allclose(solution.choice.half_width, expected, rtol=5e-3)
+    assert solution.worst_ratio <= 1
+
+
+@pytest.mark.parametrize("law", [Law.NORMAL, Law.UNIFORM])
+def test_the_common_factor_is_limit_over_present_quantile(law: Law) -> None:
+    """closed form: without noise and bias the quantile is homogeneous in the half-widths, whatever the laws."""
+    problem = silent_problem(0.5, ROTATIONS, law=law, objective="scaling")
+    here = present_choice(problem)
+    (quantile,) = score_mm(problem, here)
+    solution = solve_placement(problem)
+    np.testing.assert_allclose(solution.choice.half_width, here.half_width * 0.5 / quantile, rtol=1e-5)
+    # The smallest maximum stops all of them.
+    factor = 0.4 / quantile
+    stopped = replace(problem.half_widths[1], maximum=factor * float(here.half_width[1]))
+    held = replace(problem, half_widths=(problem.half_widths[0], stopped, *problem.half_widths[2:]))
+    np.testing.assert_allclose(solve_placement(held).choice.half_width, factor * here.half_width, rtol=1e-6)
+
+
+def test_least_quantile_within_a_cost_limit() -> None:
+    """closed form: least 165^2 h1^2 + 215^2 h2^2 with 1/h1 + 1/h2 = C has h ~ lever^(-2/3)."""
+    problem = silent_problem(0.5, ("rx",), objective="quantile", cost_limit=900.0)
+    solution = solve_placement(problem)
+    shape = LEVERS_MM ** (-2 / 3)
+    h = shape * (1 / shape).sum() / 900
+    np.testing.assert_allclose(solution.choice.half_width, h, rtol=1e-4)
+    assert solution.worst_ratio * 0.5 == pytest.approx(NORMAL_P95 * np.linalg.norm(LEVERS_MM * h), rel=2e-5)
+    assert 900 * (1 - 2e-5) <= solution.cost <= 900
+    prices = {price.name: price for price in shadow_prices(
+        solution.program, solution.found.point, solution.worst_ratio * 0.5)}  # fmt: skip
+    # the quantile goes as 1 / C
+    assert prices["cost_limit"].cost_per_unit == pytest.approx(-solution.worst_ratio * 0.5 / 900, rel=1e-4)
+
+
+def test_a_symmetric_scene_gives_equal_tolerances() -> None:
+    """symmetry: a quarter turn about z takes the cube, the target and the pair of views to themselves."""
+    solution = solve_placement(fixed_layout(oracle_problem(8, 0.7), cube_fiducials(centre_mm=(0, 0, -40))))
+    first, second = solution.choice.half_width.reshape(2, 3)
+    assert first[0] == pytest.approx(first[1], rel=1e-4)
+    assert second[0] == pytest.approx(second[1], rel=1e-4)
+
+
+@pytest.mark.parametrize("law", [Law.UNIFORM, Law.NORMAL, Law.TRIANGULAR])
+def test_an_optimum_built_from_its_multiplier_is_found(law: Law) -> None:
+    """primal-dual pair: at chosen half-widths the weights are set so that w_k / h_k^2 = lambda dr/dh_k of the exact law.
+
+    With the limit the quantile there, the first-order conditions hold at the chosen half-widths by construction.
+    """
+    half = np.deg2rad([0.05, 0.09, 0.06, 0.04, 0.07, 0.03])
+    problem = fixed_layout(oracle_problem(8, 0.5, law), cube_fiducials())
+    system = replace(
+        problem.system,
+        targets=(target((40.0, -25.0, 60.0)),),
+        interface_1=mount("interface_1", (0, 0, -95), half_width=[*half[:3], 0, 0, 0], law=law),
+        interface_2=mount("interface_2", (0, 0, -145), half_width=[*half[3:], 0, 0, 0], law=law),
+    )
+    model = linearise(system, system.targets[0])
+    declared, where = declared_law(model, "tcp", model.bias_mm("tcp"))
+    slopes = law_budget(declared, 0.95, [])
+    by_log = []  # dr / dlog h
+    for block in model.blocks:
+        if block.contributor.startswith("interface"):
+            for j in range(3):
+                g = block.tcp[:, j] * block.std[j]
+                column = where.get((block.contributor, j))
+                gaussian = 2 * float(g @ slopes.dr_dcovariance @ g)
+                by_log.append(gaussian if column is None else float(slopes.dr_dlog_column[column]))
+    multiplier = 1234.5
+    weights = multiplier * half * np.array(by_log)
+    problem = replace(problem, system=system, requirements=(requirement(slopes.total.quantile_mm),))
+    solution = solve_placement(at_prices(problem, *(reciprocal(float(w)) for w in weights)))
+    np.testing.assert_allclose(solution.choice.half_width, half, rtol=1e-4)
+    (price, *_) = shadow_prices(solution.program, solution.found.point, solution.cost)
+    assert price.cost_per_unit == pytest.approx(-multiplier, rel=1e-4)
+
+
+def test_a_free_pivot_goes_to_the_bound_nearest_the_target() -> None:
+    """closed form: one rotation about a pivot on the z axis has the lever |70 - z|."""
+    problem = first_interface_only(silent_problem(0.5, ("rx",)))
+    for low, high, lever in ((-140.0, -60.0, 130.0), (120.0, 190.0, 50.0)):
+        freed = replace(problem, pivots=(pivot_in("interface_1", (0, 0, low), (0, 0, high)),))
+        solution = solve_placement(freed)
+        assert abs(solution.choice.pivots_mm[0, 2] - 70) == pytest.approx(lever, rel=1e-7)
+        assert solution.choice.half_width[0] == pytest.approx(0.5 / (NORMAL_P95 * lever), rel=1e-5)
+        prices = {price.name: price for price in shadow_prices(solution.program, solution.found.point, solution.cost)}
+        (bound,) = [price for name, price in prices.items() if "pivot" in name]
+        # cost = 1.96 lever / limit: a millimetre of lever is 1.96 / limit of it
+        assert bound.cost_per_unit == pytest.approx(-NORMAL_P95 / 0.5, rel=1e-4)
+
+
+def test_a_pivot_that_can_reach_the_target_goes_there() -> None:
+    """closed form: rotations about the target itself do not move it; what is left is the quantile of the noise."""
+    problem = first_interface_only(fixed_layout(oracle_problem(8, 0.5), cube_fiducials()))
+    wide = mount("interface_1", (0.0, 0.0, -95.0), half_width=(np.deg2rad(0.5),) * 3 + (0.0,) * 3, law=Law.UNIFORM)
+    problem = replace(
+        problem,
+        system=replace(problem.system, interface_1=wide),
+        half_widths=(),
+        objective="quantile",
+        pivots=(pivot_in("interface_1", (-40, -30, -95), (30, 40, 120)),),
+    )
+    solution = solve_placement(problem)
+    np.testing.assert_allclose(solution.choice.pivots_mm[0], [0, 0, 70], atol=0.05)
+    still = replace(problem, system=replace(problem.system, interface_1=mount("interface_1")), pivots=())
+    (noise,) = score_mm(still, present_choice(still))
+    assert solution.worst_ratio * 0.5 == pytest.approx(noise, rel=1e-6)
+
+
+def test_locators_spread_to_their_largest_spacing() -> None:
+    """independent: the seat solved again at contacts 2.5 times as far apart, one contact of which may deviate."""
+    base = silent_problem(0.5, ("rx",))
+    held = seat("interface_1", (0.0, 0.0, -95.0), [0.01, 0, 0, 0, 0, 0])
+    spread = free_spacing("interface_1", (0.0, 0.0, -95.0), 1.0, 2.5)
+    problem = replace(
+        first_interface_only(base),
+        system=replace(first_interface_only(base).system, interface_1=held),
+        half_widths=(FreeHalfWidth("interface_1", "L1", 1e-4, 5.0, reciprocal()),),
+        spacings=(replace(spread, shift=spread.shift[:, :1], turn=spread.turn[:, :1]),),
+    )
+
+    def moved_mm(factor: float) -> float:
+        """Displacement of the target by one millimetre at the first contact."""
+        torsor = torsor_from_locators(locators_at(factor), NORMALS, np.array([0.0, 0.0, -95.0]))[:, 0]
+        return float(np.linalg.norm(torsor[3:] + np.cross(torsor[:3], [0.0, 0.0, 165.0])))
+
+    moves = [moved_mm(factor) for factor in np.linspace(1, 2.5, 20)]
+    assert moves == sorted(moves, reverse=True)  # farther apart is better throughout
+    solution = solve_placement(problem)
+    assert solution.choice.spacing[0] == pytest.approx(2.5, rel=1e-7)
+    assert solution.choice.half_width[0] == pytest.approx(0.5 / (NORMAL_P95 * moved_mm(2.5)), rel=1e-5)
+    slope = (moved_mm(2.5 + 1e-4) - moved_mm(2.5 - 1e-4)) / 2e-4 / moved_mm(2.5)
+    prices = {price.name: price for price in shadow_prices(solution.program, solution.found.point, solution.cost)}
+    (price,) = [price for name, price in prices.items() if "spacing" in name]
+    assert price.cost_per_unit == pytest.approx(solution.cost * slope, rel=1e-4)
+
+
+# One fiducial free among seven corners of a cube: its region is a line or a surface that can be scanned.
+
+
+def _one_free(region: Box | Ball | Cylinder, **changes: object) -> PlacementProblem:
+    """Least P95 without anything else free; nothing but the region holds the eighth fiducial."""
+    problem = oracle_problem(
+        8, 1.0, half_widths=(), objective="quantile", places=(Place((7,), region),), min_spacing_mm=0.0,
+        min_projected_spacing_px=0.0, image_margin_px=0.0, target_clearance_px=0.0,
+    )  # fmt: skip
+    system = replace(problem.system, fiducials_mm=cube_fiducials(half_mm=25.0))
+    return replace(problem, system=system, **changes)  # type: ignore[arg-type]
+
+
+def _quantile_at(problem: PlacementProblem, point: Array) -> float:
+    layout = problem.system.fiducials_mm.copy()
+    layout[7] = point
+    model = linearise(replace(problem.system, fiducials_mm=layout), problem.system.targets[0])
+    return float(law_quantile(declared_law(model, "tcp", model.bias_mm("tcp"))[0], 0.95).quantile_mm)
+
+
+def _along(problem: PlacementProblem, curve: Callable[[float], Array], low: float, high: float) -> tuple[Array, float]:
+    """Where the exact quantile is least along a curve: a grid, then Brent about its best point."""
+    grid = np.linspace(low, high, 41)
+    values = [_quantile_at(problem, curve(float(t))) for t in grid]
+    k = int(np.argmin(values))
+    best = minimize_scalar(
+        lambda t: _quantile_at(problem, curve(t)), bounds=(grid[max(k - 1, 0)], grid[min(k + 1, 40)]), method="bounded",
+        options={"xatol": 1e-6},
+    )  # fmt: skip
+    return curve(float(best.x)), float(best.fun)
+
+
+def _assert_found(solution: PlacementSolution, point: Array, quantile: float, atol_mm: float) -> None:
+    assert solution.worst_ratio == pytest.approx(quantile, rel=1e-6)
+    np.testing.assert_allclose(solution.choice.fiducials_mm[7], point, atol=atol_mm)
+
+
+def test_one_fiducial_on_a_line() -> None:
+    """scan: the exact quantile along the segment, least inside it; and at its end where it falls throughout."""
+    for low, high, line, (a, b) in (
+        ((-60, 10, 60), (60, 10, 60), lambda t: np.array([t, 10.0, 60.0]), (-60, 60)),
+        ((-80, 0, 0), (80, 0, 0), lambda t: np.array([t, 0.0, 0.0]), (-80, 80)),
+        ((20, 20, 0), (20, 20, 80), lambda t: np.array([20.0, 20.0, t]), (0, 80)),
+    ):
+        problem = _one_free(Box(np.array(low, dtype=float), np.array(high, dtype=float)))
+        point, quantile = _along(problem, line, a, b)
+        _assert_found(solve_placement(problem, starts=2), point, quantile, 0.05)
+
+
+def test_one_fiducial_on_a_ring() -> None:
+    """scan: the exact quantile around a circle, which has two local optima."""
+    problem = _one_free(Cylinder(np.array([0.0, 0.0, 60.0]), np.array([0.0, 0.0, 1.0]), 0.0, 30.0, 30.0))
+    point, quantile = _along(problem, lambda t: np.array([30 * np.cos(t), 30 * np.sin(t), 60.0]), 0, 2 * np.pi)
+    _assert_found(solve_placement(problem, starts=6), point, quantile, 0.05)
+
+
+@pytest.mark.parametrize("inner", [0.0, 12.0, 30.0])
+def test_one_fiducial_in_a_ball_or_shell_goes_to_its_surface(inner: float) -> None:
+    """brute force: a grid over the outer sphere with Nelder and Mead's simplex; no point inside is better."""
+    centre = np.array([5.0, -10.0, 10.0])
+    problem = _one_free(Ball(centre, 30.0, inner))
+
+    def on_sphere(angles: Array) -> Array:
+        polar, around = angles
+        return np.asarray(centre + 30 * np.array([
+            np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)
+        ]))  # fmt: skip
+
+    grid = [np.array([u, v]) for u in np.linspace(0.1, 3.0, 12) for v in np.linspace(0, 6.0, 12)]
+    start = min(grid, key=lambda angles: _quantile_at(problem, on_sphere(angles)))
+    best = minimize(lambda angles: _quantile_at(problem, on_sphere(angles)), start, method="Nelder-Mead", tol=1e-7)
+    solution = solve_placement(problem, starts=3)
+    _assert_found(solution, on_sphere(best.x), float(best.fun), 0.05)
+    assert np.linalg.norm(solution.choice.fiducials_mm[7] - centre) == pytest.approx(30, abs=1e-5)
+    rng = np.random.default_rng(0)
+    inside = rng.normal(size=(200, 3))
+    inside *= rng.uniform(inner / 30, 1, (200, 1)) * 30 / np.linalg.norm(inside, axis=1, keepdims=True)
+    assert min(_quantile_at(problem, centre + offset) for offset in inside) > solution.worst_ratio
+
+
+def test_one_fiducial_kept_out_of_its_best_place_stays_at_the_border() -> None:
+    """scan: along a segment through a forbidden ball, the better of its two crossings (12 mm and 3 mm of clearance)."""
+    region = Box(np.array([-60.0, 10, 60]), np.array([60.0, 10, 60]))
+    zone = KeepOut("clamp", Ball(np.array([0.0, 10.0, 60.0]), 12.0), 3.0)
+    problem = _one_free(region, keep_out=(zone,))
+    solution = solve_placement(problem, starts=4)
+    ends = [np.array([t, 10.0, 60.0]) for t in (-15.0, 15.0)]
+    best = min(ends, key=lambda point: _quantile_at(problem, point))
+    _assert_found(solution, best, _quantile_at(problem, best), 1e-4)
+    assert "F8 outside keep-out zone 'clamp'" in binding(
+        solution.program, solution.found.point, solution.found.parameters
+    )  # fmt: skip
