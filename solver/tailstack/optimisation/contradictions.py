@@ -11,6 +11,7 @@ from .problem import PlacementProblem, for_people, in_words, label_of, present_c
 from .room import refuse_regions
 from .terms import estimator_of
 
+MOST_FIDUCIALS = 64
 ROUNDING_MM = 1e-3  # fixed positions may have been rounded by who wrote them
 
 
@@ -19,7 +20,13 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
     found = _bounds(problem) + _mechanics(problem)
     if not found:
         found = _objective(problem)
-    if problem.places:
+    count = len(problem.system.fiducial_labels)
+    if problem.places and count > MOST_FIDUCIALS:
+        detail = (
+            f"{count} fiducials; a layout of at most {MOST_FIDUCIALS} is optimised (memory and time go as the square)"
+        )
+        found.append(Problem(problem.places[0].pointer, "too-many", detail, "use fewer, or fix the layout"))
+    elif problem.places:
         estimator = estimator_of(problem.system)
         found += refuse_regions(problem, estimator)
         if not estimator.fiducial_px.any() and not estimator.manufacturing_std_mm.any():

@@ -51,6 +51,13 @@ POLISH = QUIET | {
     "ipopt.warm_start_mult_bound_push": 1e-7,
 }
 ROUNDED = 1e-5  # of the cost limit, left for half-widths that are rounded down
+# A dense exact Hessian of so many positions is a gigabyte of expressions; beyond, curvature is learnt on the way.
+EXACT_HESSIAN = 20
+LEARNT: dict[str, Any] = {
+    "ipopt.hessian_approximation": "limited-memory",
+    "ipopt.limited_memory_max_history": 20,
+    "ipopt.max_iter": 600,
+}
 SLACK = 50.0  # |log| of how far the quantile may be from the limit in the question without a limit
 SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 
@@ -262,12 +269,11 @@ def build_program(
     parameters = ca.vertcat(limits, ca.vec(signs), ca.vec(corrections), *choosers, least)
     objective, constraints = ca.cse([least * s + (1 - least) * cost, ca.vertcat(*g_all)])
     nlp = {"x": variables, "p": parameters, "f": objective, "g": constraints}
-    explore = ca.nlpsol("explore", "ipopt", nlp, EXPLORE)
-    shared = {
-        "grad_f": explore.get_function("nlp_grad_f"),
-        "jac_g": explore.get_function("nlp_jac_g"),
-        "hess_lag": explore.get_function("nlp_hess_l"),
-    }
+    learnt = LEARNT if len(movable) > EXACT_HESSIAN else {}
+    explore = ca.nlpsol("explore", "ipopt", nlp, EXPLORE | learnt)
+    shared = {"grad_f": explore.get_function("nlp_grad_f"), "jac_g": explore.get_function("nlp_jac_g")} | learnt
+    if not learnt:
+        shared["hess_lag"] = explore.get_function("nlp_hess_l")
     return Program(
         problem=problem,
         terms=terms,

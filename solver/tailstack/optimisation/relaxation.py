@@ -39,9 +39,9 @@ def relaxation_of(search: Search, settled: Settled) -> Relaxation:
     gap = 100 * (settled.cost / low - 1)
     return Relaxation(
         "convex allocation", settled.cost, low, gap,
-        f"with this layout no allocation costs less than {low:.6g} ({gap:.2g} % below this one): the optimum of the "
-        f"convex relaxation (tr S + c |S|_F) / 1.0093 <= limit^2, numerically checked over all spectra; the same bound "
-        f"without 1.0093 is always safe and costs {high:.6g}",
+        f"with this layout no allocation costs less than {low:.6g} ({gap:.2g} % below this one): the optimum of a "
+        "convex relaxation, (tr S + c |S|_F) / k <= limit^2 with k checked numerically over all spectra; without k it "
+        f"is always safe, and costs {high:.6g}",
     )  # fmt: skip
 
 
@@ -56,8 +56,8 @@ def _no_bound(search: Search, problem: PlacementProblem) -> str | None:
         )
     if any(term.demand.per_unit for term in search.terms):
         return "per-unit risk is not convex in the variances: KKT certifies a local optimum"
-    if any(term.demand.requirement.quantile != 0.95 for term in search.terms):
-        return "the convex bound is calibrated for P95 only: KKT certifies a local optimum"
+    if len({term.demand.requirement.quantile for term in search.terms}) > 1:
+        return "the convex bound is of one quantile, and several are limited: KKT certifies a local optimum"
     sources = [source for term in search.terms for source in term.sources]
     sized = [source for source in sources if source.free is not None or source.half_width > 0]
     if any(source.law is not Law.NORMAL for source in sized) or _manufactured(problem):
@@ -88,4 +88,5 @@ def _bracket(search: Search, problem: PlacementProblem, choice: Choice) -> tuple
     return gaussian_bracket(
         np.array(noise), np.array(gains), [free.price for free in problem.half_widths],
         np.array([per for _, per in free_laws(problem)]), np.array(limits), lower=problem.lower, upper=problem.upper,
+        p=search.terms[0].demand.requirement.quantile,
     )  # fmt: skip

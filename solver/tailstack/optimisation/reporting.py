@@ -94,7 +94,9 @@ def report(outcome: Outcome) -> Optimisation:
             for k, free in enumerate(problem.pivots)
         ),
         spacings=tuple(
-            ChangedSpacing(free.contributor, label_of(problem, free.contributor), round(float(settled.choice.spacing[k]), 6))
+            ChangedSpacing(
+                free.contributor, label_of(problem, free.contributor), round(float(settled.choice.spacing[k]), 6)
+            )
             for k, free in enumerate(problem.spacings)
         ),
         scaling=_scaling(problem, before, now),
