@@ -79,6 +79,7 @@ def full_result(**changes: Any) -> Optimisation:
         "cost_before": 2000.0,
         "cost_after": 1120.0,
         "cost_closed_form": 1101.5,
+        "cost_exact_law": 1107.25,
         "p95_before_mm": 1.144,
         "p95_after_mm": 0.9983,
         "moved": (
@@ -112,6 +113,7 @@ def bare_result() -> Optimisation:
     """No tolerance free, nothing asked for beyond the layout, and the layout stays."""
     return full_result(
         objective="least P95 of the tcp error", cost_before=None, cost_after=0.0, cost_closed_form=None,
+        cost_exact_law=None,
         p95_before_mm=None, moved=(MovedFiducial("F2", (1.0, 1.0, 1.0), (1.0, 1.0, 1.0)),), tolerances=(), pivots=(),
         spacings=(), scaling=None, shadow_prices=(), binding=(), influence=(), placement_value=None, counts=(),
         front=(),

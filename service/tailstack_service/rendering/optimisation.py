@@ -198,8 +198,9 @@ def certificate_text(result: Optimisation) -> str:
         graded = any(entry.grade is not None for entry in result.tolerances)
         checked += (
             f" The half-widths cost {number(result.cost_closed_form, 5)} by the smooth closed form, "
-            f"{number(sum(entry.cost_after for entry in result.tolerances), 5)} with the exact law and the margin "
-            "of the check" + (", grades chosen." if graded else ".")
+            + ("" if result.cost_exact_law is None else f"{number(result.cost_exact_law, 5)} by the exact law, ")
+            + f"{number(sum(entry.cost_after for entry in result.tolerances), 5)} with the margin of the check"
+            + (", grades chosen." if graded else ".")
         )
     paragraphs = (
         ("certificate: ", starts),
