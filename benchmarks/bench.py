@@ -53,10 +53,12 @@ def table(rows: list[Row]) -> str:
     for row in rows:
         sign = "" if row.must is None and row.aim is None else row.better + "= " if row.better == ">" else "<= "
         bars = ["" if bar is None else f"{sign}{bar:g}" for bar in (row.must, row.aim)]
-        verdict = "MISSED" if not row.meets(row.must) else "aim" if row.aim and row.meets(row.aim) else "must"
+        verdict = (
+            "MISSED" if not row.meets(row.must) else "aim" if row.aim is not None and row.meets(row.aim) else "must"
+        )
         if row.must is None and row.aim is None:
             verdict = ""
-        lines.append(f"{row.what:66} {row.value:10.4g} {row.unit:3} {bars[0]:>9} {bars[1]:>9}  {verdict}")
+        lines.append(f"{row.what:66} {row.value:10.5g} {row.unit:3} {bars[0]:>9} {bars[1]:>9}  {verdict}")
     return "\n".join(lines)
 
 
