@@ -1,0 +1,363 @@
+"""Each freedom of the ``optimise`` section, from the document to the new document, by plain geometry."""
+
+from __future__ import annotations
+
+from math import radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optimise_documents import (
+    BOX,
+    PIVOT_MM,
+    POINTS_MM,
+    TIP_MM,
+    document,
+    free,
+    half_width,
+    moving,
+    normal,
+    optimised,
+    positions,
+)
+from tailstack.design import design_to_data, load_design
+from tailstack.results import Optimisation
+from tailstack.scoring import score
+from tailstack.system import Array
+
+LOCATORS = Path(__file__).parents[2] / "examples" / "locators_321.yaml"
+WRITTEN_MM = 2e-6  # positions on curved surfaces and copies of a symmetry are written to 1e-6 mm
+
+SHAPES: dict[str, dict[str, Any]] = {
+    "cylinder": {"cylinder": {"base_mm": [0, 0, -85], "height_mm": 100, "radius_mm": 45}},
+    "tilted tube": {
+        "cylinder": {
+            "base_mm": [0, -40, -75], "axis": [0, 3, 3], "height_mm": 95, "radius_mm": 48, "inner_radius_mm": 30
+        }
+    },
+    "on a cylinder": {
+        "cylinder": {"base_mm": [0, 0, -85], "height_mm": 100, "radius_mm": 45, "inner_radius_mm": 45}
+    },
+    "ball": {"ball": {"centre_mm": [0, 0, -35], "radius_mm": 55}},
+    "shell": {"ball": {"centre_mm": [0, 0, -40], "radius_mm": 60, "inner_radius_mm": 50}},
+}  # fmt: skip
+
+
+def excess_mm(region: dict[str, Any], points: Array) -> float:
+    """How far the worst of some points (N, 3) is outside a region of the document; negative: all are inside."""
+    ((kind, shape),) = region.items()
+    if kind == "box":
+        return float(np.maximum(np.subtract(shape["min_mm"], points), points - shape["max_mm"]).max())
+    if kind == "ball":
+        radius = np.linalg.norm(points - shape["centre_mm"], axis=1)
+        return float(np.maximum(radius - shape["radius_mm"], shape.get("inner_radius_mm", 0) - radius).max())
+    axis = np.array(shape.get("axis", [0, 0, 1])) / np.linalg.norm(shape.get("axis", [0, 0, 1]))
+    along = (points - shape["base_mm"]) @ axis
+    radius = np.linalg.norm(points - shape["base_mm"] - along[:, None] * axis, axis=1)
+    ends = np.maximum(-along, along - shape["height_mm"])
+    sides = np.maximum(radius - shape["radius_mm"], shape.get("inner_radius_mm", 0) - radius)
+    return float(np.maximum(ends, sides).max())
+
+
+def layout_of(result: Optimisation) -> Array:
+    return np.array(list(positions(result.design).values()))
+
+
+def gap_mm(points: Array) -> float:
+    first, second = np.triu_indices(len(points), 1)
+    return float(np.linalg.norm(points[first] - points[second], axis=1).min())
+
+
+def assert_scores_as_promised(result: Optimisation) -> None:
+    """The written document scores what the record says, within the limits."""
+    scored = score(load_design(result.design))
+    assert max(target.p95_mm for target in scored.targets) == pytest.approx(result.p95_after_mm, rel=1e-9)
+    assert all(check.value_mm <= check.limit_mm for check in scored.verdict.checks)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_region_of_every_shape(name: str) -> None:
+    """closed form: distance from the axis and the centre; a region that binds is used up to its surface."""
+    result = optimised(document(**moving(box=None, region=SHAPES[name])))
+    points = layout_of(result)
+    assert abs(excess_mm(SHAPES[name], points)) < WRITTEN_MM
+    assert gap_mm(points) >= 12
+    assert_scores_as_promised(result)
+
+
+def test_box_is_short_for_a_region_of_one_box() -> None:
+    one, other = (optimised(document(**moving(starts=1, **{"box": None} | where)))
+                  for where in ({"box": BOX}, {"region": {"box": BOX}}))  # fmt: skip
+    assert one.design["fiducials"] == other.design["fiducials"]
+    assert excess_mm({"box": BOX}, layout_of(one)) <= 0
+
+
+def test_regions_for_groups_leave_the_others_where_they_are() -> None:
+    low = {"box": {"min_mm": [-45, -45, -85], "max_mm": [45, 10, -45]}}
+    high = {"ball": {"centre_mm": [5, 5, -10], "radius_mm": 45, "inner_radius_mm": 10}}
+    regions = [{"fiducials": ["F2", "F1"], **low}, {"fiducials": ["F5", "F4"], **high}]
+    result = optimised(document(**moving(box=None, regions=regions)))
+    now = positions(result.design)
+    assert sorted(entry.label for entry in result.moved) == ["F1", "F2", "F4", "F5"]
+    assert excess_mm(low, np.array([now["F1"], now["F2"]])) <= WRITTEN_MM
+    assert excess_mm(high, np.array([now["F4"], now["F5"]])) <= WRITTEN_MM
+    assert (now["F3"], now["F6"]) == (list(POINTS_MM[2]), list(POINTS_MM[5]))
+    for entry in result.moved:
+        assert entry.after_mm == tuple(now[entry.label])
+        assert entry.before_mm == POINTS_MM[int(entry.label[1:]) - 1]
+    assert_scores_as_promised(result)
+
+
+def test_moved_fiducials_keep_out_of_every_zone() -> None:
+    """closed form: distance to a box, a cylinder and a ball; the corners they cover are where the layout wants to
+    be."""
+    zones: list[dict[str, Any]] = [
+        {"name": "clamp", "clearance_mm": 4.0, "box": {"min_mm": [-60, -60, -100], "max_mm": [-20, 60, -60]}},
+        {"name": "rod", "clearance_mm": 2.5,
+         "cylinder": {"base_mm": [45, 45, -300], "height_mm": 600, "radius_mm": 15}},
+        {"name": "head", "ball": {"centre_mm": [45, -45, -85], "radius_mm": 20}},
+    ]  # fmt: skip
+    result = optimised(document(**moving(keep_out=zones)))
+    points = layout_of(result)
+    low, high = np.array([-60, -60, -100]), np.array([-20, 60, -60])
+    to_box = np.linalg.norm(np.maximum(np.maximum(low - points, points - high), 0), axis=1)
+    to_rod = np.linalg.norm(points[:, :2] - 45, axis=1) - 15
+    to_head = np.linalg.norm(points - [45, -45, -85], axis=1) - 20
+    for name, gaps, clearance in (("clamp", to_box, 4.0), ("rod", to_rod, 2.5), ("head", to_head, 0.0)):
+        assert gaps.min() >= clearance - WRITTEN_MM, name
+        if gaps.min() < clearance + 0.01:
+            assert any(f"keep-out zone '{name}'" in text for text in result.binding)
+    # at least one is in the way, or nothing was tested
+    assert min(to_box.min() - 4.0, to_rod.min() - 2.5, to_head.min()) < 0.01
+    assert_scores_as_promised(result)
+
+
+def test_mirrored_pairs_are_written_as_mirrored_pairs() -> None:
+    """closed form: x - 2 n (n . (x - p)) / n.n of every first one is the second one."""
+    normal_, point = np.array([2.0, 2.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    symmetry = {"mirror": {"normal": normal_.tolist(), "point_mm": point.tolist()}}
+    points = layout_of(optimised(document(**moving(symmetry=symmetry))))
+    first, second = points[0::2], points[1::2]
+    image = first - 2 * ((first - point) @ normal_)[:, None] * normal_ / (normal_ @ normal_)
+    np.testing.assert_allclose(image, second, rtol=0, atol=1e-5)
+    assert excess_mm({"box": BOX}, points) <= WRITTEN_MM
+    assert gap_mm(points) >= 12
+
+
+def test_turned_groups_beside_a_fixed_fiducial() -> None:
+    """closed form: three fiducials 120 degrees apart about a tilted axis; F7 stays and belongs to no group."""
+    axis, point = np.array([0.0, 0.2, 1.0]) / np.sqrt(1.04), np.array([2.0, -3.0, 0.0])
+    symmetry = {"rotation": {"axis": [0, 0.4, 2.0], "point_mm": point.tolist(), "order": 3}}
+    result = optimised(document(7, **moving(symmetry=symmetry, fixed=["F7"])))
+    points = layout_of(result)
+    assert tuple(points[6]) == POINTS_MM[6]
+    assert [entry.label for entry in result.moved] == ["F1", "F2", "F3", "F4", "F5", "F6"]
+    for group in (points[:3] - point, points[3:6] - point):
+        along = group @ axis
+        across = group - along[:, None] * axis
+        np.testing.assert_allclose(along, along[0], rtol=0, atol=1e-5)
+        for k in range(3):  # a turn by 120 degrees: -1/2 of itself and sqrt(3)/2 of axis x itself
+            turned = -across[k] / 2 + np.sqrt(3) / 2 * np.cross(axis, across[k])
+            np.testing.assert_allclose(across[(k + 1) % 3], turned, rtol=0, atol=1e-5)
+    assert excess_mm({"box": BOX}, points[:6]) <= WRITTEN_MM
+
+
+def test_fixed_fiducials_stay_to_the_last_digit() -> None:
+    result = optimised(document(**moving(fixed=["F1", "F4", "F6"])))
+    now = positions(result.design)
+    assert [entry.label for entry in result.moved] == ["F2", "F3", "F5"]
+    assert [tuple(now[label]) for label in ("F1", "F4", "F6")] == [POINTS_MM[k] for k in (0, 3, 5)]
+    assert all(entry.after_mm != entry.before_mm for entry in result.moved)
+
+
+def test_more_fiducials_where_they_pay() -> None:
+    """Six are there, seven or eight are allowed, they are free of charge: eight, the new ones with new labels."""
+    data = document(**moving(count={"min": 7, "max": 8}, fixed=["F2"]))
+    data["fiducials"]["points"][0]["label"] = "F7"  # taken: the new ones are F1 and F8
+    result = optimised(data)
+    assert [tried.fiducials for tried in result.counts] == [7, 8]
+    assert list(positions(result.design)) == ["F7", "F2", "F3", "F4", "F5", "F6", "F1", "F8"]
+    assert positions(result.design)["F2"] == list(POINTS_MM[1])
+    assert [entry.label for entry in result.moved] == ["F7", "F3", "F4", "F5", "F6", "F1", "F8"]
+    assert [entry.before_mm for entry in result.moved[-2:]] == [None, None]
+    assert result.counts[1].cost is not None
+    assert result.counts[0].cost is not None
+    assert result.counts[1].cost < result.counts[0].cost
+    assert_scores_as_promised(result)
+    # independent: the design with the new ones already in it, same freedom, no count
+    there = document(8, **moving(fixed=["F2"]))
+    assert result.counts[1].cost == pytest.approx(optimised(there).cost_closed_form, rel=2e-3)
+
+
+def test_fewer_fiducials_where_each_has_its_price() -> None:
+    """closed form: the cost is the half-widths' and 60 for each fiducial, before and after, in every count tried."""
+    result = optimised(document(8, **moving(fixed=["F8"], count={"min": 6, "max": 8, "cost_per_fiducial": 60.0})))
+    by_count = {tried.fiducials: tried.cost for tried in result.counts}
+    chosen = len(positions(result.design))
+    assert min(by_count, key=lambda count: by_count[count] or np.inf) == chosen == 6
+    widths = [half_width(result.design, item, axis) for item in PIVOT_MM for axis in ("rx", "ry")]
+    assert result.cost_after == pytest.approx(sum(1 / radians(width) for width in widths) + 60 * 6, rel=1e-9)
+    assert result.cost_before == pytest.approx(4 / radians(0.1) + 60 * 8, rel=1e-9)
+    assert by_count[6] == pytest.approx(result.cost_after, rel=0.02)
+    assert [entry.label for entry in result.moved if entry.after_mm is None] == ["F6", "F7"]
+    assert positions(result.design)["F8"] == list(POINTS_MM[7])
+    assert "fiducials included" in result.objective
+
+
+def test_counts_go_by_the_symmetry_and_by_the_quantile_where_no_cost_is_asked_for() -> None:
+    section = {"box": BOX, "min_spacing_mm": 12.0, "symmetry": {"mirror": {"normal": [1, 1, 0]}}}
+    result = optimised(document(7, count={"min": 6, "max": 9}, fixed=["F7"], **section))
+    assert [tried.fiducials for tried in result.counts] == [7, 9]  # F7 and whole pairs
+    assert [tried.cost for tried in result.counts] == [None, None]
+    assert len(positions(result.design)) == 9
+    ratios = [tried.worst_ratio for tried in result.counts]
+    assert None not in ratios
+    assert ratios[1] < ratios[0]  # type: ignore[operator]
+    assert result.p95_after_mm == pytest.approx(ratios[1], rel=0.02)  # the limit is 1 mm
+
+
+def test_spacing_margin_and_clearance_in_the_images() -> None:
+    """closed form: pinhole images of the written positions, by K [R t] of the views as the document states them."""
+    data = document(**moving(min_spacing_mm=75.0, min_projected_spacing_px=160.0, image_margin_px=160.0,
+                             target_clearance_px=430.0))  # fmt: skip
+    turns = {"AP": [[1, 0, 0], [0, 0, -1], [0, 1, 0]], "LAT": [[0, 1, 0], [0, 0, -1], [-1, 0, 0]]}
+    data["views"] = [
+        {"name": name, "intrinsics": {"focal_px": [5250.0, 5250.0], "principal_point_px": [767.5, 767.5]},
+         "pose": {"rotation": turn, "translation_mm": [0, 0, 700]}, "image_size_px": [1536, 1536],
+         "fiducial_noise_px": 0.2, "target_noise_px": 0.2}
+        for name, turn in turns.items()
+    ]  # fmt: skip
+    result = optimised(data)
+    points = layout_of(result)
+    slack = {"spacing": gap_mm(points) - 75.0}
+    apart, margin, clearance = [], [], []
+    for turn in turns.values():
+        camera = np.vstack([points, [0, 0, TIP_MM]]) @ np.array(turn, dtype=float).T + [0, 0, 700]
+        image = 767.5 + 5250 * camera[:, :2] / camera[:, 2:]
+        apart.append(gap_mm(image[:-1]))
+        margin.append(min(image[:-1].min(), 1535 - image[:-1].max()))
+        clearance.append(np.linalg.norm(image[:-1] - image[-1], axis=1).min())
+    slack |= {"projected": min(apart) - 160, "margin": min(margin) - 160, "clearance": min(clearance) - 430}
+    # a micrometre is 0.008 px
+    assert min(slack.values()) >= -0.02, slack
+    assert sum(value < 0.5 for value in slack.values()) >= 2, slack  # they are in the way
+    assert_scores_as_promised(result)
+
+
+def test_common_bounds_and_exceptions() -> None:
+    """Every rotation and translation declared, within the common bounds, but for the two that are listed."""
+    flange_rx = {"min_deg": 0.02, "max_deg": 0.05, "cost_weight": 9.0}
+    result = optimised(
+        document(
+            rotation_bounds={"min_deg": 0.15, "max_deg": 0.4, "cost_weight": 2.0},
+            translation_bounds={"min_mm": 0.001, "max_mm": 0.06, "cost_weight": 0.5},
+            tolerances=[free("connector_flange", "rx", **flange_rx),
+                        free("structure_connector", "ry", min_deg=0.03, max_deg=0.03)],
+        )
+    )  # fmt: skip
+    found = {(item.contributor, item.component): item for item in result.tolerances}
+    assert list(found) == [("interface_1", axis) for axis in ("rx", "ry", "tx")] + [
+        ("interface_2", axis) for axis in ("rx", "ry")
+    ]
+    limits = {("interface_1", "rx"): (0.15, 0.4, 2.0), ("interface_1", "ry"): (0.03, 0.03, 1.0),
+              ("interface_1", "tx"): (0.001, 0.06, 0.5), ("interface_2", "rx"): (0.02, 0.05, 9.0),
+              ("interface_2", "ry"): (0.15, 0.4, 2.0)}  # fmt: skip
+    for key, (low, high, weight) in limits.items():
+        item = found[key]
+        interface = {"interface_1": "structure_connector", "interface_2": "connector_flange"}[key[0]]
+        assert item.after_half_width == pytest.approx(half_width(result.design, interface, key[1]), rel=1e-9)
+        assert low * (1 - 1e-9) <= item.after_half_width <= high * (1 + 1e-9)
+        native = radians(item.after_half_width) if item.unit == "deg" else item.after_half_width
+        assert item.cost_after == pytest.approx(weight / native, rel=1e-9)
+    assert found["interface_1", "tx"].unit == "mm"
+    assert not result.moved
+    assert result.placement_value is None
+    assert_scores_as_promised(result)
+
+
+def locators_with(**section: Any) -> dict[str, Any]:
+    """The 3-2-1 example with one target and one pooled requirement of 0.45 mm."""
+    data = design_to_data(load_design(LOCATORS))
+    data["targets"] = [target for target in data["targets"] if target["name"] == "centre"]
+    data["requirements"] = [{"name": "accuracy", "error": "tcp", "limit_mm": 0.45}]
+    data["optimise"] = {"starts": 1, **section}
+    return data
+
+
+def locator_positions(data: Any) -> Array:
+    return np.array([item["position_mm"] for item in data["interfaces"]["structure_connector"]["locators"]])
+
+
+def test_locators_as_tolerances_and_their_spacing() -> None:
+    """independent: positions by hand, P95 by the score of the document with the spacing as it was."""
+    names = ("A1", "A2", "A3", "B1", "B2", "C1")
+    data = locators_with(
+        tolerances=[free("structure_connector", name, min_mm=0.002, max_mm=0.2) for name in names],
+        locator_spacing=[{"interface": "structure_connector", "min_scale": 0.7, "max_scale": 1.25}],
+    )
+    result = optimised(data)
+    (spacing,) = result.spacings
+    before, after = locator_positions(data), locator_positions(result.design)
+    centre = before.mean(axis=0)
+    np.testing.assert_allclose(after, centre + spacing.scale * (before - centre), rtol=0, atol=1e-9)
+    assert spacing.scale == 1.25  # wider contacts turn less: nothing speaks against the largest
+    widths = {item.component: item.after_half_width for item in result.tolerances}
+    assert widths == pytest.approx(
+        {name: half_width(result.design, "structure_connector", name) for name in names}, rel=1e-9
+    )
+    assert result.cost_after == pytest.approx(sum(1 / width for width in widths.values()), rel=1e-9)
+    assert_scores_as_promised(result)
+    narrow = design_to_data(load_design(result.design))
+    for item, position in zip(narrow["interfaces"]["structure_connector"]["locators"], before, strict=True):
+        item["position_mm"] = position.tolist()
+    assert score(load_design(narrow)).targets[0].p95_mm > result.p95_after_mm * 1.001
+
+
+def test_a_locator_from_a_table_beside_continuous_ones() -> None:
+    """The table has one useful grade: what the exact law wants beyond the closed form comes from the others."""
+    grades = [{"name": "stop", "half_width_mm": 0.02, "price": 5.0}, {"name": "pin", "half_width_mm": 0.05, "price": 2}]
+    names = ("A1", "A2", "A3", "B1", "B2")
+    rest = [free("structure_connector", name, min_mm=0.002, max_mm=0.2) for name in names]
+    result = optimised(locators_with(tolerances=[*rest, free("structure_connector", "C1", grades=grades)]))
+    chosen = next(item for item in result.tolerances if item.component == "C1")
+    assert (chosen.grade, chosen.after_half_width, chosen.cost_after) in (("stop", 0.02, 5.0), ("pin", 0.05, 2.0))
+    assert half_width(result.design, "structure_connector", "C1") == chosen.after_half_width
+    assert_scores_as_promised(result)
+
+
+def test_a_pivot_goes_where_two_targets_balance() -> None:
+    """brute force: the score over a grid of pivots; closed form: midway between the targets but for their images."""
+    data = document(pivots=[{"interface": "connector_flange",
+                             "box": {"min_mm": [-5, 0, -145], "max_mm": [5, 0, 95]}}])  # fmt: skip
+    data["interfaces"]["connector_flange"]["tolerances"] = {axis: normal("deg", 0.5) for axis in ("rx", "ry")}
+    data["targets"].append({"name": "entry", "position_mm": [0.0, 0.0, 20.0]})
+    result = optimised(data)
+    (pivot,) = result.pivots
+    assert pivot.before_mm == (0.0, 0.0, -145.0)
+    assert list(pivot.after_mm) == result.design["interfaces"]["connector_flange"]["pivot_mm"]  # type: ignore[index]
+
+    def worst(*pivot_mm: float) -> float:
+        data["interfaces"]["connector_flange"]["pivot_mm"] = list(pivot_mm)
+        return max(target.p95_mm for target in score(load_design(data)).targets)
+
+    grid = np.linspace(35, 70, 15)
+    values = [worst(0.0, 0.0, z) for z in grid]
+    assert worst(*pivot.after_mm) == pytest.approx(result.p95_after_mm, rel=1e-9)
+    assert result.p95_after_mm <= min(values) * (1 + 1e-6)
+    assert abs(pivot.after_mm[2] - grid[int(np.argmin(values))]) <= grid[1] - grid[0]
+    assert 45 < pivot.after_mm[2] < 70  # the far target has the larger image noise
+
+
+def test_a_pivot_and_its_tolerances_together() -> None:
+    """closed form: lever from the new pivot to the tip, half-width times distance."""
+    box = {"min_mm": [0, 0, -145], "max_mm": [0, 0, -60]}
+    section = {"tolerances": [free("connector_flange", axis, min_deg=0.01, max_deg=0.5) for axis in ("rx", "ry")]}
+    fixed = optimised(document(**section))
+    result = optimised(document(**section, pivots=[{"interface": "connector_flange", "box": box}]))
+    assert result.pivots[0].after_mm == (0.0, 0.0, -60.0)
+    for item in result.tolerances:
+        assert item.at_target_mm == pytest.approx((TIP_MM + 60) * radians(item.after_half_width), rel=1e-3)
+    # the same displacement at the tip is as dear in either design: cost goes as the lever
+    assert result.cost_after / fixed.cost_after == pytest.approx((TIP_MM + 60) / (TIP_MM + 145), rel=2e-3)
