@@ -166,7 +166,7 @@ def test_a_symmetric_scene_gives_equal_tolerances() -> None:
 
 @pytest.mark.parametrize("law", [Law.UNIFORM, Law.NORMAL, Law.TRIANGULAR])
 def test_an_optimum_built_from_its_multiplier_is_found(law: Law) -> None:
-    """primal-dual pair: at chosen half-widths the weights are set so that w_k / h_k^2 = lambda dr/dh_k of the exact law.
+    """primal-dual pair: at chosen half-widths the weights are such that w_k / h_k^2 = lambda dr/dh_k of the exact law.
 
     With the limit the quantile there, the first-order conditions hold at the chosen half-widths by construction.
     """

@@ -331,7 +331,7 @@ def test_geometric_rows_hold_where_the_rules_are_kept(reading: Reading) -> None:
     problem = replace(
         problem,
         system=replace(problem.system, interface_1=biased, reading=reading),
-        places=places_in_box((1,), np.array([[-90.0, -90, -120], [90, 90, 40]])) + (Place((4,), tube),),
+        places=(*places_in_box((1,), np.array([[-90.0, -90, -120], [90, 90, 40]])), Place((4,), tube)),
         keep_out=(zone,),
         min_projected_spacing_px=80.0,
         min_spacing_mm=25.0,
