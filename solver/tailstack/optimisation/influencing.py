@@ -11,12 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import DesignError, IllPosedError, Problem
+from ..estimation.checks import check_geometry
 from ..propagation.linear import LinearModel, linearise
 from ..results import Finding
 from .problem import Demand, PlacementProblem, apply_choice, in_words, label_of, present_choice
 from .promise import exact_quantile
-from .terms import LAYOUT_BLOCKS, DemandTerms, blind_half_widths, is_flat, terms_of
+from .terms import LAYOUT_BLOCKS, DemandTerms, blind_half_widths, is_flat, scattered, terms_of
 
+TARGET_CODES = ("same-source", "target-on-baseline", "target-too-far")
 HARDLY = 0.005  # relative: a layout that can change the quantile by less hardly matters
 
 
@@ -56,8 +58,26 @@ def influence_of(problem: PlacementProblem) -> tuple[Finding, ...]:
             )
         )
     if problem.places:
-        findings += [finding for term in terms if (finding := _layout(problem, term.demand)) is not None][:8]
+        findings += _layouts(problem)
     return tuple(findings)
+
+
+def refuse_incurable(problem: PlacementProblem) -> None:
+    """Targets that a view does not see or the rays do not determine: no layout cures that.
+
+    Raises IllPosedError with what :func:`~tailstack.estimation.checks.check_geometry` says of them, or of the whole
+    geometry when no fiducial is free.
+    """
+    system = problem.system
+    try:
+        check_geometry(scattered(problem) if problem.places else system)
+    except IllPosedError as error:
+        left = [
+            item for item in error.problems
+            if not problem.places or item.code in TARGET_CODES or item.detail.startswith("target ")
+        ]  # fmt: skip
+        if left:
+            raise IllPosedError(left) from None
 
 
 def _idle_pivots(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> list[bool]:
@@ -69,6 +89,19 @@ def _idle_pivots(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> l
         )
         for p in range(len(problem.pivots))
     ]
+
+
+def _layouts(problem: PlacementProblem) -> list[Finding]:
+    """One remark for each requirement, at its worst target."""
+    found = []
+    for requirement in problem.requirements:
+        remarks = [
+            remark
+            for demand in problem.demands
+            if demand.requirement.name == requirement.name and (remark := _layout(problem, demand)) is not None
+        ]
+        found += sorted(remarks, key=lambda remark: -(remark.value or 0.0))[:1]
+    return found
 
 
 def _layout(problem: PlacementProblem, demand: Demand) -> Finding | None:

@@ -13,7 +13,7 @@ from ..results import CountTried, Finding, FrontPoint, Optimisation
 from .comparison import placement_value
 from .contradictions import refuse_contradictions
 from .front import front_of
-from .influencing import influence_of
+from .influencing import influence_of, refuse_incurable
 from .placement import settle
 from .problem import PlacementProblem
 from .reporting import Outcome, report
@@ -56,6 +56,7 @@ def influence(design: Design) -> tuple[Finding, ...]:
     try:
         request = read_request(design)
         refuse_contradictions(request.problem)
+        refuse_incurable(request.problem)
         return influence_of(request.problem)
     except TailstackError as error:
         raise type(error)([place(problem, design.source) for problem in error.problems]) from None
@@ -72,6 +73,7 @@ def _optimise(
     problems = [with_count(request, count) for count in counts]
     for problem in problems:
         refuse_contradictions(problem)
+    refuse_incurable(request.problem)
     remarks = influence_of(request.problem)
     found, tried = _search_counts(request, problems, counts, starts, seed, threads, progress, stop)
     exact = None
