@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from optimise_documents import BOX, document, free, moving, optimised
 from tailstack.design import compile_design, design_to_data, load_design
-from tailstack.errors import DesignError, InfeasibleError
+from tailstack.errors import DesignError, InfeasibleError, TailstackError
 from tailstack.optimisation import optimise
 from tailstack.results import Optimisation
 from tailstack.scoring import score
@@ -94,7 +95,7 @@ def test_the_layout_keeps_what_it_was_told() -> None:
 def test_the_record_is_plain_and_explains_itself() -> None:
     result = demo_result()
     json.dumps(asdict(result), allow_nan=False)
-    assert result.certificate.kkt_residual < 1e-6
+    assert result.certificate.kkt_residual < 1e-5  # 1e-6 where the worst vertex of bounded sources is unique
     assert result.certificate.converged_starts == result.certificate.starts == 2
     assert "P95 at target 'tip', limit 1 mm (tip-accuracy)" in result.binding
     assert "carrier on connector, two dowel pins rz at its largest half-width, 0.5 deg" in result.binding
@@ -120,55 +121,65 @@ def test_the_price_of_the_limit_is_the_slope_of_the_cost() -> None:
 
 
 def test_same_seed_same_document_whatever_the_threads() -> None:
-    again = optimise(load_design(demo_with()), threads=1)
-    assert again.design == demo_result().design
-    assert again.certificate.verification.targets == demo_result().certificate.verification.targets
+    """Starts side by side, symmetry and a count: the new document and the sampled check to the last digit."""
+    data = document(**moving(starts=3, symmetry={"mirror": {"normal": [1, 1, 0]}}, count={"min": 6, "max": 8}))
+    one, two = (optimise(load_design(data), threads=threads) for threads in (1, 2))
+    assert one.design == two.design
+    assert one.certificate == two.certificate
+    assert one.counts == two.counts
+    assert one.placement_value == two.placement_value
 
 
-def test_fixed_fiducials_stay_and_only_listed_tolerances_change() -> None:
-    data = demo_with(
-        fixed=["F1", "F2", "F3", "F4", "F5", "F6", "F7", "F8"],
-        tolerances=[{"interface": "connector_flange", "component": "rx", "min_deg": 0.01, "max_deg": 0.4}],
-        min_spacing_mm=8.0,
-    )
-    data["optimise"].pop("rotation_bounds")
-    data["requirements"][0]["limit_mm"] = 1.2
-    result = optimise(load_design(data))
-    assert [entry.label for entry in result.moved] == ["F9", "F10", "F11", "F12"]
-    new = load_design(result.design)
-    assert design_to_data(new)["fiducials"]["points"][:8] == data["fiducials"]["points"][:8]
-    assert [(t.contributor, t.component) for t in result.tolerances] == [("interface_2", "rx")]
-    before, after = (dict(d["interfaces"]["connector_flange"]["tolerances"]) for d in (data, result.design))  # type: ignore[index]
-    assert after.pop("rx") != before.pop("rx")
-    assert after == before
+def test_another_seed_another_search_of_the_same_design() -> None:
+    data = document(**moving(starts=3))
+    one, other = optimised(data), optimise(load_design(data), seed=5, starts=3)
+    assert (one.certificate.seed, other.certificate.seed) == (1, 5)
+    assert one.certificate.verification.seed != other.certificate.verification.seed
+    assert one.placement_value != other.placement_value  # other careless layouts
+    assert other.cost_after == pytest.approx(one.cost_after, rel=0.005)
+    # the seed of the document is the one that is taken when none is given
+    data["optimise"]["seed"] = 5
+    assert optimise(load_design(data)).design["fiducials"] == other.design["fiducials"]
 
 
-def test_a_region_of_targets_and_another_quantile() -> None:
+def test_another_quantile_of_another_error() -> None:
     """independent: every sample of the region meets the limit under the score and the check of the new document."""
-    data = demo_with()
+    data = document(rotation_bounds={"min_deg": 0.01, "max_deg": 0.5})
     data["targets"] = [{"name": "zone", "region": {"box": {"centre_mm": [0, 0, 60], "size_mm": [20, 20, 20]}}}]
-    data["requirements"][0] |= {"quantile": 0.9, "error": "localisation", "limit_mm": 0.5}
-    result = optimise(load_design(data))
+    data["requirements"][0] |= {"quantile": 0.9, "error": "localisation", "limit_mm": 0.6}
+    result = optimised(data)
     checks = result.certificate.verification.verdict.checks
     assert len(checks) == 8
-    assert {item.quantile for item in checks} == {0.9}
-    assert max(item.interval_mm[1] for item in checks) <= 0.5
+    assert {(item.quantile, item.error) for item in checks} == {(0.9, "localisation")}
+    assert max(item.interval_mm[1] for item in checks) <= 0.6
     scored = score(load_design(result.design))
     assert result.p95_after_mm == pytest.approx(max(t.localisation.p95_mm for t in scored.targets), rel=1e-9)
-    assert max(item.value_mm for item in scored.verdict.checks) <= 0.5
+    assert 0.59 < max(item.value_mm for item in scored.verdict.checks) <= 0.6
     # interface 2 comes after localisation: nothing depends on it
-    free = [item for item in result.tolerances if item.contributor == "interface_2"]
-    assert [item.after_half_width for item in free] == pytest.approx([0.5] * 3)
+    widths = [item.after_half_width for item in result.tolerances if item.contributor == "interface_2"]
+    assert widths == pytest.approx([0.5] * 2)
+
+
+def test_only_what_is_free_changes() -> None:
+    data = document(tolerances=[free("connector_flange", "rx", min_deg=0.01, max_deg=0.4)])
+    result = optimised(data)
+    assert not result.moved
+    assert [(t.contributor, t.component) for t in result.tolerances] == [("interface_2", "rx")]
+    before, after = (design_to_data(load_design(d)) for d in (data, result.design))
+    assert after["interfaces"]["connector_flange"]["tolerances"].pop("rx") != before["interfaces"]["connector_flange"][
+        "tolerances"
+    ].pop("rx")
+    assert after == before
 
 
 def test_a_flat_structure_is_cured() -> None:
     """A layout without an answer of its own can still be optimised; there is no quantile before."""
-    data = demo_with()
+    data = document(**moving())
     for point in data["fiducials"]["points"]:
         point["position_mm"][2] = -40.0
-    result = optimise(load_design(data))
+    result = optimised(data)
     assert result.p95_before_mm is None
-    assert result.p95_after_mm <= 1.0
+    assert 0.98 < result.p95_after_mm <= 1.0
 
 
 def test_refusals_are_placed_in_the_users_file() -> None:
@@ -193,11 +204,12 @@ def test_a_design_without_freedom_is_refused() -> None:
         optimise(load_design(data))
 
 
+class Enough(Exception):
+    pass
+
+
 def test_progress_reports_every_start_and_may_stop_the_work() -> None:
     seen: list[tuple[str, int, int]] = []
-
-    class Enough(Exception):
-        pass
 
     def watch(stage: str, done: int, total: int, least: float | None) -> None:
         seen.append((stage, done, total))
@@ -206,5 +218,137 @@ def test_progress_reports_every_start_and_may_stop_the_work() -> None:
             raise Enough
 
     with pytest.raises(Enough):
-        optimise(load_design(demo_with(starts=4)), progress=watch, threads=2)
+        optimise(load_design(document(**moving(starts=4))), progress=watch, threads=2)
     assert seen == [("start", 1, 4), ("start", 2, 4)]
+
+
+def test_stopped_it_returns_the_best_so_far_verified() -> None:
+    """Stopped in the second of three counts: what was found by then, checked; the third is not tried."""
+    seen: list[tuple[str, int, int]] = []
+
+    def watch(stage: str, done: int, total: int, least: float | None) -> None:
+        seen.append((stage, done, total))
+
+    def enough() -> bool:
+        return ("start", 4, 9) in seen
+
+    data = document(**moving(starts=3, count={"min": 6, "max": 8, "cost_per_fiducial": 100.0}))
+    result = optimise(load_design(data), progress=watch, stop=enough, threads=1)
+    assert seen[:4] == [("start", k, 9) for k in (1, 2, 3, 4)]
+    assert not {("start", 7, 9), ("start", 8, 9), ("start", 9, 9)} & set(seen)
+    assert [entry.note for entry in result.counts][2] == "not tried: stopped on request"
+    assert result.counts[2].cost is None
+    assert ("check", 1, 6) in seen
+    checks = result.certificate.verification.verdict.checks
+    assert result.status == "verified"
+    assert max(item.interval_mm[1] for item in checks) <= 1.0
+    assert score(load_design(result.design)).targets[0].p95_mm == pytest.approx(result.p95_after_mm, rel=1e-9)
+
+
+def test_stopped_among_the_starts_it_says_after_how_many() -> None:
+    seen: list[int] = []
+
+    def watch(stage: str, done: int, total: int, least: float | None) -> None:
+        seen.append(done)
+
+    data = document(**moving(starts=6))
+    result = optimise(load_design(data), progress=watch, stop=lambda: len(seen) >= 2, threads=1)
+    assert result.certificate.stopped.startswith("stopped on request after ")
+    assert result.certificate.converged_starts < result.certificate.starts == 6
+    assert result.certificate.verification.verdict.status == "pass"
+
+
+def test_stopped_at_once_it_still_solves_one_start() -> None:
+    result = optimise(load_design(document(**moving(starts=2))), stop=lambda: True, threads=1)
+    assert result.certificate.stopped == "stopped on request after 1 of 2 starts"
+    assert result.certificate.verification.verdict.status == "pass"
+
+
+DEG = {"min_deg": 0.01, "max_deg": 0.5}
+
+
+def random_document(rng: np.random.Generator) -> dict[str, Any]:
+    """A section with a random choice of fields, valid by itself though not always possible."""
+
+    def some(probability: float) -> bool:
+        return bool(rng.random() < probability)
+
+    section: dict[str, Any] = {
+        "starts": 1,
+        "seed": int(rng.integers(1000)),
+        "min_spacing_mm": float(rng.uniform(5, 40)),
+    }
+    shapes: list[dict[str, Any]] = [
+        {"box": BOX},
+        {"cylinder": {"base_mm": [0, 0, -85], "height_mm": 100, "radius_mm": float(rng.uniform(20, 50)),
+                      "inner_radius_mm": float(rng.uniform(0, 20))}},
+        {"ball": {"centre_mm": [0, 0, -40], "radius_mm": float(rng.uniform(30, 60))}},
+    ]  # fmt: skip
+    placed = some(0.7)
+    if placed:
+        section["region"] = shapes[rng.integers(3)]
+        if some(0.3):
+            section["keep_out"] = [{"name": "zone", "clearance_mm": 2, "ball": {
+                "centre_mm": rng.uniform(-50, 50, 3).tolist(), "radius_mm": float(rng.uniform(5, 30))}}]  # fmt: skip
+        if some(0.3):
+            section["symmetry"] = [{"mirror": {"normal": rng.normal(size=3).tolist()}}, {"rotation": {"order": 3}}][
+                rng.integers(2)
+            ]
+        elif some(0.3):
+            section["fixed"] = ["F1", "F4"]
+        if some(0.3):
+            section["count"] = {"min": 6, "max": 7, "cost_per_fiducial": float(rng.uniform(0, 50))}
+    objective = str(rng.choice(["cost", "quantile", "scaling", "pareto"]))
+    if objective == "quantile" and placed and some(0.5):
+        pass  # nothing but the layout
+    else:
+        section["rotation_bounds"] = dict(DEG)
+        if some(0.4):
+            section["translation_bounds"] = {"min_mm": 0.005, "max_mm": 0.2, "cost": {"curve": "reciprocal_square"}}
+        if objective == "cost" and some(0.4):
+            section["tolerances"] = [free("structure_connector", "ry", grades=[
+                {"name": "fine", "half_width_deg": 0.05, "price": 500},
+                {"name": "rough", "half_width_deg": 0.2, "price": 9},
+            ])]  # fmt: skip
+        if objective == "quantile":
+            section["cost_limit"] = float(rng.uniform(600, 4000))
+    section["objective"] = objective
+    if objective == "pareto":
+        section["front"] = {"points": 2}
+    if some(0.3):
+        box = {"min_mm": [0, 0, -145], "max_mm": [0, 0, float(rng.uniform(-140, -60))]}
+        section["pivots"] = [{"interface": "connector_flange", "box": box}]
+    data = document(limit_mm=float(rng.choice([0.5, 0.8, 1.2])), **section)
+    if some(0.3):
+        data["interfaces"]["structure_connector"]["tolerances"]["rx"] = {
+            "half_width_deg": 0.1, "distribution": str(rng.choice(["uniform", "triangular", "bounded"]))
+        }  # fmt: skip
+    if some(0.2):
+        data["requirements"][0] |= {"risk": "per_unit", "min_yield": 0.8}
+    return data
+
+
+def answer(data: dict[str, Any]) -> Optimisation | TailstackError:
+    """Any other exception fails the test."""
+    try:
+        return optimise(load_design(data))
+    except TailstackError as refused:
+        return refused
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_any_valid_section_is_verified_or_refused(seed: int) -> None:
+    """Ten draws of fields: a verified record that keeps its limits by the score, or a refusal that says why."""
+    data = random_document(np.random.default_rng(seed))
+    result = answer(data)
+    if isinstance(result, TailstackError):
+        assert result.problems
+        assert all(problem.code and problem.detail for problem in result.problems)
+        return
+    assert result.status == "verified"
+    assert result.certificate.verification.verdict.status == "pass"
+    json.dumps(asdict(result), allow_nan=False)
+    scored = score(load_design(result.design))
+    assert scored.targets[0].p95_mm == pytest.approx(result.p95_after_mm, rel=1e-9)
+    if data["requirements"][0].get("risk") != "per_unit":
+        assert result.p95_after_mm <= data["requirements"][0]["limit_mm"]
