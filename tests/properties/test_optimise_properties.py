@@ -126,7 +126,7 @@ def test_a_looser_limit_never_costs_more() -> None:
         solve_placement(replace(fixed, requirements=(requirement(limit),))).cost for limit in (0.4, 0.5, 0.7, 1.2)
     ]  # fmt: skip
     assert costs == sorted(costs, reverse=True)
-    moving = [_best(_small(limit_mm=limit)) for limit in (0.6, 0.7, 0.9)]
+    moving = [_best(_small(limit_mm=limit)) for limit in (0.6, 0.8)]
     assert moving == sorted(moving, reverse=True)
 
 
@@ -146,7 +146,7 @@ def test_freedom_never_costs(name: str) -> None:
         ),
         "kept out": replace(free, keep_out=(zone,)),
     }[name]
-    less = solve_placement(held, starts=2, seed=4, threads=1)
+    less = solve_placement(held, starts=1, seed=4, threads=1)
     more = min(_from_layout(free, less.choice.fiducials_mm).cost, _best(free))
     assert more <= less.cost * (1 + 2e-4)  # closed form against exact law, one of them not polished
 

@@ -135,7 +135,6 @@ def _with_spacing(problem: PlacementProblem, by: float) -> PlacementProblem:
 CHANGES: dict[str, tuple[Callable[[PlacementProblem, float], PlacementProblem], float]] = {
     "limit": (_with_limit, 0.001),
     "min_spacing_mm": (_with_field("min_spacing_mm"), 0.02),
-    "min_projected_spacing_px": (_with_field("min_projected_spacing_px"), 0.3),
     "target_clearance_px": (_with_field("target_clearance_px"), 0.2),
     "cost_limit": (_with_field("cost_limit"), 2.0),
     "lower x face of the box": (_with_face(0, 0), 0.02),
@@ -146,10 +145,8 @@ CHANGES: dict[str, tuple[Callable[[PlacementProblem, float], PlacementProblem], 
 
 
 EXPECTED = {
-    "cost, layout free": (
-        "limit", "min_spacing_mm", "min_projected_spacing_px", "target_clearance_px", "lower x face of the box",
-    ),
-    "quantile, layout free": ("cost_limit", "min_spacing_mm"),
+    "cost, layout free": ("limit", "min_spacing_mm", "target_clearance_px", "lower x face of the box"),
+    "quantile, layout free": ("cost_limit",),
     "scaling, layout free": ("limit",),
     "cost, mechanics free": (
         "limit", "upper z bound of the pivot of interface_2", "largest locator spacing of interface_1",
