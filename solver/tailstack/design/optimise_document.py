@@ -330,14 +330,18 @@ def _one_cost(record: Record, cost: CostCurve | None, unit: str) -> None:
 class FreePivot(Record):
     """A pivot that may move: where the seat's rotations turn about."""
 
-    interface: InterfaceName = Field(description="Which interface; it declares tolerances, not locators.")
+    interface: InterfaceName = Field(
+        description="Which interface; it declares tolerances, not locators.", examples=["connector_flange"]
+    )
     box: SearchBox = Field(description="Where its pivot may be.")
 
 
 class LocatorSpacing(Record):
     """Six locators that may be spread or drawn together about their centre."""
 
-    interface: InterfaceName = Field(description="Which interface; it declares locators.")
+    interface: InterfaceName = Field(
+        description="Which interface; it declares locators.", examples=["structure_connector"]
+    )
     min_scale: Annotated[float, Field(ge=0.01, le=100)] = Field(
         description="Smallest factor on the distances from the locators' centre.", examples=[0.5]
     )

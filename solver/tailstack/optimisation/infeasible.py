@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..errors import InfeasibleError, Problem
+from ..errors import InfeasibleError, NotConvergedError, Problem
 from ..propagation.linear import LinearModel
 from ..system import Array
 from .problem import Demand, PlacementProblem, label_of, least_half_widths
@@ -142,7 +142,7 @@ def _room(program: Program, point: Point) -> list[str]:
     return [f"{what} lowers it by {value:.2g} %" for what, value in best if value > RELIEF]
 
 
-def refuse_geometry(program: Program, points: list[tuple[Point, Parameters]]) -> InfeasibleError:
+def refuse_geometry(program: Program, points: list[tuple[Point, Parameters]]) -> InfeasibleError | NotConvergedError:
     """Not even the rules of the layout could be met: which would have to give way, by elastic relaxation.
 
     Every rule (all rows of a kind) gets one slack >= 0, the sum of slacks is minimised (an exact penalty): rules that
@@ -151,6 +151,9 @@ def refuse_geometry(program: Program, points: list[tuple[Point, Parameters]]) ->
     rows = program.rows
     kinds = sorted({row.kind for row in rows} - {"quantile", "cost"})
     best, violated = _relaxed(program, points, kinds)
+    if max(best) <= SATISFIED:
+        detail = "the rules of the layout can be met, but no start converged: no answer could be found"
+        return NotConvergedError(Problem("/optimise", "none-converged", detail, "try more starts or another seed"))
     named = []
     for kind, slack in zip(kinds, best, strict=True):
         if slack > SATISFIED:

@@ -21,12 +21,7 @@ def relaxation_of(search: Search, settled: Settled) -> Relaxation:
     """The bound that goes with an optimum."""
     problem = settled.problem
     if settled.graded is not None:
-        grades = settled.graded.grades
-        where = "at this layout" if problem.places else "for this layout"
-        return Relaxation(
-            "monotone cuts over grades", grades.cost, grades.lower_bound, grades.gap_percent,
-            f"{grades.statement.rstrip('.')} ({where}, other half-widths as they are)",
-        )  # fmt: skip
+        return settled.graded.bought.bound
     reason = _no_bound(search, problem)
     if reason is not None:
         return Relaxation("none", settled.cost or None, None, None, reason)

@@ -34,7 +34,7 @@ from .request import Request, read_request
 from .search import Search
 from .search import for_people as objective_for_people
 from .shadow_prices import shadow_prices
-from .terms import DemandTerms
+from .terms import DemandTerms, mechanics_of
 from .verified import Verified
 
 
@@ -186,10 +186,10 @@ def _tolerances(outcome: Outcome, before: Choice, now: Choice) -> tuple[ChangedT
     settled = outcome.verified.settled
     problem = settled.problem
     worst = outcome.search.terms[int(np.argmax(settled.ratios))]
-    lever = _lever(worst, len(problem.half_widths))
+    lever_before, lever = (_lever(worst, problem, choice) for choice in (before, settled.choice))
     chosen = {}
     if settled.graded is not None:
-        chosen = dict(zip(outcome.request.graded, settled.graded.grades.names, strict=True))
+        chosen = dict(zip(outcome.request.graded, settled.graded.bought.names, strict=True))
     found = []
     for k, free in enumerate(problem.half_widths):
         (old, unit), (new, _) = (for_people(problem, k, float(c.half_width[k])) for c in (before, now))
@@ -202,7 +202,7 @@ def _tolerances(outcome: Outcome, before: Choice, now: Choice) -> tuple[ChangedT
                 unit=unit,
                 before_half_width=old,
                 after_half_width=new,
-                at_target_before_mm=float(lever[k] * before.half_width[k]),
+                at_target_before_mm=float(lever_before[k] * before.half_width[k]),
                 at_target_mm=float(lever[k] * now.half_width[k]),
                 cost_before=cost_before if np.isfinite(cost_before) else None,
                 cost_after=cost_of(free.price, float(now.half_width[k])),
@@ -212,11 +212,12 @@ def _tolerances(outcome: Outcome, before: Choice, now: Choice) -> tuple[ChangedT
     return tuple(found)
 
 
-def _lever(terms: DemandTerms, count: int) -> Array:
-    """(K,) mm at the target per native unit of each free half-width."""
-    found = np.zeros(count)
-    gain = terms.free_gain
-    found[: gain.shape[1]] = np.linalg.norm(gain, axis=0)
+def _lever(terms: DemandTerms, problem: PlacementProblem, choice: Choice) -> Array:
+    """(K,) mm at the target per native unit of each free half-width, at the pivots and spacings of a choice."""
+    found = np.zeros(len(problem.half_widths))
+    for source, gain in zip(terms.sources, terms.gains.at(mechanics_of(problem, choice)), strict=True):
+        if source.free is not None:
+            found[source.free] = float(np.linalg.norm(gain))
     return found
 
 

@@ -17,9 +17,9 @@ from ..results import LocalOptimum
 from ..system import Array
 from .begin import Begun, begin
 from .infeasible import explain_infeasible, refuse_geometry
-from .problem import PlacementProblem, present_choice
+from .problem import Choice, PlacementProblem, present_choice
 from .program import Parameters, Point, Program, build_program, solve
-from .promise import Promise, leading_demands, promise
+from .promise import Correction, Promise, correction_at, leading_demands, promise
 from .regions import bounding_box
 from .starts import starting_layouts
 from .terms import DemandTerms, Estimator, estimator_of, is_flat, terms_of
@@ -94,12 +94,20 @@ def explore(
     begun = _starts(program, layouts)
     ranked = sorted(begun, key=lambda start: start.tightest_ratio)
     points: list[Found] = []
+    extra = 0
     if ranked[0].tightest_ratio > 1 and program.problem.objective != "quantile":
         # Is there anything to find?  Ask for the smallest quantile from the best layouts before all starts fail.
         least = least_quantile(program, ranked[:ATTEMPTS])
-        if least.point.objective > 0 and worst_ratio(promised(program, least.point)) > 1:
-            raise explain_infeasible(program, least.point)
+        held = promised(program, least.point)
+        if least.point.objective > 0:
+            if worst_ratio(held) > 1:
+                raise explain_infeasible(program, least.point)
+            # The closed form refuses what the exact law accepts: search on with the one corrected to the other.
+            corrected = corrections_at(program, program.split(least.point.x), held)
+            begun = [replace(start, parameters=replace(start.parameters, corrections=corrected)) for start in begun]
+            least = replace(least, parameters=replace(least.parameters, corrections=corrected))
         points.append(Found(solve(program, least.point.x, least.parameters), least.parameters))
+        extra = 1
     stopped = f"all {len(begun)} starts were solved"
     for k, point in enumerate(_solve_all(program, begun, stop)):
         points.append(Found(point, begun[k].parameters))
@@ -114,7 +122,10 @@ def explore(
         if "request" in stopped:
             detail = f"{stopped}: none had converged"
             raise NotConvergedError(Problem("/optimise", "stopped", detail, "let it run longer"))
-        raise explain_infeasible(program, least_quantile(program, ranked[:ATTEMPTS]).point)
+        least = least_quantile(program, ranked[:ATTEMPTS])
+        if worst_ratio(promised(program, least.point)) > 1:
+            raise explain_infeasible(program, least.point)
+        raise none_converged(len(begun))
     polished = [
         Found(solve(program, item.point.x, item.parameters, warm=item.point), item.parameters)
         for item in solved[:POLISHED]
@@ -122,7 +133,7 @@ def explore(
     best = sorted((item for item in polished if item.point.solved), key=lambda item: item.point.objective) or solved
     return Search(
         program, tuple(best), terms, estimator, len(begun), min(len(solved), len(begun)),
-        local_optima(program, points), stopped,
+        local_optima(program, points[extra:]), stopped,
     )  # fmt: skip
 
 
@@ -224,10 +235,25 @@ def least_quantile(program: Program, starts: list[Begun]) -> Found:
             break
     solved = [item for item in points if item.point.solved]
     if not solved:
+        if all(row.kind in ("quantile", "cost") for row in program.rows):
+            raise none_converged(len(points))
         raise refuse_geometry(program, [(item.point, item.parameters) for item in points])
     best = min(solved, key=lambda item: item.point.objective)
     polished = solve(program, best.point.x, best.parameters, question="least", warm=best.point)
     return Found(polished, best.parameters) if polished.solved else best
+
+
+def none_converged(starts: int) -> NotConvergedError:
+    """The solver failed, which says nothing about what can be met."""
+    detail = f"none of {starts} starts converged: whether the limits can be met could not be found out"
+    return NotConvergedError(Problem("/optimise", "none-converged", detail, "try more starts or another seed"))
+
+
+def corrections_at(program: Program, choice: Choice, held: list[Promise]) -> tuple[Correction, ...]:
+    """The closed forms of the programme corrected to the exact law at a choice."""
+    return tuple(
+        correction_at(program.problem, term, choice, item, None) for term, item in zip(program.terms, held, strict=True)
+    )
 
 
 def promised(program: Program, point: Point) -> list[Promise]:
