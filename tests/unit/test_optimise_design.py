@@ -131,15 +131,16 @@ def test_same_seed_same_document_whatever_the_threads() -> None:
 
 
 def test_another_seed_another_search_of_the_same_design() -> None:
-    data = document(**moving(starts=3))
-    one, other = optimised(data), optimise(load_design(data), seed=5, starts=3)
+    one = optimised(document(**moving()))  # seed 1
+    data = document(**moving(seed=5))
+    # what is asked for in the call comes before the document
+    other, same = optimised(data), optimise(load_design(document(**moving(starts=7))), seed=5, starts=2)
     assert (one.certificate.seed, other.certificate.seed) == (1, 5)
     assert one.certificate.verification.seed != other.certificate.verification.seed
     assert one.placement_value != other.placement_value  # other careless layouts
     assert other.cost_after == pytest.approx(one.cost_after, rel=0.005)
-    # the seed of the document is the one that is taken when none is given
-    data["optimise"]["seed"] = 5
-    assert optimise(load_design(data)).design["fiducials"] == other.design["fiducials"]
+    assert same.design["fiducials"] == other.design["fiducials"]
+    assert same.certificate.verification.targets == other.certificate.verification.targets
 
 
 def test_another_quantile_of_another_error() -> None:
@@ -336,9 +337,9 @@ def answer(data: dict[str, Any]) -> Optimisation | TailstackError:
         return refused
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(6))
 def test_any_valid_section_is_verified_or_refused(seed: int) -> None:
-    """Ten draws of fields: a verified record that keeps its limits by the score, or a refusal that says why."""
+    """Six draws of fields: a verified record that keeps its limits by the score, or a refusal that says why."""
     data = random_document(np.random.default_rng(seed))
     result = answer(data)
     if isinstance(result, TailstackError):

@@ -299,18 +299,18 @@ def test_a_target_region_is_held_at_every_point() -> None:
 
 
 def test_the_record_of_the_starts_is_consistent() -> None:
-    certificate = optimised(document(**moving(starts=6))).certificate
+    certificate = optimised(document(**moving(starts=4))).certificate
     objectives = [optimum.objective for optimum in certificate.optima]
     assert objectives == sorted(objectives) == list(certificate.best_costs)
     assert all(b > a * (1 + 1e-5) for a, b in pairwise(objectives))
-    assert sum(optimum.starts for optimum in certificate.optima) == certificate.converged_starts <= 6
+    assert sum(optimum.starts for optimum in certificate.optima) == certificate.converged_starts <= 4
     first = [optimum.first_start for optimum in certificate.optima]
     assert len(set(first)) == len(first)
-    assert set(first) <= set(range(6))
+    assert set(first) <= set(range(4))
     assert certificate.optima[0].rms_distance_mm < 0.5
     assert certificate.kkt_residual < 1e-5
-    assert certificate.starts == 6
-    assert certificate.stopped == "all 6 starts were solved"
+    assert certificate.starts == 4
+    assert certificate.stopped == "all 4 starts were solved"
 
 
 def test_a_start_from_a_hopeless_layout_is_counted_once() -> None:
@@ -392,7 +392,7 @@ def test_no_bound_is_claimed_where_there_is_none(why: str, words: str) -> None:
 
 def test_what_placement_is_worth() -> None:
     """independent: the corners of the box as a document of their own, its tolerances optimised."""
-    result = optimised(document(8, **moving(starts=3)))
+    result = optimised(document(8, **moving()))
     value = result.placement_value
     assert value is not None
     assert value.textbook == "the corners of the box"

@@ -80,7 +80,7 @@ def assert_scores_as_promised(result: Optimisation) -> None:
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_region_of_every_shape(name: str) -> None:
     """closed form: distance from the axis and the centre; a region that binds is used up to its surface."""
-    result = optimised(document(**moving(box=None, region=SHAPES[name])))
+    result = optimised(document(**moving(box=None, region=SHAPES[name], starts=1)))
     points = layout_of(result)
     assert abs(excess_mm(SHAPES[name], points)) < WRITTEN_MM
     assert gap_mm(points) >= 12
