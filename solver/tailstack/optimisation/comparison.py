@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import IllPosedError
 from ..results import PlacementValue
 from ..system import Array
-from .begin import begin
+from .begin import begin, worst_closed_ratio
 from .budgets import best_budget, budgets_of
 from .problem import PlacementProblem, present_choice
 from .promise import promise
@@ -114,7 +114,7 @@ def _at_layout(search: Search) -> Callable[[Array], float | None]:
         except IllPosedError:
             return None
         if small is None:
-            return max(item.exact_mm / item.limit_mm for item in held)
+            return worst_closed_ratio(program, held, here)
         if start.tightest_ratio > 1 and problem.objective != "quantile":
             return None
         found = best_budget(small, here, held, start.x[program.widths_at])

@@ -16,7 +16,7 @@ from ..propagation.linear import LinearModel, linearise
 from ..results import Finding
 from .problem import Demand, PlacementProblem, apply_choice, in_words, label_of, present_choice
 from .promise import exact_quantile
-from .terms import LAYOUT_BLOCKS, DemandTerms, blind_half_widths, is_flat, scattered, terms_of
+from .terms import FIDUCIAL_BLOCKS, DemandTerms, blind_half_widths, is_flat, scattered, terms_of
 
 TARGET_CODES = ("same-source", "target-on-baseline", "target-too-far")
 HARDLY = 0.005  # relative: a layout that can change the quantile by less hardly matters
@@ -105,7 +105,10 @@ def _layouts(problem: PlacementProblem) -> list[Finding]:
 
 
 def _layout(problem: PlacementProblem, demand: Demand) -> Finding | None:
-    """How far the best imaginable layout could bring one quantile: to what all but the image leaves."""
+    """How far the best imaginable layout could bring one quantile: to what perfect fiducials leave.
+
+    The noise of the target's own images stays: it passes through the projections, which no layout changes.
+    """
     choice = present_choice(problem)
     if is_flat(problem.system.fiducials_mm):
         return None
@@ -114,19 +117,19 @@ def _layout(problem: PlacementProblem, demand: Demand) -> Finding | None:
     except IllPosedError:  # as drawn, the layout has no answer: there is nothing to compare with
         return None
     now = exact_quantile(model, demand).value_mm
-    floor = exact_quantile(without_image(model), demand).value_mm
+    floor = exact_quantile(with_perfect_fiducials(model), demand).value_mm
     gain = 1 - floor / now
     return Finding(
         "layout-influence",
         "warning" if gain < HARDLY else "note",
-        f"{demand.text} is {now:.4g} mm; no layout can bring it below {floor:.4g} mm ({-100 * gain:+.1f} %) with the "
-        "tolerances as they are: that much is left without image noise and manufacturing errors",
+        f"{demand.text} is {now:.4g} mm; with the tolerances as they are, placement can gain no more than what the "
+        f"fiducials' own image noise and manufacturing errors cost: down to {floor:.4g} mm ({-100 * gain:+.1f} %)",
         problem.places[0].pointer,
         floor,
         demand.requirement.limit_mm,
     )
 
 
-def without_image(model: LinearModel) -> LinearModel:
-    """The linear model with perfect images and perfect fiducials."""
-    return replace(model, blocks=tuple(b for b in model.blocks if not b.contributor.startswith(LAYOUT_BLOCKS)))
+def with_perfect_fiducials(model: LinearModel) -> LinearModel:
+    """The linear model without image noise and manufacturing errors of the fiducials."""
+    return replace(model, blocks=tuple(b for b in model.blocks if not b.contributor.startswith(FIDUCIAL_BLOCKS)))

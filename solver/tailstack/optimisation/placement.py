@@ -17,7 +17,7 @@ from .promise import Promise, correction_at, promise
 from .search import Found, Progress, Search, Stop, least_quantile, promised, search, with_demands, worst_ratio
 
 AT_AIM = 4e-6  # relative: how near below its aim the largest exact quantile is brought
-AIM_BELOW = 2e-6  # relative: where in that window it is aimed
+KNOWN = 3.0  # numerical errors of the exact law that a window is wide, where that is more
 SAMPLED_AT_AIM = 4e-4  # likewise for a per-unit quantile, which is sampled
 MAX_ROUNDS = 20
 STATIONARY = 1e-6  # residual of the first-order conditions with the exact law that ends the rounds
@@ -101,13 +101,20 @@ def _inside(program: Program, key: tuple[str, str]) -> bool:
 
 def _arrived(program: Program, point: Point, held: list[Promise], reached: float) -> bool:
     """The exact quantile is in the window below its aim, or below it because nothing is gained by using it up."""
-    window = SAMPLED_AT_AIM if any(term.demand.per_unit for term in program.terms) else AT_AIM
+    window = _window(program, held)
     if program.problem.objective == "quantile":
         return bool(abs(2 * np.log(worst_ratio(held)) - point.objective) <= 2 * window)
     if reached > 1:
         return False
     pressed = any(multiplier > 1e-7 for multiplier in point.row_multipliers[: len(program.terms)])
     return not pressed or reached >= 1 - window
+
+
+def _window(program: Program, held: list[Promise]) -> float:
+    """Relative width of the window below an aim: no narrower than the exact law is known."""
+    if any(term.demand.per_unit for term in program.terms):
+        return SAMPLED_AT_AIM
+    return max(AT_AIM, KNOWN * max(item.relative_error for item in held))
 
 
 def _again(program: Program, point: Point, parameters: Parameters) -> Point:
@@ -176,7 +183,7 @@ def _corrected(program: Program, here: Found, held: list[Promise], aims: Array, 
     )
     limits = np.log([item.limit_mm for item in held])
     if problem.objective != "quantile":
-        limits = limits + np.log(aims * (1 - AIM_BELOW))
+        limits = limits + np.log(aims * (1 - _window(program, held) / 2))
     return Parameters(limits, signs, corrections, program.pieces_of(choice))
 
 

@@ -30,7 +30,7 @@ STEERING = 6  # demands whose error the starting layouts are improved for
 LEADING = 0.97  # of the largest quantile over its limit: a demand that near may bind
 MANY_DEMANDS = 3  # beyond this only those that bind somewhere enter the programme
 POLL_SECONDS = 0.1  # how soon a wish to stop is noticed
-SAME = 1e-4  # relative: explored objectives are known to about that
+SAME = 2.5e-4  # relative: explored objectives are known to about that
 
 Progress = Callable[[str, int, int, float | None], None]  # stage, done, total, least objective so far
 Stop = Callable[[], bool]

@@ -17,11 +17,24 @@ from numpy.typing import NDArray
 from ..system import Array
 from .exchange import apart_from_copies, exchange, keeps_distance
 from .problem import PlacementProblem
-from .regions import Box, Cylinder, Shape, across_axis, clear_of, clip, contains, distinct, moved, sample
+from .regions import (
+    Box,
+    Cylinder,
+    Shape,
+    across_axis,
+    clear_of,
+    clip,
+    contains,
+    diameter_mm,
+    distinct,
+    moved,
+    sample,
+)
 from .terms import DemandTerms, Estimator, free_laws
 
 CANDIDATES = 60
 SWEEPS = 3
+APART = 0.03  # of the largest region: smallest distance at a start, whatever smaller one is allowed
 ON_FACE = 0.6  # probability that a coordinate of a candidate lies on a face of the region
 BATCHES = 8  # of 4 * CANDIDATES draws, until enough keep the rules
 CARELESS = 0xCA7E  # keeps these seeds apart from those of the starts
@@ -115,7 +128,9 @@ def starting_layouts(
     groups = np.array([place.fiducials for place in problem.places], dtype=np.int64)
     regions, which = distinct(place.region for place in problem.places)
     fixed = _for_exchange(problem, estimator, terms)
-    spacing = (problem.min_spacing_mm, problem.min_projected_spacing_px)
+    # Fiducials that may coincide must not start so: with six of them the layout would be singular.
+    least_gap = APART * max(diameter_mm(region) for region in regions)
+    spacing = (max(problem.min_spacing_mm, least_gap), problem.min_projected_spacing_px)
     layouts = [present]
     inverse = np.linalg.inv(estimator.told)
     for k in range(1, starts):

@@ -26,7 +26,8 @@ from .problem import Choice, Demand, PlacementProblem, apply_choice, mount_named
 from .regions import bounding_box
 from .symbols import Duck, plain, times
 
-LAYOUT_BLOCKS = ("fiducial_noise:", "target_noise:", "fiducial_manufacturing")
+FIDUCIAL_BLOCKS = ("fiducial_noise:", "fiducial_manufacturing")
+LAYOUT_BLOCKS = (*FIDUCIAL_BLOCKS, "target_noise:")  # what a function of the layout carries to the error
 PIVOT_STEP_MM = 64.0  # any step would do for an affine function; a large one loses no digits
 
 
