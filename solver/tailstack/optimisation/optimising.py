@@ -8,18 +8,18 @@ import numpy as np
 
 from ..design import Design
 from ..design.refusals import place
-from ..errors import InfeasibleError, TailstackError
+from ..errors import InfeasibleError, NotConvergedError, TailstackError
 from ..results import CountTried, Finding, FrontPoint, Optimisation
 from .comparison import placement_value
 from .contradictions import refuse_contradictions
 from .front import front_of
 from .influencing import influence_of, refuse_incurable
-from .placement import settle
+from .placement import PlacementSolution, settle
 from .problem import PlacementProblem
 from .reporting import Outcome, report
 from .request import Request, counts_of, read_request, with_count
 from .search import Progress, Search, Stop, for_people, search
-from .verified import verified
+from .verified import Verified, verified
 
 TIE = 1e-4  # relative: a count must be better by that to be preferred to a smaller one
 
@@ -76,10 +76,7 @@ def _optimise(
     refuse_incurable(request.problem)
     remarks = influence_of(request.problem)
     found, tried = _search_counts(request, problems, counts, starts, seed, threads, progress, stop)
-    exact = None
-    if found.program.problem.objective != "quantile" and not request.graded:
-        exact = settle(found, np.ones(len(found.terms)))
-    result = verified(request, found, seed=seed, start=exact, threads=threads, progress=progress, stop=stop)
+    exact, result = _first_verified(request, found, seed, threads, progress, stop)
     front: tuple[FrontPoint, ...] = ()
     if request.wanted.wanted == "pareto":
         front = front_of(request, found, seed=seed, threads=threads, progress=progress, stop=stop)
@@ -88,6 +85,26 @@ def _optimise(
     if not request.graded:
         value = placement_value(found, best, seed, stop)
     return report(Outcome(request, found, exact, result, remarks, value, tried, front, seed))
+
+
+def _first_verified(
+    request: Request, found: Search, seed: int, threads: int | None, progress: Progress | None, stop: Stop | None
+) -> tuple[PlacementSolution | None, Verified]:
+    """The best of the optima that verifies, and its optimum by the exact law at the limits themselves.
+
+    Where first order does not hold at the best one (a nearly flat layout of few fiducials), another may do.
+    """
+    for position, item in enumerate(found.found):
+        one = replace(found, found=(item, *(other for other in found.found if other is not item)))
+        exact = None
+        if found.program.problem.objective != "quantile" and not request.graded:
+            exact = settle(one, np.ones(len(one.terms)))
+        try:
+            return exact, verified(request, one, seed=seed, start=exact, threads=threads, progress=progress, stop=stop)
+        except NotConvergedError:
+            if position + 1 == len(found.found):
+                raise
+    raise AssertionError("a search has at least one point")
 
 
 def _search_counts(

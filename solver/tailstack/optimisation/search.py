@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from ..errors import NotConvergedError, Problem
+from ..errors import NotConvergedError, Problem, TailstackError
 from ..results import LocalOptimum
 from ..system import Array
 from .begin import Begun, begin
@@ -91,50 +91,61 @@ def explore(
     progress: Progress | None, stop: Stop | None,
 ) -> Search:  # fmt: skip
     """Solve from given layouts."""
-    begun = _starts(program, layouts)
-    ranked = sorted(begun, key=lambda start: start.tightest_ratio)
-    points: list[Found] = []
-    extra = 0
-    if ranked[0].tightest_ratio > 1 and program.problem.objective != "quantile":
-        # Is there anything to find?  Ask for the smallest quantile from the best layouts before all starts fail.
-        least = least_quantile(program, ranked[:ATTEMPTS])
-        held = promised(program, least.point)
-        if least.point.objective > 0:
-            if worst_ratio(held) > 1:
-                raise explain_infeasible(program, least.point)
-            # The closed form refuses what the exact law accepts: search on with the one corrected to the other.
-            corrected = corrections_at(program, program.split(least.point.x), held)
-            begun = [replace(start, parameters=replace(start.parameters, corrections=corrected)) for start in begun]
-            least = replace(least, parameters=replace(least.parameters, corrections=corrected))
-        points.append(Found(solve(program, least.point.x, least.parameters), least.parameters))
-        extra = 1
+    begun, ends = _led(program, _starts(program, layouts))
     stopped = f"all {len(begun)} starts were solved"
     for k, point in enumerate(_solve_all(program, begun, stop)):
-        points.append(Found(point, begun[k].parameters))
+        if point.solved and (k not in ends or point.objective < ends[k].point.objective):
+            ends[k] = Found(point, begun[k].parameters)
         if progress is not None:
-            done = [found.point.objective for found in points if found.point.solved]
-            progress("start", k + 1, len(begun), for_people(program, min(done)) if done else None)
+            least = min((end.point.objective for end in ends.values()), default=None)
+            progress("start", k + 1, len(begun), None if least is None else for_people(program, least))
         if stop is not None and stop() and k + 1 < len(begun):
             stopped = f"stopped on request after {k + 1} of {len(begun)} starts"
             break
-    solved = sorted((item for item in points if item.point.solved), key=lambda item: item.point.objective)
-    if not solved:
-        if "request" in stopped:
-            detail = f"{stopped}: none had converged"
-            raise NotConvergedError(Problem("/optimise", "stopped", detail, "let it run longer"))
-        least = least_quantile(program, ranked[:ATTEMPTS])
-        if worst_ratio(promised(program, least.point)) > 1:
-            raise explain_infeasible(program, least.point)
-        raise none_converged(len(begun))
+    if not ends:
+        raise _none_found(program, begun, stopped)
+    solved = sorted(ends.values(), key=lambda item: item.point.objective)
     polished = [
         Found(solve(program, item.point.x, item.parameters, warm=item.point), item.parameters)
         for item in solved[:POLISHED]
     ]
     best = sorted((item for item in polished if item.point.solved), key=lambda item: item.point.objective) or solved
-    return Search(
-        program, tuple(best), terms, estimator, len(begun), min(len(solved), len(begun)),
-        local_optima(program, points[extra:]), stopped,
-    )  # fmt: skip
+    return Search(program, tuple(best), terms, estimator, len(begun), len(ends), local_optima(program, ends), stopped)
+
+
+def _led(program: Program, begun: list[Begun]) -> tuple[list[Begun], dict[int, Found]]:
+    """Starts, and the end of the most promising one where it had to be led to the feasible set.
+
+    When no start is feasible even with its half-widths at their smallest: is there anything to find?  The smallest
+    quantile is asked for from the best layouts, before all starts fail.  Raises InfeasibleError.
+    """
+    ranked = sorted(begun, key=lambda start: start.tightest_ratio)
+    if ranked[0].tightest_ratio <= 1 or program.problem.objective == "quantile":
+        return begun, {}
+    first = begun.index(ranked[0])
+    least = least_quantile(program, ranked[:ATTEMPTS])
+    if least.point.objective > 0:
+        held = promised(program, least.point)
+        if worst_ratio(held) > 1:
+            raise explain_infeasible(program, least.point)
+        # The closed form refuses what the exact law accepts: search on with the one corrected to the other.
+        corrected = corrections_at(program, program.split(least.point.x), held)
+        begun = [replace(start, parameters=replace(start.parameters, corrections=corrected)) for start in begun]
+        least = replace(least, parameters=replace(least.parameters, corrections=corrected))
+    end = Found(solve(program, least.point.x, least.parameters), least.parameters)
+    return begun, {first: end} if end.point.solved else {}
+
+
+def _none_found(program: Program, begun: list[Begun], stopped: str) -> TailstackError:
+    """Why no start ended anywhere."""
+    if "request" in stopped:
+        detail = f"{stopped}: none had converged"
+        return NotConvergedError(Problem("/optimise", "stopped", detail, "let it run longer"))
+    ranked = sorted(begun, key=lambda start: start.tightest_ratio)
+    least = least_quantile(program, ranked[:ATTEMPTS])
+    if worst_ratio(promised(program, least.point)) > 1:
+        return explain_infeasible(program, least.point)
+    return none_converged(len(begun))
 
 
 def for_people(program: Program, objective: float) -> float:
@@ -195,9 +206,9 @@ def farthest(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> tuple
     return tuple(terms[k] for k in sorted(np.argsort(apart, kind="stable")[:STEERING]))
 
 
-def local_optima(program: Program, points: list[Found]) -> tuple[LocalOptimum, ...]:
-    """The distinct optima among the points, ascending; within 1e-4 of each other they count as one."""
-    solved = [(k, item.point) for k, item in enumerate(points) if item.point.solved]
+def local_optima(program: Program, ends: dict[int, Found]) -> tuple[LocalOptimum, ...]:
+    """The distinct optima among the ends of the starts, ascending; objectives this close count as one."""
+    solved = [(k, item.point) for k, item in ends.items()]
     kept: list[tuple[float, list[int], Array]] = []
     for k, point in sorted(solved, key=lambda item: item[1].objective):
         value = for_people(program, point.objective)
@@ -279,4 +290,6 @@ def with_demands(search: Search, point: Point, ratios: Array, least: float) -> S
     program = build_program(search.program.problem, search.estimator, active, len(search.program.explore))
     layouts = [search.program.split(p.x).fiducials_mm for p in (point, *(item.point for item in search.found[1:]))]
     again = explore(program, search.terms, search.estimator, layouts, None, None)
-    return replace(again, starts=search.starts, converged=search.converged, stopped=search.stopped)
+    return replace(
+        again, starts=search.starts, converged=search.converged, optima=search.optima, stopped=search.stopped
+    )

@@ -120,7 +120,7 @@ def verified(
         if problem.objective == "quantile":
             raise _not_within(settled, checks, problem)
         aims = np.minimum(aims, settled.ratios)
-        aims = aims * np.array([_tightening(checks[term.demand.key]) for term in search.terms])
+        aims = aims * np.array([_tightening(checks[term.demand.key], attempt) for term in search.terms])
     raise NotConvergedError(
         Problem(
             "/optimise",
@@ -136,15 +136,15 @@ def _incumbent(problem: PlacementProblem, settled: Settled) -> float:
     return max(settled.ratios) if problem.objective == "quantile" else settled.cost
 
 
-def _tightening(check: Check) -> float:
-    """Factor on the aim of one demand, from what its check measured."""
+def _tightening(check: Check, attempt: int) -> float:
+    """Factor on the aim of one demand, from what its check measured; the margin grows with every failure."""
     if check.risk == "per_unit":
         return 1.0 if check.status == "pass" else UNIT_STEP
     upper = check.interval_mm[1]
     if upper <= check.limit_mm:
         return 1.0
     # A fresh seed moves the estimate within its interval.
-    return (check.limit_mm / upper) * (1 - (MARGIN - 1) * (upper / check.value_mm - 1))
+    return (check.limit_mm / upper) * (1 - (MARGIN - 1 + attempt / 2) * (upper / check.value_mm - 1))
 
 
 def _not_within(settled: Settled, checks: dict[tuple[str, str], Check], problem: PlacementProblem) -> InfeasibleError:
