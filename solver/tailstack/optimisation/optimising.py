@@ -75,8 +75,10 @@ def _optimise(
         refuse_contradictions(problem)
     refuse_incurable(request.problem)
     remarks = influence_of(request.problem)
-    found, tried = _search_counts(request, problems, counts, starts, seed, threads, progress, stop)
-    exact, result = _first_verified(request, found, seed, threads, progress, stop)
+    searches, tried = _search_counts(request, problems, counts, starts, seed, threads, progress, stop)
+    found, exact, result = _first_verified(request, searches, seed, threads, progress, stop)
+    chosen = len(found.program.problem.system.fiducial_labels)
+    tried = tuple(replace(item, note=f"{item.note}; chosen") if item.fiducials == chosen else item for item in tried)
     front: tuple[FrontPoint, ...] = ()
     if request.wanted.wanted == "pareto":
         front = front_of(request, found, seed=seed, threads=threads, progress=progress, stop=stop)
@@ -88,43 +90,54 @@ def _optimise(
 
 
 def _first_verified(
-    request: Request, found: Search, seed: int, threads: int | None, progress: Progress | None, stop: Stop | None
-) -> tuple[PlacementSolution | None, Verified]:
-    """The best of the optima that verifies, and its optimum by the exact law at the limits themselves.
+    request: Request, searches: list[Search], seed: int, threads: int | None, progress: Progress | None,
+    stop: Stop | None,
+) -> tuple[Search, PlacementSolution | None, Verified]:  # fmt: skip
+    """The best of the optima that verifies, its search, and its optimum by the exact law at the limits themselves.
 
-    Where first order does not hold at the best one (a nearly flat layout of few fiducials), another may do.
+    Where first order does not hold at the best one (a nearly flat layout of few fiducials), another may do; where a
+    number of fiducials cannot keep the limit with the check's margin, another may.
     """
-    for position, item in enumerate(found.found):
-        one = replace(found, found=(item, *(other for other in found.found if other is not item)))
-        exact = None
-        if found.program.problem.objective != "quantile" and not request.graded:
-            exact = settle(one, np.ones(len(one.terms)))
-        try:
-            return exact, verified(request, one, seed=seed, start=exact, threads=threads, progress=progress, stop=stop)
-        except NotConvergedError:
-            if position + 1 == len(found.found):
-                raise
-    raise AssertionError("a search has at least one point")
+    refused: TailstackError | None = None
+    for found in searches:
+        for item in found.found:
+            one = replace(found, found=(item, *(other for other in found.found if other is not item)))
+            try:
+                exact = None
+                if found.program.problem.objective != "quantile" and not request.graded:
+                    exact = settle(one, np.ones(len(one.terms)))
+                return (
+                    found,
+                    exact,
+                    verified(request, one, seed=seed, start=exact, threads=threads, progress=progress, stop=stop),
+                )
+            except NotConvergedError as error:
+                refused = refused or error
+            except InfeasibleError as error:
+                refused = refused or error
+                break  # the other optima are no better
+    assert refused is not None  # a search has at least one point
+    raise refused
 
 
 def _search_counts(
     request: Request, problems: list[PlacementProblem], counts: tuple[int, ...], starts: int, seed: int,
     threads: int | None, progress: Progress | None, stop: Stop | None,
-) -> tuple[Search, tuple[CountTried, ...]]:  # fmt: skip
-    """The search at the number of fiducials with the best objective, and what the others reached."""
+) -> tuple[list[Search], tuple[CountTried, ...]]:  # fmt: skip
+    """Searches at every number of fiducials, best objective first (a tie goes to fewer), and what each reached."""
     each = request.wanted.count.cost_per_fiducial if request.wanted.count is not None else 0.0
-    best: tuple[float, Search] | None = None
+    searches: list[tuple[float, Search]] = []
     tried: list[CountTried] = []
-    refused: InfeasibleError | None = None
+    refused: TailstackError | None = None
     for position, (count, problem) in enumerate(zip(counts, problems, strict=True)):
-        if stop is not None and stop() and best is not None:
+        if stop is not None and stop() and searches:
             tried.append(CountTried(count, None, None, "not tried: stopped on request"))
             continue
         watch = _offset(progress, position * starts, len(counts) * starts)
         try:
             found = search(problem, starts=starts, seed=seed, threads=threads, progress=watch, stop=stop)
-        except InfeasibleError as error:
-            refused = error
+        except (InfeasibleError, NotConvergedError) as error:
+            refused = refused or error
             tried.append(CountTried(count, None, None, error.problems[0].detail))
             continue
         objective = for_people(found.program, found.found[0].point.objective)
@@ -132,16 +145,13 @@ def _search_counts(
         total = objective + each * count if priced else objective
         note = f"{found.converged} of {found.starts} starts converged"
         tried.append(CountTried(count, total if priced else None, None if priced else objective, note))
-        if best is None or total < best[0] * (1 - TIE):
-            best = (total, found)
-    if best is None:
+        searches.append((total, found))
+    if not searches:
         assert refused is not None  # there is at least one count
         raise refused
-    if request.wanted.count is None:
-        return best[1], ()
-    chosen = len(best[1].program.problem.system.fiducial_labels)
-    marked = (replace(item, note=f"{item.note}; chosen") if item.fiducials == chosen else item for item in tried)
-    return best[1], tuple(marked)
+    least = min(total for total, _ in searches)
+    ranked = sorted(searches, key=lambda item: 0.0 if item[0] <= least * (1 + TIE) else item[0])
+    return [found for _, found in ranked], tuple(tried) if request.wanted.count is not None else ()
 
 
 def _offset(progress: Progress | None, before: int, whole: int) -> Progress | None:

@@ -117,15 +117,6 @@ def diameter_mm(shape: Shape) -> float:
     return hypot(2 * shape.radius_mm, height)
 
 
-def volume_mm3(shape: Shape) -> float:
-    """Volume; 0 for surfaces and discs."""
-    if isinstance(shape, Box):
-        return float(np.prod(shape.high_mm - shape.low_mm))
-    if isinstance(shape, Ball):
-        return 4 / 3 * pi * (shape.radius_mm**3 - shape.inner_radius_mm**3)
-    return pi * (shape.radius_mm**2 - shape.inner_radius_mm**2) * shape.height_mm
-
-
 def contains(shape: Shape, points: Array, tolerance_mm: float = 1e-6) -> NDArray[np.bool_]:
     """(M,) whether points (M, 3) lie in the region, or within the tolerance of it."""
     return np.asarray(np.linalg.norm(clip(shape, points) - points, axis=1) <= tolerance_mm)

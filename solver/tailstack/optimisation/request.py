@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import degrees, floor, radians
-from typing import Any
 
 import numpy as np
 
 from ..design import CONTRIBUTOR, Design, Revision, compile_design, revise_design
 from ..design.locators import torsor_from_locators
-from ..design.optimise_consistency import INTERFACES, ROTATIONS, TRANSLATIONS, declared
+from ..design.optimise_consistency import ROTATIONS, TRANSLATIONS, declared
 from ..design.optimise_document import (
     CostCurve,
     FreeTolerance,
@@ -337,15 +336,3 @@ def rounded_down(half_width: float, free: FreeHalfWidth, unit: str) -> float:
             return bound
     shown, back = (degrees, radians) if unit == "rad" else (float, float)
     return max(free.minimum, back(floor(shown(half_width) * 10**WIDTH_DECIMALS) / 10**WIDTH_DECIMALS))
-
-
-def interface_field(contributor: str) -> str:
-    """The document's name of an interface."""
-    return INTERFACES[list(CONTRIBUTOR.values()).index(contributor)]
-
-
-def document_of(design: Design) -> dict[str, Any]:
-    """The new document, as plain data."""
-    from ..design import design_to_data
-
-    return design_to_data(design)
