@@ -8,6 +8,8 @@ component and one for all of it together (a six-component installation error rea
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import count
+from math import sqrt
 
 import numpy as np
 
@@ -15,7 +17,7 @@ from .propagation.linear import Block, LinearModel
 from .results import Contributor
 from .system import Array, Law
 from .tail.bounded import worst_case as worst_vertex
-from .tail.declared import LawBudget, LinearLaw, law_budget, law_quantile, without_group
+from .tail.declared import LawBudget, LawQuantile, LinearLaw, law_budget, law_quantile, without_group
 
 DEGREES = {"rad": ("deg", float(np.rad2deg(1.0)))}
 LIGHT = 2e-3  # share of variance below which a line is removed to first order: an error of some 1e-6
@@ -41,20 +43,17 @@ def declared_law(
     where: dict[tuple[str, int], int] = {}
     for block in model.blocks if blocks is None else blocks:
         gain = model.gain(block, error)
-        if block.grouped and block.laws[0] is Law.NORMAL:  # noise of many pixels: no look at each
-            scaled = gain * block.std
+        normal = [j for j, law in enumerate(block.laws) if law is Law.NORMAL]
+        if normal:
+            scaled = gain * block.std if len(normal) == len(block.laws) else gain[:, normal] * block.std[normal]
             gaussian += scaled @ scaled.T
-            continue
-        moved = (gain * block.half_width).T
-        for j, law in enumerate(block.laws):
-            if law is Law.NORMAL:
-                scaled = gain[:, j] * block.std[j]
-                gaussian += scaled[:, None] * scaled
-            elif law in KIND and block.half_width[j] > 0:
-                where[block.contributor, j] = len(columns)
-                columns.append(moved[j])
-                kinds.append(KIND[law])
-    stacked = np.stack(columns, axis=1) if columns else np.zeros((3, 0))
+        if len(normal) < len(block.laws):
+            wide = (block.half_width > 0).tolist()
+            kept = [j for j, law in enumerate(block.laws) if law in KIND and wide[j]]
+            where.update(zip(((block.contributor, j) for j in kept), count(len(kinds))))
+            columns.append(gain[:, kept] * block.half_width[kept])
+            kinds += [KIND[block.laws[j]] for j in kept]
+    stacked = np.concatenate(columns, axis=1) if columns else np.zeros((3, 0))
     return LinearLaw(mean, gaussian, stacked, np.array(kinds, dtype=np.int64)), where
 
 
@@ -86,74 +85,87 @@ def _removal(line: Line, gain: Array, where: dict[tuple[str, int], int]) -> tupl
     return (scaled @ scaled.T if normal else None), columns
 
 
-def _share(line: Line, gain: Array, total: float) -> float:
-    chosen = list(line.sources)
-    return float(((gain[:, chosen] * line.block.std[chosen]) ** 2).sum()) / total if total > 0 else 0.0
+def _by_variance(block: Block, gain: Array, where: dict[tuple[str, int], int], numbers: LawBudget) -> Array:
+    """(k,) mm: derivative of the quantile by the logarithm of each source's variance; 0 for bounded sources."""
+    scaled = gain * block.std
+    slopes = np.asarray((scaled * (numbers.dr_dcovariance @ scaled)).sum(axis=0))
+    for j, law in enumerate(block.laws):
+        if law is not Law.NORMAL:
+            column = where.get((block.contributor, j))
+            slopes[j] = 0.0 if column is None else numbers.dr_dlog_column[column] / 2
+    return slopes
 
 
-def _without_light(numbers: LawBudget, block: Array | None, columns: tuple[int, ...]) -> float:
-    """Quantile without a line of share s below LIGHT, by its slope in the variance: off by some s^2 of it."""
-    change = 0.0 if block is None else float((numbers.dr_dcovariance * block).sum())
-    return numbers.total.quantile_mm - change - float(numbers.dr_dlog_column[list(columns)].sum()) / 2
+def _by_half_width(
+    block: Block, gain: Array, by_variance: Array, numbers: LawBudget, signs: dict[tuple[str, int], float]
+) -> Array:
+    """(k,) mm per native unit: derivative of the quantile by each half-width; a bounded source moves the mean."""
+    half_width = np.where(block.half_width > 0, block.half_width, 1.0)
+    slopes = np.asarray(2 * by_variance / half_width)
+    for j in range(len(block.laws)):
+        sign = signs.get((block.contributor, j))
+        if sign is not None:
+            slopes[j] = sign * float(numbers.dr_dmean @ gain[:, j])
+    return slopes
 
 
-def _slope(
-    line: Line, gain: Array, where: dict[tuple[str, int], int], numbers: LawBudget, signs: dict[tuple[str, int], float]
-) -> float:
-    """dp/d(half-width) of a line whose sources share one half-width, mm per native unit.
-
-    Normal: variance goes as h^2, so ``2/h <dr_dS, scaled scaled'>``.  Bounded: the mean moves by the signed gain.
-    """
-    total = 0.0
-    for j in line.sources:
-        key = (line.block.contributor, j)
-        half_width = line.block.half_width[j]
-        if key in signs:
-            total += float(numbers.dr_dmean @ gain[:, j]) * signs[key]
-        elif key in where:
-            total += float(numbers.dr_dlog_column[where[key]]) / half_width
-        elif half_width > 0 and line.block.laws[j] is Law.NORMAL:
-            scaled = gain[:, j] * line.block.std[j]
-            total += 2.0 * float(scaled @ numbers.dr_dcovariance @ scaled) / half_width
-    return total
+def _without_light(quantile_mm: float, by_variance: float) -> float:
+    """Quantile without a line of share s below LIGHT: its square is nearly linear in the variance, off by some s^2."""
+    return sqrt(max(quantile_mm * (quantile_mm - 2 * by_variance), 0.0))
 
 
-def budget(model: LinearModel, error: str, worst: WorstCase, quantile: float) -> tuple[Contributor, ...]:
-    """The lines of the budget at the worst vertex, in the order of the chain."""
-    law, where = declared_law(model, error, worst.mean_mm)
+def budget(model: LinearModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contributor, ...]:
+    """The lines of the budget of the law's quantile at the worst vertex, in the order of the chain."""
+    law, where, worst, error = at.law, at.where, at.worst, at.error
+    variance = float(np.trace(law.total_covariance))
     lines = lines_of(model)
-    gains = [model.gain(line.block, error) for line in lines]
-    removals = [_removal(line, gain, where) for line, gain in zip(lines, gains, strict=True)]
-    total = float(np.trace(law.total_covariance))
-    shares = [_share(line, gain, total) for line, gain in zip(lines, gains, strict=True)]
+    gains = {block.contributor: model.gain(block, error) for block in model.blocks}
+    # (3, k) gains squared: by axis, and of one native unit each
+    squares = {name: (gain**2).sum(axis=0) for name, gain in gains.items()}
+    parts = {b.contributor: squares[b.contributor] * b.std**2 for b in model.blocks}
+    shares = [_sum(parts[line.block.contributor], line) / variance if variance > 0 else 0.0 for line in lines]
     heavy = [k for k, share in enumerate(shares) if share > LIGHT]
-    numbers = law_budget(law, quantile, [removals[k] for k in heavy])
-    without_heavy = dict(zip(heavy, numbers.without, strict=True))
+    removals = [_removal(lines[k], gains[lines[k].block.contributor], where) for k in heavy]
+    numbers = law_budget(law, total.p, removals, total)
+    without = dict(zip(heavy, (found.quantile_mm for found in numbers.without), strict=True))
+    by_variance = {b.contributor: _by_variance(b, gains[b.contributor], where, numbers) for b in model.blocks}
+    by_half_width = {
+        b.contributor: _by_half_width(b, gains[b.contributor], by_variance[b.contributor], numbers, worst.signs)
+        for b in model.blocks
+    }
     rows = []
-    for k, (line, gain) in enumerate(zip(lines, gains, strict=True)):
-        block, chosen = line.block, list(line.sources)
-        unit, factor = unit_for_people(block.units[chosen[0]])
-        half_widths = block.half_width[chosen]
-        alike = (len(chosen) == 1 or block.grouped) and np.ptp(half_widths) == 0
-        without_mm = without_heavy[k].quantile_mm if k in without_heavy else _without_light(numbers, *removals[k])
-        if any((block.contributor, j) in worst.signs for j in chosen):
-            without_mm = _without_bounded(model, error, block, chosen, quantile)
-        laws = {str(block.laws[j]) for j in chosen}
+    for k, line in enumerate(lines):
+        block, name, first = line.block, line.block.contributor, line.sources[0]
+        unit, factor = unit_for_people(block.units[first])
+        half_widths = block.half_width[line.sources[0] : line.sources[-1] + 1]
+        alike = len(line.sources) == 1 or (block.grouped and bool((half_widths == half_widths[0]).all()))
+        if any((name, j) in worst.signs for j in line.sources):
+            without_mm = _without_bounded(model, error, block, list(line.sources), total.p)
+        elif k in without:
+            without_mm = without[k]
+        else:
+            without_mm = _without_light(total.quantile_mm, _sum(by_variance[name], line))
+        laws = {str(law) for law in (block.laws if len(line.sources) > 1 else (block.laws[first],))}
         rows.append(
             Contributor(
-                name=block.contributor,
+                name=name,
                 component=line.component,
                 law=laws.pop() if len(laws) == 1 else "mixed",
                 half_width=float(half_widths[0]) * factor if alike else None,
                 unit=unit if alike else "",
-                std=float(block.std[chosen[0]]) * factor if alike else None,
-                sensitivity_mm_per_unit=float(np.sqrt((gain[:, chosen] ** 2).sum())) / factor if alike else None,
+                std=float(block.std[first]) * factor if alike else None,
+                sensitivity_mm_per_unit=sqrt(_sum(squares[name], line)) / factor if alike else None,
                 variance_share=shares[k],
-                dp95_per_unit=_slope(line, gain, where, numbers, worst.signs) / factor if alike else None,
+                dp95_per_unit=_sum(by_half_width[name], line) / factor if alike else None,
                 p95_without_mm=without_mm,
             )
         )
     return tuple(rows)
+
+
+def _sum(values: Array, line: Line) -> float:
+    """Over the sources of a line: one of them, or all."""
+    return float(values[line.sources[0]] if len(line.sources) == 1 else values.sum())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,6 +180,21 @@ class WorstCase:
         """The same ends by name, "contributor.component", as the simulation takes them."""
         components = {block.contributor: block.components for block in model.blocks}
         return {f"{name}.{components[name][j]}": sign for (name, j), sign in self.signs.items()}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorLaw:
+    """The declared law of one error at one target, bounded components at their worst ends."""
+
+    error: str  # "tcp" or "localisation"
+    worst: WorstCase
+    law: LinearLaw
+    where: dict[tuple[str, int], int]  # column of each source that is not normal
+
+
+def error_law(model: LinearModel, error: str, quantile: float) -> ErrorLaw:
+    worst = worst_case(model, error, quantile)
+    return ErrorLaw(error, worst, *declared_law(model, error, worst.mean_mm))
 
 
 def worst_case(

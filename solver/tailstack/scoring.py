@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from .contributors import WorstCase, budget, declared_law, worst_case
+from .contributors import ErrorLaw, WorstCase, budget, declared_law, error_law
 from .design import Design, check_design
 from .errors import OutOfRangeError
 from .estimation.checks import check_geometry, check_views
@@ -28,9 +31,9 @@ from .results import (
 )
 from .system import Array, System
 from .tail.bounds import bounds
-from .tail.declared import law_cvar, law_exceedance, law_mean_norm, law_quantile
+from .tail.declared import LawSummary, law_quantile, law_summary
 from .tail.gaussian import norm_quantile
-from .tail.per_unit import unit_risk
+from .tail.per_unit import UnitRisk, unit_risks
 from .verdict import check_per_unit, check_pooled, conclude
 from .version import __version__
 
@@ -81,33 +84,37 @@ def tightest_limit(system: System, target: str, error: str) -> float | None:
     return min(limits) if limits else None
 
 
-def _metric(model: LinearModel, error: str, worst: WorstCase, limit_mm: float | None) -> MetricScore:
-    law, _ = declared_law(model, error, worst.mean_mm)
-    found = law_quantile(law, P95)
-    total = law.total_covariance
+def _metric(at: ErrorLaw, found: LawSummary, limit_mm: float | None) -> MetricScore:
+    mean, total = at.law.mean, at.law.total_covariance
     return MetricScore(
-        frame=FRAMES[error],
-        bias_mm=vector3(worst.mean_mm),
+        frame=FRAMES[at.error],
+        bias_mm=vector3(mean),
         covariance_mm2=matrix3(total),
         std_mm=vector3(np.sqrt(np.diag(total))),
-        mean_norm_mm=law_mean_norm(law),
-        p95_mm=found.quantile_mm,
-        law=found.method,
-        law_error_mm=found.error_mm,
-        bounds_mm=bounds(P95, worst.mean_mm, total),
-        cvar95_mm=law_cvar(law, P95, found),
+        mean_norm_mm=found.mean_norm_mm,
+        p95_mm=found.quantile.quantile_mm,
+        law=found.quantile.method,
+        law_error_mm=found.quantile.error_mm,
+        bounds_mm=bounds(P95, mean, total),
+        cvar95_mm=found.cvar_mm,
         limit_mm=limit_mm,
-        exceedance_probability=None if limit_mm is None else law_exceedance(law, limit_mm),
+        exceedance_probability=found.exceedance,
     )
 
 
-def _per_unit(model: LinearModel, error: str, worst: WorstCase, quantile: float, limit_mm: float | None) -> PerUnit:
+def _unit_risks(
+    model: LinearModel, error: str, worst: WorstCase, quantile: float, limits_mm: Sequence[float | None]
+) -> tuple[UnitRisk, ...]:
     """Installation drawn once per unit, noise, repeatability and load at each shot."""
     unit = tuple(block for block in model.blocks if block.per_unit)
     shots = tuple(block for block in model.blocks if not block.per_unit)
     installed, _ = declared_law(model, error, worst.mean_mm, unit)
     shot, _ = declared_law(model, error, np.zeros(3), shots)
-    risk = unit_risk(installed, shot, quantile, limit_mm, log2_units=7)
+    return unit_risks(installed, shot, quantile, limits_mm, log2_units=7)
+
+
+def _per_unit(model: LinearModel, worst: WorstCase, limit_mm: float | None) -> PerUnit:
+    risk = _unit_risks(model, "tcp", worst, P95, (limit_mm,))[0]
     return PerUnit(
         limit_mm=limit_mm,
         yield_fraction=risk.yield_fraction,
@@ -152,29 +159,41 @@ def _error_band(value_mm: float, trust: Validity, quantile: float) -> Interval:
     return (value_mm / (1 + percent / 100), value_mm * (1 + percent / 100))
 
 
-def _checks(system: System, models: dict[str, LinearModel], trust: Validity) -> tuple[Check, ...]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Known:
+    """What the metrics have found already: the law of an error at a target and its P95."""
+
+    at: ErrorLaw
+    p95_mm: float
+
+
+def _checks(
+    system: System, models: dict[str, LinearModel], trust: Validity, known: dict[tuple[str, str], _Known]
+) -> tuple[Check, ...]:
     checks = []
     for requirement in system.requirements:
         for name in requirement.targets:
             model, error, p = models[name], requirement.error, requirement.quantile
-            worst = worst_case(model, error, p)
-            law, _ = declared_law(model, error, worst.mean_mm)
-            value = law_quantile(law, p).quantile_mm
+            if p == P95:
+                worst, value = known[name, error].at.worst, known[name, error].p95_mm
+            else:
+                at = error_law(model, error, p)
+                worst, value = at.worst, law_quantile(at.law, p).quantile_mm
             band = _error_band(value, trust, p)
             if requirement.risk == "pooled":
                 checks.append(check_pooled(requirement, name, value, band))
                 continue
             # The same relative error of the linearisation, turned on the limit: a yield at 1 % more, at 1 % less.
             ratio = band[1] / value if value > 0 else 1.0
-            if np.isfinite(ratio):
-                ends = [_per_unit(model, error, worst, p, requirement.limit_mm * f) for f in (1 / ratio, ratio)]
+            known_error = np.isfinite(ratio)
+            limits = [requirement.limit_mm * factor for factor in ((1.0, 1 / ratio, ratio) if known_error else (1.0,))]
+            here, *ends = _unit_risks(model, error, worst, p, limits)
+            interval = (0.0, 1.0)
+            if known_error:
                 spread = 3 * max(end.yield_standard_error or 0.0 for end in ends)
                 fractions = [end.yield_fraction or 0.0 for end in ends]
                 interval = (max(min(fractions) - spread, 0.0), min(max(fractions) + spread, 1.0))
-            else:
-                interval = (0.0, 1.0)
-            here = _per_unit(model, error, worst, p, requirement.limit_mm)
-            own, doubt = here.p95_of_units_mm, 3 * here.p95_of_units_standard_error_mm
+            own, doubt = here.p95_of_units_mm, 3 * here.p95_standard_error_mm
             around = (max(own - doubt, 0.0) / ratio, (own + doubt) * ratio)
             checks.append(check_per_unit(requirement, name, own, around, here.yield_fraction or 0.0, interval))
     return tuple(checks)
@@ -191,21 +210,27 @@ def score(design: Design | System, *, second_order: bool = False) -> Score:
     models = {target.name: linearise(system, target) for target in system.targets}
     trust = trust_of(system, models)
     targets = []
+    known = {}
     for index, (name, model) in enumerate(models.items()):
-        worst = worst_case(model, "tcp", P95)
-        limit = tightest_limit(system, name, "tcp")
-        metric = _metric(model, "tcp", worst, limit)
-        localised = worst_case(model, "localisation", P95)
+        metrics, quantiles = {}, {}
+        for error in FRAMES:
+            at = error_law(model, error, P95)
+            limit = tightest_limit(system, name, error)
+            found = law_summary(at.law, P95, limit)
+            metrics[error] = _metric(at, found, limit)
+            quantiles[error] = found.quantile
+            known[name, error] = _Known(at, found.quantile.quantile_mm)
+        metric, at = metrics["tcp"], known[name, "tcp"].at
         targets.append(
             TargetScore(
                 name=name,
                 **{field: getattr(metric, field) for field in MetricScore.__dataclass_fields__},
-                localisation=_metric(model, "localisation", localised, tightest_limit(system, name, "localisation")),
-                block_diagonal_p95_mm=norm_quantile(P95, worst.mean_mm, covariance_block_diagonal(model, "tcp")),
-                contributors=budget(model, "tcp", worst, P95),
-                worst_vertex=worst.names,
-                per_unit=_per_unit(model, "tcp", worst, P95, limit),
-                second_order=_second_order(system, index, model, worst)
+                localisation=metrics["localisation"],
+                block_diagonal_p95_mm=norm_quantile(P95, at.worst.mean_mm, covariance_block_diagonal(model, "tcp")),
+                contributors=budget(model, at, quantiles["tcp"]),
+                worst_vertex=at.worst.names,
+                per_unit=_per_unit(model, at.worst, metric.limit_mm),
+                second_order=_second_order(system, index, model, at.worst)
                 if second_order
                 else SecondOrder("not requested", "ask for it with --second-order"),
                 extrapolation=model.extrapolation,
@@ -216,6 +241,6 @@ def score(design: Design | System, *, second_order: bool = False) -> Score:
         targets=tuple(targets),
         validity=trust,
         views=views,
-        verdict=conclude(_checks(system, models, trust), findings, "first order"),
+        verdict=conclude(_checks(system, models, trust, known), findings, "first order"),
         provenance=provenance(system),
     )

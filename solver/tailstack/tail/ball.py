@@ -1,4 +1,4 @@
-"""Sums over a lattice of the Fourier transform of the ball: probability, density, their integral and derivatives.
+"""Sums over a lattice of the Fourier transform of the ball: probability, density, and their integral.
 
 ``B_r(t) = 4 pi (sin rt - rt cos rt) / t^3`` for the ball, ``2 pi r J1(rt) / t`` for the disc, ``2 sin(rt) / t`` for the
 interval; its derivative by r is the transform of the sphere of radius r.
@@ -6,12 +6,15 @@ interval; its derivative by r is the transform of the sphere of radius r.
 
 from __future__ import annotations
 
-from math import cos, exp, fabs, pi, sin, sqrt
+from math import cos, fabs, floor, pi, sin, sqrt
 
 import numpy as np
 from numba import njit
 
 from ..system import Array
+
+_PI_HIGH = 2 * 1.5707963267341256  # its first 33 bits: multiples up to 2^20 are exact
+_PI_LOW = 2 * 6.077100506506192e-11
 
 
 @njit(cache=True, error_model="numpy")
@@ -58,26 +61,69 @@ def bessel_j01(x: float) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy")
+def sines(scale: float, t: Array, s: Array, c: Array) -> None:
+    """s, c (n,) = sin, cos of scale t, for 0 <= scale t < 3e6, to 4e-16: no call in the loop, so that it runs in lanes.
+
+    Reduced by multiples of pi (Cody and Waite's two parts), then Taylor's polynomials on |x| <= pi/2.
+    """
+    for i in range(t.size):
+        x = scale * t[i]
+        k = floor(x * (1.0 / pi) + 0.5)
+        y = (x - k * _PI_HIGH) - k * _PI_LOW
+        z = y * y
+        odd = 1.0 + z * (-1.0 / 342.0)
+        odd = 1.0 + z * (-1.0 / 272.0) * odd
+        odd = 1.0 + z * (-1.0 / 210.0) * odd
+        odd = 1.0 + z * (-1.0 / 156.0) * odd
+        odd = 1.0 + z * (-1.0 / 110.0) * odd
+        odd = 1.0 + z * (-1.0 / 72.0) * odd
+        odd = 1.0 + z * (-1.0 / 42.0) * odd
+        odd = 1.0 + z * (-1.0 / 20.0) * odd
+        odd = 1.0 + z * (-1.0 / 6.0) * odd
+        even = 1.0 + z * (-1.0 / 380.0)
+        even = 1.0 + z * (-1.0 / 306.0) * even
+        even = 1.0 + z * (-1.0 / 240.0) * even
+        even = 1.0 + z * (-1.0 / 182.0) * even
+        even = 1.0 + z * (-1.0 / 132.0) * even
+        even = 1.0 + z * (-1.0 / 90.0) * even
+        even = 1.0 + z * (-1.0 / 56.0) * even
+        even = 1.0 + z * (-1.0 / 30.0) * even
+        even = 1.0 + z * (-1.0 / 12.0) * even
+        even = 1.0 + z * (-1.0 / 2.0) * even
+        sign = 1.0 - 2.0 * (k - 2.0 * floor(0.5 * k))
+        s[i] = sign * y * odd
+        c[i] = sign * even
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+def _ball(r: float, t: Array, w: Array, s: Array, c: Array) -> tuple[float, float, float]:
+    """sum w B_r(t) / (4 pi) and its first two derivatives by r; s, c: sin and cos of r t."""
+    f0 = 0.0
+    f1 = 0.0
+    f2 = 0.0
+    for i in range(t.size):
+        x = r * t[i]
+        z = x * x
+        near = x < 1e-2
+        ti = 1.0 if near else t[i]
+        v = w[i] / ti
+        f0 += w[i] * r * r * r * (1.0 / 3.0 - z / 30.0 + z * z / 840.0) if near else v * (s[i] - x * c[i]) / (ti * ti)
+        f1 += w[i] * r * r * (1.0 - z / 6.0 + z * z / 120.0) if near else v * r * s[i]
+        f2 += w[i] * r * (2.0 - 2.0 * z / 3.0) if near else v * (s[i] + x * c[i])
+    return f0, f1, f2
+
+
+@njit(cache=True, error_model="numpy")
 def ball_sums(r: float, dimension: int, t: Array, w: Array) -> tuple[float, float, float]:
     """sum w B_r(t) and its first two derivatives by r, for the ball, the disc or the interval of radius r."""
     f0 = 0.0
     f1 = 0.0
     f2 = 0.0
     if dimension == 3:
-        for i in range(t.size):
-            ti = t[i]
-            x = r * ti
-            if x < 1e-2:
-                f0 += w[i] * r * r * r * (1.0 / 3.0 - x * x / 30.0 + x * x * x * x / 840.0)
-                f1 += w[i] * r * r * (1.0 - x * x / 6.0 + x * x * x * x / 120.0)
-                f2 += w[i] * r * (2.0 - 2.0 * x * x / 3.0)
-            else:
-                s = sin(x)
-                c = cos(x)
-                v = w[i] / ti
-                f0 += v * (s - x * c) / (ti * ti)
-                f1 += v * r * s
-                f2 += v * (s + x * c)
+        s = np.empty(t.size)
+        c = np.empty(t.size)
+        sines(r, t, s, c)
+        f0, f1, f2 = _ball(r, t, w, s, c)
         scale = 4.0 * pi
     elif dimension == 2:
         for i in range(t.size):
@@ -95,65 +141,25 @@ def ball_sums(r: float, dimension: int, t: Array, w: Array) -> tuple[float, floa
     return scale * f0, scale * f1, scale * f2
 
 
-@njit(cache=True, error_model="numpy")
-def ball_integral(r: float, t: Array, w: Array) -> float:
-    """int_0^r sum w B_x(t) dx in three dimensions: the integral of the probability over the radius."""
+@njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+def _integral(r: float, t: Array, w: Array, s: Array, c: Array) -> float:
     total = 0.0
     for i in range(t.size):
         x = r * t[i]
-        if x < 0.05:
-            total += w[i] * r**4 * (1.0 / 12.0 - x * x / 180.0 + x**4 / 6720.0)
-        else:
-            total += w[i] * (2.0 * (1.0 - cos(x)) - x * sin(x)) / t[i] ** 4
-    return 4.0 * pi * total
+        z = x * x
+        near = x < 0.05
+        t2 = 1.0 if near else t[i] * t[i]
+        r2 = r * r
+        total += w[i] * (
+            r2 * r2 * (1.0 / 12.0 - z / 180.0 + z * z / 6720.0) if near else (2.0 * (1.0 - c[i]) - x * s[i]) / (t2 * t2)
+        )
+    return total
 
 
 @njit(cache=True, error_model="numpy")
-def lattice_gradient(
-    r: float, dimension: int, k: Array, mean: Array, S: Array, h: Array, volume: float
-) -> tuple[Array, Array, Array]:
-    """Derivatives of the probability by mean (3,), S (3, 3) and the logarithm of each column's length (K,)."""
-    columns = h.shape[0]
-    by_mean = np.zeros(3)
-    by_covariance = np.zeros((3, 3))
-    by_column = np.zeros(columns)
-    psi = np.empty(columns)
-    slope = np.empty(columns)
-    before = np.empty(columns + 1)
-    t = np.empty(1)
-    one = np.ones(1)
-    for i in range(k.shape[0]):
-        q = 0.0
-        phase = 0.0
-        size = 0.0
-        for a in range(3):
-            phase += k[i, a] * mean[a]
-            size += k[i, a] * k[i, a]
-            for b in range(3):
-                q += k[i, a] * S[a, b] * k[i, b]
-        if size == 0.0:
-            continue
-        t[0] = sqrt(size)
-        ball, _, _ = ball_sums(r, dimension, t, one)
-        factor = 2.0 * exp(-0.5 * q) / volume * ball
-        before[0] = 1.0
-        for j in range(columns):
-            x = k[i, 0] * h[j, 0] + k[i, 1] * h[j, 1] + k[i, 2] * h[j, 2]
-            if fabs(x) < 1e-2:
-                psi[j] = 1.0 - x * x / 6.0 + x**4 / 120.0
-                slope[j] = -x * x / 3.0 + x**4 / 30.0
-            else:
-                psi[j] = sin(x) / x
-                slope[j] = cos(x) - psi[j]
-            before[j + 1] = before[j] * psi[j]
-        even = factor * cos(phase)
-        odd = -factor * sin(phase) * before[columns]
-        for a in range(3):
-            by_mean[a] += odd * k[i, a]
-            for b in range(3):
-                by_covariance[a, b] -= 0.5 * even * before[columns] * k[i, a] * k[i, b]
-        after = even
-        for j in range(columns - 1, -1, -1):
-            by_column[j] += before[j] * slope[j] * after
-            after *= psi[j]
-    return by_mean, by_covariance, by_column
+def ball_integral(r: float, t: Array, w: Array) -> float:
+    """int_0^r sum w B_x(t) dx in three dimensions: the integral of the probability over the radius."""
+    s = np.empty(t.size)
+    c = np.empty(t.size)
+    sines(r, t, s, c)
+    return 4.0 * pi * _integral(r, t, w, s, c)

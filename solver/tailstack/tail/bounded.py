@@ -21,8 +21,8 @@ import numpy as np
 
 from ..errors import LimitError, Problem
 from ..system import Array
+from .bounded_kernels import gaussian_vertices, vertex_probabilities
 from .declared import LawQuantile, LinearLaw, lattice_columns, law_cdf, law_quantile
-from .declared_kernels import gaussian_vertices, vertex_probabilities
 from .gaussian import probability_iv
 
 MOST_BOUNDED = 12

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import NotConvergedError, Problem
 from ..system import Array
-from .ball import lattice_gradient
-from .declared_kernels import build, mean_excess, on_principal_axes, probability, solve
+from .declared_kernels import mean_excess, on_principal_axes, probability, solve, summary
 from .gaussian import (
     norm_cdf,
     norm_cvar,
@@ -30,6 +29,9 @@ from .gaussian import (
     norm_sf,
     probability_iv,
 )
+from .gradient import lattice_gradient
+from .law import TRIANGULAR, UNIFORM, LinearLaw, lattice_columns, linear_law
+from .removal import GAUSSIAN, LATTICE, SLACK, less_block, quantiles_without
 from .sampling import (
     RANDOMISATIONS,
     conditional_excess,
@@ -37,58 +39,41 @@ from .sampling import (
     sample_rest,
     sampled_quantile,
 )
-from .spectrum import law_iv
 
-UNIFORM, TRIANGULAR = 0, 1
+__all__ = [
+    "GAUSSIAN_METHOD",
+    "LATTICE_METHOD",
+    "SAMPLED_METHOD",
+    "TRIANGULAR",
+    "UNIFORM",
+    "LawBudget",
+    "LawQuantile",
+    "LawSummary",
+    "LinearLaw",
+    "lattice_columns",
+    "law_budget",
+    "law_cdf",
+    "law_cdf_coarse",
+    "law_cvar",
+    "law_exceedance",
+    "law_mean_norm",
+    "law_quantile",
+    "law_quantile_coarse",
+    "law_summary",
+    "linear_law",
+    "norm_quantile_of",
+    "without_group",
+]
+
 GAUSSIAN_METHOD = "exact (Gaussian, contour integral)"
 LATTICE_METHOD = "exact (characteristic function on a lattice)"
 SAMPLED_METHOD = "randomised quasi-Monte-Carlo of the linear model"
 
 # Terms smaller than this are left out of a lattice sum: for the answer itself, and for the many laws of a budget.
-_FINE, _COARSE = 1e-9, 1e-6
+_FINE, _COARSE = 5e-10, 1e-6
 _LARGEST_BOX = 2e6  # lattice points looked at (about 30 ms) before sampling takes over
 _LARGEST_COARSE_BOX = 2e5
 _LOG2_POINTS, _LOG2_COARSE = 12, 10
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LinearLaw:
-    """e = mean + N(0, covariance) + columns @ u, in mm; any frame, the same for all three.
-
-    columns are already multiplied by the half-widths: column j is the displacement at u_j = 1.
-    """
-
-    mean: Array  # (3,) mm
-    covariance: Array  # (3, 3) mm^2: the Gaussian part only
-    columns: Array  # (3, k) mm
-    kinds: NDArray[np.int64]  # (k,) UNIFORM or TRIANGULAR
-
-    @property
-    def total_covariance(self) -> Array:
-        """(3, 3) mm^2, bounded sources included."""
-        variance = np.where(self.kinds == UNIFORM, 1 / 3, 1 / 6)
-        return np.asarray(self.covariance + (self.columns * variance) @ self.columns.T)
-
-
-def linear_law(
-    mean: Array, covariance: Array, columns: Array | None = None, kinds: Sequence[int] | None = None
-) -> LinearLaw:
-    """A checked :class:`LinearLaw`; columns (3, k) mm and kinds (k,) default to none and to uniform.
-
-    Raises ValueError for wrong shapes, values that are not finite, or a covariance that is not one.
-    """
-    mean, covariance = law_iv(mean, covariance)
-    columns = np.zeros((3, 0)) if columns is None else np.asarray(columns, dtype=np.float64)
-    if columns.ndim != 2 or columns.shape[0] != 3:
-        raise ValueError(f"columns must have shape (3, k), got {columns.shape}")
-    if not np.isfinite(columns).all():
-        raise ValueError("columns must be finite")
-    kind_array = np.zeros(columns.shape[1], dtype=np.int64) if kinds is None else np.asarray(kinds, dtype=np.int64)
-    if kind_array.shape != (columns.shape[1],):
-        raise ValueError(f"kinds must have shape ({columns.shape[1]},), got {kind_array.shape}")
-    if not np.isin(kind_array, (UNIFORM, TRIANGULAR)).all():
-        raise ValueError(f"kinds are {UNIFORM} (uniform) or {TRIANGULAR} (triangular), got {kind_array.tolist()}")
-    return LinearLaw(mean, covariance, np.ascontiguousarray(columns), kind_array)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,18 +105,6 @@ class LawBudget:
     dr_dmean: Array  # (3,)
     dr_dcovariance: Array  # (3, 3) 1/mm, symmetric
     dr_dlog_column: Array  # (k,) mm
-
-
-def lattice_columns(law: LinearLaw) -> tuple[Array, NDArray[np.int64]]:
-    """((K, 3) uniform columns, (K,) source of each): a triangular source is the sum of two uniform ones of half width.
-
-    Columns of length zero are dropped.
-    """
-    rows = law.columns.T
-    keep = np.flatnonzero((rows != 0).any(axis=1))
-    source = np.concatenate([keep, keep[law.kinds[keep] == TRIANGULAR]])
-    scale = np.where(law.kinds[source] == TRIANGULAR, 0.5, 1.0)
-    return np.ascontiguousarray(rows[source] * scale[:, None]), source
 
 
 def _tolerances(p: float, fine: bool) -> tuple[float, float, float]:
@@ -204,9 +177,7 @@ def law_exceedance(law: LinearLaw, limit: float) -> float:
 
 
 def _mean_excess(law: LinearLaw, h: Array, r: float, p: float) -> float:
-    # Out to the end of the law the box is several times larger, and the integral over r gains a factor 1/k.
-    threshold, aliasing, largest = _tolerances(p, True)
-    found, value = mean_excess(r, law.mean, law.covariance, h, 100.0 * threshold, 100.0 * aliasing, largest)
+    found, value = mean_excess(r, law.mean, law.covariance, h, *_tolerances(p, True))
     if found:
         return float(value)
     x, longest = sample_rest(law.mean, law.covariance, h, _LOG2_POINTS)
@@ -234,6 +205,41 @@ def law_mean_norm(law: LinearLaw) -> float:
     return _mean_excess(law, h, 0.0, 0.5)
 
 
+@dataclass(frozen=True, slots=True)
+class LawSummary:
+    """What a score says about a law, each to the accuracy of its own function."""
+
+    quantile: LawQuantile
+    mean_norm_mm: float
+    cvar_mm: float
+    exceedance: float | None  # of the limit; None without one
+
+
+def law_summary(law: LinearLaw, p: float, limit: float | None = None) -> LawSummary:
+    """:func:`law_quantile`, :func:`law_mean_norm`, :func:`law_cvar` and :func:`law_exceedance` from shared lattices.
+
+    Raises ValueError for p outside (0, 1) or a limit below 0 mm.
+    """
+    p = probability_iv(p)
+    if limit is not None and not limit >= 0:
+        raise ValueError(f"a limit must be >= 0 mm, got {limit}")
+    h, _ = lattice_columns(law)
+    if h.shape[0]:
+        asked = np.nan if limit is None else float(limit)
+        found, r, density, error, mean_norm, excess, beyond = summary(
+            p, asked, law.mean, law.covariance, h, *_tolerances(p, True)
+        )
+        if found:
+            quantile = LawQuantile(p, float(r), float(density), LATTICE_METHOD, float(error / density))
+            if limit is not None and beyond != beyond:
+                beyond = law_exceedance(law, limit)
+            exceedance = None if limit is None else float(beyond)
+            return LawSummary(quantile, float(mean_norm), float(r + excess / (1.0 - p)), exceedance)
+    quantile = _quantile(law, p, True)
+    exceedance = None if limit is None else law_exceedance(law, limit)
+    return LawSummary(quantile, law_mean_norm(law), law_cvar(law, p, quantile), exceedance)
+
+
 def without_group(law: LinearLaw, block: Array | None, indices: Sequence[int]) -> LinearLaw:
     """The law without a part of its Gaussian covariance (3, 3) and without the columns listed.
 
@@ -241,18 +247,19 @@ def without_group(law: LinearLaw, block: Array | None, indices: Sequence[int]) -
     """
     covariance = law.covariance
     if block is not None:
-        scale = float(np.trace(covariance))
-        values, vectors = np.linalg.eigh(covariance - np.asarray(block, dtype=np.float64))
-        if values[0] < -1e-9 * scale:
-            raise ValueError(f"the block removed is not part of the covariance: eigenvalue {values[0]:.3g} remains")
-        values[values < 1e-13 * scale] = 0.0  # what rounding leaves of a direction that was removed altogether
-        covariance = (vectors * values) @ vectors.T
+        covariance, least = less_block(law.covariance, np.asarray(block, dtype=np.float64))
+        if least < -SLACK:
+            raise ValueError(
+                f"the block removed is not part of the covariance: eigenvalue {least:.3g} of its trace remains"
+            )
     keep = np.ones(law.kinds.size, dtype=bool)
     keep[list(indices)] = False
     return LinearLaw(law.mean, covariance, np.ascontiguousarray(law.columns[:, keep]), law.kinds[keep])
 
 
-def _gradient(law: LinearLaw, h: Array, source: NDArray[np.int64], total: LawQuantile) -> tuple[Array, Array, Array]:
+def _gradient(
+    law: LinearLaw, h: Array, source: NDArray[np.int64], total: LawQuantile, fine: bool
+) -> tuple[Array, Array, Array]:
     """(dr/dmean, dr/dcovariance, dr/dlog column) by the implicit function theorem."""
     p, k = total.p, law.kinds.size
     if total.density == 0.0:
@@ -261,14 +268,16 @@ def _gradient(law: LinearLaw, h: Array, source: NDArray[np.int64], total: LawQua
     if h.shape[0] == 0:
         _, _, dm, ds = norm_gradient_jit(law.mean, law.covariance, p)
         return dm, ds, np.zeros(k)
-    sigma, m, S, turned, axes, dimension, offset = on_principal_axes(law.mean, law.covariance, h)
-    rho = sqrt(max(total.quantile_mm**2 - offset, 0.0))
-    # A decade below the budget's own threshold: derivatives weight the far terms by up to k^2 more.
-    threshold, aliasing, largest = _tolerances(p, False)
-    _, _, nodes, volume, _ = build(rho, sigma, m, m, S, turned, 0.1 * threshold, aliasing, largest, True)
-    if volume == 0.0 or dimension < 3:
+    sigma, m, S, turned, axes, dimension, _ = on_principal_axes(law.mean, law.covariance, h)
+    if dimension < 3:
         return _differences(law, total)
-    by_mean, by_covariance, by_column = lattice_gradient(rho, dimension, nodes, m, S, turned, volume)
+    # A decade below the budget's own threshold: derivatives weight the far terms by up to k^2 more.
+    threshold, aliasing, largest = _tolerances(p, fine)
+    found, by_mean, by_covariance, by_column = lattice_gradient(
+        total.quantile_mm, sigma, m, S, turned, threshold if fine else 0.1 * threshold, aliasing, largest
+    )
+    if not found:
+        return _differences(law, total)
     columns = np.zeros(k)
     np.add.at(columns, source, by_column)
     slope = -1.0 / total.density
@@ -311,18 +320,58 @@ def _differences(law: LinearLaw, total: LawQuantile) -> tuple[Array, Array, Arra
     return dm, ds, dh
 
 
-def law_budget(law: LinearLaw, p: float, groups: Sequence[tuple[Array | None, Sequence[int]]]) -> LawBudget:
+def law_budget(
+    law: LinearLaw, p: float, groups: Sequence[tuple[Array | None, Sequence[int]]], total: LawQuantile | None = None
+) -> LawBudget:
     """The p-quantile, its derivatives, and the quantile with each group removed.
 
-    groups: (Gaussian covariance to remove (3, 3) mm^2 or None, indices of columns to remove).  Quantiles without a
-    group are good to about 1e-4 of their value; ``error_mm`` of each says.  Raises ValueError as
-    :func:`without_group`.
+    groups: (Gaussian covariance to remove (3, 3) mm^2 or None, indices of columns to remove).  total: the p-quantile
+    where it is already known.  Quantiles without a group are good to about 1e-4 of their value; ``error_mm`` of each
+    says.  Raises ValueError as :func:`without_group`.
     """
     p = probability_iv(p)
     h, source = lattice_columns(law)
+    if total is None:
+        total = _quantile(law, p, True)
+    return LawBudget(total, _without(law, p, h, source, groups, total), *_gradient(law, h, source, total, False))
+
+
+def law_gradient(law: LinearLaw, p: float) -> LawBudget:
+    """The p-quantile and its derivatives, those as exact as the quantile itself: to drive an optimiser."""
+    p = probability_iv(p)
+    h, source = lattice_columns(law)
     total = _quantile(law, p, True)
-    without = tuple(_quantile(without_group(law, block, indices), p, False) for block, indices in groups)
-    return LawBudget(total, without, *_gradient(law, h, source, total))
+    return LawBudget(total, (), *_gradient(law, h, source, total, True))
+
+
+def _without(
+    law: LinearLaw,
+    p: float,
+    h: Array,
+    source: NDArray[np.int64],
+    groups: Sequence[tuple[Array | None, Sequence[int]]],
+    total: LawQuantile,
+) -> tuple[LawQuantile, ...]:
+    """The coarse p-quantile without each group."""
+    if not groups:
+        return ()
+    blocks = np.zeros((len(groups), 3, 3))
+    removed = np.zeros((len(groups), law.kinds.size), dtype=bool)
+    for g, (block, indices) in enumerate(groups):
+        if block is not None:
+            blocks[g] = block
+        removed[g, list(indices)] = True
+    how, r, density, error = quantiles_without(
+        p, law.mean, law.covariance, h, blocks, removed[:, source], total.quantile_mm, *_tolerances(p, False)
+    )
+    found = []
+    for g, group in enumerate(groups):
+        if how[g] in (LATTICE, GAUSSIAN):
+            method = LATTICE_METHOD if how[g] == LATTICE else GAUSSIAN_METHOD
+            found.append(LawQuantile(p, float(r[g]), float(density[g]), method, float(error[g])))
+        else:  # sampled, or refused with the reason
+            found.append(_quantile(without_group(law, *group), p, False))
+    return tuple(found)
 
 
 def norm_quantile_of(law: LinearLaw, p: float) -> float:

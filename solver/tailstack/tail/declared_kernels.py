@@ -9,11 +9,14 @@ from numba import njit
 
 from ..system import Array
 from .ball import ball_integral, ball_sums
-from .lattice import box_size, fold_small, gaussian_extent, lattice_terms, spectral_extent
-from .quantile import norm_quantile_jit, normal_quantile_jit
+from .contour import cumulant
+from .lattice import box_size, gaussian_extent, lattice_terms, spectral_extent
+from .quantile import normal_quantile_jit
+from .series import fold_small
 from .spectrum import principal_axes
 
-SMALL_BOX = 6e3  # lattice points below which the plain bound of the extent is cheaper than the search for the true one
+SMALL_BOX = 1e3  # lattice points below which the plain bound of the extent is cheaper than the search for the true one
+_FORGIVEN, _END = 30.0, 1e3  # how much coarser integrals over the radius are: threshold, probability beyond
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)
 
 
@@ -110,7 +113,8 @@ def build(
     for a in range(3):
         if sigma[a] > 0.0:
             dimension += 1
-    S, h, small = fold_small(S, h, threshold)
+    S, short, degree = fold_small(S, h, threshold)
+    small, h = h[short], h[~short]
     reach = reach_of(sigma, S, h, aliasing)
     period = np.zeros(3)
     volume = 1.0
@@ -128,23 +132,33 @@ def build(
     t = np.empty(capacity)
     w = np.empty(capacity)
     k = np.zeros((capacity if keep else 0, 3))
-    n, decade = lattice_terms(period, extent, radius, m, S, h, small, threshold, t, w, k)
+    n, decade = lattice_terms(period, extent, radius, m, S, h, small, degree, threshold, t, w, k)
     return t[:n], w[:n], k[:n], volume, decade
 
 
 @njit(cache=True, error_model="numpy")
-def solve(
-    p: float, mean: Array, covariance: Array, h: Array, threshold: float, aliasing: float, largest_box: float
-) -> tuple[bool, float, float, float]:
-    """(found, r, density, error of the probability) at the p-quantile; found is False when the lattice is too large."""
-    sigma, m, S, turned, _, dimension, offset = on_principal_axes(mean, covariance, h)
-    rho = start_radius(p, sigma, m, turned)
+def solve_on_axes(
+    p: float,
+    rho: float,
+    sigma: Array,
+    m: Array,
+    S: Array,
+    h: Array,
+    dimension: int,
+    threshold: float,
+    aliasing: float,
+    largest_box: float,
+) -> tuple[bool, float, float, float, float, Array, Array]:
+    """(found, radius, density by it, error of the probability, largest radius of the lattice, its t (n,), w (n,)).
+
+    On principal axes (:func:`on_principal_axes`), from a start rho > 0; not found when the lattice is too large.
+    """
     cap = 1.08 * rho
-    t, w, _, volume, decade = build(cap, sigma, m, m, S, turned, threshold, aliasing, largest_box, False)
+    t, w, _, volume, decade = build(cap, sigma, m, m, S, h, threshold, aliasing, largest_box, False)
     low = 0.0
     for _ in range(60):
         if volume == 0.0:
-            return False, 0.0, 0.0, 0.0
+            break
         f0, f1, f2 = ball_sums(rho, dimension, t, w)
         g = f0 - p
         if g < 0.0:
@@ -159,15 +173,29 @@ def solve(
             new = min(new, 1.5 * cap)
             cap = 1.2 * new
             rho = new
-            t, w, _, volume, decade = build(cap, sigma, m, m, S, turned, threshold, aliasing, largest_box, False)
+            t, w, _, volume, decade = build(cap, sigma, m, m, S, h, threshold, aliasing, largest_box, False)
             continue
         step = new - rho
         rho = new
         if fabs(step) < 1e-4 * rho and fabs(bend) < 0.5:  # Halley: the next step would be of the order of its cube
-            r = sqrt(rho * rho + offset)
-            density = (f1 + step * f2) * r / rho
-            return True, r, density, aliasing + decade + 1e-14
-    return False, 0.0, 0.0, 0.0
+            return True, rho, f1 + step * f2, aliasing + decade + 1e-14, cap, t, w
+    return False, 0.0, 0.0, 0.0, 0.0, t, w
+
+
+@njit(cache=True, error_model="numpy")
+def solve(
+    p: float, mean: Array, covariance: Array, h: Array, threshold: float, aliasing: float, largest_box: float
+) -> tuple[bool, float, float, float]:
+    """(found, r, density, error of the probability) at the p-quantile; found is False when the lattice is too large."""
+    sigma, m, S, turned, _, dimension, offset = on_principal_axes(mean, covariance, h)
+    start = start_radius(p, sigma, m, turned)
+    found, rho, density, error, _, _, _ = solve_on_axes(
+        p, start, sigma, m, S, turned, dimension, threshold, aliasing, largest_box
+    )
+    if not found:
+        return False, 0.0, 0.0, 0.0
+    r = sqrt(rho * rho + offset)
+    return True, r, density * r / rho, error
 
 
 @njit(cache=True, error_model="numpy")
@@ -190,117 +218,113 @@ def probability(
 
 
 @njit(cache=True, error_model="numpy")
-def vertex_probabilities(
-    r: float,
-    mean: Array,
-    covariance: Array,
-    h: Array,
-    bounded: Array,
-    count: int,
-    threshold: float,
-    aliasing: float,
-    largest_box: float,
-) -> tuple[bool, Array]:
-    """(found, P(|e + B s| <= r) for the first `count` sign vectors s (count,)); bounded: (3, q).
+def end_of(sigma: Array, m: Array, reach: Array, probability: float) -> float:
+    """A radius on principal axes that |e| exceeds with this probability at most.
 
-    Vertex v has s_j = -1 where bit j of v is set.  Only cos(k'(m + B s)) differs between vertices.  They are visited
-    in Gray code order, so that the next phase is the last one turned by +-2 k'b_j: no cosine, four multiplications.
-    found is False when the lattice is too large or the law lies in a plane or on a line.
+    The corner of the box of reaches (:func:`reach_of`, which bounded sources make finite), or Chernoff's bound of the
+    Gaussian law, whichever is nearer.  The law is strictly sub-Gaussian: with z ~ N(0, I),
+    ``E exp(s |e|^2) = E exp(sqrt(2 s) z'e)`` is at most what the Gaussian law of equal mean and covariance has.  On
+    the curve ``d = k'(s)`` the bound is ``exp(k(s) - s k'(s))``, which falls as s grows.
     """
-    q = bounded.shape[1]
-    sigma, m, S, turned, axes, dimension, _ = on_principal_axes(mean, covariance, h)
-    out = np.zeros(count)
-    if dimension < 3:
-        return False, out
-    b = axes.T @ bounded
-    away = np.abs(m)
-    for a in range(3):
-        for j in range(q):
-            away[a] += fabs(b[a, j])
-    t, w, k, volume, _ = build(r, sigma, np.zeros(3), away, S, turned, threshold, aliasing, largest_box, True)
-    if volume == 0.0:
-        return False, out
-    n = t.size
-    re = np.empty(n)
-    im = np.empty(n)
-    turn_c = np.empty((q, n))
-    turn_s = np.empty((q, n))
-    one_t = np.empty(1)
-    one_w = np.ones(1)
-    for i in range(n):
-        phase = k[i, 0] * m[0] + k[i, 1] * m[1] + k[i, 2] * m[2]
-        for j in range(q):
-            along = k[i, 0] * b[0, j] + k[i, 1] * b[1, j] + k[i, 2] * b[2, j]
-            phase += along
-            turn_c[j, i] = np.cos(2.0 * along)
-            turn_s[j, i] = np.sin(2.0 * along)
-        one_t[0] = t[i]
-        ball, _, _ = ball_sums(r, 3, one_t, one_w)
-        re[i] = w[i] * ball * np.cos(phase)
-        im[i] = w[i] * ball * np.sin(phase)
-    code = 0
-    for step in range(1 << q):
-        if code < count:
-            total = 0.0
-            for i in range(n):
-                total += re[i]
-            out[code] = total
-        if step + 1 == 1 << q:
-            break
-        j = 0
-        while ((step + 1) >> j) & 1 == 0:
-            j += 1
-        sign = -1.0 if (code >> j) & 1 == 0 else 1.0  # from +1 to -1 turns the phase back
-        code ^= 1 << j
-        line_c = turn_c[j]
-        line_s = turn_s[j]
-        for i in range(n):
-            x = re[i]
-            y = im[i]
-            c = line_c[i]
-            s = sign * line_s[i]
-            re[i] = x * c - y * s
-            im[i] = x * s + y * c
-    return True, out
+    variances = sigma * sigma
+    goal = log(probability)
+    low = 0.0
+    high = 0.5 / variances[0]
+    for _ in range(30):
+        s = 0.5 * (low + high)
+        k0, d, _, _ = cumulant(s, variances, m)
+        if k0 - s * d > goal:
+            low = s
+        else:
+            high = s
+    _, d, _, _ = cumulant(high, variances, m)
+    corner = ((np.abs(m) + reach) ** 2).sum()
+    return sqrt(min((m * m).sum() + d, corner))
 
 
 @njit(cache=True, error_model="numpy")
-def gaussian_vertices(p: float, mean: Array, covariance: Array, bounded: Array, count: int) -> Array:
-    """(count,) p-quantiles of |N(m + B s, S)|, vertices numbered as above; NaN where one did not converge."""
-    out = np.empty(count)
-    at = np.empty(3)
-    for v in range(count):
-        for a in range(3):
-            at[a] = mean[a]
-            for j in range(bounded.shape[1]):
-                at[a] += -bounded[a, j] if (v >> j) & 1 else bounded[a, j]
-        out[v] = norm_quantile_jit(at, covariance, p)
-    return out
-
-
-@njit(cache=True, error_model="numpy")
-def mean_excess(
-    r: float, mean: Array, covariance: Array, h: Array, threshold: float, aliasing: float, largest_box: float
-) -> tuple[bool, float]:
-    """(found, E[(|e| - r)+]) = int_r^R (1 - P(|e| <= x)) dx, with R beyond every |e| but a fraction `aliasing`."""
-    sigma, m, S, turned, _, dimension, offset = on_principal_axes(mean, covariance, h)
-    reach = reach_of(sigma, S, turned, aliasing)
-    end = sqrt(((np.abs(m) + reach) ** 2).sum())
-    outer = sqrt(end * end + offset)
-    if r >= outer:
-        return True, 0.0
-    t, w, _, volume, _ = build(end, sigma, m, m, S, turned, threshold, aliasing, largest_box, False)
-    if volume == 0.0:
-        return False, 0.0
+def excess_integral(low: float, high: float, dimension: int, offset: float, t: Array, w: Array) -> float:
+    """int_low^high P(|e| > x) dx from a lattice for radii up to `high`; offset as :func:`on_principal_axes` has it."""
     if dimension == 3:
-        return True, outer - r - ball_integral(outer, t, w) + ball_integral(r, t, w)
+        return high - low - ball_integral(high, t, w) + ball_integral(low, t, w)
     # The radius in the reduced space is sqrt(x^2 - offset), smooth in theta where x = below + span sin^2(theta).
-    below = max(r, sqrt(offset))
-    span = outer - below
+    below = max(low, sqrt(offset))
+    span = high - below
     total = 0.0
     for i in range(_NODES.size):
         theta = 0.25 * np.pi * (1.0 + _NODES[i])
         x = below + span * np.sin(theta) ** 2
         f0, _, _ = ball_sums(sqrt(max(x * x - offset, 0.0)), dimension, t, w)
         total += _WEIGHTS[i] * (1.0 - f0) * np.sin(2.0 * theta)
-    return True, max(below - r, 0.0) + 0.25 * np.pi * span * total
+    return max(below - low, 0.0) + 0.25 * np.pi * span * total
+
+
+@njit(cache=True, error_model="numpy")
+def _outer_lattice(
+    sigma: Array, m: Array, S: Array, h: Array, threshold: float, aliasing: float, largest_box: float
+) -> tuple[float, Array, Array, float]:
+    """(radius at the end of the law, t (n,), w (n,), volume; 0: too many points) for integrals of the probability.
+
+    The box is larger out there, but an integral over the radius forgives: of its terms the far ones gain a factor 1/k,
+    and of what lies beyond the end, or comes in from other copies, only the last step counts.
+    """
+    end = end_of(sigma, m, reach_of(sigma, S, h, _END * aliasing), _END * aliasing)
+    t, w, _, volume, _ = build(end, sigma, m, m, S, h, _FORGIVEN * threshold, _END * aliasing, largest_box, False)
+    return end, t, w, volume
+
+
+@njit(cache=True, error_model="numpy")
+def mean_excess(
+    r: float, mean: Array, covariance: Array, h: Array, threshold: float, aliasing: float, largest_box: float
+) -> tuple[bool, float]:
+    """(found, E[(|e| - r)+]) = int_r^R (1 - P(|e| <= x)) dx, R at the end of the law."""
+    sigma, m, S, turned, _, dimension, offset = on_principal_axes(mean, covariance, h)
+    end, t, w, volume = _outer_lattice(sigma, m, S, turned, threshold, aliasing, largest_box)
+    outer = sqrt(end * end + offset)
+    if r >= outer:
+        return True, 0.0
+    if volume == 0.0:
+        return False, 0.0
+    return True, excess_integral(r, outer, dimension, offset, t, w)
+
+
+@njit(cache=True, error_model="numpy")
+def summary(
+    p: float,
+    limit: float,
+    mean: Array,
+    covariance: Array,
+    h: Array,
+    threshold: float,
+    aliasing: float,
+    largest_box: float,
+) -> tuple[bool, float, float, float, float, float, float]:
+    """(found, r, density, error of the probability, E|e|, E[(|e| - r)+], P(|e| > limit)) at the p-quantile r.
+
+    One lattice serves quantile and limit, one (coarser, out to the end of the law) the two means.  The last is NaN
+    where the limit is beyond the first lattice but not beyond the law; found is False when a lattice is too large.
+    """
+    sigma, m, S, turned, _, dimension, offset = on_principal_axes(mean, covariance, h)
+    corner = ((np.abs(m) + reach_of(sigma, S, turned, aliasing)) ** 2).sum()
+    start = start_radius(p, sigma, m, turned)
+    found, rho, density, error, cap, t, w = solve_on_axes(
+        p, start, sigma, m, S, turned, dimension, threshold, aliasing, largest_box
+    )
+    if not found:
+        return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    r = sqrt(rho * rho + offset)
+    beyond = np.nan
+    if limit * limit <= offset:
+        beyond = 1.0
+    elif limit * limit - offset >= corner:
+        beyond = 0.0
+    elif sqrt(limit * limit - offset) <= cap:
+        f0, _, _ = ball_sums(sqrt(limit * limit - offset), dimension, t, w)
+        beyond = min(max(1.0 - f0, 0.0), 1.0)
+    end, t, w, volume = _outer_lattice(sigma, m, S, turned, threshold, aliasing, largest_box)
+    outer = sqrt(end * end + offset)
+    if volume == 0.0:
+        return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    mean_norm = excess_integral(0.0, outer, dimension, offset, t, w)
+    excess = excess_integral(r, outer, dimension, offset, t, w) if r < outer else 0.0
+    return True, r, density * r / rho, error, mean_norm, excess, beyond

@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit
 
 from ..system import Array
+from .series import along_line, higher_orders, in_plane, inverse_of
 
 _REFUSED = -1  # more points than the caller allows
 
@@ -37,17 +38,15 @@ def _ball_envelope(t: float, r: float, dimension: int) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _log_envelope(k: Array, size: float, S: Array, h: Array) -> float:
-    """Logarithm of a bound of |phi(size k)| that decreases along every ray: |sin x / x| <= min(1, 1/x)."""
-    total = 0.0
-    for a in range(3):
-        for b in range(3):
-            total -= 0.5 * k[a] * S[a, b] * k[b]
-    total *= size * size
-    product = 1.0
-    for j in range(h.shape[0]):
-        product *= max(1.0, size * fabs(k[0] * h[j, 0] + k[1] * h[j, 1] + k[2] * h[j, 2]))
-    return total - log(product)
+def _beyond(size: float, quadratic: float, along: Array, r: float, dimension: int, goal: float) -> bool:
+    """Whether the envelope of the terms at ``size k``, |k| = 1, is below the goal.
+
+    It decreases along every ray: ``|sin x / x| <= min(1, 1/x)``.  quadratic: k'S k; along: (K,) |k'h|.
+    """
+    product = goal
+    for j in range(along.size):
+        product *= max(1.0, size * along[j])
+    return exp(-0.5 * quadratic * size * size) * _ball_envelope(size, r, dimension) < product
 
 
 @njit(cache=True, error_model="numpy")
@@ -72,6 +71,7 @@ def spectral_extent(r: float, volume: float, sigma: Array, S: Array, h: Array, t
         spikes = columns
     extent = np.zeros(3)
     k = np.zeros(3)
+    along = np.empty(columns)
     first = 0
     second = 0
     goal = threshold * volume
@@ -108,16 +108,24 @@ def spectral_extent(r: float, volume: float, sigma: Array, S: Array, h: Array, t
         if not size > 0.0:
             continue
         k /= size
-        low = 0.0
-        high = 2.0 / sigma[0]
-        while high < 1e9 / sigma[0]:
-            if _log_envelope(k, high, S, h) < log(goal / _ball_envelope(high, r, dimension)):
-                break
+        quadratic = 0.0
+        low = np.inf
+        for a in range(3):
+            if k[a] != 0.0:
+                low = min(low, extent[a] / fabs(k[a]))
+            for b in range(3):
+                quadratic += k[a] * S[a, b] * k[b]
+        for j in range(columns):
+            along[j] = fabs(k[0] * h[j, 0] + k[1] * h[j, 1] + k[2] * h[j, 2])
+        if low > 0.0 and _beyond(low, quadratic, along, r, dimension, goal):
+            continue  # this ray stays inside the box there is
+        high = max(2.0 * low, 2.0 / sigma[0])
+        while high < 1e9 / sigma[0] and not _beyond(high, quadratic, along, r, dimension, goal):
             low = high
             high *= 2.0
         for _ in range(4):
             middle = 0.5 * (low + high)
-            if _log_envelope(k, middle, S, h) < log(goal / _ball_envelope(middle, r, dimension)):
+            if _beyond(middle, quadratic, along, r, dimension, goal):
                 high = middle
             else:
                 low = middle
@@ -150,105 +158,48 @@ def _tables(angle: Array, low: int, high: int) -> tuple[Array, Array]:
 
 
 @njit(cache=True, error_model="numpy")
-def fold_small(S: Array, h: Array, budget: float) -> tuple[Array, Array, Array]:
-    """(S with the Gaussian part of small columns (3, 3), the columns left (K', 3), the small ones (s, 3)).
-
-    ``log (sin x / x) = -x^2/6 - x^4/180 - x^6/2835 - x^8/37800 - x^10/467775 - ...``: a column that is short beside the
-    Gaussian spread is summed as its series, which along a line of the lattice is one polynomial for all of them.  What
-    is cut off changes phi by at most ``1.5e-3 rho^10``, rho^2 = h'S^-1 h (the largest of ``x^10 exp(-x^2 / (2 rho^2))``
-    over 467775, and a little for the rest); the sum over columns stays below ``budget``.  All signs are negative, so
-    the Gaussian part bounds the factor.
-    """
-    columns = h.shape[0]
-    folded = S.copy()
-    determinant = (
-        S[0, 0] * (S[1, 1] * S[2, 2] - S[1, 2] * S[2, 1])
-        - S[0, 1] * (S[1, 0] * S[2, 2] - S[1, 2] * S[2, 0])
-        + S[0, 2] * (S[1, 0] * S[2, 1] - S[1, 1] * S[2, 0])
-    )
-    scale = max(S[0, 0], S[1, 1], S[2, 2])
-    if not determinant > 1e-9 * scale * scale * scale:
-        return folded, h, np.empty((0, 3))
-    inverse = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            a, b, c, d = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
-            inverse[i, j] = (S[a, c] * S[b, d] - S[a, d] * S[b, c]) / determinant
-    short = np.zeros(columns, dtype=np.bool_)
-    for j in range(columns):
-        rho2 = 0.0
-        for a in range(3):
-            for b in range(3):
-                rho2 += h[j, a] * inverse[a, b] * h[j, b]
-        short[j] = 1.5e-3 * rho2**5 * columns < budget and rho2 < 0.25
-        if short[j]:
-            for a in range(3):
-                for b in range(3):
-                    folded[a, b] += h[j, a] * h[j, b] / 3.0
-    return folded, h[~short], h[short]
-
-
-@njit(cache=True, error_model="numpy")
-def _higher_orders(small: Array, outer: int, middle: int, inner: int) -> Array:
-    """(9, 9, 9) coefficients of ``-sum_j (x^4/180 + x^6/2835 + x^8/37800)``, x = k'h_j, by powers of k_outer, k_middle
-    and k_inner: every column at once, so that a line of the lattice costs the same for two columns as for fifty."""
-    out = np.zeros((9, 9, 9))
-    power = np.ones((3, 9))
-    for j in range(small.shape[0]):
-        for d in range(1, 9):
-            power[0, d] = power[0, d - 1] * small[j, outer]
-            power[1, d] = power[1, d - 1] * small[j, middle]
-            power[2, d] = power[2, d - 1] * small[j, inner]
-        for degree in (4, 6, 8):
-            weight = -1.0 / 180.0 if degree == 4 else (-1.0 / 2835.0 if degree == 6 else -1.0 / 37800.0)
-            first = 1.0  # degree! / (i! l! m!) step by step
-            for i in range(degree + 1):
-                second = first
-                for l in range(degree - i + 1):  # noqa: E741
-                    m = degree - i - l
-                    out[i, l, m] += weight * second * power[0, i] * power[1, l] * power[2, m]
-                    second = second * m / (l + 1)
-                first = first * (degree - i) / (i + 1)
-    return out
-
-
-@njit(cache=True, error_model="numpy")
-def _along_line(orders: Array, k1: float, k2: float, kk: float, out: Array) -> None:
-    """Coefficients (9,) in n of the polynomial at ``(k1, k2, n kk)``."""
-    scale = 1.0
-    for m in range(9):
-        total = 0.0
-        first = 1.0
-        for i in range(9 - m):
-            second = first
-            for l in range(9 - m - i):  # noqa: E741
-                total += orders[i, l, m] * second
-                second *= k2
-            first *= k1
-        out[m] = total * scale
-        scale *= kk
-
-
-@njit(cache=True, error_model="numpy")
 def gaussian_extent(r: float, volume: float, S: Array, threshold: float) -> Array:
     """(3,) largest |k_a| at which the Gaussian factor alone lets a term pass the threshold; inf if S is singular.
 
     Always enough, and free: ``k'S k <= q`` reaches ``sqrt(q (S^-1)_aa)`` along axis a.
     """
     extent = np.full(3, np.inf)
-    determinant = (
-        S[0, 0] * (S[1, 1] * S[2, 2] - S[1, 2] * S[2, 1])
-        - S[0, 1] * (S[1, 0] * S[2, 2] - S[1, 2] * S[2, 0])
-        + S[0, 2] * (S[1, 0] * S[2, 1] - S[1, 1] * S[2, 0])
-    )
-    if not determinant > 1e-9 * max(S[0, 0], S[1, 1], S[2, 2]) ** 3:
-        return extent
-    reach = 2.0 * log(_ball_envelope(1e-300, r, 3) / (threshold * volume))
-    for a in range(3):
-        b, c = (a + 1) % 3, (a + 2) % 3
-        minor = S[b, b] * S[c, c] - S[b, c] * S[c, b]
-        extent[a] = sqrt(max(reach, 0.0) * minor / determinant)
+    inverse, regular = inverse_of(S)
+    if regular:
+        reach = 2.0 * log(_ball_envelope(1e-300, r, 3) / (threshold * volume))
+        for a in range(3):
+            extent[a] = sqrt(max(reach, 0.0) * inverse[a, a])
     return extent
+
+
+@njit(cache=True, error_model="numpy")
+def _exponentials(x: Array, floor: float, count: int, out: Array) -> None:
+    """out = exp(x) for floor < x <= 1e-9, to 1e-14; 0 below the floor, which is above -64.
+
+    Taylor's polynomial of x / 64 and six squarings: no call in the loop, so that it runs in lanes.
+    """
+    for i in range(count):
+        y = max(x[i], -64.0) / 64.0
+        e = 1.0 + y * (1.0 / 13.0)
+        e = 1.0 + y * (1.0 / 12.0) * e
+        e = 1.0 + y * (1.0 / 11.0) * e
+        e = 1.0 + y * (1.0 / 10.0) * e
+        e = 1.0 + y * (1.0 / 9.0) * e
+        e = 1.0 + y * (1.0 / 8.0) * e
+        e = 1.0 + y * (1.0 / 7.0) * e
+        e = 1.0 + y * (1.0 / 6.0) * e
+        e = 1.0 + y * (1.0 / 5.0) * e
+        e = 1.0 + y * (1.0 / 4.0) * e
+        e = 1.0 + y * (1.0 / 3.0) * e
+        e = 1.0 + y * (1.0 / 2.0) * e
+        e = 1.0 + y * e
+        e *= e
+        e *= e
+        e *= e
+        e *= e
+        e *= e
+        e *= e
+        out[i] = e if x[i] > floor else 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -260,6 +211,7 @@ def lattice_terms(
     S: Array,
     h: Array,
     small: Array,
+    degree: int,
     threshold: float,
     t_out: Array,
     w_out: Array,
@@ -270,7 +222,7 @@ def lattice_terms(
     ``sum_i w_i B_r(t_i)`` is the probability: weights hold phi, both of +-k, and 1 / volume.  period, extent (3,): 0
     on an axis that is left out.  The last decade are the terms within a factor of ten of the threshold: what was
     left out is of their kind, smaller, and of either sign.  n = -1 when the terms do not fit in t_out.  small (s, 3):
-    columns whose Gaussian part is already in S, see :func:`fold_small`.
+    columns whose Gaussian part is already in S, and the degree of their series: see :func:`fold_small`.
     """
     columns = h.shape[0]
     dimension = 0
@@ -294,24 +246,38 @@ def lattice_terms(
     table_s, table_c = _tables(h[:, inner] * step[inner], -half, half)
     outer_s, outer_c = _tables(h[:, outer] * step[outer], 0, last[outer])
     middle_s, middle_c = _tables(h[:, middle] * step[middle], -last[middle], last[middle])
-    beyond = np.zeros(9)
+    sway = np.array([mean[inner] * step[inner]])
+    mean_s, mean_c = _tables(sway, -half, half)
+    beyond = np.empty(degree + 1)
+    plane = np.empty((degree + 1, degree + 1))
     folded = small.shape[0] > 0
-    orders = _higher_orders(small, outer, middle, inner)
+    orders = higher_orders(small, degree, outer, middle, inner)
     numerator = np.empty(length)
     denominator = np.empty(length)
     bound = np.empty(length)
+    exponent = np.empty(length)
+    turned = np.empty(length)
+    size = np.empty(length)
+    reach = np.empty(length)
+    ball = np.empty(length)
     sii = S[inner, inner]
     kk = step[inner]
     largest = _ball_envelope(0.0, r, dimension) if dimension == 1 else _ball_envelope(1e-300, r, dimension)
-    floor = log(threshold * volume / largest)
+    lowest = max(log(threshold * volume / largest), -60.0)
     n = 0
     decade = 0.0
     for n1 in range(last[outer] + 1):
         k1 = n1 * step[outer]
+        if folded:
+            in_plane(orders, k1, plane)
         for n2 in range(-last[middle] if n1 > 0 else 0, last[middle] + 1):
             k2 = n2 * step[middle]
             m2 = n2 + last[middle]
             half_line = n1 == 0 and n2 == 0
+            t2 = k1 * k1 + k2 * k2
+            floor = lowest
+            if t2 > 0.0:  # no point of this line is nearer to 0
+                floor = max(floor, log(threshold * volume / _ball_envelope(sqrt(t2), r, dimension)))
             constant = -0.5 * (
                 S[outer, outer] * k1 * k1 + 2.0 * S[outer, middle] * k1 * k2 + S[middle, middle] * k2 * k2
             )
@@ -351,35 +317,51 @@ def lattice_terms(
                     numerator[i] *= 1.0 - x * x / 6.0 if near else s
                     denominator[i] *= 1.0 if near else x
                     bound[i] *= max(1.0, fabs(x))
-            if folded:
-                _along_line(orders, k1, k2, kk, beyond)
-            t2 = k1 * k1 + k2 * k2
             phase = mean[outer] * k1 + mean[middle] * k2
+            phase_c = cos(phase)
+            phase_s = sin(phase)
+            line_s = mean_s[0, low:high]
+            line_c = mean_c[0, low:high]
             for i in range(count):
                 k3 = (i + offset) * kk
-                reach = exp(constant + k3 * (linear - 0.5 * sii * k3)) / volume
-                if reach * largest < threshold * bound[i]:
-                    continue
-                t = sqrt(t2 + k3 * k3)
-                ball = _ball_envelope(t, r, dimension)
-                if reach * ball < threshold * bound[i]:
+                exponent[i] = constant + k3 * (linear - 0.5 * sii * k3)
+                turned[i] = phase_c * line_c[i] - phase_s * line_s[i]
+                size[i] = sqrt(t2 + k3 * k3)
+            if folded:
+                along_line(plane, k2, kk, beyond)
+                for i in range(count):
+                    place = i + offset
+                    power = beyond[degree]
+                    for d in range(degree - 1, -1, -1):
+                        power = power * place + beyond[d]
+                    exponent[i] += power
+            _exponentials(exponent, floor, count, reach)
+            if dimension == 3:  # _ball_envelope in lanes
+                for i in range(count):
+                    t = size[i]
+                    ball[i] = min(largest, 4.0 * pi * (1.0 + r * t) / (t * t * t))
+            else:
+                for i in range(count):
+                    ball[i] = _ball_envelope(size[i], r, dimension)
+            for i in range(count):
+                ball[i] *= reach[i] / volume
+                turned[i] *= 2.0 * reach[i] * numerator[i] / (denominator[i] * volume)
+            if half_line and low == half:
+                turned[0] *= 0.5  # k = 0 has no twin
+            for i in range(count):
+                term = ball[i]
+                least = threshold * bound[i]
+                if term < least:
                     continue
                 if n >= capacity:
                     return _REFUSED, 0.0
-                place = i + offset
-                power = beyond[8]
-                for degree in range(7, -1, -1):
-                    power = power * place + beyond[degree]
-                weight = reach * exp(power) * numerator[i] / denominator[i] * cos(phase + mean[inner] * k3)
-                if t > 0.0:
-                    weight *= 2.0
-                if reach * ball < 10.0 * threshold * bound[i]:
-                    decade += (weight * ball) ** 2
-                t_out[n] = t
-                w_out[n] = weight
+                if term < 10.0 * least:
+                    decade += (turned[i] * term * volume / reach[i]) ** 2
+                t_out[n] = size[i]
+                w_out[n] = turned[i]
                 if keep:
                     k_out[n, outer] = k1
                     k_out[n, middle] = k2
-                    k_out[n, inner] = k3
+                    k_out[n, inner] = (i + offset) * kk
                 n += 1
     return n, sqrt(decade)

@@ -1,0 +1,102 @@
+"""Compiled steps of the worst case: the probability, or the Gaussian quantile, at every vertex of the box."""
+
+from __future__ import annotations
+
+from math import fabs
+
+import numpy as np
+from numba import njit
+
+from ..system import Array
+from .ball import ball_sums
+from .declared_kernels import build, on_principal_axes
+from .quantile import norm_quantile_jit
+
+
+@njit(cache=True, error_model="numpy")
+def vertex_probabilities(
+    r: float,
+    mean: Array,
+    covariance: Array,
+    h: Array,
+    bounded: Array,
+    count: int,
+    threshold: float,
+    aliasing: float,
+    largest_box: float,
+) -> tuple[bool, Array]:
+    """(found, P(|e + B s| <= r) for the first `count` sign vectors s (count,)); bounded: (3, q).
+
+    Vertex v has s_j = -1 where bit j of v is set.  Only cos(k'(m + B s)) differs between vertices.  They are visited
+    in Gray code order, so that the next phase is the last one turned by +-2 k'b_j: no cosine, four multiplications.
+    found is False when the lattice is too large or the law lies in a plane or on a line.
+    """
+    q = bounded.shape[1]
+    sigma, m, S, turned, axes, dimension, _ = on_principal_axes(mean, covariance, h)
+    out = np.zeros(count)
+    if dimension < 3:
+        return False, out
+    b = axes.T @ bounded
+    away = np.abs(m)
+    for a in range(3):
+        for j in range(q):
+            away[a] += fabs(b[a, j])
+    t, w, k, volume, _ = build(r, sigma, np.zeros(3), away, S, turned, threshold, aliasing, largest_box, True)
+    if volume == 0.0:
+        return False, out
+    n = t.size
+    re = np.empty(n)
+    im = np.empty(n)
+    turn_c = np.empty((q, n))
+    turn_s = np.empty((q, n))
+    one_t = np.empty(1)
+    one_w = np.ones(1)
+    for i in range(n):
+        phase = k[i, 0] * m[0] + k[i, 1] * m[1] + k[i, 2] * m[2]
+        for j in range(q):
+            along = k[i, 0] * b[0, j] + k[i, 1] * b[1, j] + k[i, 2] * b[2, j]
+            phase += along
+            turn_c[j, i] = np.cos(2.0 * along)
+            turn_s[j, i] = np.sin(2.0 * along)
+        one_t[0] = t[i]
+        ball, _, _ = ball_sums(r, 3, one_t, one_w)
+        re[i] = w[i] * ball * np.cos(phase)
+        im[i] = w[i] * ball * np.sin(phase)
+    code = 0
+    for step in range(1 << q):
+        if code < count:
+            total = 0.0
+            for i in range(n):
+                total += re[i]
+            out[code] = total
+        if step + 1 == 1 << q:
+            break
+        j = 0
+        while ((step + 1) >> j) & 1 == 0:
+            j += 1
+        sign = -1.0 if (code >> j) & 1 == 0 else 1.0  # from +1 to -1 turns the phase back
+        code ^= 1 << j
+        line_c = turn_c[j]
+        line_s = turn_s[j]
+        for i in range(n):
+            x = re[i]
+            y = im[i]
+            c = line_c[i]
+            s = sign * line_s[i]
+            re[i] = x * c - y * s
+            im[i] = x * s + y * c
+    return True, out
+
+
+@njit(cache=True, error_model="numpy")
+def gaussian_vertices(p: float, mean: Array, covariance: Array, bounded: Array, count: int) -> Array:
+    """(count,) p-quantiles of |N(m + B s, S)|, vertices numbered as above; NaN where one did not converge."""
+    out = np.empty(count)
+    at = np.empty(3)
+    for v in range(count):
+        for a in range(3):
+            at[a] = mean[a]
+            for j in range(bounded.shape[1]):
+                at[a] += -bounded[a, j] if (v >> j) & 1 else bounded[a, j]
+        out[v] = norm_quantile_jit(at, covariance, p)
+    return out

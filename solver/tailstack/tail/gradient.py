@@ -1,0 +1,98 @@
+"""Derivatives of the probability of a declared law, compiled: by the mean, the covariance and every column's length."""
+
+from __future__ import annotations
+
+from math import cos, exp, fabs, sin, sqrt
+
+import numpy as np
+from numba import njit
+
+from ..system import Array
+from .ball import ball_sums
+from .declared_kernels import build
+from .series import LOG_SINC, fold_small
+
+# x cot x - 1, the logarithmic derivative of sin x / x: the same series times its own degree.
+_LOG_SLOPE = LOG_SINC * np.arange(LOG_SINC.size)
+
+
+@njit(cache=True, error_model="numpy")
+def lattice_gradient(
+    r: float, sigma: Array, m: Array, S: Array, h: Array, threshold: float, aliasing: float, largest_box: float
+) -> tuple[bool, Array, Array, Array]:
+    """(found, dP by the mean (3,), by S (3, 3), by the logarithm of each column's length (K,)) at radius r.
+
+    On principal axes, in three dimensions.  Long columns by prefix and suffix products (a factor may vanish), small
+    ones (``fold_small``) by the series of their logarithm; found is False when the lattice is too large.
+    """
+    columns = h.shape[0]
+    by_mean = np.zeros(3)
+    by_covariance = np.zeros((3, 3))
+    by_column = np.zeros(columns)
+    _, _, k, volume, _ = build(r, sigma, m, m, S, h, threshold, aliasing, largest_box, True)
+    if volume == 0.0:
+        return False, by_mean, by_covariance, by_column
+    folded, short, degree = fold_small(S, h, threshold)
+    small = np.ascontiguousarray(h[short].T)
+    large = h[~short]
+    log_small = np.empty(small.shape[1])
+    slope_small = np.empty(small.shape[1])
+    by_small = np.zeros(small.shape[1])
+    by_large = np.zeros(large.shape[0])
+    psi = np.empty(large.shape[0])
+    slope = np.empty(large.shape[0])
+    before = np.empty(large.shape[0] + 1)
+    t = np.empty(1)
+    one = np.ones(1)
+    for i in range(k.shape[0]):
+        q = 0.0
+        phase = 0.0
+        size = 0.0
+        for a in range(3):
+            phase += k[i, a] * m[a]
+            size += k[i, a] * k[i, a]
+            for b in range(3):
+                q += k[i, a] * folded[a, b] * k[i, b]
+        if size == 0.0:
+            continue
+        for j in range(small.shape[1]):
+            x = k[i, 0] * small[0, j] + k[i, 1] * small[1, j] + k[i, 2] * small[2, j]
+            z = x * x
+            value = 0.0
+            rate = 0.0
+            for d in range(degree, 3, -2):
+                value = value * z + LOG_SINC[d]
+                rate = rate * z + _LOG_SLOPE[d]
+            log_small[j] = value * z * z
+            slope_small[j] = rate * z * z - z / 3.0
+        exponent = -0.5 * q
+        for j in range(small.shape[1]):
+            exponent += log_small[j]
+        t[0] = sqrt(size)
+        ball, _, _ = ball_sums(r, 3, t, one)
+        factor = 2.0 * exp(exponent) / volume * ball
+        before[0] = 1.0
+        for j in range(large.shape[0]):
+            x = k[i, 0] * large[j, 0] + k[i, 1] * large[j, 1] + k[i, 2] * large[j, 2]
+            if fabs(x) < 1e-2:
+                psi[j] = 1.0 - x * x / 6.0 + x**4 / 120.0
+                slope[j] = -x * x / 3.0 + x**4 / 30.0
+            else:
+                psi[j] = sin(x) / x
+                slope[j] = cos(x) - psi[j]
+            before[j + 1] = before[j] * psi[j]
+        even = factor * cos(phase)
+        odd = -factor * sin(phase) * before[large.shape[0]]
+        after = even
+        for j in range(large.shape[0] - 1, -1, -1):
+            by_large[j] += before[j] * slope[j] * after
+            after *= psi[j]
+        for j in range(small.shape[1]):
+            by_small[j] += after * slope_small[j]
+        for a in range(3):
+            by_mean[a] += odd * k[i, a]
+            for b in range(3):
+                by_covariance[a, b] -= 0.5 * after * k[i, a] * k[i, b]
+    by_column[short] = by_small
+    by_column[~short] = by_large
+    return True, by_mean, by_covariance, by_column

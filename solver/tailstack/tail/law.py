@@ -1,0 +1,66 @@
+"""A linear law with uniform and triangular sources: data, and its columns as the lattice takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..system import Array
+from .spectrum import law_iv
+
+UNIFORM, TRIANGULAR = 0, 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearLaw:
+    """e = mean + N(0, covariance) + columns @ u, in mm; any frame, the same for all three.
+
+    columns are already multiplied by the half-widths: column j is the displacement at u_j = 1.
+    """
+
+    mean: Array  # (3,) mm
+    covariance: Array  # (3, 3) mm^2: the Gaussian part only
+    columns: Array  # (3, k) mm
+    kinds: NDArray[np.int64]  # (k,) UNIFORM or TRIANGULAR
+
+    @property
+    def total_covariance(self) -> Array:
+        """(3, 3) mm^2, bounded sources included."""
+        variance = np.where(self.kinds == UNIFORM, 1 / 3, 1 / 6)
+        return np.asarray(self.covariance + (self.columns * variance) @ self.columns.T)
+
+
+def linear_law(
+    mean: Array, covariance: Array, columns: Array | None = None, kinds: Sequence[int] | None = None
+) -> LinearLaw:
+    """A checked :class:`LinearLaw`; columns (3, k) mm and kinds (k,) default to none and to uniform.
+
+    Raises ValueError for wrong shapes, values that are not finite, or a covariance that is not one.
+    """
+    mean, covariance = law_iv(mean, covariance)
+    columns = np.zeros((3, 0)) if columns is None else np.asarray(columns, dtype=np.float64)
+    if columns.ndim != 2 or columns.shape[0] != 3:
+        raise ValueError(f"columns must have shape (3, k), got {columns.shape}")
+    if not np.isfinite(columns).all():
+        raise ValueError("columns must be finite")
+    kind_array = np.zeros(columns.shape[1], dtype=np.int64) if kinds is None else np.asarray(kinds, dtype=np.int64)
+    if kind_array.shape != (columns.shape[1],):
+        raise ValueError(f"kinds must have shape ({columns.shape[1]},), got {kind_array.shape}")
+    if not np.isin(kind_array, (UNIFORM, TRIANGULAR)).all():
+        raise ValueError(f"kinds are {UNIFORM} (uniform) or {TRIANGULAR} (triangular), got {kind_array.tolist()}")
+    return LinearLaw(mean, covariance, np.ascontiguousarray(columns), kind_array)
+
+
+def lattice_columns(law: LinearLaw) -> tuple[Array, NDArray[np.int64]]:
+    """((K, 3) uniform columns, (K,) source of each): a triangular source is the sum of two uniform ones of half width.
+
+    Columns of length zero are dropped.
+    """
+    rows = law.columns.T
+    keep = np.flatnonzero((rows != 0).any(axis=1))
+    source = np.concatenate([keep, keep[law.kinds[keep] == TRIANGULAR]])
+    scale = np.where(law.kinds[source] == TRIANGULAR, 0.5, 1.0)
+    return np.ascontiguousarray(rows[source] * scale[:, None]), source

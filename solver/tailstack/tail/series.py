@@ -1,0 +1,144 @@
+"""Many small uniform columns at once: the logarithm of their characteristic function as one polynomial.
+
+A manufactured structure has three small sources a fiducial.  Each is nearly Gaussian beside all the others; what it
+is not is a short series, and the series of all of them add up.
+"""
+
+from __future__ import annotations
+
+from math import log
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ..system import Array
+
+# Coefficients of log(sin x / x) by powers of x, from x^4 on (the x^2 of it is the column's Gaussian part).
+LOG_SINC = np.zeros(13)
+LOG_SINC[4:13:2] = (-1 / 180, -1 / 2835, -1 / 37800, -1 / 467775, -691 / 3831077250)
+
+
+@njit(cache=True, error_model="numpy")
+def inverse_of(S: Array) -> tuple[Array, bool]:
+    """(S^-1 (3, 3), whether S is regular enough to have one)."""
+    out = np.empty((3, 3))
+    determinant = (
+        S[0, 0] * (S[1, 1] * S[2, 2] - S[1, 2] * S[2, 1])
+        - S[0, 1] * (S[1, 0] * S[2, 2] - S[1, 2] * S[2, 0])
+        + S[0, 2] * (S[1, 0] * S[2, 1] - S[1, 1] * S[2, 0])
+    )
+    if not determinant > 1e-9 * max(S[0, 0], S[1, 1], S[2, 2]) ** 3:
+        return out, False
+    for i in range(3):
+        for j in range(3):
+            a, b, c, d = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
+            out[i, j] = (S[a, c] * S[b, d] - S[a, d] * S[b, c]) / determinant
+    return out, True
+
+
+@njit(cache=True, error_model="numpy")
+def fold_small(S: Array, h: Array, budget: float) -> tuple[Array, NDArray[np.bool_], int]:
+    """(S with the Gaussian part of small columns (3, 3), which ones (K,), degree of their series).
+
+    ``log (sin x / x) = -x^2/6 - x^4/180 - ...``, to x^12 at most: a column that is short beside the spread of all small
+    ones together, ``G = S + sum h h'/3``, is summed as its series, which along a line of the lattice is one polynomial
+    for all of them.  With rho^2 = h'G^-1 h:
+
+    - where all ``|k'h| <= 2`` the terms cut off after x^d change phi by at most ``6.5e-3 rho^(d+2)`` a column (the
+      largest of ``c x^(d+2) exp(-x^2 / (2 rho^2))``, c the next coefficient, and a factor 1.7 for the rest of the
+      series, d = 4 ... 12); their sum stays below ``budget``;
+    - elsewhere ``exp(-k'G k / 2) <= exp(-2 / rho^2)``, so does phi (its envelope falls along every ray, and at
+      ``|k'h| = 2`` each ``sin x / x`` is below its Gaussian part), and both are kept below ``budget``.
+
+    All coefficients (``LOG_SINC``) are negative, so the Gaussian part bounds the factor.
+    """
+    columns = h.shape[0]
+    short = np.ones(columns, dtype=np.bool_)
+    folded = S.copy()
+    cut = np.zeros(13)  # by degree: what leaving out the rest changes
+    changed = True
+    while changed:
+        changed = False
+        folded[:] = S
+        for j in range(columns):
+            if short[j]:
+                for a in range(3):
+                    for b in range(3):
+                        folded[a, b] += h[j, a] * h[j, b] / 3.0
+        inverse, regular = inverse_of(folded)
+        if not regular:
+            short[:] = False
+            return S.copy(), short, 4
+        cut[:] = 0.0
+        for j in range(columns):
+            if short[j]:
+                rho2 = 0.0
+                for a in range(3):
+                    for b in range(3):
+                        rho2 += h[j, a] * inverse[a, b] * h[j, b]
+                if not (6.5e-3 * rho2**7 * columns < budget and -log(budget) * rho2 < 2.0):
+                    short[j] = False
+                    changed = True
+                power = 6.5e-3 * rho2 * rho2
+                for d in range(4, 13, 2):
+                    power *= rho2
+                    cut[d] += power
+    degree = 4
+    while degree < 12 and cut[degree] > budget:
+        degree += 2
+    return folded, short, degree
+
+
+@njit(cache=True, error_model="numpy")
+def higher_orders(small: Array, degree: int, outer: int, middle: int, inner: int) -> Array:
+    """(D, D, D), D = degree + 1: coefficients of ``-sum_j (x^4/180 + ... )``, x = k'h_j, by powers of k_inner, k_outer
+    and k_middle: every column at once, so that a line of the lattice costs the same for two columns as for fifty."""
+    size = degree + 1
+    out = np.zeros((size, size, size))
+    power = np.ones((3, size))
+    for j in range(small.shape[0]):
+        for d in range(1, size):
+            power[0, d] = power[0, d - 1] * small[j, inner]
+            power[1, d] = power[1, d - 1] * small[j, outer]
+            power[2, d] = power[2, d - 1] * small[j, middle]
+        for m in range(size):
+            for i in range(size - m):
+                scale = power[0, m] * power[1, i]
+                for l in range((m + i) % 2, size - m - i, 2):  # noqa: E741
+                    out[m, i, l] += scale * power[2, l]
+    for m in range(size):
+        for i in range(size - m):
+            for l in range(size - m - i):  # noqa: E741
+                weight = LOG_SINC[m + i + l]
+                for d in range(1, i + 1):  # degree! / (m! i! l!) as a product of two binomials
+                    weight *= (m + d) / d
+                for d in range(1, l + 1):
+                    weight *= (m + i + d) / d
+                out[m, i, l] *= weight
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def in_plane(orders: Array, k: float, out: Array) -> None:
+    """Fill out (D, D): the sum over powers of k_outer, which is k."""
+    size = orders.shape[0]
+    for m in range(size):
+        for l in range(size - m):  # noqa: E741
+            total = 0.0
+            for i in range(size - 1 - m - l, -1, -1):
+                total = total * k + orders[m, i, l]
+            out[m, l] = total
+
+
+@njit(cache=True, error_model="numpy")
+def along_line(plane: Array, k: float, step: float, out: Array) -> None:
+    """Fill out (D,): coefficients in n of the polynomial at k_middle = k, k_inner = n step."""
+    size = plane.shape[0]
+    scale = 1.0
+    for m in range(size):
+        total = 0.0
+        for l in range(size - 1 - m, -1, -1):  # noqa: E741
+            total = total * k + plane[m, l]
+        out[m] = total * scale
+        scale *= step
