@@ -16,7 +16,7 @@ import numpy as np
 from ..contributors import WorstCase, declared_law, worst_case
 from ..propagation.linear import LinearModel, linearise
 from ..system import Array, Law
-from ..tail.declared import law_budget, law_quantile
+from ..tail.declared import law_gradient, law_quantile
 from ..tail.per_unit import unit_quantile
 from .moments import closed_form_mm
 from .problem import Choice, Demand, PlacementProblem, apply_choice
@@ -163,7 +163,7 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     """Gradient of log r^2 under the declared law; by differences along pivots and spacings, analytic otherwise."""
     error, p = terms.demand.requirement.error, terms.demand.requirement.quantile
     law, where = declared_law(held.model, error, held.mean_mm)
-    slopes = law_budget(law, p, [])
+    slopes = law_gradient(law, p)
     per = 2 / held.exact_mm
     gains = terms.gains.at(mechanics_of(problem, choice))
     ends = {index: held.signs[b] for b, index in enumerate(terms.bounded)}
