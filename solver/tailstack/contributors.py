@@ -20,7 +20,7 @@ from .tail.bounded import worst_case as worst_vertex
 from .tail.declared import LawBudget, LawQuantile, LinearLaw, law_budget, law_quantile, without_group
 
 DEGREES = {"rad": ("deg", float(np.rad2deg(1.0)))}
-LIGHT = 2e-3  # share of variance below which a line is removed to first order: an error of some 1e-6
+LIGHT = 5e-3  # share s of variance below which a line is removed to first order: an error of about s^2, 3e-5 at most
 KIND = {Law.UNIFORM: 0, Law.TRIANGULAR: 1}
 
 

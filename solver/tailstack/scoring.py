@@ -10,7 +10,7 @@ import numpy as np
 from .contributors import ErrorLaw, WorstCase, budget, declared_law, error_law
 from .design import Design, check_design
 from .errors import OutOfRangeError
-from .estimation.checks import check_geometry, check_views
+from .estimation.checks import examine
 from .propagation.linear import LinearModel, covariance_block_diagonal, largest_rotation_rad, linearise
 from .propagation.second_order import refuse_outside_range, second_order_moments
 from .propagation.validity import validity
@@ -61,7 +61,7 @@ def matrix3(values: Array) -> Matrix3:
 def checked_system(design: Design | System) -> tuple[System, tuple[Finding, ...], tuple[ViewCheck, ...]]:
     """Compile and check a design, or check a system.  Raises DesignError, IllPosedError."""
     if isinstance(design, System):
-        return design, check_geometry(design), check_views(design)
+        return design, *examine(design)
     return check_design(design)
 
 

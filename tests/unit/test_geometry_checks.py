@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from scenes import cube_fiducials, mount, system_of, target, with_noise
 from tailstack.errors import IllPosedError
-from tailstack.estimation.checks import check_geometry, check_views, closest_pair, imaged_fiducials
+from tailstack.estimation.checks import check_geometry, check_views, closest_pair, examine, imaged_fiducials
 from tailstack.geometry.camera import camera_centre
 from tailstack.geometry.rotation import rotation_xyz
 from tailstack.system import Reading
@@ -139,6 +139,17 @@ def test_no_parallax(azimuths, where, code, along):
     problem = refused(system_of(cube_fiducials(20.0), views=views, targets=(target(where),)))
     assert problem.code == code
     assert along in problem.detail
+
+
+def test_parallax_is_the_widest_of_all_pairs():
+    """closed form: three level views of a target near the origin, 5 and 20 degrees from the first: 20 degrees."""
+    azimuths = tuple(np.radians([0.0, 5.0, 20.0]))
+    system = system_of(CUBE, views=with_noise(0.5, azimuths_rad=azimuths), targets=(target((0, 0, 1e-6)),))
+    findings, views = examine(system)
+    (finding,) = (f for f in findings if f.rule == "small-parallax")
+    assert finding.value == pytest.approx(20.0, abs=1e-6)
+    assert findings == check_geometry(system)
+    assert views == check_views(system)
 
 
 def test_small_parallax_and_overlap_and_unknown_size_are_remarked():

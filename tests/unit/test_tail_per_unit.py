@@ -10,7 +10,15 @@ from scipy import stats
 
 from tailstack.tail.declared import LinearLaw, law_quantile, linear_law, norm_quantile_of
 from tailstack.tail.gaussian import norm_quantile
-from tailstack.tail.per_unit import unit_quantile, unit_risk
+from tailstack.tail.per_unit import (
+    _narrowed,
+    _principal_root,
+    _sample,
+    _solved_between,
+    unit_quantile,
+    unit_risk,
+    unit_risks,
+)
 
 NOISE = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]]) / 10
 COLUMNS = np.array([[0.7, 0.0, 0.1, 0.3], [0.0, 0.6, 0.2, -0.2], [0.1, 0.0, 0.3, 0.2]])
@@ -216,3 +224,37 @@ def test_quantile_and_yield_are_inverse():
 def test_bad_fraction_is_named():
     with pytest.raises(ValueError, match="between 0 and 1"):
         unit_quantile(linear_law([0.1, 0, 0], NOISE), SHOT, 0.95, 1.0)
+
+
+@pytest.mark.parametrize("p", [0.3, 0.95])
+def test_units_left_unsolved_are_told_apart_rightly(p):
+    """Independent: every unit of the same sample solved; the same share below the limit, the same value at the rank."""
+    unit = linear_law([0.2, 0, 0.1], NOISE * 20, COLUMNS)
+    shot = linear_law(np.zeros(3), NOISE * 8)
+    units = _sample(unit, _principal_root(unit), shot, p, 7)
+    own = np.array([norm_quantile(p, row, shot.covariance) for row in units.d])
+    narrow = _narrowed(units)
+    assert (narrow.low <= own * (1 + 1e-12)).all()
+    assert (own <= narrow.high * (1 + 1e-12)).all()
+    limit = float(np.quantile(own, 0.7))
+    good, between = narrow.high <= limit, (narrow.low <= limit) & (narrow.high > limit)
+    assert (good | between)[own <= limit].all()
+    assert not good[own > limit].any()
+    assert between.mean() < 0.1
+    risk = unit_risk(unit, shot, p, limit, 7)
+    assert risk.solved < 0.2 * risk.units
+    # The control moves the share by the sampling error it takes away, and not by more.
+    assert abs(risk.yield_fraction - 0.7) < 4 * sqrt(0.3 * 0.7 / risk.units)
+    for rank in (100, 1500, 1945):
+        assert np.sort(_solved_between(narrow, rank, rank)[0])[rank] == pytest.approx(np.sort(own)[rank], rel=1e-12)
+
+
+def test_several_limits_are_one_sample():
+    unit, shot = (
+        linear_law([0.2, 0, 0.1], NOISE * 20, COLUMNS),
+        linear_law(np.zeros(3), NOISE, np.diag([0.3, 0.05, 0.1])),
+    )
+    limits = (1.0, None, 1.3)
+    assert unit_risks(unit, shot, 0.95, limits, 6) == tuple(unit_risk(unit, shot, 0.95, limit, 6) for limit in limits)
+    with pytest.raises(ValueError, match="limit must be >= 0"):
+        unit_risks(unit, shot, 0.95, (1.0, -1.0))

@@ -35,11 +35,17 @@ def check_geometry(system: System) -> tuple[Finding, ...]:
     Checked: number, distinctness and spread of the fiducials; depth and field of view of fiducials and
     targets; rank of the DLT in each view; angle between the rays to each target.
     """
+    return examine(system)[0]
+
+
+def examine(system: System) -> tuple[tuple[Finding, ...], tuple[ViewCheck, ...]]:
+    """:func:`check_geometry` and :func:`check_views` at once."""
     findings = _check_fiducials(system)
-    checks = check_views(system)
-    findings += _check_visibility(system, checks)
-    findings += _check_resection(system)
-    return (*findings, *_check_triangulation(system))
+    imaged = imaged_fiducials(system)
+    views = tuple(_check_view(system, view, imaged) for view in system.views)
+    findings += _check_visibility(system, views, imaged)
+    findings += _check_resection(system, imaged)
+    return (*findings, *_check_triangulation(system)), views
 
 
 def imaged_fiducials(system: System) -> Array:
@@ -56,11 +62,11 @@ def check_views(system: System) -> tuple[ViewCheck, ...]:
     A margin is the distance of an image from the nearest edge of the image, negative outside; a point at
     or behind the source counts as outside.
     """
-    return tuple(_check_view(system, view) for view in system.views)
+    imaged = imaged_fiducials(system)
+    return tuple(_check_view(system, view, imaged) for view in system.views)
 
 
-def _check_view(system: System, view: View) -> ViewCheck:
-    points = imaged_fiducials(system)
+def _check_view(system: System, view: View, points: Array) -> ViewCheck:
     depth = depths(view.projection, points)
     in_front = depth > 0
     images = np.full((len(points), 2), np.nan)
@@ -173,10 +179,10 @@ def _check_fiducials(system: System) -> list[Finding]:
 # --- what each view sees ----------------------------------------------------------------------------
 
 
-def _check_visibility(system: System, checks: tuple[ViewCheck, ...]) -> list[Finding]:
+def _check_visibility(system: System, checks: tuple[ViewCheck, ...], imaged: Array) -> list[Finding]:
     problems: list[Problem] = []
     findings: list[Finding] = []
-    points = np.vstack([imaged_fiducials(system), *(target.position_mm[None] for target in system.targets)])
+    points = np.vstack([imaged, *(target.position_mm[None] for target in system.targets)])
     names = [f"fiducial {label}" for label in system.fiducial_labels]
     names += [f"target {target.name}" for target in system.targets]
     for index, (view, check) in enumerate(zip(system.views, checks, strict=True)):
@@ -235,8 +241,8 @@ def _outside(view: View, size: tuple[int, int], points: Array, names: list[str],
 # --- resection --------------------------------------------------------------------------------------
 
 
-def _check_resection(system: System) -> list[Finding]:
-    told, imaged = system.fiducials_mm, imaged_fiducials(system)
+def _check_resection(system: System, imaged: Array) -> list[Finding]:
+    told = system.fiducials_mm
     object_frame = hartley_similarity(told)
     points = homogeneous(told) @ object_frame.T
     findings = []
@@ -244,10 +250,11 @@ def _check_resection(system: System) -> list[Finding]:
         images = project(view.projection, imaged)
         image_frame = hartley_similarity(images)
         rows = design_matrix(points, (homogeneous(images) @ image_frame.T)[:, :2])
-        _, values, right = np.linalg.svd(rows, full_matrices=False)
+        values = np.linalg.svd(rows, compute_uv=False)
         strength = float(values[10] / values[0])
         if strength > WEAK:
             continue
+        right = np.linalg.svd(rows, full_matrices=False)[2]
         estimate = np.linalg.solve(image_frame, right[11].reshape(3, 4) @ object_frame)
         change = np.linalg.solve(image_frame, right[10].reshape(3, 4) @ object_frame)
         motion = f"the source of view {view.name} may slide along {_slide(estimate, change)}"
@@ -314,9 +321,8 @@ def _check_triangulation(system: System) -> list[Finding]:
         rays = target.position_mm - centres
         reach = np.linalg.norm(rays, axis=1)
         rays = rays / reach[:, None]
-        sine = max(
-            float(np.linalg.norm(np.cross(rays[i], rays[j]))) for i in range(len(rays)) for j in range(i + 1, len(rays))
-        )
+        first, second = np.triu_indices(len(rays), 1)
+        sine = float(np.linalg.norm(np.cross(rays[first], rays[second]), axis=1).max())
         if sine < NO_PARALLAX:
             along = direction_name(rays[0])
             if spread < NO_PARALLAX * to_structure:

@@ -70,7 +70,7 @@ LATTICE_METHOD = "exact (characteristic function on a lattice)"
 SAMPLED_METHOD = "randomised quasi-Monte-Carlo of the linear model"
 
 # Terms smaller than this are left out of a lattice sum: for the answer itself, and for the many laws of a budget.
-_FINE, _COARSE = 5e-10, 1e-6
+_FINE, _COARSE = 5e-10, 4e-7
 _LARGEST_BOX = 2e6  # lattice points looked at (about 30 ms) before sampling takes over
 _LARGEST_COARSE_BOX = 2e5
 _LOG2_POINTS, _LOG2_COARSE = 12, 10

@@ -194,12 +194,11 @@ def _standard_error(value: Array, blocks: int) -> float:
 
 
 def _control(installation: LinearLaw, units: _Units, middle: Array, level: float) -> Array:
-    """(n,) of mean about 0: (|d| <= y) - P(|d| <= y), y where R is about `level`; 0 where no unit is near it."""
+    """(n,) of mean about 0: (|d| <= y) - P(|d| <= y), y where R (`middle`, nearly) is `level`; 0 where no unit is."""
     size = units.size
     closest = max(size.size // 100, 1)
     near = np.argpartition(np.abs(middle - level), closest - 1)[:closest]
-    near = _spread(near[np.argsort(middle[near])])
-    y = level - float((_gaussian_quantiles(units.p, units.d[near], units.covariance) - size[near]).mean())
+    y = level - float((middle[near] - size[near]).mean())
     if size.size == 1 or not size.min() < y < size.max():
         return np.zeros(size.size)
     return np.asarray((size <= y) - law_cdf_coarse(installation, y))
