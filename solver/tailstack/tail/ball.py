@@ -114,6 +114,21 @@ def _ball(r: float, t: Array, w: Array, s: Array, c: Array) -> tuple[float, floa
 
 
 @njit(cache=True, error_model="numpy")
+def balls(r: float, t: Array) -> Array:
+    """(n,) transforms B_r(t) of the ball in three dimensions."""
+    s = np.empty(t.size)
+    out = np.empty(t.size)
+    sines(r, t, s, out)
+    for i in range(t.size):
+        x = r * t[i]
+        if x < 1e-2:
+            out[i] = 4.0 * pi * r * r * r * (1.0 / 3.0 - x * x / 30.0 + x * x * x * x / 840.0)
+        else:
+            out[i] = 4.0 * pi * (s[i] - x * out[i]) / (t[i] * t[i] * t[i])
+    return out
+
+
+@njit(cache=True, error_model="numpy")
 def ball_sums(r: float, dimension: int, t: Array, w: Array) -> tuple[float, float, float]:
     """sum w B_r(t) and its first two derivatives by r, for the ball, the disc or the interval of radius r."""
     f0 = 0.0

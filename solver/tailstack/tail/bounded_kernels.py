@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from math import fabs
-
 import numpy as np
 from numba import njit
 
 from ..system import Array
-from .ball import ball_sums
+from .ball import balls
 from .declared_kernels import build, on_principal_axes
 from .quantile import norm_quantile_jit
 
 
-@njit(cache=True, error_model="numpy")
 def vertex_probabilities(
     r: float,
     mean: Array,
@@ -31,26 +28,28 @@ def vertex_probabilities(
     in Gray code order, so that the next phase is the last one turned by +-2 k'b_j: no cosine, four multiplications.
     found is False when the lattice is too large or the law lies in a plane or on a line.
     """
-    q = bounded.shape[1]
     sigma, m, S, turned, axes, dimension, _ = on_principal_axes(mean, covariance, h)
-    out = np.zeros(count)
     if dimension < 3:
-        return False, out
-    b = axes.T @ bounded
-    away = np.abs(m)
-    for a in range(3):
-        for j in range(q):
-            away[a] += fabs(b[a, j])
+        return False, np.zeros(count)
+    b = np.ascontiguousarray(axes.T @ bounded)
+    away = np.abs(m) + np.abs(b).sum(axis=1)
     t, w, k, volume, _ = build(r, sigma, np.zeros(3), away, S, turned, threshold, aliasing, largest_box, True)
     if volume == 0.0:
-        return False, out
+        return False, np.zeros(count)
+    return True, _gray_walk(r, m, b, count, t, w, k)
+
+
+@njit(cache=True, error_model="numpy")
+def _gray_walk(r: float, m: Array, b: Array, count: int, t: Array, w: Array, k: Array) -> Array:
+    """(count,) probabilities at the vertices from one lattice: t (n,), w (n,) of the law without mean, k (n, 3)."""
+    q = b.shape[1]
+    out = np.zeros(count)
     n = t.size
     re = np.empty(n)
     im = np.empty(n)
     turn_c = np.empty((q, n))
     turn_s = np.empty((q, n))
-    one_t = np.empty(1)
-    one_w = np.ones(1)
+    ball = balls(r, t)
     for i in range(n):
         phase = k[i, 0] * m[0] + k[i, 1] * m[1] + k[i, 2] * m[2]
         for j in range(q):
@@ -58,10 +57,8 @@ def vertex_probabilities(
             phase += along
             turn_c[j, i] = np.cos(2.0 * along)
             turn_s[j, i] = np.sin(2.0 * along)
-        one_t[0] = t[i]
-        ball, _, _ = ball_sums(r, 3, one_t, one_w)
-        re[i] = w[i] * ball * np.cos(phase)
-        im[i] = w[i] * ball * np.sin(phase)
+        re[i] = w[i] * ball[i] * np.cos(phase)
+        im[i] = w[i] * ball[i] * np.sin(phase)
     code = 0
     for step in range(1 << q):
         if code < count:
@@ -85,7 +82,7 @@ def vertex_probabilities(
             s = sign * line_s[i]
             re[i] = x * c - y * s
             im[i] = x * s + y * c
-    return True, out
+    return out
 
 
 @njit(cache=True, error_model="numpy")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import NotConvergedError, Problem
 from ..system import Array
-from .declared_kernels import mean_excess, on_principal_axes, probability, solve, summary
+from .declared_kernels import build, mean_excess, on_principal_axes, probability, solve, summary
 from .gaussian import (
     norm_cdf,
     norm_cvar,
@@ -273,11 +273,12 @@ def _gradient(
         return _differences(law, total)
     # A decade below the budget's own threshold: derivatives weight the far terms by up to k^2 more.
     threshold, aliasing, largest = _tolerances(p, fine)
-    found, by_mean, by_covariance, by_column = lattice_gradient(
-        total.quantile_mm, sigma, m, S, turned, threshold if fine else 0.1 * threshold, aliasing, largest
-    )
-    if not found:
+    _, _, nodes, volume, _ = build(total.quantile_mm, sigma, m, m, S, turned, 0.1 * threshold, aliasing, largest, True)
+    if volume == 0.0:
         return _differences(law, total)
+    by_mean, by_covariance, by_column = lattice_gradient(
+        total.quantile_mm, nodes, volume, m, S, turned, 0.1 * threshold
+    )
     columns = np.zeros(k)
     np.add.at(columns, source, by_column)
     slope = -1.0 / total.density

@@ -1,4 +1,8 @@
-"""Compiled steps between a declared law and its lattice: principal axes, start, period, solution."""
+"""Between a declared law and its lattice: principal axes, start, period, solution, and what is read off it.
+
+Whatever contains the lattice costs seconds to compile: that is :func:`build` and :func:`solve_on_axes` here, which the
+plain functions call; more of them only where a loop needs it.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,7 @@ from .ball import ball_integral, ball_sums
 from .contour import cumulant
 from .lattice import box_size, gaussian_extent, lattice_terms, spectral_extent
 from .quantile import normal_quantile_jit
-from .series import fold_small
+from .series import fold_small, rows_where
 from .spectrum import principal_axes
 
 SMALL_BOX = 1e3  # lattice points below which the plain bound of the extent is cheaper than the search for the true one
@@ -114,7 +118,7 @@ def build(
         if sigma[a] > 0.0:
             dimension += 1
     S, short, degree = fold_small(S, h, threshold)
-    small, h = h[short], h[~short]
+    small, h = rows_where(h, short, True), rows_where(h, short, False)
     reach = reach_of(sigma, S, h, aliasing)
     period = np.zeros(3)
     volume = 1.0
@@ -182,7 +186,6 @@ def solve_on_axes(
     return False, 0.0, 0.0, 0.0, 0.0, t, w
 
 
-@njit(cache=True, error_model="numpy")
 def solve(
     p: float, mean: Array, covariance: Array, h: Array, threshold: float, aliasing: float, largest_box: float
 ) -> tuple[bool, float, float, float]:
@@ -198,7 +201,6 @@ def solve(
     return True, r, density * r / rho, error
 
 
-@njit(cache=True, error_model="numpy")
 def probability(
     r: float, mean: Array, covariance: Array, h: Array, threshold: float, aliasing: float, largest_box: float
 ) -> tuple[bool, float, float]:
@@ -259,7 +261,6 @@ def excess_integral(low: float, high: float, dimension: int, offset: float, t: A
     return max(below - low, 0.0) + 0.25 * np.pi * span * total
 
 
-@njit(cache=True, error_model="numpy")
 def _outer_lattice(
     sigma: Array, m: Array, S: Array, h: Array, threshold: float, aliasing: float, largest_box: float
 ) -> tuple[float, Array, Array, float]:
@@ -273,7 +274,6 @@ def _outer_lattice(
     return end, t, w, volume
 
 
-@njit(cache=True, error_model="numpy")
 def mean_excess(
     r: float, mean: Array, covariance: Array, h: Array, threshold: float, aliasing: float, largest_box: float
 ) -> tuple[bool, float]:
@@ -288,7 +288,6 @@ def mean_excess(
     return True, excess_integral(r, outer, dimension, offset, t, w)
 
 
-@njit(cache=True, error_model="numpy")
 def summary(
     p: float,
     limit: float,

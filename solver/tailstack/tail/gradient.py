@@ -8,9 +8,8 @@ import numpy as np
 from numba import njit
 
 from ..system import Array
-from .ball import ball_sums
-from .declared_kernels import build
-from .series import LOG_SINC, fold_small
+from .ball import balls
+from .series import LOG_SINC, fold_small, rows_where
 
 # x cot x - 1, the logarithmic derivative of sin x / x: the same series times its own degree.
 _LOG_SLOPE = LOG_SINC * np.arange(LOG_SINC.size)
@@ -18,23 +17,21 @@ _LOG_SLOPE = LOG_SINC * np.arange(LOG_SINC.size)
 
 @njit(cache=True, error_model="numpy")
 def lattice_gradient(
-    r: float, sigma: Array, m: Array, S: Array, h: Array, threshold: float, aliasing: float, largest_box: float
-) -> tuple[bool, Array, Array, Array]:
-    """(found, dP by the mean (3,), by S (3, 3), by the logarithm of each column's length (K,)) at radius r.
+    r: float, k: Array, volume: float, m: Array, S: Array, h: Array, threshold: float
+) -> tuple[Array, Array, Array]:
+    """(dP by the mean (3,), by S (3, 3), by the logarithm of each column's length (K,)) at radius r.
 
-    On principal axes, in three dimensions.  Long columns by prefix and suffix products (a factor may vanish), small
-    ones (``fold_small``) by the series of their logarithm; found is False when the lattice is too large.
+    On principal axes, in three dimensions; k (n, 3), volume: the lattice that ``build`` made with this threshold.
+    Long columns by prefix and suffix products (a factor may vanish), small ones (``fold_small``) by the series of
+    their logarithm.
     """
     columns = h.shape[0]
     by_mean = np.zeros(3)
     by_covariance = np.zeros((3, 3))
     by_column = np.zeros(columns)
-    _, _, k, volume, _ = build(r, sigma, m, m, S, h, threshold, aliasing, largest_box, True)
-    if volume == 0.0:
-        return False, by_mean, by_covariance, by_column
     folded, short, degree = fold_small(S, h, threshold)
-    small = np.ascontiguousarray(h[short].T)
-    large = h[~short]
+    small = np.ascontiguousarray(rows_where(h, short, True).T)
+    large = rows_where(h, short, False)
     log_small = np.empty(small.shape[1])
     slope_small = np.empty(small.shape[1])
     by_small = np.zeros(small.shape[1])
@@ -42,18 +39,18 @@ def lattice_gradient(
     psi = np.empty(large.shape[0])
     slope = np.empty(large.shape[0])
     before = np.empty(large.shape[0] + 1)
-    t = np.empty(1)
-    one = np.ones(1)
+    t = np.empty(k.shape[0])
+    for i in range(t.size):
+        t[i] = sqrt(k[i, 0] * k[i, 0] + k[i, 1] * k[i, 1] + k[i, 2] * k[i, 2])
+    ball = balls(r, t)
     for i in range(k.shape[0]):
         q = 0.0
         phase = 0.0
-        size = 0.0
         for a in range(3):
             phase += k[i, a] * m[a]
-            size += k[i, a] * k[i, a]
             for b in range(3):
                 q += k[i, a] * folded[a, b] * k[i, b]
-        if size == 0.0:
+        if t[i] == 0.0:
             continue
         for j in range(small.shape[1]):
             x = k[i, 0] * small[0, j] + k[i, 1] * small[1, j] + k[i, 2] * small[2, j]
@@ -68,9 +65,7 @@ def lattice_gradient(
         exponent = -0.5 * q
         for j in range(small.shape[1]):
             exponent += log_small[j]
-        t[0] = sqrt(size)
-        ball, _, _ = ball_sums(r, 3, t, one)
-        factor = 2.0 * exp(exponent) / volume * ball
+        factor = 2.0 * exp(exponent) / volume * ball[i]
         before[0] = 1.0
         for j in range(large.shape[0]):
             x = k[i, 0] * large[j, 0] + k[i, 1] * large[j, 1] + k[i, 2] * large[j, 2]
@@ -93,6 +88,11 @@ def lattice_gradient(
             by_mean[a] += odd * k[i, a]
             for b in range(3):
                 by_covariance[a, b] -= 0.5 * after * k[i, a] * k[i, b]
-    by_column[short] = by_small
-    by_column[~short] = by_large
-    return True, by_mean, by_covariance, by_column
+    first = 0
+    for j in range(columns):
+        if short[j]:
+            by_column[j] = by_small[first]
+            first += 1
+        else:
+            by_column[j] = by_large[j - first]
+    return by_mean, by_covariance, by_column

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..system import Array
 from .declared_kernels import on_principal_axes, solve_on_axes, start_radius
 from .quantile import excess_quantile
+from .series import rows_where
 from .spectrum import eigen_symmetric, principal_axes
 
 LATTICE, GAUSSIAN, UNSOLVED, NOT_A_PART = 0, 1, 2, 3
@@ -82,7 +83,7 @@ def quantiles_without(
             if least < -SLACK:
                 how[g] = NOT_A_PART
                 continue
-        kept = h[~gone[g]]
+        kept = rows_where(h, gone[g], False)
         if kept.shape[0] == 0:
             how[g], r[g], density[g], error[g] = _gaussian(p, mean, rest)
             continue

@@ -38,6 +38,23 @@ def inverse_of(S: Array) -> tuple[Array, bool]:
 
 
 @njit(cache=True, error_model="numpy")
+def rows_where(h: Array, mask: NDArray[np.bool_], wanted: bool) -> Array:
+    """The rows of h (K, 3) whose mask is `wanted`; in loops, as indexing by a mask takes seconds to compile."""
+    count = 0
+    for j in range(h.shape[0]):
+        if mask[j] == wanted:
+            count += 1
+    out = np.empty((count, 3))
+    count = 0
+    for j in range(h.shape[0]):
+        if mask[j] == wanted:
+            for a in range(3):
+                out[count, a] = h[j, a]
+            count += 1
+    return out
+
+
+@njit(cache=True, error_model="numpy")
 def fold_small(S: Array, h: Array, budget: float) -> tuple[Array, NDArray[np.bool_], int]:
     """(S with the Gaussian part of small columns (3, 3), which ones (K,), degree of their series).
 
@@ -60,7 +77,9 @@ def fold_small(S: Array, h: Array, budget: float) -> tuple[Array, NDArray[np.boo
     changed = True
     while changed:
         changed = False
-        folded[:] = S
+        for a in range(3):
+            for b in range(3):
+                folded[a, b] = S[a, b]
         for j in range(columns):
             if short[j]:
                 for a in range(3):
