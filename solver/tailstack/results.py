@@ -358,13 +358,21 @@ class Certificate:
 
 @dataclass(frozen=True, slots=True)
 class FrontPoint:
-    """One point of the front of cost and limit, verified like the design itself."""
+    """One limit of the front of cost and limit; with a design that was verified like the one returned, or without.
 
-    limit_mm: float  # of the first requirement; others are scaled alike
-    cost: float
-    quantile_mm: float  # largest limited quantile, first order
-    verified_upper_mm: float  # largest upper confidence limit of the check
+    Every requirement's limit is scaled by the same factor; limit, quantile and upper limit are those of the first.
+    """
+
+    factor: float
+    limit_mm: float
+    status: Literal["verified", "dominated", "out of reach", "not tried"]
+    note: str  # why there is no design, or what costs less
+    cost: float | None
+    quantile_mm: float | None  # largest over its targets, first order
+    verified_upper_mm: float | None  # largest upper confidence limit of the check
     half_widths: tuple[float, ...]  # in the order and units of ``tolerances``
+    pivots_mm: tuple[Vector3, ...]  # in the order of ``pivots``
+    locator_scales: tuple[float, ...]  # in the order of ``spacings``
     fiducials_mm: tuple[Vector3, ...]
 
 

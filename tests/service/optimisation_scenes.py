@@ -102,7 +102,22 @@ def full_result(**changes: Any) -> Optimisation:
         "influence": (Finding("floor", "note", "moving fiducials cannot bring P95 at 'tip' below 0.98 mm"),),
         "placement_value": PlacementValue("corners", 1150.0, 30, 3, 1400.0, 3000.0, 1101.5, "textbook costs 4 % more"),
         "counts": (CountTried(8, None, 1.0625, "cannot meet the limit"), CountTried(10, 1120.0, 1.0, "chosen")),
-        "front": (FrontPoint(0.75, 2500.0, 0.7481, 0.7496, (0.1, 0.1, 0.02), ((0.0, 0.0, 0.0),)),),
+        "front": (
+            FrontPoint(
+                0.75,
+                0.75,
+                "verified",
+                "",
+                2500.0,
+                0.7481,
+                0.7496,
+                (0.1, 0.1, 0.02),
+                ((0.0, 0.0, -95.0),),
+                (1.2,),
+                ((0.0, 0.0, 0.0),),
+            ),
+            FrontPoint(0.5, 0.5, "out of reach", "the smallest P95 found is 0.61 mm", None, None, None, (), (), (), ()),
+        ),
         "design": {},
         "provenance": PROVENANCE,
     }

@@ -272,7 +272,7 @@ def started(directory: Path, progress: str) -> subprocess.Popen[str]:
     path = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
     kept = {key: value for key, value in os.environ.items() if not key.startswith("TAILSTACK_")}
     process = subprocess.Popen(
-        [sys.executable, "-m", "tailstack_service.cli.main", "optimise", str(DEMO), "--starts", "64",
+        [sys.executable, "-m", "tailstack_service.cli.main", "optimise", str(DEMO), "--starts", "256",
          "-o", str(directory / "new.yaml")],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env={**kept, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},

@@ -134,7 +134,7 @@ def test_an_optimised_design_has_its_parts_in_order() -> None:
         "placement: textbook", "fiducial ", "pivot", "spacing: connector on flange", "tolerance ",
         "binding: P95 at target 'tip'; carrier", "worth: 0.1 mm of limit", "fiducials  ", "front: ", "certificate: ",
         "lower bound: no allocation", "search: all 8 starts were solved", "check: 1,048,576", "not included: ",
-        "tip-accuracy", "warning: [far-target]",
+        "tip-accuracy  ", "warning: [far-target]",
     )  # fmt: skip
     places = [text.index(part) for part in parts]
     assert places == sorted(places)
@@ -187,7 +187,9 @@ def test_counts_front_and_optima() -> None:
     assert row_of(text, "10  ") == ["10", "chosen", "1120", "1.000"]
     counts = (CountTried(8, 1700.0, None, "tried"), CountTried(9, 1650.0, None, "tried"))
     assert row_of(optimisation_text(full_result(counts=counts)), "9  ") == ["9", "tried", "1650"]
-    assert row_of(text, "0.7500") == ["0.7500", "2500", "0.7481", "0.7496"]
+    assert row_of(text, "0.7500") == ["0.7500", "2500", "0.7481", "0.7496", "verified"]
+    assert row_of(text, "0.5000") == ["0.5000", "-", "-", "-", "out of reach"]
+    assert "front: 0.5000 mm: the smallest P95 found is 0.61 mm" in text
     assert row_of(text, "     1130.0") == ["1130.0", "2", "3", "12.25"]
 
 

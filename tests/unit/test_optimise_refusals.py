@@ -95,6 +95,8 @@ def test_a_consistent_problem_is_not_refused() -> None:
             "/optimise/region",
             "outside-symmetry",
         ),
+        (_box(-30, -30, 10, 30, 30, 10), "/optimise/box", "flat-region"),
+        (_in(Cylinder(CENTRE_MM, UP, 0.0, 50.0)), "/optimise/region", "flat-region"),
         ({"min_spacing_mm": 130.0}, "/optimise/min_spacing_mm", "does-not-fit"),
         (_box(0, 0, 0, 5, 5, 5), "/optimise/min_spacing_mm", "does-not-fit"),
         (_in(TOO_SMALL), "/optimise/min_spacing_mm", "does-not-fit"),
@@ -121,9 +123,9 @@ def test_contradictions_point_at_their_field(changes: dict[str, Any], pointer: s
 @pytest.mark.parametrize(
     "changes",
     [
-        _box(-30, -30, 10, 30, 30, 10),
+        _box(-30, -30, 9.9, 30, 30, 10),
         _in(Ball(CENTRE_MM, 20.0, 20.0)),
-        _in(Cylinder(CENTRE_MM, UP, 0.0, 50.0)),
+        _in(Cylinder(CENTRE_MM, UP, 0.1, 50.0)),
         # 699 mm towards the source 700 mm away: its bounding box reaches no further either
         _in(Ball(CENTRE_MM, 699.0)),
         # a corner of the box is 86.6 mm from its centre; the zone covers all but that

@@ -172,12 +172,21 @@ def front_text(result: Optimisation) -> str:
     if not result.front:
         return ""
     rows = [
-        (number(point.limit_mm), number(point.cost), fixed(point.quantile_mm, 4), fixed(point.verified_upper_mm, 4))
+        (
+            number(point.limit_mm), number(point.cost), fixed(point.quantile_mm, 4), fixed(point.verified_upper_mm, 4),
+            point.status,
+        )
         for point in result.front
-    ]
-    header = ("limit\nmm", "cost", "quantile, first order\nmm", "upper limit of the check\nmm")
-    note = "half-widths and positions of each point are in the JSON answer (--json)"
-    return table(header, rows, left=0) + "\n" + wrapped(note, first="front: ", indent="  ")
+    ]  # fmt: skip
+    header = ("limit\nmm", "cost", "quantile, first order\nmm", "upper limit of the check\nmm", "")
+    first = result.certificate.verification.verdict.checks[0].requirement
+    note = (
+        f"limit, quantile and upper limit are those of {first}; every other limit is scaled by the same factor. What "
+        "each point's design is stands in the JSON answer (--json)"
+    )
+    refused = [f"{number(point.limit_mm)} mm: {point.note}" for point in result.front if point.note]
+    lines = [table(header, rows, left=0), wrapped(note, first="front: ", indent="  ")]
+    return "\n".join([*lines, *(wrapped(line, first="front: ", indent="  ") for line in refused)])
 
 
 def certificate_text(result: Optimisation) -> str:

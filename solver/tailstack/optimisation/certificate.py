@@ -11,6 +11,7 @@ from .regions import Box
 from .rules import Row
 
 ACTIVE = 1e-6  # slack, in the scaled units of the programme, up to which a constraint binds
+TOUCHING = 1e-4  # of a rule of the layout: half of that in a distance
 SAMPLED_ACTIVE = 1e-3  # of a quantile that is sampled
 
 
@@ -64,7 +65,7 @@ def binding(program: Program, point: Point, parameters: Parameters) -> tuple[str
             sampled = row.kind == "quantile" and program.terms[t].demand.per_unit
             if value >= row.upper - (SAMPLED_ACTIVE if sampled else 10 * ACTIVE):
                 found.append(_upper_text(program, t, row))
-        elif value <= row.lower + ACTIVE:
+        elif value <= row.lower + TOUCHING:
             face = row.text.partition(" at the ")[2] if row.kind == "region" else ""
             if face:
                 touched.setdefault(f"at the {face}", []).append(labels[row.fiducials[0]])

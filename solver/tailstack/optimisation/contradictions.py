@@ -7,11 +7,13 @@ from itertools import combinations
 import numpy as np
 
 from ..errors import DesignError, Problem
-from .problem import PlacementProblem, for_people, in_words, label_of, present_choice
+from ..geometry.naming import direction_name
+from .problem import MOST_FIDUCIALS, PlacementProblem, for_people, in_words, label_of, present_choice
+from .regions import bounding_box, corners
 from .room import refuse_regions
 from .terms import estimator_of
 
-MOST_FIDUCIALS = 64
+FLAT = 1e-6  # thickness over width of a region that is a plane
 ROUNDING_MM = 1e-3  # fixed positions may have been rounded by who wrote them
 
 
@@ -27,6 +29,7 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
         )
         found.append(Problem(problem.places[0].pointer, "too-many", detail, "use fewer, or fix the layout"))
     elif problem.places:
+        found += _flat(problem)
         estimator = estimator_of(problem.system)
         found += refuse_regions(problem, estimator)
         if not estimator.fiducial_px.any() and not estimator.manufacturing_std_mm.any():
@@ -51,6 +54,30 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
     found += _fixed_pairs(problem)
     if found:
         raise DesignError(found)
+
+
+def _flat(problem: PlacementProblem) -> list[Problem]:
+    """Regions that leave all fiducials but one in a plane: no resection has an answer there."""
+    boxes = {i: corners(bounding_box(place.region)) for place in problem.places for i in place.fiducials}
+    reach = [boxes.get(i, point[None]) for i, point in enumerate(problem.system.fiducials_mm)]
+    for place in problem.places:
+        own = boxes[place.fiducials[0]]
+        middle = own.mean(axis=0)
+        _, values, axes = np.linalg.svd(own - middle)
+        if values[2] > FLAT * max(values[0], 1.0):
+            continue
+        off = sum(bool((np.abs((points - middle) @ axes[2]) > FLAT * max(values[0], 1.0)).any()) for points in reach)
+        if off < 2:
+            return [
+                Problem(
+                    place.pointer,
+                    "flat-region",
+                    f"all fiducials but {off} would lie in one plane with normal {direction_name(axes[2])}: no view "
+                    "can tell its depth from its focal length",
+                    "give the region some thickness, or fix two or more fiducials off that plane",
+                )
+            ]
+    return []
 
 
 def _bounds(problem: PlacementProblem) -> list[Problem]:

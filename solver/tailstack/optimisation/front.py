@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
+from typing import Literal
 
 import numpy as np
 
 from ..errors import InfeasibleError, NotConvergedError
-from ..results import FrontPoint
+from ..results import FrontPoint, Vector3
 from ..system import Array
 from .begin import begin
-from .problem import Choice, PlacementProblem, for_people
+from .problem import PlacementProblem, for_people
 from .program import Program
 from .promise import promise
 from .request import Request
@@ -25,36 +27,50 @@ LOOSEST = 2.0  # the loosest, as a multiple of the requirement's
 def front_of(
     request: Request, search: Search, *, seed: int, threads: int | None, progress: Progress | None, stop: Stop | None
 ) -> tuple[FrontPoint, ...]:
-    """Points of ascending limit and falling cost; a limit at which nothing verifies is left out.
+    """One point for each limit, ascending; those without a design say why.
 
     Every limit is solved from each of the search's best layouts.  A design that keeps a tighter limit keeps a
-    looser one too, so a point that costs more than its tighter neighbour is not on the front and is dropped.
+    looser one too, so a point that costs more than a tighter one is dominated and no point of the front.
     """
     problem = search.program.problem
     factors = _factors(request, search)
     trials = max(trials_for(problem) // 4, LEAST_TRIALS // 4)
     points: list[FrontPoint] = []
+    cheapest = inf
     for k, factor in enumerate(factors):
-        best: Verified | None = None
+        if stop is not None and stop():
+            points.append(_empty(problem, float(factor), "not tried", "stopped on request"))
+            continue
+        best, reason = None, ""
         for item in search.found:
             try:
                 found = verified(
                     request, replace(search, found=(item,)), seed=seed + 1 + k, stage="front check", trials=trials,
                     limits=float(factor), threads=threads, stop=stop,
                 )  # fmt: skip
-            except (InfeasibleError, NotConvergedError):
+            except (InfeasibleError, NotConvergedError) as error:
+                reason = reason or error.problems[0].detail
                 continue
             if best is None or found.settled.cost < best.settled.cost:
                 best = found
-        if best is not None:
-            point = _point(problem, search, best, float(factor))
-            if not points or point.cost < points[-1].cost:
-                points.append(point)
+        if best is None:
+            points.append(_empty(problem, float(factor), "out of reach", reason))
+        elif best.settled.cost >= cheapest:
+            note = f"a tighter limit is kept for {cheapest:.5g}"
+            points.append(replace(_point(problem, search, best, float(factor)), status="dominated", note=note))
+        else:
+            points.append(_point(problem, search, best, float(factor)))
+            cheapest = best.settled.cost
         if progress is not None:
             progress("front", k + 1, len(factors), None if best is None else best.settled.cost)
-        if stop is not None and stop():
-            break
     return tuple(points)
+
+
+def _empty(
+    problem: PlacementProblem, factor: float, status: Literal["out of reach", "not tried"], note: str
+) -> FrontPoint:
+    limit = problem.requirements[0].limit_mm * factor
+    return FrontPoint(factor, limit, status, note, None, None, None, (), (), (), ())
 
 
 def _factors(request: Request, search: Search) -> Array:
@@ -80,15 +96,24 @@ def _least_ratio(program: Program, search: Search) -> float:
 
 def _point(problem: PlacementProblem, search: Search, found: Verified, factor: float) -> FrontPoint:
     choice = found.settled.choice
+    first = problem.requirements[0]
+    own = [term for term in search.terms if term.demand.requirement.name == first.name]
+    checks = [check for check in found.verification.verdict.checks if check.requirement == first.name]
     return FrontPoint(
-        limit_mm=problem.requirements[0].limit_mm * factor,
+        factor=factor,
+        limit_mm=first.limit_mm * factor,
+        status="verified",
+        note="",
         cost=found.settled.cost,
-        quantile_mm=_quantile_mm(problem, search, choice),
-        verified_upper_mm=found.upper_mm,
+        quantile_mm=max(promise(problem, term, choice).exact_mm for term in own),
+        verified_upper_mm=max(check.interval_mm[1] for check in checks),
         half_widths=tuple(for_people(problem, k, float(value))[0] for k, value in enumerate(choice.half_width)),
-        fiducials_mm=tuple((float(x), float(y), float(z)) for x, y, z in choice.fiducials_mm),
+        pivots_mm=tuple(_vector(pivot) for pivot in choice.pivots_mm),
+        locator_scales=tuple(float(scale) for scale in choice.spacing),
+        fiducials_mm=tuple(_vector(point) for point in choice.fiducials_mm),
     )
 
 
-def _quantile_mm(problem: PlacementProblem, search: Search, choice: Choice) -> float:
-    return max(promise(problem, term, choice).exact_mm for term in search.terms)
+def _vector(point: Array) -> Vector3:
+    x, y, z = (float(value) for value in point)
+    return x, y, z

@@ -14,6 +14,7 @@ from ..errors import DesignError, IllPosedError, Problem
 from ..estimation.checks import check_geometry
 from ..propagation.linear import LinearModel, linearise
 from ..results import Finding
+from ..verifying import UNITS
 from .problem import Demand, PlacementProblem, apply_choice, in_words, label_of, present_choice
 from .promise import exact_quantile
 from .terms import FIDUCIAL_BLOCKS, DemandTerms, blind_half_widths, is_flat, scattered, terms_of
@@ -63,11 +64,27 @@ def influence_of(problem: PlacementProblem) -> tuple[Finding, ...]:
 
 
 def refuse_incurable(problem: PlacementProblem) -> None:
-    """Targets that a view does not see or the rays do not determine: no layout cures that.
+    """Targets that a view does not see or the rays do not determine: no layout cures that.  A yield that the check
+    could not prove: no design does.
 
-    Raises IllPosedError with what :func:`~tailstack.estimation.checks.check_geometry` says of them, or of the whole
-    geometry when no fiducial is free.
+    Raises DesignError, and IllPosedError with what :func:`~tailstack.estimation.checks.check_geometry` says of them,
+    or of the whole geometry when no fiducial is free.
     """
+    for index, requirement in enumerate(problem.system.requirements):
+        provable = ((1 - requirement.confidence) / 2) ** (1 / UNITS)  # lower limit when every unit meets the limit
+        if requirement in problem.requirements and requirement.risk == "per_unit":
+            wanted = Demand(requirement, problem.system.targets[0]).fraction
+            if wanted >= provable:
+                raise DesignError(
+                    Problem(
+                        f"/requirements/{index}/min_yield",
+                        "yield-beyond-check",
+                        f"a yield of {100 * wanted:g} % cannot be verified: the check draws {UNITS} units, and even "
+                        f"if all of them meet the limit that proves {100 * provable:.2f} % at "
+                        f"{100 * requirement.confidence:g} % confidence",
+                        f"min_yield: {np.floor(1e3 * (provable - 1e-3)) / 1e3:g} or less",
+                    )
+                )
     system = problem.system
     try:
         check_geometry(scattered(problem) if problem.places else system)

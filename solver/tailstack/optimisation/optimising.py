@@ -133,7 +133,7 @@ def _search_counts(
         if stop is not None and stop() and searches:
             tried.append(CountTried(count, None, None, "not tried: stopped on request"))
             continue
-        watch = _offset(progress, position * starts, len(counts) * starts)
+        watch = _offset(progress, position, len(counts))
         try:
             found = search(problem, starts=starts, seed=seed, threads=threads, progress=watch, stop=stop)
         except (InfeasibleError, NotConvergedError) as error:
@@ -150,16 +150,20 @@ def _search_counts(
         assert refused is not None  # there is at least one count
         raise refused
     least = min(total for total, _ in searches)
-    ranked = sorted(searches, key=lambda item: 0.0 if item[0] <= least * (1 + TIE) else item[0])
-    return [found for _, found in ranked], tuple(tried) if request.wanted.count is not None else ()
+    ranked = [item[1] for item in sorted(searches, key=lambda item: 0.0 if item[0] <= least * (1 + TIE) else item[0])]
+    missed = sum("stopped" in item.note for item in tried)
+    if missed:
+        stopped = f"stopped on request: {missed} of {len(counts)} numbers of fiducials were not tried"
+        ranked = [replace(found, stopped=stopped) for found in ranked]
+    return ranked, tuple(tried) if request.wanted.count is not None else ()
 
 
-def _offset(progress: Progress | None, before: int, whole: int) -> Progress | None:
+def _offset(progress: Progress | None, position: int, searches: int) -> Progress | None:
     """Progress of one search as part of several."""
     if progress is None:
         return None
 
     def report_start(stage: str, done: int, total: int, least: float | None) -> None:
-        progress(stage, before + done, whole if stage == "start" else total, least)
+        progress(stage, position * total + done, searches * total, least)
 
     return report_start

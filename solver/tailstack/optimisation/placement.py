@@ -20,6 +20,7 @@ AT_AIM = 4e-6  # relative: how near below its aim the largest exact quantile is 
 KNOWN = 3.0  # numerical errors of the exact law that a window is wide, where that is more
 SAMPLED_AT_AIM = 4e-4  # likewise for a per-unit quantile, which is sampled
 MAX_ROUNDS = 20
+NEARLY = 1.02  # of its aim: an iterate that near is brought down, one further off has not settled
 STATIONARY = 1e-6  # residual of the first-order conditions with the exact law that ends the rounds
 FREE_VERTICES = 6  # rounds in which bounded sources may change ends; two vertices may tie at the optimum
 
@@ -92,7 +93,36 @@ def settle(found: Search, aims: Array, start: PlacementSolution | None = None) -
             continue
         parameters = _corrected(program, here, held, own, same_ends=rounds >= FREE_VERTICES)
         here = Found(_again(program, here.point, parameters), parameters)
-    raise _not_settled(reached)
+    return _shrunk(found, here, aims, reached)
+
+
+def _shrunk(found: Search, here: Found, aims: Array, reached: float) -> PlacementSolution:
+    """The last iterate with all half-widths brought down by one factor until every exact quantile is at its aim.
+
+    Where bounded sources change ends from iterate to iterate the optimum sits on an edge between two vertices and no
+    single one settles; what is left is a small factor, and the residual says how far from stationary it ends.
+    """
+    program = found.program
+    widths, low = program.widths_at, program.bounds("main")[0]
+    if program.problem.objective == "quantile" or widths.stop == widths.start or reached > NEARLY:
+        raise _not_settled(reached)
+
+    def at(shift: float) -> Point:
+        x = here.point.x.copy()
+        x[widths] = np.maximum(x[widths] - shift, low[widths])
+        return replace(here.point, x=x)
+
+    a, b = 0.0, 2 * np.log(NEARLY)
+    if (_everywhere(found, at(b)) / aims).max() > 1:
+        raise _not_settled(reached)
+    for _ in range(20):
+        middle = (a + b) / 2
+        a, b = (a, middle) if (_everywhere(found, at(middle)) / aims).max() <= 1 else (middle, b)
+    end = Found(at(b), here.parameters)
+    own = np.array([aim for term, aim in zip(found.terms, aims, strict=True) if _inside(program, term.demand.key)])
+    exact = _corrected(program, end, promised(program, end.point), own, same_ends=True)
+    residual = kkt_residual(program, end.point, exact)
+    return _solution(found, end, residual, _everywhere(found, end.point), aims, MAX_ROUNDS)
 
 
 def _inside(program: Program, key: tuple[str, str]) -> bool:

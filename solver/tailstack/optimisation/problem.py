@@ -13,6 +13,7 @@ from .prices import Price, cost_of
 from .regions import Isometry, KeepOut, Shape
 
 Objective = Literal["cost", "quantile", "scaling"]
+MOST_FIDUCIALS = 64  # memory and time of the programme go as their square
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,8 +45,9 @@ def _no_bound(search: Search, problem: PlacementProblem) -> str | None:
     if problem.objective != "cost":
         return "no cost is minimised: KKT certifies a local optimum"
     if problem.places or problem.pivots or problem.spacings:
+        what = "layout" if problem.places else "pivots and spacings"
         return (
-            "not convex in the layout: KKT certifies a local optimum, the spread over starts is all that is known "
+            f"not convex in the {what}: KKT certifies a local optimum, the spread over starts is all that is known "
             "beyond that"
         )
     if any(term.demand.per_unit for term in search.terms):

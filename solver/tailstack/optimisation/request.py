@@ -24,7 +24,7 @@ from ..design.optimise_document import (
 from ..errors import DesignError, Problem
 from ..system import Array, Requirement, System
 from .prices import Grade, Price, of_grades, reciprocal
-from .problem import Choice, FreeHalfWidth, FreePivot, FreeSpacing, Place, PlacementProblem, unit_of
+from .problem import MOST_FIDUCIALS, Choice, FreeHalfWidth, FreePivot, FreeSpacing, Place, PlacementProblem, unit_of
 from .regions import Ball, Box, Cylinder, Isometry, KeepOut, Shape, bounding_box, mirror, turns
 
 POSITION_DECIMALS = (3, 6)  # mm: a micrometre, unless that breaks the spacing
@@ -266,6 +266,9 @@ def counts_of(request: Request) -> tuple[int, ...]:
     present = len(problem.system.fiducial_labels)
     if count is None:
         return (present,)
+    if count.max > MOST_FIDUCIALS:
+        detail = f"up to {count.max} fiducials; a layout of at most {MOST_FIDUCIALS} is optimised"
+        raise DesignError(Problem("/optimise/count/max", "too-many", detail, f"max: {MOST_FIDUCIALS}"))
     fixed, size = len(request.wanted.fixed), 1 + len(problem.symmetry)
     tried = tuple(n for n in range(count.min, count.max + 1) if n > fixed and (n - fixed) % size == 0)
     if not tried:
