@@ -119,7 +119,7 @@ MEANING: dict[str, tuple[dict[str, Any], str, str, str]] = {
     ),
     "fixed in a group": (
         section(regions=[{"fiducials": ["F1"], "box": BOX}], fixed=["F1"]), "/regions/0/fiducials/0",
-        "duplicate-name", "F1",
+        "fixed-and-free", "F1",
     ),
     "unknown requirement": (section(box=BOX, requirement="accurate"), "/requirement", "unknown-name", "accuracy"),
     "unknown among requirements": (

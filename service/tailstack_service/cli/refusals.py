@@ -22,6 +22,8 @@ NEXT = {
     "invalid-request": "tailstack {verb} --help",
 }
 
+OPTIMISE_AGAIN = "mend it, then tailstack optimise {file}   (all rules: tailstack schema design)"
+
 
 def problem_text(problem: Problem) -> str:
     """``file:line:column: pointer: detail`` and, below it, the hint."""
@@ -41,7 +43,10 @@ def placed(problems: tuple[Problem, ...], file: str | None) -> tuple[Problem, ..
 def next_command(slug: str, arguments: argparse.Namespace) -> str:
     file = getattr(arguments, "design", None) or "DESIGN"
     file = file[0] if isinstance(file, list) else file
-    return "next: " + NEXT.get(slug, "tailstack {verb} --help").format(file=file, verb=arguments.verb)
+    chosen = NEXT.get(slug, "tailstack {verb} --help")
+    if arguments.verb == "optimise" and slug == "invalid-design":
+        chosen = OPTIMISE_AGAIN  # validate does not look at what the optimiser is asked for
+    return "next: " + chosen.format(file=file, verb=arguments.verb)
 
 
 def report_error(error: TailstackError | OSError, arguments: argparse.Namespace) -> int:

@@ -126,8 +126,12 @@ def check_optimise_labels(document: DesignDocument, fiducials: FiducialList) -> 
         for r, region in enumerate(wanted.regions or ())
         for i, label in enumerate(region.fiducials)
     ]
-    problems += unique([*((f"/optimise/fixed/{i}", label) for i, label in enumerate(wanted.fixed)), *named], "entries")
+    problems += unique([(f"/optimise/fixed/{i}", label) for i, label in enumerate(wanted.fixed)], "entries")
+    problems += unique(named, "entries")
     for pointer, label in named:
+        if label in wanted.fixed:
+            hint = "take it out of fixed, or out of the region"
+            problems.append(Problem(pointer, "fixed-and-free", f"{label!r} is also listed as fixed", hint))
         problems += known(pointer, "fiducial", label, labels)
     if problems:
         return problems

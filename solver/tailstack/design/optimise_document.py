@@ -281,7 +281,8 @@ class FreeTolerance(Record):
     )
     cost: CostCurve | None = Field(default=None, description="Another cost curve, instead of cost_weight.")
     grades: Annotated[list[Grade], Field(min_length=1, max_length=40)] | None = Field(
-        default=None, description="Process grades to choose from, instead of bounds and a curve."
+        default=None,
+        description="Process grades to choose from, instead of bounds and a curve; with objective: cost only.",
     )
 
     @property
