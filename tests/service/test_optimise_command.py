@@ -293,7 +293,7 @@ def test_an_interrupted_search_is_checked_and_written(tmp_path: Path) -> None:
     assert "Traceback" not in err
     assert STOPPING in err
     assert "verdict: pass (Monte Carlo)" in out
-    assert "of 64 starts" in out
+    assert "of 256 starts" in out
     new = load_design(tmp_path / "new.yaml")
     assert new.document.optimise is not None
     assert main(["score", str(tmp_path / "new.yaml")]) in (0, 4)
