@@ -15,12 +15,9 @@ from ..design.optimise_document import (
     FreeTolerance,
     Optimise,
     RotationBounds,
-    SearchBall,
-    SearchBox,
-    SearchCylinder,
-    Symmetry,
     TranslationBounds,
 )
+from ..design.region_document import SearchBall, SearchBox, SearchCylinder, Symmetry
 from ..errors import DesignError, Problem
 from ..system import Array, Requirement, System
 from .prices import Grade, Price, of_grades, reciprocal
