@@ -6,9 +6,9 @@ import argparse
 import os
 import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
@@ -62,15 +62,16 @@ def run(arguments: argparse.Namespace) -> Answer:
                 seed=arguments.seed,
                 starts=arguments.starts,
                 progress=reporter(progress, wanted.wanted),
-                stop=stop.is_set,
+                stop=stop.wanted,
             )
+            stop.wanted()  # a second signal may have come since the last poll
         except NotConvergedError as error:
             if error.problems[0].code != "stopped":
                 raise
             report_error(error, arguments)
             return Answer("", INTERRUPTED)
     write_results(design, result, output, picture)
-    code = INTERRUPTED if stop.is_set() else exit_code_of(result.certificate.verification.verdict)
+    code = INTERRUPTED if stop.wanted() else exit_code_of(result.certificate.verification.verdict)
     if output is None:
         following = f"next: tailstack optimise {arguments.design} -o NEW.yaml   (keeps the new design)"
     else:
@@ -107,15 +108,29 @@ def reporter(progress: Progress, objective: str) -> Callable[[str, int, int, flo
     return report
 
 
+@dataclass(slots=True)
+class Signals:
+    """How many SIGINT and SIGTERM have come."""
+
+    count: int = 0
+
+    def wanted(self) -> bool:
+        """Whether to stop.  Raises KeyboardInterrupt after a second signal: one that comes while a solver is inside
+        its own code is swallowed there, so it is raised again at every poll."""
+        if self.count > 1:
+            raise KeyboardInterrupt
+        return self.count == 1
+
+
 @contextmanager
-def stopped_by_signals() -> Iterator[threading.Event]:
-    """The first SIGINT or SIGTERM sets the event, the next one raises KeyboardInterrupt."""
-    stop = threading.Event()
+def stopped_by_signals() -> Iterator[Signals]:
+    """The first SIGINT or SIGTERM is a wish to stop, the next one raises KeyboardInterrupt."""
+    stop = Signals()
 
     def handle(_number: int, _frame: FrameType | None) -> None:
-        if stop.is_set():
+        stop.count += 1
+        if stop.count > 1:
             raise KeyboardInterrupt
-        stop.set()
         print(("\n" if sys.stderr.isatty() else "") + STOPPING, file=sys.stderr, flush=True)
 
     before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..errors import IllPosedError
-from ..estimation.checks import check_geometry, check_views
+from ..estimation.checks import examine
 from ..results import Finding, ViewCheck
 from ..system import System
 from .compile import compile_design
@@ -18,8 +18,8 @@ def check_design(design: Design) -> tuple[System, tuple[Finding, ...], tuple[Vie
     """
     system = compile_design(design)
     try:
-        findings = check_geometry(system)
+        findings, views = examine(system)
     except IllPosedError as error:
         source = design.source.placed()
         raise IllPosedError([place(problem, source) for problem in error.problems]) from None
-    return system, findings, check_views(system)
+    return system, findings, views
