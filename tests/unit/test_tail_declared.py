@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import j0, j1
 
+from tail_references import average
 from tailstack.tail.ball import ball_integral, ball_sums, bessel_j01
 from tailstack.tail.declared import (
     GAUSSIAN_METHOD,
@@ -53,20 +54,6 @@ SKEWED = linear_law(
     np.array([[0.6, 0.1], [-0.2, 0.5], [0.1, 0.4]]),
     [UNIFORM, TRIANGULAR],
 )
-
-
-def average(law, function):
-    """Mean of function(mean shifted by the columns) over two sources, by Gauss-Legendre: no lattice in it."""
-    x, w = np.polynomial.legendre.leggauss(24)
-    rules = []
-    for kind in law.kinds:
-        if kind == UNIFORM:
-            rules.append(list(zip(x, w / 2, strict=True)))
-        else:
-            half, weight = (x + 1) / 2, w / 2 * (1 - (x + 1) / 2)
-            rules.append([*zip(-half, weight, strict=True), *zip(half, weight, strict=True)])
-    first, second = rules
-    return sum(a * b * function(law.mean + law.columns @ np.array([u, v])) for u, a in first for v, b in second)
 
 
 def test_reference_of_the_method_notes():

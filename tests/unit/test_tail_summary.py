@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from scenes import random_system
+from tail_references import average
 from tailstack.contributors import budget, error_law, lines_of
 from tailstack.propagation.linear import linearise
 from tailstack.system import Law
@@ -38,20 +39,6 @@ TWO_SOURCES = {
         TURN @ [0.4, 0.1, -0.3], PLANE, TURN @ [[0, 0], [0.6, 0.2], [-0.3, 0.5]], [UNIFORM, TRIANGULAR]
     ),
 }
-
-
-def average(law, function):
-    """Mean of function(mean shifted by the columns) over two sources, by Gauss-Legendre: no lattice in it."""
-    x, w = np.polynomial.legendre.leggauss(24)
-    rules = []
-    for kind in law.kinds:
-        if kind == UNIFORM:
-            rules.append(list(zip(x, w / 2, strict=True)))
-        else:
-            half, weight = (x + 1) / 2, w / 2 * (1 - (x + 1) / 2)
-            rules.append([*zip(-half, weight, strict=True), *zip(half, weight, strict=True)])
-    first, second = rules
-    return sum(a * b * function(law.mean + law.columns @ np.array([u, v])) for u, a in first for v, b in second)
 
 
 @pytest.mark.parametrize("name", TWO_SOURCES)

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 
 from ..errors import InfeasibleError, NotConvergedError
-from ..results import FrontPoint, Vector3
+from ..results import FrontPoint
+from ..scoring import vector3
 from ..system import Array
 from .begin import begin
 from .problem import PlacementProblem, for_people
@@ -108,12 +109,7 @@ def _point(problem: PlacementProblem, search: Search, found: Verified, factor: f
         quantile_mm=max(promise(problem, term, choice).exact_mm for term in own),
         verified_upper_mm=max(check.interval_mm[1] for check in checks),
         half_widths=tuple(for_people(problem, k, float(value))[0] for k, value in enumerate(choice.half_width)),
-        pivots_mm=tuple(_vector(pivot) for pivot in choice.pivots_mm),
+        pivots_mm=tuple(vector3(pivot) for pivot in choice.pivots_mm),
         locator_scales=tuple(float(scale) for scale in choice.spacing),
-        fiducials_mm=tuple(_vector(point) for point in choice.fiducials_mm),
+        fiducials_mm=tuple(vector3(point) for point in choice.fiducials_mm),
     )
-
-
-def _vector(point: Array) -> Vector3:
-    x, y, z = (float(value) for value in point)
-    return x, y, z

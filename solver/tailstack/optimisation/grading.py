@@ -26,7 +26,7 @@ from .placement import PlacementSolution, settle
 from .prices import Grade, cost_of, undominated
 from .problem import Choice, PlacementProblem, apply_choice, present_choice
 from .program import build_program, solve
-from .promise import closed_form_at, promise
+from .promise import closed_form_at, exact_ratios, promise
 from .search import Found, Search, Stop
 from .terms import terms_of
 
@@ -102,8 +102,7 @@ def _first_that_holds(
     """The cheapest of the proposals that the exact law accepts.  Raises InfeasibleError when it accepts none."""
     refused: InfeasibleError | None = None
     for item in bought:
-        width = choice.half_width.copy()
-        width[list(graded)] = item.half_width
+        width = _with(choice.half_width, graded, item.half_width)
         try:
             return _placed(search, aims, graded, replace(choice, half_width=width), item)
         except InfeasibleError as error:
@@ -125,8 +124,7 @@ def _choose(
 
     def worst(half_width: Array) -> float:
         at = replace(choice, half_width=_with(choice.half_width, graded, half_width))
-        held = [promise(problem, term, at).exact_mm / term.demand.requirement.limit_mm for term in search.terms]
-        return float((np.array(held) / aims).max())
+        return float((exact_ratios(problem, search.terms, at) / aims).max())
 
     prices = [problem.half_widths[k].price for k in graded]
     found = choose_grades(prices, worst, start=choice.half_width[list(graded)], stop=stop)
@@ -170,7 +168,14 @@ def _compare(search: Search, aims: Array, graded: tuple[int, ...], start: Placem
         if levels not in known:
             fixed = {k: ladder[level].half_width for k, ladder, level in zip(graded, ladders, levels, strict=True)}
             found = best_budget(small, choice, held, begun, fixed=fixed, offsets=offsets)
-            known[levels] = inf if found is None else problem.cost(_snapped(found.half_width, fixed))
+            known[levels] = (
+                inf
+                if found is None
+                else problem.cost(
+                    # as they are in their tables, not as the solver rounded them
+                    _with(found.half_width, graded, np.array(list(fixed.values())))
+                )
+            )
         return known[levels]
 
     if prod(map(len, ladders)) <= COMPARED:
@@ -196,14 +201,6 @@ def _compare(search: Search, aims: Array, graded: tuple[int, ...], start: Placem
         )
         for value, levels in ranked
     )
-
-
-def _snapped(half_width: Array, fixed: dict[int, float]) -> Array:
-    """Held half-widths as they are in their tables, not as the solver rounded them."""
-    exact = half_width.copy()
-    for k, value in fixed.items():
-        exact[k] = value
-    return exact
 
 
 def _no_looser(ladder: tuple[Grade, ...], half_width: float) -> int:
@@ -239,7 +236,8 @@ def _placed(search: Search, aims: Array, graded: tuple[int, ...], choice: Choice
     whole = search.program.problem
     rest = held_at(whole, choice, graded)
     if not (rest.half_widths or rest.places or rest.pivots or rest.spacings):
-        return Graded(choice, whole.cost(choice.half_width), _ratios(search, choice), bought, None)
+        ratios = tuple(float(ratio) for ratio in exact_ratios(whole, search.terms, choice))
+        return Graded(choice, whole.cost(choice.half_width), ratios, bought, None)
     program = build_program(rest, search.estimator, tuple(terms_of(rest, demand) for demand in rest.demands))
     begun = begin(program, choice.fiducials_mm)
     point = solve(program, begun.x, begun.parameters)
@@ -248,11 +246,6 @@ def _placed(search: Search, aims: Array, graded: tuple[int, ...], choice: Choice
     others = tuple(k for k in range(len(choice.half_width)) if k not in graded)
     width = _with(choice.half_width, others, solution.choice.half_width)
     return Graded(replace(solution.choice, half_width=width), whole.cost(width), solution.ratios, bought, solution)
-
-
-def _ratios(search: Search, choice: Choice) -> tuple[float, ...]:
-    problem = search.program.problem
-    return tuple(promise(problem, term, choice).exact_mm / term.demand.requirement.limit_mm for term in search.terms)
 
 
 def held_at(problem: PlacementProblem, choice: Choice, graded: tuple[int, ...]) -> PlacementProblem:

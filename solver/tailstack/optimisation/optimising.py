@@ -128,10 +128,12 @@ def _search_counts(
     each = request.wanted.count.cost_per_fiducial if request.wanted.count is not None else 0.0
     searches: list[tuple[float, Search]] = []
     tried: list[CountTried] = []
+    missed = 0
     refused: TailstackError | None = None
     for position, (count, problem) in enumerate(zip(counts, problems, strict=True)):
         if stop is not None and stop() and searches:
             tried.append(CountTried(count, None, None, "not tried: stopped on request"))
+            missed += 1
             continue
         watch = _offset(progress, position, len(counts))
         try:
@@ -151,7 +153,6 @@ def _search_counts(
         raise refused
     least = min(total for total, _ in searches)
     ranked = [item[1] for item in sorted(searches, key=lambda item: 0.0 if item[0] <= least * (1 + TIE) else item[0])]
-    missed = sum("stopped" in item.note for item in tried)
     if missed:
         stopped = f"stopped on request: {missed} of {len(counts)} numbers of fiducials were not tried"
         ranked = [replace(found, stopped=stopped) for found in ranked]

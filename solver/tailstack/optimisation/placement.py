@@ -13,7 +13,7 @@ from .certificate import kkt_residual
 from .infeasible import explain_infeasible
 from .problem import Choice, PlacementProblem
 from .program import Parameters, Point, Program, solve
-from .promise import Promise, correction_at, promise
+from .promise import Promise, correction_at, exact_ratios
 from .search import Found, Progress, Search, Stop, least_quantile, promised, search, with_demands, worst_ratio
 
 AT_AIM = 4e-6  # relative: how near below its aim the largest exact quantile is brought
@@ -76,7 +76,7 @@ def settle(found: Search, aims: Array, start: PlacementSolution | None = None) -
     reached = np.inf
     for rounds in range(MAX_ROUNDS):
         program = found.program
-        own = np.array([aim for term, aim in zip(found.terms, aims, strict=True) if _inside(program, term.demand.key)])
+        own = _own_aims(found, aims)
         held = promised(program, here.point)
         reached = max(item.exact_mm / item.limit_mm / aim for item, aim in zip(held, own, strict=True))
         if rounds and _arrived(program, here.point, held, reached):
@@ -119,14 +119,15 @@ def _shrunk(found: Search, here: Found, aims: Array, reached: float) -> Placemen
         middle = (a + b) / 2
         a, b = (a, middle) if (_everywhere(found, at(middle)) / aims).max() <= 1 else (middle, b)
     end = Found(at(b), here.parameters)
-    own = np.array([aim for term, aim in zip(found.terms, aims, strict=True) if _inside(program, term.demand.key)])
-    exact = _corrected(program, end, promised(program, end.point), own, same_ends=True)
+    exact = _corrected(program, end, promised(program, end.point), _own_aims(found, aims), same_ends=True)
     residual = kkt_residual(program, end.point, exact)
     return _solution(found, end, residual, _everywhere(found, end.point), aims, MAX_ROUNDS)
 
 
-def _inside(program: Program, key: tuple[str, str]) -> bool:
-    return any(term.demand.key == key for term in program.terms)
+def _own_aims(found: Search, aims: Array) -> Array:
+    """Aims of the demands that are in the programme."""
+    inside = {term.demand.key for term in found.program.terms}
+    return np.array([aim for term, aim in zip(found.terms, aims, strict=True) if term.demand.key in inside])
 
 
 def _arrived(program: Program, point: Point, held: list[Promise], reached: float) -> bool:
@@ -219,9 +220,7 @@ def _corrected(program: Program, here: Found, held: list[Promise], aims: Array, 
 
 def _everywhere(found: Search, point: Point) -> Array:
     """Exact quantile over its limit of every demand."""
-    choice = found.program.split(point.x)
-    held = [promise(found.program.problem, term, choice) for term in found.terms]
-    return np.array([item.exact_mm / item.limit_mm for item in held])
+    return exact_ratios(found.program.problem, found.terms, found.program.split(point.x))
 
 
 def _solution(

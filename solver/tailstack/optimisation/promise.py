@@ -257,6 +257,12 @@ def _closed_gradient(
     )  # fmt: skip
 
 
+def exact_ratios(problem: PlacementProblem, terms: tuple[DemandTerms, ...], choice: Choice) -> Array:
+    """(T,) exact quantile over its limit of every demand at a choice."""
+    held = [promise(problem, term, choice) for term in terms]
+    return np.array([item.exact_mm / item.limit_mm for item in held])
+
+
 def leading_demands(
     problem: PlacementProblem, terms: tuple[DemandTerms, ...], choices: list[Choice], share: float
 ) -> set[int]:
@@ -264,8 +270,6 @@ def leading_demands(
     choices: those that are likely to bind."""
     leading: set[int] = set()
     for choice in choices:
-        values = np.array([
-            promise(problem, term, choice).exact_mm / term.demand.requirement.limit_mm for term in terms
-        ])  # fmt: skip
+        values = exact_ratios(problem, terms, choice)
         leading |= {int(k) for k in np.flatnonzero(values >= share * values.max())}
     return leading

@@ -21,8 +21,8 @@ from ..results import (
     MovedPivot,
     Optimisation,
     PlacementValue,
-    Vector3,
 )
+from ..scoring import vector3
 from ..system import Array, System
 from .certificate import binding
 from .placement import PlacementSolution
@@ -88,8 +88,8 @@ def report(outcome: Outcome) -> Optimisation:
         tolerances=_tolerances(outcome, before, now),
         pivots=tuple(
             MovedPivot(
-                free.contributor, label_of(problem, free.contributor), vector(before.pivots_mm[k]),
-                vector(now.pivots_mm[k]),
+                free.contributor, label_of(problem, free.contributor), vector3(before.pivots_mm[k]),
+                vector3(now.pivots_mm[k]),
             )
             for k, free in enumerate(problem.pivots)
         ),
@@ -167,18 +167,15 @@ def _largest_mm(outcome: Outcome) -> float:
     return max(ratio * term.demand.requirement.limit_mm for ratio, term in sized)
 
 
-def vector(point: Array) -> Vector3:
-    x, y, z = (float(value) for value in point)
-    return x, y, z
-
-
 def _moved(before: System, after: System, problem: PlacementProblem) -> tuple[MovedFiducial, ...]:
     """Free fiducials in the order of the new design, then those left out."""
     old = dict(zip(before.fiducial_labels, before.fiducials_mm, strict=True))
     free = [problem.system.fiducial_labels[i] for i in problem.free_fiducials]
     new = dict(zip(after.fiducial_labels, after.fiducials_mm, strict=True))
-    entries = [MovedFiducial(label, vector(old[label]) if label in old else None, vector(new[label])) for label in free]
-    return (*entries, *(MovedFiducial(label, vector(old[label]), None) for label in old if label not in new))
+    entries = [
+        MovedFiducial(label, vector3(old[label]) if label in old else None, vector3(new[label])) for label in free
+    ]
+    return (*entries, *(MovedFiducial(label, vector3(old[label]), None) for label in old if label not in new))
 
 
 def _tolerances(outcome: Outcome, before: Choice, now: Choice) -> tuple[ChangedTolerance, ...]:

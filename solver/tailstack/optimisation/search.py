@@ -92,7 +92,7 @@ def explore(
 ) -> Search:  # fmt: skip
     """Solve from given layouts."""
     begun, ends = _led(program, _starts(program, layouts))
-    stopped = f"all {len(begun)} starts were solved"
+    stopped, cut = f"all {len(begun)} starts were solved", False
     for k, point in enumerate(_solve_all(program, begun, stop)):
         if point.solved and (k not in ends or point.objective < ends[k].point.objective):
             ends[k] = Found(point, begun[k].parameters)
@@ -100,10 +100,13 @@ def explore(
             least = min((end.point.objective for end in ends.values()), default=None)
             progress("start", k + 1, len(begun), None if least is None else for_people(program, least))
         if stop is not None and stop() and k + 1 < len(begun):
-            stopped = f"stopped on request after {k + 1} of {len(begun)} starts"
+            stopped, cut = f"stopped on request after {k + 1} of {len(begun)} starts", True
             break
+    if not ends and cut:
+        detail = f"{stopped}: none had converged"
+        raise NotConvergedError(Problem("/optimise", "stopped", detail, "let it run longer"))
     if not ends:
-        raise _none_found(program, begun, stopped)
+        raise _none_found(program, begun)
     solved = sorted(ends.values(), key=lambda item: item.point.objective)
     polished = [
         Found(solve(program, item.point.x, item.parameters, warm=item.point), item.parameters)
@@ -136,11 +139,8 @@ def _led(program: Program, begun: list[Begun]) -> tuple[list[Begun], dict[int, F
     return begun, {first: end} if end.point.solved else {}
 
 
-def _none_found(program: Program, begun: list[Begun], stopped: str) -> TailstackError:
+def _none_found(program: Program, begun: list[Begun]) -> TailstackError:
     """Why no start ended anywhere."""
-    if "request" in stopped:
-        detail = f"{stopped}: none had converged"
-        return NotConvergedError(Problem("/optimise", "stopped", detail, "let it run longer"))
     ranked = sorted(begun, key=lambda start: start.tightest_ratio)
     least = least_quantile(program, ranked[:ATTEMPTS])
     if worst_ratio(promised(program, least.point)) > 1:

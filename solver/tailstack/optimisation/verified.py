@@ -47,10 +47,6 @@ class Verified:
     verification: Verification
     rounds: int
 
-    @property
-    def upper_mm(self) -> float:
-        return max(check.interval_mm[1] for check in self.verification.verdict.checks)
-
 
 def trials_for(problem: PlacementProblem) -> int:
     return min(max(TARGET_TRIALS // len(problem.targets), FEWEST_TRIALS), MOST_TRIALS)
