@@ -1,0 +1,1 @@
+"""What a job computes, cut into units: pure functions of bytes, without database, clock or network."""
