@@ -44,9 +44,6 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
     app.state.warmth = "warming up" if warm_up else "ready"
     app.state.lanes = {
         "score": Lane("score", settings.short_workers, settings.max_waiting),
-        "verification": Lane("verification", settings.long_workers, settings.max_waiting),
-        # MUMPS, the linear solver inside IPOPT, keeps its state in globals: one optimisation at a time
-        "optimisation": Lane("optimisation", 1, settings.max_waiting),
     }
     for operation in OPERATIONS:
         app.add_api_route(
@@ -107,21 +104,12 @@ def _warm(app: FastAPI) -> None:
     """Compile what requests will run, so that the first one does not wait for it."""
     from tailstack.design import load_design
     from tailstack.scoring import score
-    from tailstack.verifying import verify
 
-    from .computing import Stopped, Watch
     from .example import EXAMPLE_DESIGN
 
-    watch = Watch(3600.0, app.state.stopping)
-    watch.begin()
     try:
-        design = load_design(EXAMPLE_DESIGN)
-        score(design)
-        watch()
-        verify(design, trials=1000, threads=app.state.settings.threads, progress=watch)
+        score(load_design(EXAMPLE_DESIGN))
         app.state.warmth = "ready"
-    except Stopped:
-        pass
     except Exception:
         log.exception("action=warm-up-failed")
         app.state.warmth = "failed"

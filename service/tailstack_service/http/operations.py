@@ -1,4 +1,4 @@
-"""The four computations: read strictly, hold to the limits, compute in a lane, answer with the record."""
+"""What is answered at once: read strictly, hold to the limits, compute in a lane, answer with the record."""
 
 from __future__ import annotations
 
@@ -19,13 +19,10 @@ from .answers import record_response
 from .bodies import Placed, content_kind, design_of, loaded, parse_json, read_body
 from .computing import Lane, Watch
 from .options import (
-    OptimisationOptions,
     Options,
     ScoreOptions,
     ValidationOptions,
-    VerificationOptions,
     options_of,
-    within,
 )
 
 
@@ -48,40 +45,12 @@ def _score(design: Design, options: ScoreOptions, settings: Settings, watch: Wat
     return score(design, second_order=options.second_order)
 
 
-def _verify(design: Design, options: VerificationOptions, settings: Settings, watch: Watch) -> Any:
-    from tailstack.verifying import verify
-
-    return verify(
-        design,
-        trials=options.trials,
-        precision=options.precision,
-        seed=options.seed,
-        method=options.method,
-        threads=settings.threads,
-        max_trials=settings.max_trials,
-        progress=watch,
-    )
-
-
-def _optimise(design: Design, options: OptimisationOptions, settings: Settings, watch: Watch) -> Any:
-    from tailstack import optimise
-
-    return optimise(design, seed=options.seed, starts=options.starts, threads=settings.threads, progress=watch)
-
-
 def _validate(design: Design, options: ValidationOptions, settings: Settings, watch: Watch) -> Any:
     return validate(design)
 
 
 OPERATIONS = (
     Operation("/v1/scores", "First-order score", "score", ScoreOptions, "score", True, _score),
-    Operation(
-        "/v1/verifications", "Monte Carlo check", "verification", VerificationOptions, "verification", False, _verify
-    ),
-    Operation(
-        "/v1/optimisations", "Optimise placement and tolerances", "optimisation", OptimisationOptions, "optimisation",
-        False, _optimise,
-    ),
     Operation("/v1/validations", "Read and check a design", "score", ValidationOptions, "validation", True, _validate),
 )  # fmt: skip
 
@@ -97,19 +66,11 @@ async def answer(operation: Operation, request: Request) -> Response:
         options, prefix = options_of(operation.options, data), "/design"
     else:
         options, prefix = _query_options(operation, request), ""
-    within(getattr(options, "trials", None), "max_trials", settings, "/trials")
-    within(getattr(options, "starts", None), "max_starts", settings, "/starts")
     watch = Watch(settings.max_seconds, request.app.state.stopping)
     lane: Lane = request.app.state.lanes[operation.lane]
 
     def compute() -> Any:
         design = design_of(data, settings) if kind == "json" else loaded(body, settings, prefix)
-        wanted = design.document.optimise if operation.answer == "optimisation" else None
-        if wanted is not None and options.starts is None:  # type: ignore[attr-defined]
-            try:
-                within(wanted.starts, "max_starts", settings, "/optimise/starts")
-            except TailstackError as error:
-                raise Placed(error, prefix) from None
         try:
             return operation.compute(design, options, settings, watch)
         except TailstackError as error:
