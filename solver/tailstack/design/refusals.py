@@ -53,9 +53,13 @@ def place(problem: Problem, source: Source) -> Problem:
     return Problem(problem.pointer, problem.code, problem.detail, problem.hint, source.file, line, column)
 
 
-def refuse(error: ValidationError, source: Source, limits: Limits) -> DesignError:
-    """A DesignError that says what each of pydantic's errors says, in the order of the document."""
-    problems = _merged([_translate(entry) for entry in error.errors(include_url=False)])
+def refuse(
+    error: ValidationError, source: Source, limits: Limits, root: type[BaseModel] = DesignDocument
+) -> DesignError:
+    """A DesignError that says what each of pydantic's errors says, in the order of the document.
+
+    ``root`` is the model that the document was held against."""
+    problems = _merged([_translate(entry, root) for entry in error.errors(include_url=False)])
     source = source.placed()
     dropped = len(problems) - limits.problems
     problems = [place(problem, source) for problem in problems[: limits.problems]]
@@ -92,7 +96,7 @@ def _parents(pointer: str) -> list[str]:
     return ["/".join(steps[:count]) for count in range(1, len(steps))]
 
 
-def _translate(entry: Any) -> Problem:
+def _translate(entry: Any, root: type[BaseModel]) -> Problem:
     raw: tuple[str | int, ...] = entry["loc"]
     # the name of an unknown field is the user's own and may look like anything, a branch included
     known = raw[:-1] if entry["type"] == "extra_forbidden" else raw
@@ -100,17 +104,17 @@ def _translate(entry: Any) -> Problem:
     path += raw[len(known) :]
     kind, value, context = entry["type"], entry.get("input"), entry.get("ctx", {})
     if kind == "extra_forbidden":
-        return _unknown(raw, path, value)
+        return _unknown(raw, path, value, root)
     if kind == "missing" and isinstance(path[-1], int):
         return Problem(pointer(path[:-1]), "too-short", f"the list has too few entries; got {shown(value)}")
     if kind == "missing":
-        example = _example(raw)
+        example = _example(raw, root)
         return Problem(pointer(path), "missing-field", f"the field {path[-1]!r} is required", example)
     if kind in _WANTED:
         hint = ""
         if value in (float("inf"), float("-inf")):
             return Problem(pointer(path), "out-of-range", "the number is too large")
-        owner = _model_at(raw)
+        owner = _model_at(raw, root)
         if owner is not None and kind.startswith("model"):
             hint = "fields: " + ", ".join(info.alias or name for name, info in owner.model_fields.items())
         if isinstance(value, str) and "number" in _WANTED[kind]:
@@ -154,9 +158,9 @@ def _is_branch(step: str) -> bool:
     return "[" in step or step.startswith(("constrained-", "tuple", "function-")) or step in ("float", "int", "str")
 
 
-def _model_at(raw: Sequence[str | int]) -> type[BaseModel] | None:
+def _model_at(raw: Sequence[str | int], root: type[BaseModel]) -> type[BaseModel] | None:
     """The class of the record at an error's path, tags included."""
-    here: Any = DesignDocument
+    here: Any = root
     for step in raw:
         if isinstance(step, str) and step in _TAGS:
             here = _TAGS[step]
@@ -190,9 +194,9 @@ def _inner(kind: Any, indexed: bool) -> Any:
     return arguments[0] if indexed and arguments else None
 
 
-def _unknown(raw: Sequence[str | int], path: list[str | int], value: Any) -> Problem:
+def _unknown(raw: Sequence[str | int], path: list[str | int], value: Any, root: type[BaseModel]) -> Problem:
     name = str(path[-1])
-    owner = _model_at(raw[:-1])
+    owner = _model_at(raw[:-1], root)
     fields = [] if owner is None else [info.alias or key for key, info in owner.model_fields.items()]
     close = difflib.get_close_matches(name, fields, 1, cutoff=0.6)
     others = {field for kind in VIEW_KINDS.values() for field in kind.model_fields}
@@ -211,8 +215,8 @@ def _unknown(raw: Sequence[str | int], path: list[str | int], value: Any) -> Pro
     return Problem(pointer(path), "unknown-field", f"unknown field {name[:60]!r}; got {shown(value)}", hint)
 
 
-def _example(raw: Sequence[str | int]) -> str:
-    owner = _model_at(raw[:-1])
+def _example(raw: Sequence[str | int], root: type[BaseModel]) -> str:
+    owner = _model_at(raw[:-1], root)
     if owner is None:
         return ""
     for key, info in owner.model_fields.items():
