@@ -1,0 +1,251 @@
+"""Which unit is computed next, and by whom.
+
+The queue of all units is ordered by *place*, epoch seconds.  A unit's place is the time at which its job came in, so
+jobs are served in the order in which they came; but from the seventeenth unit on, each counts as 10 s younger than the
+one before, so that a job of many units lets younger small ones pass instead of keeping every lane for itself.  Units
+that advance a job keep its place: they are short, and the job may be done after them.
+
+Nothing here waits for a lock that another transaction holds (SKIP LOCKED on PostgreSQL), so it cannot be part of a
+deadlock, although it takes units before jobs and everything else takes jobs before units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection
+
+from tailstack.errors import Problem
+
+from ..work.task import ADVANCE, UnitResult
+from . import tables
+from .database import AnyRow, Database, now, reading, writing
+from .endings import as_problem, end_job
+from .errors import UnitLost
+from .events import tell
+from .workers import versions_at_work
+
+UNITS_IN_PLACE = 16
+SECONDS_PER_FURTHER_UNIT = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """A unit that one worker may compute and record, until its lease runs out and another takes it."""
+
+    job_id: str
+    index: int
+    generation: int
+    token: int  # one more at each claim of the unit: what was claimed before can no longer be recorded
+    kind: str
+    request: bytes
+    spec: bytes
+    results: tuple[UnitResult, ...]  # advance only: what is recorded, in index order
+    deaths: int
+    attempts: int  # this one included
+    request_id: str
+    tenant: str
+    max_attempts: int  # the terms of the claim: with as many attempts or deaths its release ends the job
+    max_deaths: int
+
+
+def place_of(created_at: float, number: int, spec: bytes) -> float:
+    """The place in the queue of unit ``number`` of a job that came in at ``created_at``."""
+    if spec == ADVANCE:
+        return created_at
+    return created_at + SECONDS_PER_FURTHER_UNIT * max(0, number - UNITS_IN_PLACE)
+
+
+def new_unit(job_id: str, number: int, spec: bytes, created_at: float) -> dict[str, Any]:
+    """A row of ``units`` that can be claimed."""
+    return {
+        "job_id": job_id,
+        "number": number,
+        "advance": spec == ADVANCE,
+        "state": "ready",
+        "place": place_of(created_at, number, spec),
+        "spec": spec,
+        "token": 0,
+        "attempts": 0,
+        "deaths": 0,
+        "cpu_seconds": 0.0,
+    }
+
+
+def claim(
+    db: Database,
+    *,
+    worker_id: str,
+    solver_version: str,
+    lease_seconds: float,
+    limit: int,
+    max_attempts: int,
+    max_deaths: int,
+) -> list[Claim]:
+    """At most ``limit`` units for this worker: those that wait, and those whose lease has run out.
+
+    A job that was begun by another version of the solver is left to its workers while one of them was seen within the
+    last ``lease_seconds``; after that it is begun anew here.  A unit that was begun ``max_attempts`` times, or took
+    ``max_deaths`` processes with it, is not given out again: its job fails.  While other claims are under way the list
+    may be shorter than what is there.
+    """
+    if limit <= 0 or (db.dialect == "sqlite" and not _anything_to_claim(db)):
+        return []
+    with writing(db) as connection:
+        at = now(db, connection)
+        others = versions_at_work(connection, at - lease_seconds) - {solver_version}
+        rows = _claimable(connection, at, others, limit)
+        rows = _settled(connection, rows, at, solver_version, max_attempts, max_deaths)
+        if not rows:
+            return []
+        _lease(connection, rows, worker_id, at + lease_seconds)
+        bodies = _requests(connection, {row.job_id for row in rows})
+        return [
+            Claim(
+                job_id=row.job_id,
+                index=row.number,
+                generation=row.generation,
+                token=row.token + 1,
+                kind=row.kind,
+                request=bodies[row.job_id],
+                spec=row.spec,
+                results=_recorded(connection, row.job_id) if row.advance else (),
+                deaths=row.deaths,
+                attempts=row.attempts + 1,
+                request_id=row.request_id,
+                tenant=row.tenant,
+                max_attempts=max_attempts,
+                max_deaths=max_deaths,
+            )
+            for row in rows
+        ]
+
+
+def _anything_to_claim(db: Database) -> bool:
+    """Idle workers ask many times a second: they must not take the only write lock of a file for that."""
+    u = tables.units.c
+    with reading(db) as connection:
+        at = now(db, connection)
+        ready = sa.exists().where(u.state == tables.READY)
+        expired = sa.exists().where(u.state == tables.LEASED, u.lease_until < at)
+        return bool(connection.execute(sa.select(sa.or_(ready, expired))).scalar_one())
+
+
+_UNIT = tables.units.c
+_JOB = tables.jobs.c
+_CANDIDATE = (
+    sa.select(
+        _UNIT.job_id, _UNIT.number, _UNIT.advance, _UNIT.place, _UNIT.spec, _UNIT.token, _UNIT.attempts, _UNIT.deaths,
+        _JOB.kind, _JOB.generation, _JOB.request_id, _JOB.tenant, _JOB.state.label("job_state"), _JOB.solver_version,
+    )
+    .join(tables.jobs, _JOB.id == _UNIT.job_id)
+    .order_by(_UNIT.place, _UNIT.job_id, _UNIT.number)
+    .with_for_update(of=tables.units, skip_locked=True)
+)  # fmt: skip
+
+
+def _claimable(connection: Connection, at: float, others: set[str], limit: int) -> list[AnyRow]:
+    """Units that may be taken, in the order of the queue; on PostgreSQL their rows are locked."""
+    query = _CANDIDATE.where(_JOB.solver_version.not_in(sorted(others))) if others else _CANDIDATE
+    ready = connection.execute(query.where(_UNIT.state == tables.READY).limit(limit)).all()
+    expired = query.where(_UNIT.state == tables.LEASED, _UNIT.lease_until < at).limit(limit)
+    found = [*ready, *connection.execute(expired)]
+    return sorted(found, key=lambda row: (row.place, row.job_id, row.number))[:limit]
+
+
+def _settled(
+    connection: Connection, rows: list[AnyRow], at: float, version: str, max_attempts: int, max_deaths: int
+) -> list[AnyRow]:
+    """The rows that can be leased, after what has to happen to their jobs: begun, begun anew, or ended."""
+
+    def spent(row: AnyRow) -> bool:
+        return bool(row.attempts >= max_attempts or row.deaths >= max_deaths)
+
+    changing = {row.job_id for row in rows if row.job_state == "queued" or row.solver_version != version or spent(row)}
+    if not changing:
+        return rows
+    query = sa.select(_JOB.id, _JOB.state, _JOB.solver_version, _JOB.last_event, _JOB.generation, _JOB.created_at)
+    locked = connection.execute(query.where(_JOB.id.in_(sorted(changing))).with_for_update(skip_locked=True))
+    held = {job.id: job for job in locked if job.state in tables.UNFINISHED}
+    kept = [row for row in rows if row.job_id not in changing]
+    for job in held.values():
+        of_job = [row for row in rows if row.job_id == job.id]
+        lost = next((row for row in of_job if spent(row)), None)
+        if job.solver_version != version:
+            _begin_anew(connection, job, at, version)
+            again = _CANDIDATE.where(_UNIT.job_id == job.id, _UNIT.number == 0)
+            kept.append(connection.execute(again).one())
+        elif lost is not None:
+            end_job(connection, job.id, job.last_event, at, "failed", problem=lost_unit(lost.attempts, lost.deaths))
+        else:
+            if job.state == "queued":
+                begun = {"state": "running", "started_at": at, "last_event": job.last_event + 1}
+                connection.execute(sa.update(tables.jobs).where(_JOB.id == job.id).values(begun))
+                tell(connection, job.id, job.last_event + 1, at, "state", {"state": "running"})
+            kept += of_job
+    return sorted(kept, key=lambda row: (row.place, row.job_id, row.number))
+
+
+def _begin_anew(connection: Connection, job: AnyRow, at: float, version: str) -> None:
+    """After an upgrade: what another version computed is not mixed with what this one computes."""
+    connection.execute(sa.delete(tables.units).where(_UNIT.job_id == job.id))
+    connection.execute(tables.units.insert(), new_unit(job.id, 0, ADVANCE, job.created_at))
+    last = job.last_event + 1
+    tell(connection, job.id, last, at, "recomputed", {"from": job.solver_version, "to": version})
+    if job.state == "queued":
+        last += 1
+        tell(connection, job.id, last, at, "state", {"state": "running"})
+    values = {
+        "state": "running",
+        "solver_version": version,
+        "generation": job.generation + 1,
+        "started_at": at,
+        "units_done": 0,
+        "units_expected": 1,
+        "note": "",
+        "last_event": last,
+    }
+    connection.execute(sa.update(tables.jobs).where(_JOB.id == job.id).values(values))
+
+
+def lost_unit(attempts: int, deaths: int) -> bytes:
+    """The problem of a job whose unit was begun that often, and took so many processes with it, without an end."""
+    detail = f"one part of the job was begun {attempts} times without an end; {deaths} computing processes died of it"
+    hint = "ask for less at a time (trials, starts, points); the log of the worker says how its processes ended"
+    return as_problem(UnitLost(Problem("", "unit-lost", detail, hint)))
+
+
+_LEASE = (
+    sa.update(tables.units)
+    .where(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.number == sa.bindparam("of_number"))
+    .values(
+        state="leased",
+        token=_UNIT.token + 1,
+        attempts=_UNIT.attempts + 1,
+        worker_id=sa.bindparam("by_worker"),
+        lease_until=sa.bindparam("until"),
+    )
+)
+
+
+def _lease(connection: Connection, rows: Iterable[AnyRow], worker_id: str, until: float) -> None:
+    values = [{"of_job": row.job_id, "of_number": row.number, "by_worker": worker_id, "until": until} for row in rows]
+    connection.execute(_LEASE, values)
+
+
+def _requests(connection: Connection, job_ids: set[str]) -> dict[str, bytes]:
+    r = tables.requests.c
+    query = sa.select(r.job_id, r.body).where(r.job_id.in_(sorted(job_ids)))
+    return {row.job_id: row.body for row in connection.execute(query)}
+
+
+def _recorded(connection: Connection, job_id: str) -> tuple[UnitResult, ...]:
+    query = (
+        sa.select(_UNIT.number, _UNIT.spec, _UNIT.result)
+        .where(_UNIT.job_id == job_id, _UNIT.state == tables.RECORDED, _UNIT.advance.is_(False))
+        .order_by(_UNIT.number)
+    )
+    return tuple(UnitResult(*row) for row in connection.execute(query))

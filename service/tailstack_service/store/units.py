@@ -1,0 +1,192 @@
+"""Units in the hands of a worker: leases kept alive, results recorded once, units given back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection
+
+from tailstack.errors import LimitError, Problem
+
+from ..work.kinds import KINDS
+from ..work.task import ADVANCE, Outcome
+from . import results, tables
+from .claims import Claim, claim, lost_unit, new_unit
+from .database import AnyRow, Database, now, writing
+from .endings import as_problem, end_job
+from .events import eta_seconds, tell
+from .identifiers import storable
+from .usage import add_cpu_seconds
+from .workers import Worker, goodbye, heartbeat, workers
+
+__all__ = ["Claim", "Worker", "claim", "goodbye", "heartbeat", "record", "release", "renew", "workers"]
+
+_UNIT = tables.units.c
+_JOB = tables.jobs.c
+
+
+def renew(db: Database, worker_id: str, claims: Sequence[Claim], lease_seconds: float) -> list[Claim]:
+    """Prolong the leases to ``lease_seconds`` from now.  Returns the claims that are lost.
+
+    A claim is lost when another worker has the unit, the job was cancelled, deleted, ended or begun anew, or the unit
+    was given back.  A lease that ran out while nobody took the unit is prolonged like any other.
+    """
+    if not claims:
+        return []
+    names = sorted({(claim.job_id, claim.index) for claim in claims})
+    of_claims = sa.tuple_(_UNIT.job_id, _UNIT.number).in_(names)
+    columns = sa.select(_UNIT.job_id, _UNIT.number, _JOB.generation, _UNIT.token, _UNIT.state).join(
+        tables.jobs, _JOB.id == _UNIT.job_id
+    )
+    with writing(db) as connection:
+        # Never waits: a row that is held just now is being recorded, given back or taken, and is met again next time
+        free = columns.where(of_claims).with_for_update(of=tables.units, skip_locked=True)
+        held = {tuple(row) for row in connection.execute(free)}
+        known = held | {tuple(row) for row in connection.execute(columns.where(of_claims))}
+        prolonged = [claim for claim in claims if (*_name(claim), "leased") in held]
+        if prolonged:
+            until = now(db, connection) + lease_seconds
+            values = [{"of_job": c.job_id, "of_number": c.index, "until": until} for c in prolonged]
+            connection.execute(_PROLONG, values)
+    return [c for c in claims if (*_name(c), "leased") not in known and (*_name(c), "recorded") not in known]
+
+
+def _name(claim: Claim) -> tuple[str, int, int, int]:
+    return claim.job_id, claim.index, claim.generation, claim.token
+
+
+_PROLONG = (
+    sa.update(tables.units)
+    .where(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.number == sa.bindparam("of_number"))
+    .values(lease_until=sa.bindparam("until"))
+)
+
+
+def record(db: Database, claim: Claim, outcome: Outcome, *, max_job_seconds: float) -> bool:
+    """Write what the unit came to, and everything that follows from it, in one transaction.
+
+    True if this claim is recorded, by this call or by an earlier one whose commit was not heard of: it may be called
+    again after StoreUnavailable.  False if the unit is no longer this claim's; then nothing was written.  A job whose
+    units took more than ``max_job_seconds`` of CPU fails.  Raises ValueError for an outcome that the unit cannot have.
+    """
+    _require_fitting(claim, outcome)
+    with writing(db) as connection:
+        job = _hold(connection, claim)
+        if job is None:
+            return False
+        if job.state not in tables.UNFINISHED or not _mark(connection, claim, outcome):
+            return _was_recorded(connection, claim)
+        at = now(db, connection)
+        cpu_seconds = job.cpu_seconds + outcome.cpu_seconds
+        changes = {"units_done": job.units_done + 1, "cpu_seconds": cpu_seconds}
+        add_cpu_seconds(db, connection, job.tenant, at, outcome.cpu_seconds)
+        if outcome.problem is not None:
+            end_job(connection, job.id, job.last_event, at, "failed", problem=outcome.problem, changes=changes)
+        elif outcome.answer is not None:
+            name = results.keep(db, connection, KINDS[job.kind].answer, outcome.answer, at)
+            changes["units_expected"] = changes["units_done"]
+            end_job(connection, job.id, job.last_event, at, "succeeded", result_sha256=name, changes=changes)
+        elif cpu_seconds > max_job_seconds:
+            problem = _too_long(max_job_seconds)
+            end_job(connection, job.id, job.last_event, at, "failed", problem=problem, changes=changes)
+        else:
+            _go_on(connection, claim, outcome, job, at, changes)
+    return True
+
+
+def _require_fitting(claim: Claim, outcome: Outcome) -> None:
+    given = [outcome.result is not None, bool(outcome.more), outcome.answer is not None, outcome.problem is not None]
+    fits = (False, True, True, True) if claim.spec == ADVANCE else (True, False, False, True)
+    if sum(given) != 1 or not fits[given.index(True)]:
+        raise ValueError(f"an outcome that unit {claim.index} of job {claim.job_id} cannot have")
+
+
+def _hold(connection: Connection, claim: Claim) -> AnyRow | None:
+    """The job's row, locked until the end of the transaction; None if it is gone or was begun anew."""
+    query = sa.select(
+        _JOB.id, _JOB.tenant, _JOB.kind, _JOB.state, _JOB.created_at, _JOB.started_at, _JOB.units_done,
+        _JOB.units_expected, _JOB.cpu_seconds, _JOB.last_event, _JOB.note,
+    )  # fmt: skip
+    query = query.where(_JOB.id == claim.job_id, _JOB.generation == claim.generation)
+    return connection.execute(query.with_for_update()).first()
+
+
+def _mark(connection: Connection, claim: Claim, outcome: Outcome) -> bool:
+    """Turn the unit into a recorded one, if it is this claim's."""
+    statement = (
+        sa.update(tables.units)
+        .where(_of(claim), _UNIT.token == claim.token, _UNIT.state == tables.LEASED)
+        .values(
+            state="recorded",
+            result=outcome.result,
+            cpu_seconds=outcome.cpu_seconds,
+            worker_id=None,
+            lease_until=None,
+        )
+    )
+    return connection.execute(statement).rowcount == 1
+
+
+def _of(claim: Claim) -> sa.ColumnElement[bool]:
+    return sa.and_(_UNIT.job_id == claim.job_id, _UNIT.number == claim.index)
+
+
+def _was_recorded(connection: Connection, claim: Claim) -> bool:
+    query = sa.select(sa.func.count()).where(_of(claim), _UNIT.token == claim.token, _UNIT.state == tables.RECORDED)
+    return bool(connection.execute(query).scalar_one())
+
+
+def _go_on(
+    connection: Connection, claim: Claim, outcome: Outcome, job: AnyRow, at: float, changes: dict[str, Any]
+) -> None:
+    """The units that come next, and word of how far the job is."""
+    if outcome.more:
+        rows = [new_unit(job.id, claim.index + 1 + k, spec, job.created_at) for k, spec in enumerate(outcome.more)]
+        connection.execute(tables.units.insert(), rows)
+        changes["units_expected"] = changes["units_done"] + len(rows) + outcome.remaining + 1
+        changes["note"] = storable(outcome.note)
+    elif not connection.execute(sa.select(sa.exists().where(_UNIT.job_id == job.id, _OPEN))).scalar_one():
+        last = connection.execute(sa.select(sa.func.max(_UNIT.number)).where(_UNIT.job_id == job.id)).scalar_one()
+        connection.execute(tables.units.insert(), new_unit(job.id, last + 1, ADVANCE, job.created_at))
+    told = {
+        "units_done": changes["units_done"],
+        "units_expected": changes.get("units_expected", job.units_expected),
+        "note": changes.get("note", job.note),
+    }
+    told["eta_seconds"] = eta_seconds(job.started_at, told["units_done"], told["units_expected"], at)
+    changes["last_event"] = job.last_event + 1
+    connection.execute(sa.update(tables.jobs).where(_JOB.id == job.id).values(changes))
+    tell(connection, job.id, changes["last_event"], at, "progress", told)
+
+
+_OPEN = _UNIT.state != tables.RECORDED
+
+
+def _too_long(max_job_seconds: float) -> bytes:
+    detail = f"the job took more than {max_job_seconds:g} CPU seconds"
+    hint = "ask for less (trials, starts, points); the operator's setting is TAILSTACK_MAX_JOB_SECONDS"
+    return as_problem(LimitError(Problem("", "job-too-long", detail, hint)))
+
+
+def release(db: Database, claim: Claim, *, died: bool) -> None:
+    """Give the unit back at once; nothing happens if it is no longer this claim's.
+
+    ``died``: a computing process ended under it.  With as many deaths or attempts as the claim allows, the job fails.
+    """
+    with writing(db) as connection:
+        job = _hold(connection, claim)
+        if job is None or job.state not in tables.UNFINISHED:
+            return
+        deaths = claim.deaths + died
+        statement = (
+            sa.update(tables.units)
+            .where(_of(claim), _UNIT.token == claim.token, _UNIT.state == tables.LEASED)
+            .values(state="ready", deaths=deaths, worker_id=None, lease_until=None)
+        )
+        if connection.execute(statement).rowcount != 1:
+            return
+        if deaths >= claim.max_deaths or claim.attempts >= claim.max_attempts:
+            problem = lost_unit(claim.attempts, deaths)
+            end_job(connection, job.id, job.last_event, now(db, connection), "failed", problem=problem)

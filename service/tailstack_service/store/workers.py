@@ -1,0 +1,63 @@
+"""Workers that say they are alive; which versions of the solver are at work follows from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection
+
+from . import tables
+from .database import Database, insert, now, reading, writing
+
+
+@dataclass(frozen=True, slots=True)
+class Worker:
+    """One worker process.  Times are epoch seconds of the database's clock."""
+
+    id: str
+    host: str
+    pid: int
+    solver_version: str
+    engine: str
+    capacity: int  # units computed at once
+    started_at: float
+    seen_at: float
+
+
+def heartbeat(
+    db: Database, worker_id: str, host: str, pid: int, solver_version: str, engine: str, capacity: int
+) -> None:
+    """Say that this worker is alive: before its first claim, then more often than its leases run out."""
+    with writing(db) as connection:
+        at = now(db, connection)
+        said = {
+            "host": host,
+            "pid": pid,
+            "solver_version": solver_version,
+            "engine": engine,
+            "capacity": capacity,
+            "seen_at": at,
+        }
+        statement = insert(db, tables.workers).values(id=worker_id, started_at=at, **said)
+        connection.execute(statement.on_conflict_do_update(index_elements=["id"], set_=said))
+
+
+def workers(db: Database) -> list[Worker]:
+    """Every worker that has not said goodbye, also one that has fallen silent; the oldest first."""
+    w = tables.workers.c
+    columns = [w[name] for name in Worker.__dataclass_fields__]
+    with reading(db) as connection:
+        return [Worker(*row) for row in connection.execute(sa.select(*columns).order_by(w.started_at, w.id))]
+
+
+def goodbye(db: Database, worker_id: str) -> None:
+    """A worker that ends in order: jobs of its version need not wait until it counts as dead."""
+    with writing(db) as connection:
+        connection.execute(sa.delete(tables.workers).where(tables.workers.c.id == worker_id))
+
+
+def versions_at_work(connection: Connection, since: float) -> set[str]:
+    """Solver versions of the workers seen since then (epoch seconds)."""
+    w = tables.workers.c
+    return set(connection.execute(sa.select(w.solver_version).where(w.seen_at > since).distinct()).scalars())

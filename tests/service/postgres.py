@@ -1,0 +1,216 @@
+"""A PostgreSQL server of the tests' own: Debian's binaries, a temporary directory, a free loopback port.
+
+Each test process starts at most one and stops it at its end; each test gets a fresh database.  ``conftest.py`` makes
+the fixtures known.  Without the binaries the tests that need them are skipped, loudly, unless TAILSTACK_TESTS_REQUIRE
+lists ``postgresql``: then they fail.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import pwd
+import random
+import secrets
+import shutil
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import psycopg
+import pytest
+from psycopg import sql
+
+STARTING_SECONDS = 60.0
+USER = "tailstack"
+_PR_SET_PDEATHSIG = 1
+_LIBC = ctypes.CDLL(None)
+
+
+class Server:
+    """One server.  ``stop`` and ``start`` may be called at any time; address and databases stay the same."""
+
+    def __init__(self, binaries: Path) -> None:
+        self.binaries = binaries
+        self.password = secrets.token_urlsafe(12)
+        self.account = _unprivileged_account()
+        self.directory = Path(tempfile.mkdtemp(prefix="tailstack-postgresql-"))
+        # The kernel signals a server whose parent *thread* ends; this one lives as long as the test process
+        self._parent = ThreadPoolExecutor(1, "postgresql")
+        self._process: subprocess.Popen[bytes] | None = None
+        self._log = self.directory / "server.log"
+        self._initialise()
+        self.port = self._start_on_free_port()
+
+    def url(self, database: str) -> str:
+        return f"postgresql://{USER}:{self.password}@127.0.0.1:{self.port}/{database}"
+
+    def start(self) -> None:
+        """Start the server and wait until it answers."""
+        self._parent.submit(self._launch).result(STARTING_SECONDS)
+        deadline = time.monotonic() + STARTING_SECONDS
+        while True:
+            try:
+                psycopg.connect(self.url("postgres"), connect_timeout=5).close()
+                return
+            except psycopg.OperationalError as error:
+                assert self._process is not None
+                if self._process.poll() is not None or time.monotonic() > deadline:
+                    raise RuntimeError(f"PostgreSQL did not start: {error}\n{self._log.read_text()[-2000:]}") from None
+                time.sleep(0.02)
+
+    def stop(self, *, immediate: bool = True) -> None:
+        """Stop it; ``immediate`` as after a power cut: nothing is finished or flushed, the next start recovers."""
+        if self._process is not None and self._process.poll() is None:
+            self._process.send_signal(signal.SIGQUIT if immediate else signal.SIGINT)
+            try:
+                self._process.wait(30)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait(10)
+
+    def restart(self, *, immediate: bool = True) -> None:
+        self.stop(immediate=immediate)
+        self.start()
+
+    def close(self) -> None:
+        self.stop()
+        self._parent.shutdown()
+        shutil.rmtree(self.directory, ignore_errors=True)
+
+    def create_database(self) -> str:
+        """A fresh, empty database.  Returns its name."""
+        name = f"test_{secrets.token_hex(6)}"
+        with psycopg.connect(self.url("postgres"), autocommit=True) as connection:
+            connection.execute(sql.SQL("CREATE DATABASE {}").format(sql.Identifier(name)))
+        return name
+
+    def drop_database(self, name: str) -> None:
+        with psycopg.connect(self.url("postgres"), autocommit=True) as connection:
+            connection.execute(sql.SQL("DROP DATABASE IF EXISTS {} WITH (FORCE)").format(sql.Identifier(name)))
+
+    def _initialise(self) -> None:
+        password_file = self.directory / "password"
+        password_file.write_text(self.password)
+        if self.account is not None:
+            for path in (self.directory, password_file):
+                os.chown(path, self.account.pw_uid, self.account.pw_gid)
+        command = [
+            self.binaries / "initdb", "--pgdata", self.directory / "data", "--username", USER, "--no-sync",
+            "--auth", "scram-sha-256", "--pwfile", password_file, "--encoding", "UTF8", "--locale", "C.UTF-8",
+        ]  # fmt: skip
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, **self._identity())
+        if done.returncode != 0:
+            raise RuntimeError(f"initdb failed: {done.stderr or done.stdout}")
+        password_file.unlink()
+
+    def _identity(self) -> dict[str, object]:
+        """PostgreSQL refuses to run as root."""
+        if self.account is None:
+            return {}
+        return {"user": self.account.pw_uid, "group": self.account.pw_gid, "extra_groups": [], "cwd": "/"}
+
+    def _launch(self) -> None:
+        command = [
+            self.binaries / "postgres", "-D", self.directory / "data", "-p", str(self.port),
+            "-c", "listen_addresses=127.0.0.1", "-c", f"unix_socket_directories={self.directory}",
+            "-c", "fsync=on", "-c", "shared_buffers=32MB", "-c", "max_connections=200",
+        ]  # fmt: skip
+        with self._log.open("ab") as log:
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
+                preexec_fn=_die_with_parent, **self._identity(),  # type: ignore[call-overload]
+            )  # fmt: skip
+
+    def _start_on_free_port(self) -> int:
+        # Below the range that the system hands to outgoing connections, so that it is still free at a restart
+        for _ in range(20):
+            self.port = random.SystemRandom().randrange(20_000, 32_000)
+            with socket.socket() as probe:
+                try:
+                    probe.bind(("127.0.0.1", self.port))
+                except OSError:
+                    continue
+            try:
+                self.start()
+            except RuntimeError:
+                if "Address already in use" not in self._log.read_text():
+                    raise
+                continue
+            return self.port
+        raise RuntimeError("no free port was found for PostgreSQL")
+
+
+def _die_with_parent() -> None:
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGQUIT)
+
+
+def _unprivileged_account() -> pwd.struct_passwd | None:
+    if os.geteuid() != 0:
+        return None
+    for name in ("postgres", "nobody"):
+        try:
+            return pwd.getpwnam(name)
+        except KeyError:
+            continue
+    raise RuntimeError("PostgreSQL does not run as root, and there is neither an account postgres nor nobody")
+
+
+def find_binaries() -> Path | None:
+    """The directory of initdb and postgres, the newest first."""
+    candidates = sorted(
+        Path("/usr/lib/postgresql").glob("*/bin"), key=lambda path: float(path.parent.name), reverse=True
+    )
+    configured = shutil.which("pg_config")
+    if configured:
+        done = subprocess.run([configured, "--bindir"], capture_output=True, text=True, timeout=20, check=True)
+        candidates.append(Path(done.stdout.strip()))
+    found = shutil.which("postgres")
+    if found:
+        candidates.append(Path(found).resolve().parent)
+    return next((path for path in candidates if (path / "initdb").exists() and (path / "postgres").exists()), None)
+
+
+def required(name: str) -> bool:
+    """Whether TAILSTACK_TESTS_REQUIRE (comma-separated) says that tests with this program must run."""
+    return name in os.environ.get("TAILSTACK_TESTS_REQUIRE", "").replace(" ", "").split(",")
+
+
+@pytest.fixture(scope="session")
+def postgres_server() -> Iterator[Server]:
+    """The server of this test process."""
+    binaries = find_binaries()
+    if binaries is None:
+        words = "PostgreSQL is not installed (Debian: apt-get install postgresql)"
+        if required("postgresql"):
+            pytest.fail(f"{words}; TAILSTACK_TESTS_REQUIRE lists postgresql")
+        pytest.skip(f"NOT TESTED: {words}")
+    server = Server(binaries)
+    try:
+        yield server
+    finally:
+        server.close()
+
+
+@pytest.fixture
+def postgres_url(postgres_server: Server) -> Iterator[str]:
+    """A fresh, empty database of this test."""
+    name = postgres_server.create_database()
+    try:
+        yield postgres_server.url(name)
+    finally:
+        postgres_server.drop_database(name)
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """A fresh, empty database on each of the two systems in turn."""
+    if request.param == "sqlite":
+        return f"sqlite:///{tmp_path / 'state' / 'tailstack.sqlite3'}"
+    url: str = request.getfixturevalue("postgres_url")
+    return url
