@@ -1,0 +1,110 @@
+"""A computing process: ``python -m tailstack_service.compute.child FUNCTION PARENT``.
+
+Tasks come on stdin and outcomes leave on stdout, as frames.  The process ends with the one that started it, whatever
+ends that, and never outlives it.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import sys
+import threading
+import traceback
+from contextlib import suppress
+from importlib import import_module
+from typing import IO, Any
+
+from . import frames
+from .engine import function_named
+
+BEGUN = "begun"
+WARM_UP_AFTER_SECONDS = 1.0  # idle: a service that has just started needs the processor for itself
+WARM_UP = ("numpy", "scipy.linalg", "tailstack.design", "tailstack.verifying", "tailstack.optimisation", "casadi")
+# CasADi keeps what it built and heaps fragment: a process that has grown is replaced between two tasks.  The count is
+# for leaks that do not show as memory.
+RESIDENT_BYTES = 1_500_000_000
+TASKS = 5_000
+OOM_SCORE = 500  # where memory runs out, the unit that took it ends, and not the worker or the database
+PR_SET_PDEATHSIG = 1
+
+
+def end_with(parent: int) -> None:
+    """Be killed when the process ``parent`` ends (Linux); leave at once if it already has."""
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+        with suppress(OSError), open("/proc/self/oom_score_adj", "w") as score:
+            score.write(str(OOM_SCORE))
+    if hasattr(os, "getppid") and os.getppid() != parent and os.name != "nt":
+        os._exit(1)
+
+
+def main(function: str, parent: int) -> None:
+    """Compute until stdin ends, or until it is time for a fresh process."""
+    # A Ctrl-C or a stop of the whole group is for the worker to act on: a unit that died of it would be blamed
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    end_with(parent)
+    tasks, outcomes = _private_streams()
+    waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    threading.Thread(target=_read, args=(tasks, waiting), name="tasks", daemon=True).start()
+    compute, warm = None, list(WARM_UP)
+    for count in range(1, TASKS + 1):
+        task = _next(waiting, warm)
+        frames.send(outcomes, BEGUN)
+        outcome, raised = None, None
+        try:
+            compute = compute or function_named(function)
+            outcome = compute(task)
+        except Exception:
+            raised = traceback.format_exc()
+        tired = count == TASKS or _resident_bytes() > RESIDENT_BYTES
+        frames.send(outcomes, (outcome, raised, tired))
+        if tired:
+            return
+
+
+def _next(waiting: queue.SimpleQueue[Any], warm: list[str]) -> Any:
+    """The next task; what every task needs is imported while there is none."""
+    patience = WARM_UP_AFTER_SECONDS
+    while warm:
+        try:
+            return waiting.get(timeout=patience)
+        except queue.Empty:
+            patience = 0.0
+            with suppress(ImportError):  # the task that needs it will say so
+                import_module(warm.pop(0))
+    return waiting.get()
+
+
+def _private_streams() -> tuple[IO[bytes], IO[bytes]]:
+    """stdin and stdout for frames alone: solvers print where they like."""
+    tasks, outcomes = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+    os.dup2(2, 1)
+    return tasks, outcomes
+
+
+def _read(tasks: IO[bytes], waiting: queue.SimpleQueue[Any]) -> None:
+    """Its own thread, so that the end of the worker is noticed in the middle of a task on every system."""
+    with suppress(EOFError, OSError):
+        while True:
+            waiting.put(frames.receive(tasks))
+    os._exit(0)
+
+
+def _resident_bytes() -> int:
+    try:
+        with open("/proc/self/statm", "rb") as pages:
+            return int(pages.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 0
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]))

@@ -1,0 +1,195 @@
+"""Computing processes seen from the worker: each does one task at a time, and its death is that task's alone."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from contextlib import suppress
+from queue import SimpleQueue
+from typing import Any
+
+from ..work.task import Outcome, Task
+from . import frames
+from .child import BEGUN
+from .engine import PERFORM, SINGLE_THREADED, Defect, Died, GivenBack
+
+FRUITLESS = 3  # processes in a row that end before they begin a task
+
+
+class Child:
+    """One computing process.  ``compute`` is for one thread at a time; ``kill`` for any."""
+
+    def __init__(self, function: str = PERFORM) -> None:
+        path = os.pathsep.join(entry for entry in sys.path if entry)
+        self._process: subprocess.Popen[bytes] = _from_lasting_thread(
+            lambda: subprocess.Popen(
+                [sys.executable, "-P", "-m", f"{__package__}.child", function, str(os.getpid())],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env={**os.environ, **SINGLE_THREADED, "PYTHONPATH": path},
+            )
+        )
+        self.pid = self._process.pid
+        self.tired = False  # it asks to be replaced
+
+    @property
+    def alive(self) -> bool:
+        return self._process.poll() is None
+
+    def compute(self, task: Task) -> Outcome | None:
+        """The outcome, or None if the process ended before it began.  Raises Died, Defect."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        begun = False
+        try:
+            frames.send(self._process.stdin, task)
+            begun = frames.receive(self._process.stdout) == BEGUN
+            outcome, raised, self.tired = frames.receive(self._process.stdout)
+        except (EOFError, OSError):
+            self.kill()
+            if not begun:
+                return None
+            raise Died(_ending(self._process.wait())) from None
+        if raised is not None:
+            raise Defect(raised)
+        result: Outcome = outcome
+        return result
+
+    def kill(self) -> None:
+        self._process.kill()
+
+    def close(self) -> None:
+        """Kill the process and wait until it is gone."""
+        self._process.kill()
+        self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout):
+            assert stream is not None
+            with suppress(OSError):  # what was not yet written to it
+                stream.close()
+
+
+class Children:
+    """Computing processes: started when needed, kept for the next task, found by what they compute."""
+
+    def __init__(self, function: str = PERFORM) -> None:
+        self._function = function
+        self._lock = threading.Lock()
+        self._idle: deque[Child] = deque()
+        self._busy: dict[str, tuple[Child, float]] = {}
+        self._closed = False
+
+    def start(self, count: int) -> None:
+        """Have processes before they are needed."""
+        for _ in range(count):
+            self._keep(Child(self._function))
+
+    def compute(self, task: Task, key: str) -> Outcome:
+        """Compute in a process of its own.  Raises Died, Defect, GivenBack."""
+        for _ in range(FRUITLESS):
+            child = self._take(key)
+            try:
+                outcome = child.compute(task)
+            finally:
+                self._give_back(key, child)
+            if outcome is not None:
+                return outcome
+        raise GivenBack(f"{FRUITLESS} computing processes in a row ended before they began; stderr may say why")
+
+    def pids(self) -> list[int]:
+        """Of the processes that there are."""
+        with self._lock:
+            return [child.pid for child in self._idle] + [child.pid for child, _ in self._busy.values()]
+
+    def seconds(self) -> dict[str, float]:
+        """For how long each task has been computed, s, by key."""
+        now = time.monotonic()
+        with self._lock:
+            return {key: now - begun for key, (_, begun) in self._busy.items()}
+
+    def kill(self, key: str) -> None:
+        """Kill the process that computes ``key``, if one does."""
+        with self._lock:  # or it could be on its next task by the time the signal comes
+            if key in self._busy:
+                self._busy[key][0].kill()
+
+    def close(self) -> None:
+        """Kill every process; those that still compute are let go of by their own thread."""
+        with self._lock:
+            self._closed = True
+            idle = list(self._idle)
+            self._idle.clear()
+            for child, _ in self._busy.values():
+                child.kill()
+        for child in idle:
+            child.close()
+
+    def _take(self, key: str) -> Child:
+        with self._lock:
+            child = self._idle.popleft() if self._idle and not self._closed else None
+        if child is not None and not child.alive:
+            child.close()
+            child = None
+        child = child or Child(self._function)
+        with self._lock:
+            if not self._closed:
+                self._busy[key] = child, time.monotonic()
+                return child
+        child.close()
+        raise GivenBack("the engine is closed")
+
+    def _give_back(self, key: str, child: Child) -> None:
+        with self._lock:
+            del self._busy[key]
+        if child.alive and not child.tired:
+            self._keep(child)
+            return
+        child.close()
+        if not self._closed:
+            with suppress(OSError):  # the next task tries again, and says so
+                self._keep(Child(self._function))
+
+    def _keep(self, child: Child) -> None:
+        with self._lock:
+            if not self._closed:
+                self._idle.append(child)
+                return
+        child.close()
+
+
+def _ending(code: int) -> str:
+    return f"the computing process ended with {f'signal {-code}' if code < 0 else f'exit code {code}'}"
+
+
+_orders: SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = SimpleQueue()
+_starter: threading.Thread | None = None
+_starter_lock = threading.Lock()
+
+
+def _from_lasting_thread(call: Callable[[], Any]) -> Any:
+    """Call in a thread that lives as long as this process.
+
+    Linux ends a process with the *thread* that started it (PR_SET_PDEATHSIG), and pools of threads come and go.
+    """
+    global _starter
+    with _starter_lock:
+        if _starter is None or not _starter.is_alive():
+            _starter = threading.Thread(target=_start_ordered, name="tailstack-starter", daemon=True)
+            _starter.start()
+    done: Future[Any] = Future()
+    _orders.put((call, done))
+    return done.result()
+
+
+def _start_ordered() -> None:
+    while True:
+        call, done = _orders.get()
+        try:
+            done.set_result(call())
+        except BaseException as error:
+            done.set_exception(error)

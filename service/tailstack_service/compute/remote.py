@@ -1,0 +1,34 @@
+"""What runs on a Dask worker: hand the task to a computing process beside it.
+
+A process of its own can be killed when its job is cancelled, is the only victim of a crash, and is the only thread in
+solvers that keep their state in globals, however many threads the Dask worker has.
+"""
+
+from __future__ import annotations
+
+from tailstack.version import __version__
+
+from ..work.task import Outcome, Task
+from .engine import GivenBack
+from .processes import Children
+
+_children: dict[str, Children] = {}  # by function: one Dask worker serves every client that knows it
+
+
+def compute(task: Task, key: str, function: str, version: str) -> Outcome:
+    """Compute in a process of its own.  Raises Died, Defect, GivenBack."""
+    if version != __version__:
+        raise GivenBack(f"this Dask worker has tailstack {__version__}, the job was claimed by {version}")
+    return _children.setdefault(function, Children(function)).compute(task, key)
+
+
+def seconds() -> dict[str, float]:
+    """For how long each task has been computed on this Dask worker, s, by key."""
+    return {key: since for children in list(_children.values()) for key, since in children.seconds().items()}
+
+
+def kill(keys: list[str]) -> None:
+    """Kill the processes that compute these; called on every Dask worker."""
+    for children in list(_children.values()):
+        for key in keys:
+            children.kill(key)
