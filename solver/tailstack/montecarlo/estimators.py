@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import ceil, fsum, log, sqrt
 
 import numpy as np
@@ -16,9 +17,12 @@ from scipy.special import bdtr, betaincinv, ndtri
 from ..errors import OutOfRangeError, Problem
 from ..system import Array, System
 from .plan import ChainPlan, compile_plan
-from .simulate import ErrorSample, Progress, Samples, deepened, simulate, tail_size
+from .shards import ShardSource
+from .simulate import ErrorSample, Progress, Samples, deepened, simulate
 
 FIRST_LOOK = 2**14
+TYPICAL = 3.3  # trials times squared relative half-width: what P95 of most errors takes
+SURE = 0.64  # of the trials that a look says are needed: its half-width is itself known to ten per cent
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,9 +155,12 @@ def exceedance_estimate(
     _probability_iv("confidence", confidence)
     n = samples.trials
     sample = samples.of(target, error)
-    if len(sample.tail) < n and limit_mm < sample.tail[0]:
-        sample = deepened(samples, n).of(target, error)
-    count = len(sample.tail) - int(np.searchsorted(sample.tail, limit_mm, side="right"))
+    if sample.above is not None and sample.above[0] == limit_mm:
+        count = sample.above[1]
+    else:
+        if len(sample.tail) < n and limit_mm < sample.tail[0]:
+            sample = deepened(samples, n).of(target, error)
+        count = len(sample.tail) - int(np.searchsorted(sample.tail, limit_mm, side="right"))
     alpha = 1 - confidence
     low = float(betaincinv(count, n - count + 1, alpha / 2)) if count > 0 else 0.0
     high = float(betaincinv(count + 1, n - count, 1 - alpha / 2)) if count < n else 1.0
@@ -204,6 +211,9 @@ def simulate_to_precision(
     reprojection: bool = False,
     progress: Progress | None = None,
     settled: Callable[[Samples, float], bool] | None = None,
+    quantile: float | None = None,
+    limits: Sequence[float] | None = None,
+    source: ShardSource | None = None,
 ) -> AdaptiveRun:
     """Simulate until the relative half-width of every goal's interval is at most ``precision``.
 
@@ -211,6 +221,8 @@ def simulate_to_precision(
     uses ``1 - (1 - confidence) / looks`` (Bonferroni over the *planned* looks), so that the interval reported at
     the look at which it stops holds with ``confidence``, for each goal.  The looks do not depend on batch or threads.
     ``settled(samples, level)``: what else must hold before it stops, judged with intervals of confidence ``level``.
+    quantile: the lowest that will be asked of the samples, where that is below the goals'.  limits, source: see
+    ``simulate``.
     """
     if not precision > 0:
         raise OutOfRangeError(Problem("", "precision", f"precision must be positive, got {precision}"))
@@ -222,23 +234,30 @@ def simulate_to_precision(
     if goals is None:
         goals = [Goal(k, "tcp", 0.95) for k in range(len(plan.system.targets))]
     lowest = min(goal.quantile for goal in goals)
+    lowest = lowest if quantile is None else min(lowest, quantile)
     looks = planned_looks(max_trials)
     level = 1 - (1 - confidence) / len(looks)
     samples: Samples | None = None
-    for look in looks:
+    needed = TYPICAL / precision**2
+    for k, look in enumerate(looks):
         samples = simulate(
             plan,
             trials=look,
             seed=seed,
-            keep=tail_size(look, lowest),
+            quantile=lowest,
             threads=threads,
             batch=batch,
             reprojection=reprojection,
             progress=None if progress is None else (lambda done, _: progress(done, max_trials)),
             extend=samples,
+            limits=limits,
+            source=source,
+            then=tuple(pair for pair in pairwise(looks[k:]) if pair[0] < SURE * needed) if k else (),
+            expected=min(int(needed), max_trials),
         )
         found = [quantile_estimate(samples, g.target, g.error, g.quantile, level) for g in goals]
         worst = max(estimate.relative_half_width for estimate in found)
+        needed = look * (worst / precision) ** 2  # the half-width falls with the square root of the trials
         if worst <= precision and (settled is None or settled(samples, level)):
             reason = (
                 f"every interval is within ±{100 * worst:.2g} % of its quantile, as requested (±{100 * precision:g} %)"

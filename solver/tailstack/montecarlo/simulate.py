@@ -9,23 +9,31 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from math import ceil, sqrt
-from typing import NamedTuple
+from math import inf
+from typing import Any
 
 import numpy as np
 
 from ..errors import OutOfRangeError, Problem
 from ..system import Array, System
-from .chain import run_indices
 from .plan import ChainPlan, compile_plan
-from .reduction import reduce_block
+from .shards import (
+    BLOCK,
+    REPROJECTION_TRIALS,
+    Moments,
+    Shard,
+    ShardSource,
+    Wanted,
+    block_arguments,
+    block_shard,
+    largest,
+    tail_size,
+)
 
-BLOCK = 8192
 ERRORS = ("tcp", "localisation")
-REPROJECTION_TRIALS = 16384
 Progress = Callable[[int, int], None]
 
 
@@ -40,6 +48,7 @@ class ErrorSample:
     scatter: Array  # (3, 3) sum of products about the mean
     mean_norm: float
     tail: Array  # the largest norms, ascending; every trial above tail[0] is in it
+    above: tuple[float, int] | None = None  # a limit, mm, and how many norms are beyond it
 
     @property
     def covariance(self) -> Array:
@@ -78,68 +87,32 @@ class Samples:
         return self.errors[2 * place + ERRORS.index(error)]
 
 
-class _Moments(NamedTuple):
-    trials: int
-    mean: Array  # (m, 3)
-    scatter: Array  # (m, 3, 3) sums of products about the mean
-    norm_mean: Array  # (m,)
-
-
-class _Block(NamedTuple):
-    moments: _Moments
-    norms: Array  # (m, n)
-    redone: int
-    reprojection: Array | None
-
-
-def _block(plan: ChainPlan, seed: int, first: int, count: int, reprojection: bool) -> _Block:
-    outcome = run_indices(plan, seed, first, count, reprojection=reprojection)
-    errors = np.ascontiguousarray(outcome.errors).reshape(-1, 3, count)
-    metrics = len(errors)
-    norms, norm_mean = np.empty((metrics, count)), np.empty(metrics)
-    mean, scatter = np.empty((metrics, 3)), np.empty((metrics, 3, 3))
-    reduce_block(errors.reshape(-1), count, norms.reshape(-1), mean, scatter, norm_mean, np.empty(48))
-    norms[np.isnan(norms)] = np.inf  # a trial without an answer is beyond any limit, not outside the count
-    return _Block(_Moments(count, mean, scatter, norm_mean), norms, outcome.redone, outcome.reprojection)
-
-
-def _merged(a: _Moments, b: _Moments) -> _Moments:
+def _merged(a: Moments, b: Moments) -> Moments:
     """Moments of two disjoint sets (Chan, Golub and LeVeque 1983)."""
     count = a.trials + b.trials
     share = b.trials / count
     gap = b.mean - a.mean
     scatter = a.scatter + b.scatter + (a.trials * share) * (gap[:, :, None] * gap[:, None, :])
     norm_mean = a.norm_mean + share * (b.norm_mean - a.norm_mean)
-    return _Moments(count, a.mean + share * gap, scatter, norm_mean)
+    return Moments(count, a.mean + share * gap, scatter, norm_mean)
 
 
-def _largest(values: Array, count: int) -> Array:
-    return values if len(values) <= count else np.partition(values, len(values) - count)[-count:]
-
-
-def _batches(plan: ChainPlan, seed: int, first: int, trials: int, batch: int, reprojection: int) -> list[list[tuple]]:  # type: ignore[type-arg]
-    """Arguments of the blocks that cover ``first`` ... ``trials``, grouped into batches."""
-    blocks = [
-        (plan, seed, start, min(BLOCK, trials - start), start < reprojection) for start in range(first, trials, BLOCK)
-    ]
-    size = max(1, batch // BLOCK)
-    return [blocks[k : k + size] for k in range(0, len(blocks), size)]
-
-
-def _in_order(batches: list[list[tuple]], threads: int) -> Iterator[_Block]:  # type: ignore[type-arg]
+def _in_order(wanted: Wanted, batch: int, threads: int) -> Iterator[Shard]:
     """Blocks in the order of their indices; at most two batches per thread are under way."""
+    blocks, size = block_arguments(wanted), max(1, batch // BLOCK)
+    batches = [blocks[k : k + size] for k in range(0, len(blocks), size)]
 
-    def work(batch: list[tuple]) -> list[_Block]:  # type: ignore[type-arg]
-        return [_block(*arguments) for arguments in batch]
+    def work(batch: list[Any]) -> list[Shard]:
+        return [block_shard(*arguments) for arguments in batch]
 
     if threads == 1:
-        for batch in batches:
-            yield from work(batch)
+        for part in batches:
+            yield from work(part)
         return
     with ThreadPoolExecutor(threads) as pool:
-        waiting: deque[Future[list[_Block]]] = deque()
-        for batch in batches:
-            waiting.append(pool.submit(work, batch))
+        waiting: deque[Future[list[Shard]]] = deque()
+        for part in batches:
+            waiting.append(pool.submit(work, part))
             if len(waiting) >= 2 * threads:
                 yield from waiting.popleft().result()
         while waiting:
@@ -149,12 +122,6 @@ def _in_order(batches: list[list[tuple]], threads: int) -> Iterator[_Block]:  # 
 def available_threads() -> int:
     """Processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
-
-
-def tail_size(trials: int, quantile: float) -> int:
-    """How many of the largest norms to keep for this quantile: its interval at any usual confidence, and slack."""
-    beyond = trials * (1 - quantile)
-    return min(trials, ceil(beyond + 8 * sqrt(beyond + 1)) + 16)
 
 
 def simulate(
@@ -171,13 +138,19 @@ def simulate(
     keep: int | None = None,
     progress: Progress | None = None,
     extend: Samples | None = None,
+    limits: Sequence[float] | None = None,
+    source: ShardSource | None = None,
+    then: tuple[tuple[int, int], ...] = (),
+    expected: int = 0,
 ) -> Samples:
     """Run ``trials`` trials of the full nonlinear chain.
 
     quantile: the lowest one that will be asked for; the tail above it is kept (``keep``: norms to keep,
     overrides it).  vertex, shots_per_unit: see ``compile_plan``; not with a plan.  reprojection: also over the
     first ``REPROJECTION_TRIALS`` trials.  extend: an earlier run of the same plan and seed, a multiple of
-    ``BLOCK`` long, to go on from.  ``progress(done, total)`` is called after each block.
+    ``BLOCK`` long, to go on from.  ``progress(done, total)`` is called after each part.  limits: mm, one for each
+    metric (inf: none); how many trials are beyond is counted.  source: where parts of the run come from that were
+    computed elsewhere; what it raises is passed on.  then, expected: what it is told of trials to come (``Wanted``).
     Raises OutOfRangeError when a count is not positive or the plan and its options disagree.
     """
     if trials < 2:
@@ -197,9 +170,11 @@ def simulate(
         )
     keep = tail_size(trials, quantile) if keep is None else keep
 
-    state: _Moments | None = None
+    state: Moments | None = None
     tails: list[list[Array]] = [[] for _ in range(2 * len(plan.system.targets))]
-    floors = [-np.inf] * len(tails)
+    floors = [-inf] * len(tails)
+    limits = (inf,) * len(tails) if limits is None else tuple(limits)
+    above = [0] * len(tails)
     done, redone, reprojections = 0, 0, []
     if extend is not None:
         if extend.plan is not plan or extend.seed != seed or extend.trials % BLOCK or extend.trials > trials:
@@ -209,24 +184,31 @@ def simulate(
         done, redone = extend.trials, extend.redone
         for k, sample in enumerate(extend.errors):
             tails[k].append(sample.tail)
-            floors[k] = -np.inf if len(sample.tail) == sample.trials else float(sample.tail[0])
+            floors[k] = -inf if len(sample.tail) == sample.trials else float(sample.tail[0])
+            above[k] = sample.above[1] if sample.above is not None else 0
         if extend.reprojection is not None:
             reprojections.append(extend.reprojection.rms_px)
 
-    limit = min(trials, REPROJECTION_TRIALS) if reprojection else 0
+    wanted = Wanted(plan, seed, done, trials, quantile, reprojection, limits, then, expected)
     held = [sum(len(part) for part in tail) for tail in tails]
-    for block in _in_order(_batches(plan, seed, done, trials, batch, limit), threads):
-        state = block.moments if state is None else _merged(state, block.moments)
-        redone += block.redone
-        for k, norms in enumerate(block.norms):
-            tails[k].append(norms[norms > floors[k]])
+    for shard in _in_order(wanted, batch, threads) if source is None else source(wanted):
+        for moments in shard.moments:
+            state = moments if state is None else _merged(state, moments)
+            done += moments.trials
+        redone += shard.redone
+        for k, norms in enumerate(shard.tails):
+            above[k] += shard.above[k]
+            if shard.floors[k] > floors[k]:
+                floors[k] = shard.floors[k]
+                tails[k].append(norms)
+            else:
+                tails[k].append(norms[norms > floors[k]])
             held[k] += len(tails[k][-1])
             if held[k] > 2 * keep + BLOCK:
-                tails[k] = [_largest(np.concatenate(tails[k]), keep)]
-                floors[k], held[k] = float(tails[k][0].min()), keep
-        if block.reprojection is not None:
-            reprojections.append(block.reprojection)
-        done += len(block.norms[0])
+                tails[k] = [largest(np.concatenate(tails[k]), keep)]
+                floors[k], held[k] = max(floors[k], float(tails[k][0].min())), keep
+        if shard.reprojection is not None:
+            reprojections.append(shard.reprojection)
         if progress is not None:
             progress(done, trials)
     if state is None:
@@ -234,18 +216,20 @@ def simulate(
     names = [target.name for target in plan.system.targets]
     samples = []
     for k, tail in enumerate(tails):
-        kept = np.sort(_largest(np.concatenate(tail), keep))
+        held_norms = np.concatenate(tail)
+        kept = np.sort(largest(held_norms[held_norms >= floors[k]], keep))
         kept.setflags(write=False)
         norm_mean = float(state.norm_mean[k])
+        beyond = None if limits[k] == inf else (limits[k], above[k])
         samples.append(
-            ErrorSample(names[k // 2], ERRORS[k % 2], trials, state.mean[k], state.scatter[k], norm_mean, kept)
+            ErrorSample(names[k // 2], ERRORS[k % 2], trials, state.mean[k], state.scatter[k], norm_mean, kept, beyond)
         )
     rms = Reprojections(np.sort(np.concatenate(reprojections)[:REPROJECTION_TRIALS])) if reprojections else None
     return Samples(plan, seed, trials, tuple(samples), redone, rms, threads, batch)
 
 
-def _moments_of(samples: Samples) -> _Moments:
-    return _Moments(
+def _moments_of(samples: Samples) -> Moments:
+    return Moments(
         samples.trials,
         np.array([s.mean for s in samples.errors]),
         np.array([s.scatter for s in samples.errors]),

@@ -14,7 +14,7 @@ from ..errors import DesignError, IllPosedError, Problem
 from ..estimation.checks import check_geometry
 from ..propagation.linear import LinearModel, linearise
 from ..results import Finding
-from ..verifying import UNITS
+from ..runs import UNITS
 from .problem import Demand, PlacementProblem, apply_choice, in_words, label_of, present_choice
 from .promise import exact_quantile
 from .terms import FIDUCIAL_BLOCKS, DemandTerms, blind_half_widths, is_flat, scattered, terms_of

@@ -11,8 +11,9 @@ import numpy as np
 from ..design import Design, compile_design
 from ..errors import InfeasibleError, NotConvergedError, Problem
 from ..results import Check, Verification
+from ..runs import UNITS
 from ..system import Array, System
-from ..verifying import UNITS, verify
+from ..verifying import verify
 from .grading import Graded, settle_grades
 from .placement import PlacementSolution, settle
 from .problem import Choice, Demand, PlacementProblem

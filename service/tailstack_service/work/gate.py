@@ -1,0 +1,106 @@
+"""A gate as a job: the checks that it needs are those of the verification kind, one group of units per design."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from typing import Any
+
+from tailstack.errors import Problem, TailstackError
+from tailstack.results import Verification
+
+from ..documents import read_record, to_json
+from ..gate.designs import Computed, Gate, first_order, wants_check
+from ..gate.errors import GateError
+from ..gate.judging import conclude
+from ..gate.request import gate_of
+from ..problems import RequestError
+from . import verification
+from .kinds import Done, More, Step
+from .requests import Refused, canonical
+from .task import UnitResult
+
+# First byte of a unit's result: a design whose check is refused is a finding of the gate, not the end of the job.
+FOUND, REFUSED = b"+", b"-"
+
+
+def advance(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
+    """More units for the designs whose checks are not finished, or the record."""
+    gate, scored = _scored(canonical(request))
+    checks: list[Verification | TailstackError | None] = []
+    specs: list[bytes] = []
+    remaining = 0
+    for index, computed in enumerate(scored):
+        if not wants_check(gate, computed):
+            checks.append(None)
+            continue
+        own = [result for result in results if json.loads(result.spec)["of"] == index]
+        refused = next((result for result in own if result.result[:1] == REFUSED), None)
+        if refused is not None:
+            checks.append(_refusal(refused.result[1:]))
+            continue
+        step = _verification(gate, computed, own)
+        if isinstance(step, More):
+            specs += [canonical({"of": index, "spec": json.loads(spec)}) for spec in step.specs]
+            remaining += step.remaining
+        else:
+            checks.append(step)
+    if specs:
+        return More(tuple(specs), remaining, f"Monte Carlo checks of {len(scored)} design(s)")
+    return Done(to_json(conclude(gate, scored, checks)))
+
+
+def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
+    """One unit of one design's check."""
+    gate, scored = _scored(canonical(request))
+    try:
+        return FOUND + verification.compute(_check_request(gate, scored[spec["of"]]), spec["spec"])
+    except TailstackError as error:
+        problems = [[p.pointer, p.code, p.detail, p.hint] for p in error.problems]
+        return REFUSED + canonical({"slug": error.slug, "exit_code": error.exit_code, "problems": problems})
+
+
+def _verification(gate: Gate, computed: Computed, own: list[UnitResult]) -> More | Verification | TailstackError:
+    plain = tuple(
+        UnitResult(result.index, canonical(json.loads(result.spec)["spec"]), result.result[1:]) for result in own
+    )
+    try:
+        step = verification.advance(_check_request(gate, computed), plain)
+    except TailstackError as error:
+        return error
+    if isinstance(step, More):
+        return step
+    found: Verification = read_record("verification", step.answer)
+    return found
+
+
+def _check_request(gate: Gate, computed: Computed) -> dict[str, Any]:
+    from tailstack.design.loading import design_to_data
+
+    assert computed.held is not None
+    check = gate.policy.document.verification
+    return {
+        "design": design_to_data(computed.held),
+        "trials": None,
+        "precision": check.precision,
+        "seed": gate.seed,
+        "method": "plain",
+        "max_trials": check.max_trials,
+    }
+
+
+@lru_cache(maxsize=2)
+def _scored(request: bytes) -> tuple[Gate, tuple[Computed, ...]]:
+    """The gate and its designs' scores: the units of a job come to a process one after the other."""
+    try:
+        gate = gate_of(json.loads(request))
+    except (GateError, RequestError) as error:
+        raise Refused(error) from None
+    return gate, first_order(gate)
+
+
+def _refusal(content: bytes) -> TailstackError:
+    data = json.loads(content)
+    error = TailstackError([Problem(*entry) for entry in data["problems"]])
+    error.slug, error.exit_code = data["slug"], data["exit_code"]
+    return error
