@@ -15,7 +15,7 @@ def design_json_schema() -> dict[str, Any]:
     An optional field is left out rather than null, so the null alternatives that pydantic writes are dropped.
     Rules across fields (unique names, references, coverage factors) are in the descriptions.
     """
-    schema = _without_null(DesignDocument.model_json_schema(by_alias=True))
+    schema = without_null(DesignDocument.model_json_schema(by_alias=True))
     head = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": SCHEMA_ID,
@@ -28,12 +28,13 @@ def design_json_schema() -> dict[str, Any]:
     return {**head, **{key: value for key, value in schema.items() if key not in head}}
 
 
-def _without_null(node: Any) -> Any:
+def without_null(node: Any) -> Any:
+    """A schema of pydantic's without the null alternatives: an optional field is left out, not null."""
     if isinstance(node, list):
-        return [_without_null(item) for item in node]
+        return [without_null(item) for item in node]
     if not isinstance(node, dict):
         return node
-    node = {key: _without_null(value) for key, value in node.items() if not (key == "default" and value is None)}
+    node = {key: without_null(value) for key, value in node.items() if not (key == "default" and value is None)}
     options = node.get("anyOf")
     if isinstance(options, list) and {"type": "null"} in options:
         rest = [option for option in options if option != {"type": "null"}]

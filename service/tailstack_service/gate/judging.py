@@ -1,0 +1,298 @@
+"""From designs, policy and numbers to a verdict: pure functions, without clock, network or randomness of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+from tailstack.design import Design
+from tailstack.design.refusals import place
+from tailstack.errors import Problem, TailstackError
+from tailstack.results import Score, Severity, Verification
+from tailstack.scoring import NOT_INCLUDED
+from tailstack.version import __version__
+
+from .case import Case
+from .designs import Computed, Gate, GateDesign, first_order, wants_check
+from .numbers import numbers_of
+from .policy_document import Rules
+from .records import Fold, GatedDesign, GateFinding, GateProvenance, GateRecord, GateTarget, GateVerdict
+from .rules import RULES
+from .waiving import accepting, in_words, remarks_on_waivers
+
+WORST_FIRST: tuple[GateVerdict, ...] = ("not evaluated", "fail", "inconclusive", "pass")
+JUDGING = ("p95", "cvar", "exceedance", "per_unit_yield")
+Verify = Callable[[Design], Verification]
+
+
+def judge(gate: Gate, verify: Verify) -> GateRecord:
+    """The whole gate; ``verify`` draws Monte Carlo for a design, and may raise TailstackError."""
+    checks: list[Verification | TailstackError | None] = []
+    scored = first_order(gate)
+    for computed in scored:
+        check: Verification | TailstackError | None = None
+        if wants_check(gate, computed) and computed.held is not None:
+            try:
+                check = verify(computed.held)
+            except TailstackError as error:
+                check = error
+        checks.append(check)
+    return conclude(gate, scored, checks)
+
+
+def conclude(
+    gate: Gate, scored: Iterable[Computed], checks: Iterable[Verification | TailstackError | None]
+) -> GateRecord:
+    """The record of a gate whose designs were scored and, where they had to be, checked."""
+    used: set[int] = set()
+    findings: list[GateFinding] = []
+    designs: list[GatedDesign] = []
+    refusals: list[TailstackError] = []
+    for computed, check in zip(scored, checks, strict=True):
+        refusal = computed.refusal or (check if isinstance(check, TailstackError) else None)
+        if refusal is None and computed.score is not None and not isinstance(check, TailstackError):
+            case = _case(gate, computed, computed.score, check)
+            refusal = _nothing_to_judge(computed, case)
+            said = [] if refusal else _findings(gate, computed, case, used)
+            gated = _gated(computed, case, _verdict(gate, said))
+        else:
+            said, gated = [], _unread(computed)
+        if refusal is not None:
+            refusals.append(refusal)
+            said = _refused(computed.entry, refusal)
+            gated = replace(gated, verdict="not evaluated")
+        findings += said
+        designs.append(gated)
+    rules = gate.policy.document.rules
+    findings += _version_findings(gate, rules.model_version.severity)
+    on_waivers = remarks_on_waivers(gate.waivers, gate.today, used, rules.waiver_unused.severity)
+    findings += on_waivers
+    verdicts: set[GateVerdict] = {design.verdict for design in designs} | {_verdict(gate, findings)}
+    verdict = next(candidate for candidate in WORST_FIRST if candidate in verdicts)
+    return GateRecord(
+        schema="tailstack/gate/1",
+        verdict=verdict,
+        exit_code=_exit_code(gate, verdict, findings, refusals),
+        mode=gate.mode,
+        seed=gate.seed,
+        fail_level=gate.fail_level,
+        on_inconclusive=gate.on_inconclusive,
+        max_regression_percent=gate.max_regression_percent,
+        findings=tuple(findings),
+        designs=tuple(designs),
+        provenance=GateProvenance(
+            tailstack_version=__version__,
+            policy_name=gate.policy.document.name,
+            policy_sha256=gate.policy.sha256,
+            waivers_sha256=None if gate.waivers is None else gate.waivers.sha256,
+            baseline_sha256=None if gate.baseline is None else gate.baseline.sha256,
+            today=gate.today.isoformat(),
+            not_included=NOT_INCLUDED,
+        ),
+    )
+
+
+# --- findings -------------------------------------------------------------------------------------
+
+
+def _case(gate: Gate, computed: Computed, scored: Score, check: Verification | None) -> Case:
+    design = computed.entry.design
+    assert design is not None
+    allowed = gate.max_regression_percent
+    return Case(
+        design=design,
+        rules=computed.rules,
+        score=scored,
+        verification=check,
+        numbers=numbers_of(scored, check, computed.rules, computed.added),
+        added=computed.added,
+        baseline=None if gate.baseline is None else gate.baseline.of(computed.entry.file, design.name),
+        max_regression_percent=computed.rules.regression.max_percent if allowed is None else allowed,
+    )
+
+
+def _findings(gate: Gate, computed: Computed, case: Case, used: set[int]) -> list[GateFinding]:
+    findings = []
+    for rule in RULES.values():
+        severity = severity_of(case.rules, rule.id)
+        if rule.find is None or severity == "off":
+            continue
+        for remark in rule.find(case):
+            weight: Severity = "note" if remark.note else _weight(gate, case.rules, rule.id, severity)
+            waiver = accepting(gate.waivers, gate.today, rule.id, remark, (computed.entry.file, case.design.name))
+            if waiver is not None:
+                used.add(waiver)
+            placed = place(Problem(remark.pointer, rule.id, remark.message), case.design.source)
+            findings.append(
+                GateFinding(
+                    rule=rule.id,
+                    severity=weight,
+                    file=computed.entry.file,
+                    line=placed.line,
+                    column=placed.column,
+                    pointer=remark.pointer,
+                    message=remark.message,
+                    value=remark.value,
+                    limit=remark.limit,
+                    suppressed_by=None if waiver is None or gate.waivers is None else in_words(gate.waivers, waiver),
+                )
+            )
+    return findings
+
+
+def severity_of(rules: Rules, rule: str) -> Severity | str:
+    """The weight that the policy gives a rule; "off" among them."""
+    entry = getattr(rules, rule.replace("-", "_"), None)
+    return RULES[rule].severity if entry is None else str(entry.severity)
+
+
+def _weight(gate: Gate, rules: Rules, rule: str, severity: str) -> Severity:
+    if rule == "inconclusive":
+        return "warning" if fold_of(gate, rules) == "warn" else "error"
+    return severity  # type: ignore[return-value]
+
+
+def fold_of(gate: Gate, rules: Rules) -> Fold | None:
+    """What becomes of an open question: the option, else the policy's severity of ``inconclusive``."""
+    if gate.on_inconclusive is not None:
+        return gate.on_inconclusive
+    return "warn" if rules.inconclusive.severity == "warning" else None
+
+
+def _nothing_to_judge(computed: Computed, case: Case) -> TailstackError | None:
+    """A design that nothing was held against does not pass, unless the policy switches the rules off."""
+    switched_off = any(getattr(computed.rules, name).severity == "off" for name in JUDGING)
+    if case.numbers or switched_off:
+        return None
+    detail = "nothing was judged: the design states no requirement and the policy sets no limit"
+    hint = "state a requirement in the design, or rules: {p95: {limit_mm: ...}} in the policy"
+    return NothingToJudge(Problem("", "nothing-to-judge", detail, hint))
+
+
+class NothingToJudge(TailstackError):
+    """Neither the design nor the policy sets a limit."""
+
+    slug = "not-evaluated"
+    title = "There is nothing to judge"
+    exit_code = 3
+
+
+def _refused(entry: GateDesign, refusal: TailstackError) -> list[GateFinding]:
+    """A refusal as findings: one for each of its problems."""
+    rule = "invalid-design" if refusal.exit_code == 2 else "not-evaluated"
+    source = None if entry.design is None else entry.design.source.placed()
+    findings = []
+    for problem in refusal.problems:
+        placed = problem if source is None else place(problem, source)
+        foreign = placed.file if placed.file not in (None, entry.file) and entry.design is None else entry.file
+        findings.append(
+            GateFinding(
+                rule=rule,
+                severity="error",
+                file=foreign or entry.file,
+                line=placed.line,
+                column=placed.column,
+                pointer=problem.pointer,
+                message=problem.detail + (f" — {problem.hint}" if problem.hint else ""),
+                value=None,
+                limit=None,
+                suppressed_by=None,
+            )
+        )
+    return findings
+
+
+def _version_findings(gate: Gate, severity: str) -> list[GateFinding]:
+    if gate.baseline is None or severity == "off":
+        return []
+    version = gate.baseline.record.provenance.tailstack_version
+    if version == __version__:
+        return []
+    return [
+        GateFinding(
+            rule="model-version",
+            severity=severity,  # type: ignore[arg-type]
+            file=gate.baseline.file,
+            line=None,
+            column=None,
+            pointer="/provenance/tailstack_version",
+            message=f"the baseline was computed by tailstack {version}, this is {__version__}: numbers may differ for "
+            "that reason; write a new baseline",
+            value=None,
+            limit=None,
+            suppressed_by=None,
+        )
+    ]
+
+
+# --- what it comes to -----------------------------------------------------------------------------
+
+
+def _counts(gate: Gate, finding: GateFinding) -> bool:
+    """Whether a finding fails the gate by its weight."""
+    heavy = ("error",) if gate.fail_level == "error" else ("error", "warning")
+    return finding.suppressed_by is None and finding.severity in heavy
+
+
+def _verdict(gate: Gate, findings: list[GateFinding]) -> GateVerdict:
+    if any(_counts(gate, finding) and finding.rule != "inconclusive" for finding in findings):
+        return "fail"
+    if any(finding.rule == "inconclusive" and finding.suppressed_by is None for finding in findings):
+        return "inconclusive"
+    return "pass"
+
+
+def _exit_code(gate: Gate, verdict: GateVerdict, findings: list[GateFinding], refusals: list[TailstackError]) -> int:
+    """Bad documents (2) before designs that were not evaluated (3) before failures (1) before open questions (4)."""
+    if refusals:
+        return min(2 if refusal.exit_code == 2 else 3 for refusal in refusals)
+    if verdict != "inconclusive":
+        return {"pass": 0, "fail": 1, "not evaluated": 3}[verdict]
+    open_ones = [finding for finding in findings if finding.rule == "inconclusive" and finding.suppressed_by is None]
+    if not any(_counts(gate, finding) for finding in open_ones):
+        return 0
+    # with --fail-level warning, a question that was folded into a warning fails like any other warning
+    folded = all(finding.severity == "warning" for finding in open_ones)
+    return 1 if gate.on_inconclusive == "fail" or folded else 4
+
+
+def _gated(computed: Computed, case: Case, verdict: GateVerdict) -> GatedDesign:
+    check = case.verification
+    targets = []
+    for index, first in enumerate(case.score.targets):
+        drawn = None if check is None else check.targets[index]
+        targets.append(
+            GateTarget(
+                name=first.name,
+                first_order_p95_mm=first.p95_mm,
+                p95_mm=None if drawn is None else drawn.p95_mm,
+                p95_interval_mm=None if drawn is None else drawn.p95_interval_mm,
+                cvar95_mm=first.cvar95_mm if drawn is None else drawn.cvar95_mm,
+            )
+        )
+    return GatedDesign(
+        file=computed.entry.file,
+        name=case.design.name,
+        sha256=case.design.sha256,
+        design_class=computed.design_class,
+        verdict=verdict,
+        basis="first order" if check is None else "Monte Carlo",
+        trials=None if check is None else check.trials,
+        targets=tuple(targets),
+        numbers=case.numbers,
+    )
+
+
+def _unread(computed: Computed) -> GatedDesign:
+    design = computed.entry.design
+    return GatedDesign(
+        file=computed.entry.file,
+        name=None if design is None else design.name,
+        sha256=None if design is None else design.sha256,
+        design_class=computed.design_class,
+        verdict="not evaluated",
+        basis="none",
+        trials=None,
+        targets=(),
+        numbers=(),
+    )

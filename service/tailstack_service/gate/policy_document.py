@@ -1,0 +1,268 @@
+"""The policy, ``tailstack/policy/1``: which rules count, how much, and with which limits."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from tailstack.design.fields import Length, Name, Record, refusal
+
+POLICY_SCHEMA = "tailstack/policy/1"
+
+Severity = Literal["error", "warning", "note", "off"]
+Pattern = Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f]*$")]
+Patterns = Annotated[list[Pattern], Field(min_length=1, max_length=100)]
+Percent = Annotated[float, Field(ge=0, le=1e6)]
+Pixels = Annotated[float, Field(ge=0, le=1e5)]
+Probability = Annotated[float, Field(ge=1e-4, le=0.5)]
+Confidence = Annotated[float, Field(ge=0.5, le=0.9999)]
+
+_WEIGHT = "error, warning, note or off."
+_CONFIDENCE = "Confidence of the interval that decides. Default 0.95."
+
+
+class Rule(Record):
+    """A rule without limits."""
+
+    severity: Severity = Field(default="warning", description=_WEIGHT, examples=["warning"])
+
+
+class P95Rule(Record):
+    """Quantiles: every pooled requirement of the design, and a P95 limit of the policy's own."""
+
+    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
+    limit_mm: Length | None = Field(
+        default=None, description="P95 of the TCP error at every target must not exceed this, mm.", examples=[2.0]
+    )
+    confidence: Confidence = Field(default=0.95, description=_CONFIDENCE)
+
+
+class CvarRule(Record):
+    """Mean of the worst 5 % of errors."""
+
+    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
+    limit_mm: Length | None = Field(
+        default=None, description="CVaR95 of the TCP error at every target must not exceed this, mm.", examples=[2.5]
+    )
+    confidence: Confidence = Field(default=0.95, description=_CONFIDENCE)
+
+
+class ExceedanceRule(Record):
+    """How often an error may be large."""
+
+    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
+    limit_mm: Length | None = Field(default=None, description="Error that counts as large, mm.", examples=[2.5])
+    max_probability: Probability | None = Field(
+        default=None, description="Largest share of shots beyond limit_mm.", examples=[0.01]
+    )
+    confidence: Confidence = Field(default=0.95, description=_CONFIDENCE)
+
+    @model_validator(mode="after")
+    def _both(self) -> ExceedanceRule:
+        if (self.limit_mm is None) != (self.max_probability is None):
+            missing = "limit_mm" if self.limit_mm is None else "max_probability"
+            raise refusal("missing-field", f"limit_mm and max_probability go together; {missing} is missing")
+        return self
+
+
+class YieldRule(Record):
+    """Share of installed units that are good: per-unit requirements of the design, and one of the policy's own."""
+
+    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
+    limit_mm: Length | None = Field(
+        default=None, description="A unit is good if the P95 of its own shots is within this, mm.", examples=[2.0]
+    )
+    min_yield: Annotated[float, Field(gt=0, lt=1)] | None = Field(
+        default=None, description="Fraction of units that must be good.", examples=[0.95]
+    )
+    confidence: Confidence = Field(default=0.95, description=_CONFIDENCE)
+
+    @model_validator(mode="after")
+    def _both(self) -> YieldRule:
+        if (self.limit_mm is None) != (self.min_yield is None):
+            missing = "limit_mm" if self.limit_mm is None else "min_yield"
+            raise refusal("missing-field", f"limit_mm and min_yield go together; {missing} is missing")
+        return self
+
+
+class GapRule(Record):
+    """How far first order may be from Monte Carlo."""
+
+    severity: Severity = Field(default="warning", description=_WEIGHT, examples=["warning"])
+    max_percent: Percent = Field(
+        default=5.0, description="Largest difference of the two P95, per cent of the verified one.", examples=[5.0]
+    )
+
+
+class ConditioningRule(Record):
+    """How well the layout determines the projections and the target."""
+
+    severity: Severity = Field(default="warning", description=_WEIGHT, examples=["warning"])
+
+
+class SpacingRule(Record):
+    """Distance between fiducials."""
+
+    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
+    min_mm: Length | None = Field(default=None, description="Smallest distance of two fiducials, mm.", examples=[8.0])
+
+
+class VisibilityRule(Record):
+    """Margin between the images of fiducials and the border of each view."""
+
+    severity: Severity = Field(default="warning", description=_WEIGHT, examples=["warning"])
+    min_margin_px: Pixels = Field(default=0.0, description="Smallest distance from the border, px.", examples=[20.0])
+
+
+class OverlapRule(Record):
+    """Distance between the images of two fiducials in each view."""
+
+    severity: Severity = Field(default="warning", description=_WEIGHT, examples=["warning"])
+    min_px: Pixels = Field(default=10.0, description="Smallest distance of two images, px.", examples=[10.0])
+
+
+class Process(Record):
+    """What a manufacturing process can hold."""
+
+    name: Name = Field(description="Name of the process.", examples=["milled seat"])
+    tolerances: Patterns = Field(
+        description="Tolerances made by it, as patterns (* and ?) of names like structure_connector.rx, "
+        "connector_flange.tz, structure_connector.A1 (a locator), fiducials.manufacturing, hand_eye.tx.",
+        examples=[["structure_connector.r?"]],
+    )
+    min_half_width_deg: Annotated[float, Field(gt=0, le=45)] | None = Field(
+        default=None, description="Smallest half-width of a rotation that it holds, degrees.", examples=[0.05]
+    )
+    min_half_width_mm: Annotated[float, Field(gt=0, le=1e3)] | None = Field(
+        default=None, description="Smallest half-width of a length that it holds, mm.", examples=[0.02]
+    )
+
+    @model_validator(mode="after")
+    def _something(self) -> Process:
+        if self.min_half_width_deg is None and self.min_half_width_mm is None:
+            raise refusal("missing-field", "a process states min_half_width_deg, min_half_width_mm or both")
+        return self
+
+
+class ProcessRule(Record):
+    """Tolerances tighter than their process can hold."""
+
+    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
+    processes: Annotated[list[Process], Field(max_length=200)] = Field(
+        default=[], description="What each process can hold. Default none: nothing is judged."
+    )
+
+
+class RegressionRule(Record):
+    """Worse than the baseline."""
+
+    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
+    max_percent: Percent = Field(
+        default=0.0,
+        description="By how much the P95 at a target may exceed the baseline's, per cent; --max-regression goes before "
+        "it. Default 0.",
+        examples=[2.0],
+    )
+
+
+class InconclusiveRule(Record):
+    """An interval that holds the limit."""
+
+    severity: Literal["error", "warning"] = Field(
+        default="error",
+        description="error or warning, never less: an open question is no pass. warning has the meaning of "
+        "--on-inconclusive warn.",
+        examples=["error"],
+    )
+
+
+class ExpiredRule(Record):
+    """A waiver beyond its date."""
+
+    severity: Literal["error"] = Field(default="error", description="Always an error.", examples=["error"])
+
+
+class UnusedRule(Record):
+    """A waiver that accepts nothing."""
+
+    severity: Severity = Field(default="note", description=_WEIGHT, examples=["note"])
+
+
+class Rules(Record):
+    """Rules by id.  A rule that is not given has its defaults."""
+
+    p95: P95Rule = Field(default_factory=P95Rule)
+    cvar: CvarRule = Field(default_factory=CvarRule)
+    exceedance: ExceedanceRule = Field(default_factory=ExceedanceRule)
+    per_unit_yield: YieldRule = Field(default_factory=YieldRule, alias="per-unit-yield")
+    first_order_gap: GapRule = Field(default_factory=GapRule, alias="first-order-gap")
+    conditioning: ConditioningRule = Field(default_factory=ConditioningRule)
+    fiducial_spacing: SpacingRule = Field(default_factory=SpacingRule, alias="fiducial-spacing")
+    visibility: VisibilityRule = Field(default_factory=VisibilityRule)
+    overlap: OverlapRule = Field(default_factory=OverlapRule)
+    process_capability: ProcessRule = Field(default_factory=ProcessRule, alias="process-capability")
+    regression: RegressionRule = Field(default_factory=RegressionRule)
+    inconclusive: InconclusiveRule = Field(default_factory=InconclusiveRule)
+    waiver_expired: ExpiredRule = Field(default_factory=ExpiredRule, alias="waiver-expired")
+    waiver_unused: UnusedRule = Field(default_factory=UnusedRule, alias="waiver-unused")
+    model_version: Rule = Field(default_factory=Rule, alias="model-version")
+
+
+class DesignClass(Record):
+    """Designs with rules of their own: what is given here goes before ``rules``, field by field."""
+
+    name: Name = Field(description="Name, unique.", examples=["prototypes"])
+    files: Patterns | None = Field(
+        default=None, description="Patterns of file names (* and ?, * also crosses /).", examples=[["prototypes/*"]]
+    )
+    designs: Patterns | None = Field(
+        default=None, description="Patterns of the designs' own names.", examples=[["*rev A*"]]
+    )
+    rules: Rules = Field(default_factory=Rules, description="What differs from the policy's rules.")
+
+
+class Check(Record):
+    """How Monte Carlo is drawn."""
+
+    precision: Annotated[float, Field(ge=1e-4, le=0.5)] = Field(
+        default=0.01,
+        description="Relative half-width of the interval of P95 at which drawing may end.",
+        examples=[0.01],
+    )
+    max_trials: Annotated[int, Field(ge=1000, le=1_000_000_000)] = Field(
+        default=2**20, description="Trials after which an open question is inconclusive.", examples=[1048576]
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(
+        default=0, description="Seed; with a baseline, the baseline's is used.", examples=[0]
+    )
+
+
+class Policy(Record):
+    """What a design must keep to pass."""
+
+    schema_: Literal["tailstack/policy/1"] = Field(
+        alias="schema", description="Version of this document.", examples=["tailstack/policy/1"]
+    )
+    name: Name = Field(default="policy", description="Name of the policy.", examples=["drill guides"])
+    description: Annotated[str, Field(max_length=4000)] = Field(default="", description="Free text.")
+    rules: Rules = Field(default_factory=Rules, description="Rules by id.")
+    classes: Annotated[list[DesignClass], Field(max_length=100)] = Field(
+        default=[], description="Designs with rules of their own; the first class that matches counts."
+    )
+    verification: Check = Field(default_factory=Check, description="How Monte Carlo is drawn.")
+    guard_band_percent: Percent = Field(
+        default=10.0,
+        description="Mode auto draws Monte Carlo where a first-order value lies within so much of its limit, or where "
+        "first order cannot decide. Default 10.",
+        examples=[10.0],
+    )
+
+    @model_validator(mode="after")
+    def _names(self) -> Policy:
+        seen: set[str] = set()
+        for index, entry in enumerate(self.classes):
+            if entry.name in seen:
+                raise refusal("duplicate-name", f"two classes are called {entry.name!r}", at=f"classes/{index}/name")
+            seen.add(entry.name)
+        return self

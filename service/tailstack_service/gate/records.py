@@ -1,0 +1,100 @@
+"""What the gate answers with: frozen records, published as ``tailstack/gate/1``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from tailstack.results import Severity
+
+GateVerdict = Literal["pass", "fail", "inconclusive", "not evaluated"]
+Mode = Literal["analytic", "verify", "auto"]
+Level = Literal["error", "warning"]
+Fold = Literal["fail", "warn"]
+Basis = Literal["first order", "Monte Carlo", "none"]
+
+
+@dataclass(frozen=True, slots=True)
+class GateFinding:
+    """One remark, at the place of the offending value."""
+
+    rule: str  # stable id, see `tailstack gate --explain ID`
+    severity: Severity
+    file: str  # the name given with the design; of the policy, waivers or baseline where it is about them
+    line: int | None  # 1-based; null where the document did not come as text
+    column: int | None
+    pointer: str  # RFC 6901, into the file's document
+    message: str
+    value: float | None
+    limit: float | None
+    suppressed_by: str | None  # the waiver that accepts it; it then does not count
+
+
+@dataclass(frozen=True, slots=True)
+class GateNumber:
+    """One number that was held against a limit."""
+
+    rule: str
+    requirement: str  # the requirement's name; of a limit that the policy sets, the rule's id
+    target: str
+    unit: str  # mm, or "fraction" for a yield
+    value: float
+    interval: tuple[float, float | None] | None  # null: of a yield; an end that is null is not known
+    limit: float
+    status: Literal["pass", "fail", "inconclusive"]
+
+
+@dataclass(frozen=True, slots=True)
+class GateTarget:
+    """The error at one target: what a later gate compares with."""
+
+    name: str
+    first_order_p95_mm: float
+    p95_mm: float | None  # Monte Carlo; null where it was not drawn
+    p95_interval_mm: tuple[float, float] | None
+    cvar95_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class GatedDesign:
+    """One design and the numbers that were judged."""
+
+    file: str
+    name: str | None  # null: the document could not be read
+    sha256: str | None
+    design_class: str | None  # class of the policy whose rules applied
+    verdict: GateVerdict
+    basis: Basis
+    trials: int | None
+    targets: tuple[GateTarget, ...]
+    numbers: tuple[GateNumber, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class GateProvenance:
+    """What decided, besides the designs."""
+
+    tailstack_version: str
+    policy_name: str
+    policy_sha256: str  # of the canonical content, defaults filled in
+    waivers_sha256: str | None
+    baseline_sha256: str | None
+    today: str  # ISO 8601 date by which waivers were judged
+    not_included: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class GateRecord:
+    """Designs held to a policy."""
+
+    schema: Literal["tailstack/gate/1"]
+    verdict: GateVerdict
+    exit_code: int  # 0 pass, 1 fail, 2 bad document, 3 not evaluated, 4 inconclusive
+    mode: Mode
+    seed: int
+    fail_level: Level
+    on_inconclusive: Fold | None
+    max_regression_percent: float | None
+    findings: tuple[GateFinding, ...]
+    designs: tuple[GatedDesign, ...]
+    provenance: GateProvenance

@@ -1,0 +1,167 @@
+"""A gate as a request: what arrives over HTTP and what a job keeps, and the way from there to a verdict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import date
+from typing import Annotated, Any
+
+from pydantic import Field, ValidationError, model_validator
+
+from tailstack.design import Design, load_design
+from tailstack.design.fields import Name, Record, refusal
+from tailstack.design.reading import DEFAULT_LIMITS, Limits, Source
+from tailstack.design.refusals import refuse
+from tailstack.errors import DesignError, LimitError, Problem, TailstackError
+from tailstack.results import Verification
+
+from ..problems import RequestError
+from .designs import Gate, GateDesign, seed_of
+from .judging import judge
+from .reading import read_baseline, read_policy, read_waivers
+from .records import Fold, GateRecord, Level, Mode
+
+
+class GateRequestDesign(Record):
+    """One design of a gate."""
+
+    file: Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f]*$")] = Field(
+        description="What findings call it; the policy's patterns see this name.", examples=["designs/guide.yaml"]
+    )
+    design: dict[str, Any] | None = Field(default=None, description="The design document. Either this or text.")
+    text: str | None = Field(
+        default=None, description="The design document as YAML or JSON text: findings then have line and column."
+    )
+    class_: Name | None = Field(
+        default=None, alias="class", description="Class of the policy. Absent: the policy's patterns decide."
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> GateRequestDesign:
+        if (self.design is None) == (self.text is None):
+            raise refusal("one-of", "give exactly one of design and text")
+        return self
+
+
+class GateRequest(Record):
+    """Body of ``POST /v1/gates``."""
+
+    designs: Annotated[list[GateRequestDesign], Field(min_length=1)] = Field(description="The designs to judge.")
+    policy: dict[str, Any] | None = Field(
+        default=None, description="The policy (schema policy). Absent: the designs' own requirements, default rules."
+    )
+    waivers: dict[str, Any] | None = Field(default=None, description="Waivers (schema waivers).")
+    baseline: dict[str, Any] | None = Field(default=None, description="The answer of an earlier gate (schema gate).")
+    mode: Mode = Field(
+        default="auto",
+        description="analytic: first order, answered at once. verify: Monte Carlo for every design. auto: Monte Carlo "
+        "where first order is near a limit.",
+        examples=["analytic"],
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**63)] | None = Field(
+        default=None, description="Seed. Absent: the baseline's, else the policy's."
+    )
+    today: Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")] | None = Field(
+        default=None, description="Day by which waivers are judged, YYYY-MM-DD. Absent: the service's, UTC."
+    )
+    fail_level: Level = Field(default="error", description="Findings of this severity fail the gate.")
+    on_inconclusive: Fold | None = Field(default=None, description="What an open question counts as. Absent: 4.")
+    max_regression_percent: Annotated[float, Field(ge=0, le=1e6)] | None = Field(
+        default=None, description="Allowed rise of P95 over the baseline. Absent: the policy's."
+    )
+
+
+def admitted(data: Any, *, today: date, limits: Limits = DEFAULT_LIMITS, max_designs: int = 1000) -> dict[str, Any]:
+    """A request, checked through and complete: what a job keeps and :func:`evaluate` takes.
+
+    data: the body as plain data.  today: used where the request names no day.  Policy, waivers, baseline and every
+    design are read strictly.  Raises RequestError, GateError, DesignError or LimitError, pointers into the body.
+    """
+    request = _request(data, limits)
+    if len(request.designs) > max_designs:
+        detail = f"a gate takes {max_designs} designs at most; {len(request.designs)} arrived"
+        raise LimitError(Problem("/designs", "too-many", detail, "split it, or raise TAILSTACK_MAX_GATE_DESIGNS"))
+    complete = request.model_dump(mode="json", by_alias=True)
+    complete["designs"] = [{k: v for k, v in entry.items() if v is not None} for entry in complete["designs"]]
+    complete["today"] = request.today or today.isoformat()
+    gate = gate_of(complete, limits)
+    for index, entry in enumerate(gate.designs):
+        if entry.refusal is not None:
+            raise _inside(entry.refusal, index, "design" if "design" in complete["designs"][index] else "text")
+    return {**complete, "seed": gate.seed}
+
+
+def gate_of(data: dict[str, Any], limits: Limits = DEFAULT_LIMITS) -> Gate:
+    """The gate that an admitted request describes; a design that cannot be read is kept as its refusal.
+
+    Raises RequestError, GateError.
+    """
+    request = _request(data, limits)
+    policy = read_policy(request.policy, prefix="/policy")
+    today = _day(request.today)
+    waivers = None if request.waivers is None else read_waivers(request.waivers, today, prefix="/waivers")
+    baseline = None if request.baseline is None else read_baseline(request.baseline, prefix="/baseline")
+    known = [entry.name for entry in policy.document.classes]
+    for index, entry in enumerate(request.designs):
+        if entry.class_ is not None and entry.class_ not in known:
+            hint = f"classes: {', '.join(known)}" if known else "the policy has no classes"
+            detail = f"the policy has no class {entry.class_!r}"
+            raise RequestError(Problem(f"/designs/{index}/class", "unknown-value", detail, hint))
+    return Gate(
+        designs=tuple(_read(entry, limits) for entry in request.designs),
+        policy=policy,
+        waivers=waivers,
+        baseline=baseline,
+        mode=request.mode,
+        seed=seed_of(request.seed, policy, baseline),
+        today=today,
+        fail_level=request.fail_level,
+        on_inconclusive=request.on_inconclusive,
+        max_regression_percent=request.max_regression_percent,
+    )
+
+
+def evaluate(data: dict[str, Any]) -> GateRecord:
+    """The record of an admitted request, Monte Carlo included, computed here and now.
+
+    The same record as the job's; in mode analytic a matter of milliseconds.  Raises RequestError, GateError.
+    """
+    gate = gate_of(data)
+    return judge(gate, lambda design: verified(gate, design))
+
+
+def verified(gate: Gate, design: Design) -> Verification:
+    """Monte Carlo as the policy says.  Raises TailstackError."""
+    from tailstack.verifying import verify
+
+    check = gate.policy.document.verification
+    return verify(design, precision=check.precision, seed=gate.seed, max_trials=check.max_trials)
+
+
+def _request(data: Any, limits: Limits) -> GateRequest:
+    try:
+        return GateRequest.model_validate(data)
+    except ValidationError as error:
+        raise RequestError(refuse(error, Source(data, None, None), limits, GateRequest).problems) from None
+
+
+def _day(text: str | None) -> date:
+    try:
+        return date.fromisoformat(text or "")
+    except ValueError:
+        raise RequestError(Problem("/today", "bad-date", f"there is no such day: {text!r}", "YYYY-MM-DD")) from None
+
+
+def _read(entry: GateRequestDesign, limits: Limits) -> GateDesign:
+    # Text goes in as bytes: a text of one line would be taken for the path of a file.
+    given = entry.design if entry.text is None else entry.text.encode(errors="surrogatepass")
+    assert given is not None
+    try:
+        return GateDesign(entry.file, load_design(given, allow_files=False, limits=limits), None, entry.class_)
+    except (DesignError, LimitError) as error:
+        return GateDesign(entry.file, None, error, entry.class_)
+
+
+def _inside(error: TailstackError, index: int, field: str) -> TailstackError:
+    problems = [replace(p, pointer=f"/designs/{index}/{field}{p.pointer}") for p in error.problems]
+    return type(error)(problems)

@@ -1,0 +1,159 @@
+"""Rules about the error: quantiles, mean of the tail, exceedance, yield, and how far first order holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tailstack.results import Contributor, Score
+
+from .case import Case, Remark
+from .numbers import yield_floor
+from .records import GateNumber
+
+# What carries each limit of the policy in its document.
+_FIELDS = {"p95": "limit_mm", "cvar": "limit_mm", "exceedance": "limit_mm", "per-unit-yield": "min_yield"}
+
+
+def quantiles(case: Case) -> list[Remark]:
+    """p95"""
+    return _failed(case, "p95")
+
+
+def tail_means(case: Case) -> list[Remark]:
+    """cvar"""
+    return _failed(case, "cvar")
+
+
+def exceedances(case: Case) -> list[Remark]:
+    """exceedance"""
+    return _failed(case, "exceedance")
+
+
+def yields(case: Case) -> list[Remark]:
+    """per-unit-yield"""
+    return _failed(case, "per-unit-yield")
+
+
+def open_questions(case: Case) -> list[Remark]:
+    """inconclusive"""
+    hint = (
+        "first order cannot decide; gate with --mode auto or verify"
+        if case.verification is None
+        else f"open after {case.verification.trials:,} trials; the policy's verification.max_trials allows more"
+    )
+    return [_remark(case, number, hint) for number in case.numbers if number.status == "inconclusive"]
+
+
+def first_order_gaps(case: Case) -> list[Remark]:
+    """first-order-gap"""
+    allowed = case.rules.first_order_gap.max_percent
+    trust = case.score.validity
+    if case.verification is None:
+        percent = trust.expected_error_percent
+        if percent is not None and percent <= allowed:
+            return []
+        return [Remark("/views", f"{trust.statement}; {allowed:g} % are allowed", percent, allowed,
+                       unbounded=percent is None)]  # fmt: skip
+    remarks = []
+    for index, target in enumerate(case.verification.targets):
+        low, high = (target.first_order_p95_mm / end for end in reversed(target.p95_interval_mm))
+        if low <= 1 + allowed / 100 and high >= 1 - allowed / 100:
+            continue
+        percent = 100 * abs(target.first_order_ratio - 1)
+        way = "below" if target.first_order_ratio < 1 else "above"
+        message = (
+            f"target {target.name}: the first-order P95 is {percent:.2g} % {way} the verified one "
+            f"(nu = {trust.nu:.2g}); {allowed:g} % are allowed"
+        )
+        remarks.append(Remark(target_pointer(case, index), message, percent, allowed, target.name))
+    return remarks
+
+
+def _failed(case: Case, rule: str) -> list[Remark]:
+    return [_remark(case, number, "") for number in case.numbers if number.rule == rule and number.status == "fail"]
+
+
+def _remark(case: Case, number: GateNumber, hint: str) -> Remark:
+    what = _in_words(case, number)
+    message = f"{number.requirement}, target {number.target}: {what}" + (f"; {hint}" if hint else "")
+    if not hint and (blame := to_blame(case.score, number.target)):
+        message += f"; the largest share is {blame}"
+    bound, unbounded = _bound(case, number)
+    return Remark(
+        pointer=_pointer(case, number),
+        message=message,
+        value=number.value,
+        limit=number.limit,
+        target=number.target,
+        bound=bound,
+        about=number.rule,
+        unbounded=unbounded,
+    )
+
+
+def _in_words(case: Case, number: GateNumber) -> str:
+    if number.unit == "fraction":
+        return f"{number.value:.2%} of installed units are good, {number.limit:.2%} required"
+    low, high = number.interval or (number.value, None)
+    ends = f"[{low:.4g}, {'unknown' if high is None else f'{high:.4g}'}] mm"
+    if number.rule == "cvar":
+        return f"CVaR95 of the tcp error is {number.value:.4g} mm {ends}, limit {number.limit:g} mm"
+    quantile, error = 0.95, "tcp"
+    for requirement in case.design.document.requirements:
+        if requirement.name == number.requirement and number.rule == "p95":
+            quantile, error = requirement.quantile, requirement.error
+    if number.rule == "exceedance" and case.rules.exceedance.max_probability is not None:
+        quantile = 1 - case.rules.exceedance.max_probability
+        return (
+            f"more than {100 * (1 - quantile):g} % of shots may miss by over {number.limit:g} mm: "
+            f"P{100 * quantile:g} is {number.value:.4g} mm {ends}"
+        )
+    return f"P{100 * quantile:g} of the {error} error is {number.value:.4g} mm {ends}, limit {number.limit:g} mm"
+
+
+def _bound(case: Case, number: GateNumber) -> tuple[float | None, bool]:
+    """The end of the interval that a waiver must cover, and whether there is none."""
+    if number.interval is not None:
+        return number.interval[1], number.interval[1] is None
+    if case.verification is None:  # of a yield to first order only the status is known
+        return None, True
+    return yield_floor(number.value), False
+
+
+def _pointer(case: Case, number: GateNumber) -> str:
+    """The limit in the design; for a limit of the policy, the target that misses it."""
+    for index, requirement in enumerate(case.design.document.requirements):
+        if requirement.name == number.requirement and number.requirement not in _FIELDS:
+            return f"/requirements/{index}/" + ("min_yield" if number.unit == "fraction" else "limit_mm")
+    names = [target.name for target in case.score.targets]
+    return target_pointer(case, names.index(number.target))
+
+
+def target_pointer(case: Case, index: int) -> str:
+    """The document's target that the compiled target ``index`` belongs to; regions expand to several."""
+    name = case.score.targets[index].name
+    for place, target in enumerate(case.design.document.targets):
+        if target.name == name or (target.region is not None and name.startswith(f"{target.name}[")):
+            return f"/targets/{place}"
+    return "/targets"
+
+
+def to_blame(score: Score, target: str) -> str:
+    """The component with the largest share of the variance at a target, in words; "" when nothing varies."""
+    found = next((entry for entry in score.targets if entry.name == target), None)
+    lines = [] if found is None else single_lines(found.contributors)
+    if not lines or lines[0].variance_share <= 0:
+        return ""
+    first = lines[0]
+    component = "" if first.component == "all" else f" {first.component}"
+    width = "" if first.half_width is None else f" (half-width {first.half_width:.3g} {first.unit})"
+    return f"{first.name}{component}{width}, {first.variance_share:.0%} of the variance"
+
+
+def single_lines(contributors: Sequence[Contributor]) -> list[Contributor]:
+    """Lines that do not overlap: components, and contributors without any; largest share first."""
+    counts: dict[str, int] = {}
+    for entry in contributors:
+        counts[entry.name] = counts.get(entry.name, 0) + 1
+    kept = [entry for entry in contributors if entry.component != "all" or counts[entry.name] == 1]
+    return sorted(kept, key=lambda entry: entry.variance_share, reverse=True)

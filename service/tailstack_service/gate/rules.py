@@ -1,0 +1,285 @@
+"""The rules by id: title, weight, which way is worse, the page that ``--explain`` prints, and the function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from .case import Case, Remark
+from .history_rules import regressions
+from .layout_rules import close_fiducials, close_images, narrow_margins, tight_tolerances, weaknesses
+from .requirement_rules import exceedances, first_order_gaps, open_questions, quantiles, tail_means, yields
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One rule of the gate."""
+
+    id: str  # stable
+    title: str
+    severity: Literal["error", "warning", "note"]  # unless the policy says otherwise
+    worse: Literal["more", "less", "fixed"]  # fixed: it has no value and cannot be waived
+    unit: str
+    page: str
+    find: Callable[[Case], list[Remark]] | None = None  # None: not about one design that was computed
+
+
+_RULES = (
+    Rule(
+        "p95",
+        "A quantile of the error is above its limit",
+        "error",
+        "more",
+        "mm",
+        """\
+The error at the tool (or of the localised target) has a quantile, P95 unless the requirement says otherwise, that lies
+above its limit: the lower end of its interval does. Judged are all pooled requirements of the design and, if the
+policy sets `limit_mm`, the P95 of the TCP error at every target.
+
+To first order the interval is the calibrated error of the linearisation; by Monte Carlo it is a confidence interval.
+
+What to do: the message names the tolerance with the largest share of the variance; `tailstack score DESIGN` prints
+the whole budget, `tailstack optimise DESIGN` looks for the cheapest design that keeps the limit.
+
+Policy: severity, limit_mm, confidence. Waiver: max_value in mm, compared with the upper end of the interval.""",
+        quantiles,
+    ),
+    Rule(
+        "cvar",
+        "The mean of the worst 5 % of errors is above its limit",
+        "error",
+        "more",
+        "mm",
+        """\
+CVaR95 is the mean error of the worst 5 % of shots: unlike P95 it says how bad the bad ones are. Judged only if the
+policy sets `limit_mm`. To first order its interval is twice the calibrated error of the linearisation; by Monte Carlo
+it comes from a bound of its standard error.
+
+What to do: as for p95; heavy tails come from few, wide, non-normal contributors.
+
+Policy: severity, limit_mm, confidence. Waiver: max_value in mm, compared with the upper end of the interval.""",
+        tail_means,
+    ),
+    Rule(
+        "exceedance",
+        "Too many shots miss by more than the limit",
+        "error",
+        "more",
+        "mm",
+        """\
+The probability that the TCP error is beyond `limit_mm` is above `max_probability`. It is decided as the quantile of
+order 1 - max_probability against limit_mm, which is the same question with a better interval; the finding's value is
+that quantile in mm.
+
+Policy: severity, limit_mm, max_probability, confidence. Waiver: max_value in mm, compared with the upper end of the
+interval.""",
+        exceedances,
+    ),
+    Rule(
+        "per-unit-yield",
+        "Too few installed units are good",
+        "error",
+        "less",
+        "fraction",
+        """\
+A unit is installed once: its own errors of installation stay. It is good if the quantile over its own shots is within
+the limit. The yield is the fraction of units that are good. Judged are the design's requirements with `risk: per_unit`
+and, if the policy sets them, `limit_mm` with `min_yield`.
+
+What to do: tighten what is drawn once per unit (interfaces, hand-eye, manufacturing); noise of the images averages
+out within a unit.
+
+Policy: severity, limit_mm, min_yield, confidence. Waiver: min_value as a fraction, compared with the lower confidence
+limit by Monte Carlo; to first order no waiver covers it.""",
+        yields,
+    ),
+    Rule(
+        "first-order-gap",
+        "First order and Monte Carlo disagree",
+        "warning",
+        "more",
+        "%",
+        """\
+The first-order P95 differs from the verified one by more than `max_percent`, interval included. Where no Monte Carlo
+was drawn, the calibrated error of the linearisation is judged instead. First order errs towards optimism when the
+fiducials form a small cluster far from the target.
+
+What to do: gate with --mode verify, and do not quote the first-order number. More spread, more fiducials or a target
+nearer to them make the chain more linear.
+
+Policy: severity, max_percent. Waiver: max_value in per cent.""",
+        first_order_gaps,
+    ),
+    Rule(
+        "conditioning",
+        "The layout barely determines the answer",
+        "warning",
+        "less",
+        "",
+        """\
+The structure is flat (thickness over width), a view is barely resected (second smallest over largest singular value),
+or the rays to a target meet at a small angle. Image noise is then amplified about in the inverse ratio. A layout that
+does not determine the answer at all is not judged: see not-evaluated.
+
+What to do: the message names the direction that is weak; lift fiducials out of the plane, or turn a view.
+
+Policy: severity. Waiver: min_value in the unit of the finding (mm, ratio or degrees).""",
+        weaknesses,
+    ),
+    Rule(
+        "fiducial-spacing",
+        "Two fiducials are too close",
+        "error",
+        "less",
+        "mm",
+        """\
+Two fiducials are closer than `min_mm`, centre to centre. Judged only if the policy sets it: how much wall a bead needs
+is a matter of manufacturing.
+
+Policy: severity, min_mm. Waiver: min_value in mm.""",
+        close_fiducials,
+    ),
+    Rule(
+        "visibility",
+        "A fiducial is imaged too near the border",
+        "warning",
+        "less",
+        "px",
+        """\
+In some view an image of a fiducial is nearer to the border than `min_margin_px`, at the biased geometry without noise.
+A view whose image size is not stated cannot be checked and is remarked as well. A fiducial outside the image is not
+judged: see not-evaluated.
+
+What to do: move the isocentre or the source; a longer source_isocentre_mm widens the field.
+
+Policy: severity, min_margin_px. Waiver: min_value in px.""",
+        narrow_margins,
+    ),
+    Rule(
+        "overlap",
+        "Two images may not be told apart",
+        "warning",
+        "less",
+        "px",
+        """\
+In some view the images of two fiducials are closer than `min_px`. A segmentation may merge or swap them, which no
+number of tailstack includes.
+
+What to do: move one of the two across the ray that joins them.
+
+Policy: severity, min_px. Waiver: min_value in px.""",
+        close_images,
+    ),
+    Rule(
+        "process-capability",
+        "A tolerance is tighter than its process can hold",
+        "error",
+        "less",
+        "deg or mm",
+        """\
+A half-width of the design is below what the policy says its process can hold. Such a tolerance makes the budget look
+good and the part reject.
+
+What to do: widen it, or name a better process in the policy.
+
+Policy: severity, processes (name, tolerances as patterns, min_half_width_deg, min_half_width_mm). Waiver: min_value in
+the unit of the tolerance.""",
+        tight_tolerances,
+    ),
+    Rule(
+        "regression",
+        "Worse than the baseline",
+        "error",
+        "more",
+        "%",
+        """\
+The P95 of the TCP error at a target is more than `max_percent` (--max-regression) above that of the baseline, an
+earlier gate written with --format json=FILE. Both are computed with the same seed. Monte Carlo is compared where both
+drew as many trials, first order otherwise, so that a difference is the design's and not chance. Absolute limits stay
+absolute: a failed limit fails whatever the baseline says.
+
+Policy: severity, max_percent. Waiver: max_value in per cent.""",
+        regressions,
+    ),
+    Rule(
+        "inconclusive",
+        "An interval holds the limit",
+        "error",
+        "fixed",
+        "",
+        """\
+Neither pass nor fail can be said: the limit lies within the interval. To first order the calibrated error of the
+linearisation is too wide; by Monte Carlo the cap on trials was reached. The gate then leaves with exit code 4, which
+--on-inconclusive folds into 1 (fail) or 0 (warn).
+
+What to do: --mode verify; a larger verification.max_trials in the policy; or a design that is not on its limit.
+
+Policy: severity error or warning (warning: as --on-inconclusive warn). A waiver of the rule that is open covers it, if
+the interval's end is within the waiver's value.""",
+        open_questions,
+    ),
+    Rule(
+        "waiver-expired",
+        "A waiver is beyond its date",
+        "error",
+        "fixed",
+        "",
+        """\
+The last day of a waiver has passed. It accepts nothing any more, and the gate fails until it is removed or renewed by
+its owner (at most 180 days ahead).""",
+    ),
+    Rule(
+        "waiver-unused",
+        "A waiver accepts nothing",
+        "note",
+        "fixed",
+        "",
+        """\
+No finding of this gate was accepted by the waiver: the cause is gone, the value is beyond what was accepted, or its
+patterns match no design. Remove it, so that it does not accept what comes later.
+
+Policy: severity.""",
+    ),
+    Rule(
+        "model-version",
+        "The baseline was computed by another version",
+        "warning",
+        "fixed",
+        "",
+        """\
+The baseline was written by another version of tailstack. Numbers may differ for that reason; the changelog says where.
+Write a new baseline.
+
+Policy: severity.""",
+    ),
+    Rule(
+        "invalid-design",
+        "The design document is not valid",
+        "error",
+        "fixed",
+        "",
+        """\
+The document cannot be read or breaks a rule of design documents; every problem is a finding of its own. Nothing was
+judged, and the gate leaves with exit code 2. `tailstack validate DESIGN` says the same; `tailstack schema design` is
+the rule book.""",
+    ),
+    Rule(
+        "not-evaluated",
+        "The design could not be evaluated",
+        "error",
+        "fixed",
+        "",
+        """\
+The geometry does not determine the answer, a method was outside its range, a computation did not converge, or nothing
+was there to judge: the design states no requirement and the policy sets no limit. The gate leaves with exit code 3; a
+design that was not judged never passes.""",
+    ),
+)
+
+RULES: dict[str, Rule] = {rule.id: rule for rule in _RULES}
+
+
+def explanation(rule: Rule) -> str:
+    """The page of a rule, as ``tailstack gate --explain`` prints it."""
+    return f"{rule.id}: {rule.title}\n\n{rule.page}\n\nseverity unless the policy says otherwise: {rule.severity}\n"
