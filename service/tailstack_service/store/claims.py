@@ -59,14 +59,15 @@ def place_of(created_at: float, number: int, spec: bytes) -> float:
     return created_at + SECONDS_PER_FURTHER_UNIT * max(0, number - UNITS_IN_PLACE)
 
 
-def new_unit(job_id: str, number: int, spec: bytes, created_at: float) -> dict[str, Any]:
-    """A row of ``units`` that can be claimed."""
+def new_unit(job_id: str, number: int, spec: bytes, created_at: float, at: float) -> dict[str, Any]:
+    """A row of ``units`` that can be claimed from ``at`` on, of a job that came in at ``created_at``."""
     return {
         "job_id": job_id,
         "number": number,
         "advance": spec == ADVANCE,
         "state": "ready",
         "place": place_of(created_at, number, spec),
+        "ready_at": at,
         "spec": spec,
         "token": 0,
         "attempts": 0,
@@ -192,7 +193,7 @@ def _settled(
 def _begin_anew(connection: Connection, job: AnyRow, at: float, version: str) -> None:
     """After an upgrade: what another version computed is not mixed with what this one computes."""
     connection.execute(sa.delete(tables.units).where(_UNIT.job_id == job.id))
-    connection.execute(tables.units.insert(), new_unit(job.id, 0, ADVANCE, job.created_at))
+    connection.execute(tables.units.insert(), new_unit(job.id, 0, ADVANCE, job.created_at, at))
     last = job.last_event + 1
     tell(connection, job.id, last, at, "recomputed", {"from": job.solver_version, "to": version})
     if job.state == "queued":

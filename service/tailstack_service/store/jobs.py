@@ -23,7 +23,7 @@ from .errors import IdempotencyConflict, QueueFull
 from .events import Event, events_after, tell
 from .identifiers import is_job_id, new_job_id, storable
 
-__all__ = ["Event", "Job", "Page", "cancel", "counts", "events_after", "find", "page", "request_of", "submit"]
+__all__ = ["Event", "Job", "Page", "cancel", "events_after", "find", "page", "request_of", "submit"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ def submit(
         values = {name: getattr(job, name) for name in Job.__dataclass_fields__}
         connection.execute(tables.jobs.insert(), values | {"idempotency_key": idempotency_key})
         connection.execute(tables.requests.insert(), {"job_id": job.id, "body": request})
-        connection.execute(tables.units.insert(), new_unit(job.id, 0, ADVANCE, at))
+        connection.execute(tables.units.insert(), new_unit(job.id, 0, ADVANCE, at, at))
         tell(connection, job.id, 1, at, "state", {"state": "queued"})
     return job, True
 
@@ -232,11 +232,3 @@ def cancel(db: Database, tenant: str, job_id: str) -> Job | None:
             return job
         end_job(connection, job.id, job.last_event, now(db, connection), "cancelled")
         return _find(connection, tenant, job_id)
-
-
-def counts(db: Database) -> dict[str, int]:
-    """How many jobs of all tenants are in each state."""
-    query = sa.select(tables.jobs.c.state, sa.func.count()).group_by(tables.jobs.c.state)
-    with reading(db) as connection:
-        found: dict[str, int] = {row[0]: row[1] for row in connection.execute(query)}
-    return {state: found.get(state, 0) for state in tables.STATES}

@@ -78,6 +78,7 @@ units = sa.Table(
     Column("advance", Boolean, nullable=False),
     Column("state", Text, nullable=False),
     Column("place", Double, nullable=False),  # in the queue of all units: epoch seconds
+    Column("ready_at", Double, nullable=False),  # since when it waits, or waited
     Column("spec", LargeBinary),
     Column("token", Integer, nullable=False),
     Column("attempts", Integer, nullable=False),
@@ -141,6 +142,7 @@ usage = sa.Table(
     "usage",
     metadata,
     Column("tenant", Identifier, primary_key=True),
-    Column("minute", Integer, primary_key=True, autoincrement=False),  # epoch seconds over 60
+    Column("minute", Integer, primary_key=True, autoincrement=False),  # epoch seconds over 60; 0: all that is older
+    Column("units", Integer, nullable=False),
     Column("cpu_seconds", Double, nullable=False),
 )

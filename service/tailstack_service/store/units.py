@@ -18,7 +18,7 @@ from .database import AnyRow, Database, now, writing
 from .endings import as_problem, end_job
 from .events import eta_seconds, tell
 from .identifiers import storable
-from .usage import add_cpu_seconds
+from .usage import count_unit
 from .workers import Worker, goodbye, heartbeat, workers
 
 __all__ = ["Claim", "Worker", "claim", "goodbye", "heartbeat", "record", "release", "renew", "workers"]
@@ -81,7 +81,7 @@ def record(db: Database, claim: Claim, outcome: Outcome, *, max_job_seconds: flo
         at = now(db, connection)
         cpu_seconds = job.cpu_seconds + outcome.cpu_seconds
         changes = {"units_done": job.units_done + 1, "cpu_seconds": cpu_seconds}
-        add_cpu_seconds(db, connection, job.tenant, at, outcome.cpu_seconds)
+        count_unit(db, connection, job.tenant, at, outcome.cpu_seconds)
         if outcome.problem is not None:
             end_job(connection, job.id, job.last_event, at, "failed", problem=outcome.problem, changes=changes)
         elif outcome.answer is not None:
@@ -143,13 +143,13 @@ def _go_on(
 ) -> None:
     """The units that come next, and word of how far the job is."""
     if outcome.more:
-        rows = [new_unit(job.id, claim.index + 1 + k, spec, job.created_at) for k, spec in enumerate(outcome.more)]
+        rows = [new_unit(job.id, claim.index + 1 + k, spec, job.created_at, at) for k, spec in enumerate(outcome.more)]
         connection.execute(tables.units.insert(), rows)
         changes["units_expected"] = changes["units_done"] + len(rows) + outcome.remaining + 1
         changes["note"] = storable(outcome.note)
     elif not connection.execute(sa.select(sa.exists().where(_UNIT.job_id == job.id, _OPEN))).scalar_one():
         last = connection.execute(sa.select(sa.func.max(_UNIT.number)).where(_UNIT.job_id == job.id)).scalar_one()
-        connection.execute(tables.units.insert(), new_unit(job.id, last + 1, ADVANCE, job.created_at))
+        connection.execute(tables.units.insert(), new_unit(job.id, last + 1, ADVANCE, job.created_at, at))
     told = {
         "units_done": changes["units_done"],
         "units_expected": changes.get("units_expected", job.units_expected),
@@ -179,14 +179,14 @@ def release(db: Database, claim: Claim, *, died: bool) -> None:
         job = _hold(connection, claim)
         if job is None or job.state not in tables.UNFINISHED:
             return
-        deaths = claim.deaths + died
+        deaths, at = claim.deaths + died, now(db, connection)
         statement = (
             sa.update(tables.units)
             .where(_of(claim), _UNIT.token == claim.token, _UNIT.state == tables.LEASED)
-            .values(state="ready", deaths=deaths, worker_id=None, lease_until=None)
+            .values(state="ready", ready_at=at, deaths=deaths, worker_id=None, lease_until=None)
         )
         if connection.execute(statement).rowcount != 1:
             return
         if deaths >= claim.max_deaths or claim.attempts >= claim.max_attempts:
             problem = lost_unit(claim.attempts, deaths)
-            end_job(connection, job.id, job.last_event, now(db, connection), "failed", problem=problem)
+            end_job(connection, job.id, job.last_event, at, "failed", problem=problem)

@@ -64,6 +64,7 @@ def upgrade() -> None:
         sa.Column("advance", sa.Boolean, nullable=False),
         sa.Column("state", sa.Text, nullable=False),
         sa.Column("place", sa.Double, nullable=False),
+        sa.Column("ready_at", sa.Double, nullable=False),
         sa.Column("spec", sa.LargeBinary),
         sa.Column("token", sa.Integer, nullable=False),
         sa.Column("attempts", sa.Integer, nullable=False),
@@ -111,6 +112,7 @@ def upgrade() -> None:
         "usage",
         sa.Column("tenant", IDENTIFIER, primary_key=True),
         sa.Column("minute", sa.Integer, primary_key=True, autoincrement=False),
+        sa.Column("units", sa.Integer, nullable=False),
         sa.Column("cpu_seconds", sa.Double, nullable=False),
     )
 
