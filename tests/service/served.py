@@ -1,0 +1,92 @@
+"""A real ``tailstack serve`` with its worker: a process of its own, a database in a temporary directory."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+import psutil
+from service_scenes import ROOT
+
+COMMAND = [sys.executable, "-m", "tailstack_service.cli.main"]
+PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
+READY_SECONDS = 120.0  # a cold compile cache takes a while
+STOP_SECONDS = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class Served:
+    """A running service: where it answers, what it was told, where it writes its log."""
+
+    url: str
+    environment: dict[str, str]
+    log: Path
+
+    def run(self, *arguments: str) -> str:
+        """Standard output of another tailstack command on the same database."""
+        done = subprocess.run(
+            [*COMMAND, *arguments], env=self.environment, capture_output=True, text=True, timeout=60, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+
+def environment(directory: Path, **changes: str) -> dict[str, str]:
+    """Nothing of the caller's settings, and a SQLite file below ``directory``."""
+    kept = {key: value for key, value in os.environ.items() if not key.startswith("TAILSTACK_")}
+    own = {"TAILSTACK_DATABASE": f"sqlite:///{directory / 'jobs.sqlite3'}", "TAILSTACK_WORKER_PROCESSES": "1"}
+    return {**kept, "PYTHONPATH": PATH, "OMP_NUM_THREADS": "1", **own, **changes}
+
+
+@contextmanager
+def served(directory: Path, **changes: str) -> Iterator[Served]:
+    """A service that is ready; it and everything it started are ended when the block is left, whatever way."""
+    log, variables = directory / "serve.log", environment(directory, **changes)
+    with log.open("w") as stderr:
+        process = subprocess.Popen(
+            [*COMMAND, "serve", "--port", "0"], stdout=subprocess.PIPE, stderr=stderr, text=True, env=variables
+        )
+    assert process.stdout is not None
+    try:
+        line = process.stdout.readline()
+        found = re.match(r"serving on (http://\S+)", line)
+        assert found, line + log.read_text()
+        _await_ready(found.group(1), process, log)
+        yield Served(found.group(1), variables, log)
+    finally:
+        _end(process)
+
+
+def _await_ready(url: str, process: subprocess.Popen[str], log: Path) -> None:
+    deadline = time.monotonic() + READY_SECONDS
+    while httpx.get(url + "/health/ready", timeout=30, trust_env=False).status_code != 200:
+        assert process.poll() is None, log.read_text()
+        assert time.monotonic() < deadline, log.read_text()
+        time.sleep(0.1)
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """SIGTERM, and SIGKILL for whoever of the family is still there."""
+    family = [process.pid]
+    if process.poll() is None:
+        family += [child.pid for child in psutil.Process(process.pid).children(recursive=True)]
+        process.send_signal(signal.SIGTERM)
+    try:
+        process.wait(STOP_SECONDS)
+    except subprocess.TimeoutExpired:
+        for pid in family:
+            if psutil.pid_exists(pid):
+                os.kill(pid, signal.SIGKILL)
+        process.wait(STOP_SECONDS)
+    finally:
+        if process.stdout is not None:
+            process.stdout.close()
