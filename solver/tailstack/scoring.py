@@ -11,7 +11,7 @@ from .contributors import ErrorLaw, WorstCase, budget, declared_law, error_law
 from .design import Design, check_design
 from .errors import OutOfRangeError
 from .estimation.checks import examine
-from .propagation.linear import LinearModel, covariance_block_diagonal, largest_rotation_rad, linearise
+from .propagation.linear import LinearModel, covariance_block_diagonal, largest_rotation_rad, linearise_all
 from .propagation.second_order import refuse_outside_range, second_order_moments
 from .propagation.validity import validity
 from .results import (
@@ -207,7 +207,7 @@ def score(design: Design | System, *, second_order: bool = False) -> Score:
     geometry that does not determine the answer.
     """
     system, findings, views = checked_system(design)
-    models = {target.name: linearise(system, target) for target in system.targets}
+    models = linearise_all(system)
     trust = trust_of(system, models)
     targets = []
     known = {}

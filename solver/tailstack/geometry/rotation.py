@@ -6,6 +6,8 @@ small-angle form is ``R = I + [omega]x`` (Eq 13): first order in the angles, and
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..system import Array, RotationForm
@@ -83,6 +85,61 @@ def torsor_derivatives(
     arm = np.asarray(point_mm, dtype=float) - pivot_mm
     turning = np.einsum("aij,...j->...ia", rotation_derivatives(np.asarray(torsor)[:3], form), arm)
     return np.concatenate([turning, np.broadcast_to(np.eye(3), turning.shape)], axis=-1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Displacement:
+    """``x -> R x + s`` with the derivative of R by its three angles: what a mount does at its bias, for any point."""
+
+    pivot_mm: Array  # (3,)
+    rotation: Array  # (3, 3)
+    shift_mm: Array  # (3,) p - R p + t
+    by_angle: Array  # (3, 3, 3), angle first
+
+    def moved(self, point_mm: Array) -> Array:
+        """(3,) -> (3,)."""
+        return np.asarray(self.rotation @ point_mm + self.shift_mm)
+
+    def by_torsor(self, point_mm: Array) -> Array:
+        """As :func:`torsor_derivatives`: (3,) -> (3, 6)."""
+        out = np.empty((3, 6))
+        out[:, :3] = np.einsum("aij,j->ia", self.by_angle, point_mm - self.pivot_mm)
+        out[:, 3:] = _IDENTITY
+        return out
+
+    def matrix(self) -> Array:
+        """(4, 4)."""
+        return rigid_transform(self.rotation, self.shift_mm)
+
+
+_IDENTITY = np.eye(3)
+
+
+def displacement(torsor: Array, pivot_mm: Array, form: RotationForm = RotationForm.FULL) -> Displacement:
+    """The displacement of one torsor (6,) about a pivot (3,), rad and mm, all of it at once.
+
+    The same numbers as :func:`torsor_transform` and :func:`torsor_derivatives`, which take batches and each turn their
+    own angles.
+    """
+    if form is RotationForm.SMALL_ANGLE:
+        rotation, by_angle = rotation_xyz(torsor[:3], form), rotation_derivatives(torsor[:3], form)
+    else:
+        cx, cy, cz = np.cos(torsor[:3]).tolist()
+        sx, sy, sz = np.sin(torsor[:3]).tolist()
+        about_z = np.array([[cz, -sz, 0.0], [sz, cz, 0.0], [0.0, 0.0, 1.0]])
+        by_z = np.array([[-sz, -cz, 0.0], [cz, -sz, 0.0], [0.0, 0.0, 0.0]])
+        # Rx Ry and its derivatives by rx and ry: every entry is one product.
+        before = np.array(
+            [
+                [[cy, 0.0, sy], [sx * sy, cx, -sx * cy], [-cx * sy, sx, cx * cy]],
+                [[0.0, 0.0, 0.0], [cx * sy, -sx, -cx * cy], [sx * sy, cx, -sx * cy]],
+                [[-sy, 0.0, cy], [sx * cy, 0.0, sx * sy], [-cx * cy, 0.0, -cx * sy]],
+            ]
+        )
+        turned = before @ about_z
+        rotation = turned[0]
+        by_angle = np.stack((turned[1], turned[2], before[0] @ by_z))
+    return Displacement(pivot_mm, rotation, pivot_mm - rotation @ pivot_mm + torsor[3:], by_angle)
 
 
 def rigid_inverse(transform: Array) -> Array:
