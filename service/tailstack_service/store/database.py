@@ -28,6 +28,8 @@ POSTGRESQL_OPTIONS = (
 )
 # Primary result codes of SQLite that say "not now": BUSY, LOCKED, NOMEM, INTERRUPT, IOERR, FULL, CANTOPEN, PROTOCOL
 PASSING_SQLITE_CODES = {5, 6, 7, 9, 10, 13, 14, 15}
+DAMAGED_SQLITE_CODES = {11, 26}  # CORRUPT, NOTADB
+CLOSED_SQLITE_CODES = {3, 8, 23}  # PERM, READONLY, AUTH
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,10 +176,14 @@ def _passing_faults() -> Iterator[None]:
     try:
         yield
     except (exc.DBAPIError, exc.TimeoutError) as error:
-        if not _passes(error):
-            raise
         reason = str(getattr(error, "orig", None) or error).strip().partition("\n")[0]
-        raise StoreUnavailable(Problem("", "store-unavailable", reason, "try again in a moment")) from error
+        if _passes(error):
+            hint = "try again in a moment; the server that TAILSTACK_DATABASE names must be running"
+            raise StoreUnavailable(Problem("", "store-unavailable", reason, hint)) from error
+        cure = _cure(error)
+        if cure is not None:
+            raise StoreError(Problem("", "unusable-database", reason, cure)) from error
+        raise
 
 
 def _passes(error: exc.DBAPIError | exc.TimeoutError) -> bool:
@@ -187,6 +193,18 @@ def _passes(error: exc.DBAPIError | exc.TimeoutError) -> bool:
     if code is not None:
         return code & 0xFF in PASSING_SQLITE_CODES
     return isinstance(error, exc.OperationalError | exc.InterfaceError)
+
+
+def _cure(error: exc.DBAPIError | exc.TimeoutError) -> str | None:
+    """What an operator can do about a database that cannot be used as it is; None for a defect of ours."""
+    original = getattr(error, "orig", None)
+    if getattr(original, "sqlite_errorcode", 0) & 0xFF in DAMAGED_SQLITE_CODES:
+        return "restore a backup, or set TAILSTACK_DATABASE to another file"
+    if getattr(original, "sqlite_errorcode", 0) & 0xFF in CLOSED_SQLITE_CODES:
+        return "this user must be allowed to write the file and its directory"
+    if getattr(original, "sqlstate", None) == "42501":
+        return "the user of TAILSTACK_DATABASE must own the database: ALTER DATABASE name OWNER TO user"
+    return None
 
 
 def now(db: Database, connection: Connection) -> float:

@@ -1,0 +1,59 @@
+"""Create, check and back up the database of jobs that TAILSTACK_DATABASE names (empty: a SQLite file of yours)."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from .answer import NOT_EVALUATED, PASS, Answer
+
+HELP = "migrate, check or back up the database of jobs"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    actions.add_parser("migrate", help="create the tables, or bring them to this version", allow_abbrev=False)
+    actions.add_parser("check", help="look at every job, unit and result; exit code 3 if one is wrong")
+    backup = actions.add_parser("backup", help="copy it into one file while the service runs")
+    backup.add_argument("-o", "--output", metavar="FILE", required=True, help="file to make; must not exist")
+
+
+def run(arguments: argparse.Namespace) -> Answer:
+    from ..settings import settings_from
+    from ..store import upkeep
+
+    url = settings_from(os.environ).database_url
+    if arguments.action == "migrate":
+        before, after = upkeep.migrate(url)
+        words = "already at" if before == after else "created with" if before is None else f"from {before} to"
+        print(f"{_shown(url)}: {words} schema version {after}", file=sys.stderr)
+        return Answer("")
+    if arguments.action == "backup":
+        restored = upkeep.backup(url, Path(arguments.output))
+        size = Path(arguments.output).stat().st_size
+        print(f"wrote {arguments.output} ({size:,} bytes)\nto restore it: {restored}", file=sys.stderr)
+        return Answer("")
+    return _check(url)
+
+
+def _check(url: str) -> Answer:
+    from ..store import upkeep
+    from ..store.database import connect
+
+    db = connect(url)
+    try:
+        checks = upkeep.check(db)
+    finally:
+        db.close()
+    lines = [f"{'ok  ' if entry.ok else 'FAIL'}  {entry.name}: {entry.detail}\n" for entry in checks]
+    sound = all(entry.ok for entry in checks)
+    lines.append(f"{_shown(url)}: {'sound' if sound else 'not sound'}\n")
+    return Answer("".join(lines), PASS if sound else NOT_EVALUATED)
+
+
+def _shown(url: str) -> str:
+    from ..store.database import parse_url
+
+    return parse_url(url).set(drivername=parse_url(url).get_backend_name()).render_as_string(hide_password=True)

@@ -1,0 +1,97 @@
+"""Make, list and revoke the API keys of a service that runs with TAILSTACK_AUTH=required."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from typing import TYPE_CHECKING
+
+from .answer import Answer
+
+if TYPE_CHECKING:
+    from ..store.database import Database
+
+HELP = "make, list or revoke API keys"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    create = actions.add_parser("create", help="make a key; its secret is printed once", allow_abbrev=False)
+    create.add_argument("--tenant", metavar="T", required=True, help="whose jobs it reaches")
+    create.add_argument("--name", metavar="N", required=True, help="who or what uses it, for the list")
+    create.add_argument(
+        "--scope", action="append", metavar="S",
+        help="read, compute or metrics; may be repeated (default: read and compute)",
+    )  # fmt: skip
+    create.add_argument("--days", type=float, default=365.0, metavar="D", help="good for D days (default %(default)g)")
+    listed = actions.add_parser("list", help="every key, without secrets", allow_abbrev=False)
+    listed.add_argument("--tenant", metavar="T", help="only this tenant's")
+    listed.add_argument("--json", action="store_true", help="as JSON")
+    revoke = actions.add_parser("revoke", help="refuse a key from now on", allow_abbrev=False)
+    revoke.add_argument("id", metavar="ID", help="as tailstack keys list shows it, or the secret itself")
+
+
+def run(arguments: argparse.Namespace) -> Answer:
+    from ..settings import settings_from
+    from ..store.database import open_database
+
+    db = open_database(settings_from(os.environ).database_url, migrate=True)
+    try:
+        return {"create": _create, "list": _list, "revoke": _revoke}[arguments.action](db, arguments)
+    finally:
+        db.close()
+
+
+def _create(db: Database, arguments: argparse.Namespace) -> Answer:
+    from ..store.keys import create_key
+
+    scopes = tuple(arguments.scope or ("read", "compute"))
+    key, secret = create_key(db, tenant=arguments.tenant, name=arguments.name, scopes=scopes, days=arguments.days)
+    print(
+        f"key {key.id} of tenant {key.tenant}, scopes {', '.join(key.scopes)}, good until {_day(key.expires_at)}.\n"
+        "The line on stdout is its secret: it is shown this once. Send it with every request:\n"
+        f"  Authorization: Bearer tsk_{key.id}_...",
+        file=sys.stderr,
+    )
+    return Answer(secret + "\n")
+
+
+def _list(db: Database, arguments: argparse.Namespace) -> Answer:
+    import json
+    from dataclasses import asdict
+
+    from ..rendering.tables import table
+    from ..store.keys import list_keys
+
+    found = list_keys(db, arguments.tenant)
+    if arguments.json:
+        return Answer(json.dumps([{**asdict(key), "state": state} for key, state in found], indent=2).encode())
+    if not found:
+        print("there are no keys; to make one: tailstack keys create --tenant T --name N", file=sys.stderr)
+        return Answer("")
+    rows = [
+        (key.id, key.tenant, key.name, " ".join(key.scopes), _day(key.created_at), _day(key.expires_at), state)
+        for key, state in found
+    ]
+    return Answer(table(("id", "tenant", "name", "scopes", "created", "expires", "state"), rows, left=7) + "\n")
+
+
+def _revoke(db: Database, arguments: argparse.Namespace) -> Answer:
+    from tailstack.errors import Problem
+
+    from ..problems import RequestError
+    from ..store.keys import id_of, revoke
+
+    key_id = id_of(arguments.id)
+    key = revoke(db, key_id)
+    if key is None:
+        raise RequestError(Problem("", "unknown-key", f"there is no key {key_id[:40]!r}", "tailstack keys list"))
+    print(f"key {key.id} of tenant {key.tenant} is refused from now on", file=sys.stderr)
+    return Answer("")
+
+
+def _day(epoch_seconds: float) -> str:
+    from datetime import UTC, datetime
+
+    return datetime.fromtimestamp(epoch_seconds, UTC).strftime("%Y-%m-%d")
