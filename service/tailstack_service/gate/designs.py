@@ -80,6 +80,14 @@ def _first_order(gate: Gate, entry: GateDesign) -> Computed:
         return Computed(entry, name, rules, None, added, None, error)
 
 
+def held_to(gate: Gate, index: int) -> Design:
+    """A design with the policy's limits among its requirements, without its score.  Raises DesignError, LimitError."""
+    entry = gate.designs[index]
+    assert entry.design is not None
+    name = gate.policy.class_of(entry.file, entry.design.name, entry.design_class)
+    return load_design(with_policy(entry.design, gate.policy.rules_for(name))[0])
+
+
 def wants_check(gate: Gate, computed: Computed) -> bool:
     """Whether Monte Carlo is drawn for a design: never, always, or where first order is too near to a limit."""
     if computed.score is None or gate.mode == "analytic":

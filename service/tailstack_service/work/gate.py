@@ -6,11 +6,12 @@ import json
 from functools import lru_cache
 from typing import Any
 
+from tailstack.design import Design, design_to_data
 from tailstack.errors import Problem, TailstackError
 from tailstack.results import Verification
 
 from ..documents import read_record, to_json
-from ..gate.designs import Computed, Gate, first_order, wants_check
+from ..gate.designs import Computed, Gate, first_order, held_to, wants_check
 from ..gate.errors import GateError
 from ..gate.judging import conclude
 from ..gate.request import gate_of
@@ -52,9 +53,9 @@ def advance(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     """One unit of one design's check."""
-    gate, scored = _scored(canonical(request))
+    gate = _gate(canonical(request))
     try:
-        return FOUND + verification.compute(_check_request(gate, scored[spec["of"]]), spec["spec"])
+        return FOUND + verification.compute(_check_request(gate, held_to(gate, spec["of"])), spec["spec"])
     except TailstackError as error:
         problems = [[p.pointer, p.code, p.detail, p.hint] for p in error.problems]
         return REFUSED + canonical({"slug": error.slug, "exit_code": error.exit_code, "problems": problems})
@@ -64,8 +65,9 @@ def _verification(gate: Gate, computed: Computed, own: list[UnitResult]) -> More
     plain = tuple(
         UnitResult(result.index, canonical(json.loads(result.spec)["spec"]), result.result[1:]) for result in own
     )
+    assert computed.held is not None
     try:
-        step = verification.advance(_check_request(gate, computed), plain)
+        step = verification.advance(_check_request(gate, computed.held), plain)
     except TailstackError as error:
         return error
     if isinstance(step, More):
@@ -74,13 +76,10 @@ def _verification(gate: Gate, computed: Computed, own: list[UnitResult]) -> More
     return found
 
 
-def _check_request(gate: Gate, computed: Computed) -> dict[str, Any]:
-    from tailstack.design.loading import design_to_data
-
-    assert computed.held is not None
+def _check_request(gate: Gate, held: Design) -> dict[str, Any]:
     check = gate.policy.document.verification
     return {
-        "design": design_to_data(computed.held),
+        "design": design_to_data(held),
         "trials": None,
         "precision": check.precision,
         "seed": gate.seed,
@@ -90,12 +89,17 @@ def _check_request(gate: Gate, computed: Computed) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=2)
-def _scored(request: bytes) -> tuple[Gate, tuple[Computed, ...]]:
-    """The gate and its designs' scores: the units of a job come to a process one after the other."""
+def _gate(request: bytes) -> Gate:
+    """The gate of a request: the units of a job come to a process one after the other."""
     try:
-        gate = gate_of(json.loads(request))
+        return gate_of(json.loads(request))
     except (GateError, RequestError) as error:
         raise Refused(error) from None
+
+
+@lru_cache(maxsize=2)
+def _scored(request: bytes) -> tuple[Gate, tuple[Computed, ...]]:
+    gate = _gate(request)
     return gate, first_order(gate)
 
 

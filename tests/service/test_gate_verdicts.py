@@ -1,0 +1,384 @@
+"""The gate as a pure function: verdicts, exit codes, findings at their lines, waivers, baseline, fail closed."""
+
+from __future__ import annotations
+
+import copy
+import json
+from datetime import date
+from itertools import combinations
+from math import dist
+from typing import Any
+
+import pytest
+from service_scenes import small_design
+from work_driver import run_job
+
+from tailstack import load_design, score, verify
+from tailstack.design.loading import data_to_yaml
+from tailstack.errors import DesignError, LimitError, TailstackError
+from tailstack_service.documents import json_schema, to_json
+from tailstack_service.gate.errors import GateError
+from tailstack_service.gate.records import GateFinding, GateRecord
+from tailstack_service.gate.request import admitted, evaluate
+from tailstack_service.gate.rules import RULES
+from tailstack_service.problems import RequestError
+
+TODAY = date(2026, 11, 21)
+P95 = score(load_design(small_design())).targets[0].p95_mm
+
+
+def limited(limit_mm: float, **changes: Any) -> dict[str, Any]:
+    return small_design(requirements=[{"name": "tip-accuracy", "limit_mm": limit_mm}], **changes)
+
+
+def bare() -> dict[str, Any]:
+    """The small design without a requirement of its own."""
+    return small_design(requirements=None, optimise=None)
+
+
+def policy(rules: dict[str, Any] | None = None, **more: Any) -> dict[str, Any]:
+    """A policy; images of the small design come as near as 5 px, which is not what is tested here."""
+    return {"schema": "tailstack/policy/1", "rules": {"overlap": {"severity": "off"}, **(rules or {})}, **more}
+
+
+def waivers(*entries: dict[str, Any]) -> dict[str, Any]:
+    return {"schema": "tailstack/waivers/1", "waivers": list(entries)}
+
+
+def waiver(**changes: Any) -> dict[str, Any]:
+    entry = {"rule": "p95", "owner": "J. Doe", "reason": "first article", "max_value": 2 * P95, "expires": "2026-12-31"}
+    return {key: value for key, value in {**entry, **changes}.items() if value is not None}
+
+
+def gate(*designs: dict[str, Any] | str, **more: Any) -> GateRecord:
+    entries = [
+        {"file": f"d{k}.yaml", "text" if isinstance(design, str) else "design": design}
+        for k, design in enumerate(designs)
+    ]
+    body = {"designs": entries, "mode": "analytic", "policy": policy(), **more}
+    return evaluate(admitted(body, today=TODAY))
+
+
+def of_rule(record: GateRecord, rule: str) -> list[GateFinding]:
+    return [finding for finding in record.findings if finding.rule == rule]
+
+
+@pytest.mark.parametrize(
+    ("factor", "more", "verdict", "code"),
+    [
+        (1.5, {}, "pass", 0),
+        (0.5, {}, "fail", 1),
+        (1.0, {}, "inconclusive", 4),
+        (1.0, {"on_inconclusive": "fail"}, "inconclusive", 1),
+        (1.0, {"on_inconclusive": "warn"}, "inconclusive", 0),
+        (1.0, {"on_inconclusive": "warn", "fail_level": "warning"}, "inconclusive", 1),
+        (1.0, {"policy": policy({"inconclusive": {"severity": "warning"}})}, "inconclusive", 0),
+        (0.5, {"policy": policy({"p95": {"severity": "warning"}})}, "pass", 0),
+        (0.5, {"policy": policy({"p95": {"severity": "warning"}}), "fail_level": "warning"}, "fail", 1),
+    ],
+)
+def test_exit_codes(factor: float, more: dict[str, Any], verdict: str, code: int) -> None:
+    record = gate(limited(factor * P95), **more)
+    assert (record.verdict, record.exit_code) == (verdict, code)
+
+
+def test_a_finding_stands_at_the_line_of_the_limit_and_names_what_is_to_blame() -> None:
+    text = data_to_yaml(limited(0.5 * P95))
+    (finding,) = of_rule(gate(text), "p95")
+    lines = text.splitlines()
+    assert finding.line is not None
+    assert finding.column is not None
+    assert lines[finding.line - 1][finding.column - 1 :].startswith(f"{0.5 * P95:.6g}"[:5])
+    assert "limit_mm" in lines[finding.line - 1]
+    lines_of_budget = [c for c in score(load_design(small_design())).targets[0].contributors if c.component != "all"]
+    heaviest = max(lines_of_budget, key=lambda line: line.variance_share)
+    assert heaviest.name in finding.message
+    assert finding.value == pytest.approx(P95, rel=1e-12)
+
+
+def test_findings_of_plain_data_have_a_pointer_and_no_line() -> None:
+    (finding,) = of_rule(gate(limited(0.5 * P95)), "p95")
+    assert (finding.pointer, finding.line, finding.column) == ("/requirements/0/limit_mm", None, None)
+
+
+def test_nothing_to_judge_is_no_pass() -> None:
+    record = gate(bare())
+    assert (record.verdict, record.exit_code) == ("not evaluated", 3)
+    assert [finding.rule for finding in record.findings] == ["not-evaluated"]
+
+
+def test_a_design_that_determines_nothing_leaves_with_3_whatever_the_others_do() -> None:
+    flat = small_design()
+    for point in flat["fiducials"]["points"]:
+        point["position_mm"][2] = -40.0
+    record = gate(limited(1.5 * P95), flat, limited(0.5 * P95))
+    assert (record.verdict, record.exit_code) == ("not evaluated", 3)
+    assert [design.verdict for design in record.designs] == ["pass", "not evaluated", "fail"]
+    (finding,) = of_rule(record, "not-evaluated")
+    assert "one plane" in finding.message
+    assert finding.file == "d1.yaml"
+
+
+def test_an_invalid_design_is_refused_at_the_door_and_found_by_the_gate() -> None:
+    request = {"designs": [{"file": "bad.yaml", "text": "schema: tailstack/design/1\nname: x\nviews: 3\n"}]}
+    with pytest.raises(DesignError) as refused:
+        admitted(request, today=TODAY)
+    assert any(p.pointer == "/designs/0/text/views" and p.line == 3 for p in refused.value.problems)
+    record = evaluate({**request, "today": "2026-11-21", "mode": "analytic"})
+    assert (record.verdict, record.exit_code) == ("not evaluated", 2)
+    assert {finding.rule for finding in record.findings} == {"invalid-design"}
+    assert any(finding.line == 3 for finding in record.findings)
+
+
+def test_text_is_never_taken_for_a_path() -> None:
+    with pytest.raises(DesignError, match="a mapping of fields"):
+        admitted({"designs": [{"file": "x", "text": "/etc/hostname"}]}, today=TODAY)
+
+
+def test_limits_of_the_policy_are_held_against_every_target() -> None:
+    design = bare()
+    failing = gate(design, policy=policy({"p95": {"limit_mm": 0.5 * P95}}))
+    assert [finding.pointer for finding in of_rule(failing, "p95")] == ["/targets/0"]
+    passing = gate(design, policy=policy({"p95": {"limit_mm": 2 * P95}}))
+    assert (passing.verdict, passing.exit_code) == ("pass", 0)
+
+
+def test_an_exceedance_is_the_quantile_of_its_complement() -> None:
+    # closed form of the same question: P(|e| > limit) from the score of a design whose limit that is
+    beyond = score(load_design(limited(P95))).targets[0].exceedance_probability
+    assert beyond == pytest.approx(0.05, rel=1e-3)
+    failing = gate(bare(), policy=policy({"exceedance": {"limit_mm": P95, "max_probability": 0.03}}))
+    passing = gate(bare(), policy=policy({"exceedance": {"limit_mm": P95, "max_probability": 0.08}}))
+    assert (failing.exit_code, passing.exit_code) == (1, 0)
+
+
+def test_cvar_is_judged_with_an_interval_that_holds_the_truth() -> None:
+    """independent: CVaR of a tenfold longer check with another seed lies within the interval of the gate's."""
+    record = gate(bare(), mode="verify", policy=policy({"cvar": {"limit_mm": 5 * P95}}))
+    (number,) = [number for number in record.designs[0].numbers if number.rule == "cvar"]
+    truth = (
+        verify(load_design(small_design()), trials=10 * (record.designs[0].trials or 0), seed=99).targets[0].cvar95_mm
+    )
+    assert number.interval is not None
+    assert number.interval[1] is not None
+    assert number.interval[0] < truth < number.interval[1]
+    assert number.interval[1] - number.interval[0] < 0.1 * number.value
+    assert number.status == "pass"
+
+
+def test_distances_are_those_of_the_document() -> None:
+    design = limited(2 * P95)
+    points = {
+        point.get("label", f"F{k}"): point["position_mm"] for k, point in enumerate(design["fiducials"]["points"], 1)
+    }
+    pairs = sorted((dist(a, b), {one, two}) for (one, a), (two, b) in combinations(points.items(), 2))
+    between = (pairs[0][0] + pairs[1][0]) / 2 if pairs[1][0] > pairs[0][0] + 1e-9 else pairs[0][0] + 1e-6
+    record = gate(design, policy=policy({"fiducial-spacing": {"min_mm": between}}))
+    found = of_rule(record, "fiducial-spacing")
+    assert len(found) == sum(distance < between for distance, _ in pairs)
+    assert found[0].value == pytest.approx(pairs[0][0], rel=1e-12)
+    assert record.exit_code == 1
+
+
+def test_margin_and_overlap_of_the_views() -> None:
+    views = score(load_design(small_design())).views
+    strict = {"visibility": {"min_margin_px": 1e4}, "overlap": {"min_px": 1e4}}
+    record = gate(limited(2 * P95), policy=policy(strict))
+    assert len(of_rule(record, "visibility")) == len(of_rule(record, "overlap")) == len(views)
+    assert record.exit_code == 0, "warnings do not fail unless they are asked to"
+    assert gate(limited(2 * P95), policy=policy(strict), fail_level="warning").exit_code == 1
+    assert not gate(
+        limited(2 * P95), policy=policy({"visibility": {"severity": "off"}, "overlap": {"severity": "off"}})
+    ).findings
+
+
+def test_a_tolerance_tighter_than_its_process() -> None:
+    design = limited(2 * P95)
+    name, interface = next((k, v) for k, v in design["interfaces"].items() if v.get("tolerances"))
+    component, tolerance = next((k, v) for k, v in interface["tolerances"].items() if k.startswith("r"))
+    width = tolerance["half_width_deg"]
+    entry = {"name": "milled seat", "tolerances": [f"{name}.{component}"], "min_half_width_deg": 1.01 * width}
+    (finding,) = of_rule(
+        gate(design, policy=policy({"process-capability": {"processes": [entry]}})), "process-capability"
+    )
+    assert finding.pointer == f"/interfaces/{name}/tolerances/{component}/half_width_deg"
+    assert (finding.value, finding.limit) == (width, 1.01 * width)
+    wide = {**entry, "min_half_width_deg": width}
+    assert not gate(design, policy=policy({"process-capability": {"processes": [wide]}})).findings
+
+
+def test_the_first_class_that_matches_changes_single_fields() -> None:
+    classes = [
+        {"name": "loose", "files": ["d1.*"], "rules": {"p95": {"severity": "warning"}}},
+        {"name": "looser", "files": ["d*"], "rules": {"p95": {"limit_mm": 9 * P95}}},
+    ]
+    rules = {"p95": {"limit_mm": 0.5 * P95}}
+    plain = bare()
+    record = gate(plain, plain, policy=policy(rules, classes=classes))
+    assert [design.design_class for design in record.designs] == ["looser", "loose"]
+    assert [design.verdict for design in record.designs] == ["pass", "pass"]
+    assert [finding.severity for finding in of_rule(record, "p95")] == ["warning"]
+    given = {"designs": [{"file": "x", "design": plain, "class": "loose"}], "policy": policy(rules, classes=classes)}
+    assert evaluate(admitted({**given, "mode": "analytic"}, today=TODAY)).designs[0].design_class == "loose"
+
+
+def test_a_waiver_suppresses_and_stays_visible() -> None:
+    record = gate(limited(0.5 * P95), waivers=waivers(waiver()))
+    assert (record.verdict, record.exit_code) == ("pass", 0)
+    (finding,) = of_rule(record, "p95")
+    assert finding.suppressed_by is not None
+    assert "J. Doe" in finding.suppressed_by
+    assert "first article" in finding.suppressed_by
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"max_value": P95}, {"designs": ["other*"]}, {"target": "elsewhere"}, {"rule": "cvar"}],
+    ids=["the upper end is beyond it", "another design", "another target", "another rule"],
+)
+def test_a_waiver_that_does_not_cover_it_is_unused(changes: dict[str, Any]) -> None:
+    record = gate(limited(0.5 * P95), waivers=waivers(waiver(**changes)))
+    assert record.exit_code == 1
+    assert [finding.severity for finding in of_rule(record, "waiver-unused")] == ["note"]
+
+
+def test_a_waiver_of_the_limit_covers_the_open_question_about_it() -> None:
+    assert gate(limited(P95), waivers=waivers(waiver(max_value=1.2 * P95))).exit_code == 0
+    assert gate(limited(P95), waivers=waivers(waiver(max_value=1.0001 * P95))).exit_code == 4
+
+
+def test_an_expired_waiver_fails_even_a_design_that_passes() -> None:
+    record = gate(limited(2 * P95), waivers=waivers(waiver(expires="2026-11-20")))
+    assert (record.verdict, record.exit_code) == ("fail", 1)
+    assert [finding.rule for finding in record.findings] == ["waiver-expired"]
+    assert gate(limited(0.5 * P95), waivers=waivers(waiver(expires="2026-11-21"))).exit_code == 0, "its last day counts"
+
+
+def test_regressions_beyond_what_is_allowed_fail() -> None:
+    base = json.loads(to_json(gate(limited(3 * P95))))
+    worse = limited(3 * P95)
+    for view in worse["views"]:
+        view["fiducial_noise_px"] *= 1.3
+        view["target_noise_px"] = 1.3 * view.get("target_noise_px", view["fiducial_noise_px"])
+    percent = 100 * (score(load_design(worse)).targets[0].p95_mm / P95 - 1)
+    assert percent > 1
+    record = gate(worse, baseline=base)
+    (finding,) = of_rule(record, "regression")
+    assert finding.value == pytest.approx(percent, rel=1e-9)
+    assert record.exit_code == 1
+    assert gate(worse, baseline=base, max_regression_percent=percent + 0.1).exit_code == 0
+    assert gate(limited(3 * P95), baseline=base).exit_code == 0
+    assert gate(limited(0.5 * P95), baseline=base, max_regression_percent=50.0).exit_code == 1, "limits stay absolute"
+
+
+def test_the_baselines_seed_is_used_and_its_version_remarked() -> None:
+    base = json.loads(to_json(gate(limited(3 * P95), seed=77)))
+    base["provenance"]["tailstack_version"] = "0.0.9"
+    record = gate(limited(3 * P95), baseline=base)
+    assert record.seed == 77
+    assert [finding.severity for finding in of_rule(record, "model-version")] == ["warning"]
+
+
+@pytest.mark.parametrize(
+    ("factor", "mode", "basis"),
+    [
+        (3.0, "auto", "first order"),
+        (1.05, "auto", "Monte Carlo"),
+        (3.0, "verify", "Monte Carlo"),
+        (1.05, "analytic", "first order"),
+    ],
+)
+def test_monte_carlo_is_drawn_where_it_is_wanted(factor: float, mode: str, basis: str) -> None:
+    assert gate(limited(factor * P95), mode=mode).designs[0].basis == basis
+
+
+def test_a_job_gives_the_very_record_that_is_computed_here() -> None:
+    request = {
+        "designs": [
+            {"file": "near.yaml", "design": limited(1.05 * P95)},
+            {"file": "far.yaml", "design": limited(3 * P95)},
+            {"file": "open.yaml", "design": limited(P95)},
+        ],
+        "policy": policy({"cvar": {"limit_mm": 2 * P95}}, verification={"max_trials": 40_000, "precision": 0.02}),
+        "seed": 5,
+    }  # fmt: skip
+    request = admitted(request, today=TODAY)
+    outcome, recorded = run_job("gate", request, shuffle=3)
+    assert outcome.answer == to_json(evaluate(request))
+    assert {json.loads(unit.spec)["of"] for unit in recorded} == {0, 2}
+
+
+def test_the_record_validates_and_repeats_byte_for_byte() -> None:
+    from jsonschema import Draft202012Validator
+
+    record = gate(limited(P95), limited(0.5 * P95), waivers=waivers(waiver()), mode="auto")
+    assert to_json(record) == to_json(gate(limited(P95), limited(0.5 * P95), waivers=waivers(waiver()), mode="auto"))
+    Draft202012Validator(json_schema("gate")).validate(json.loads(to_json(record)))
+    Draft202012Validator(json_schema("policy")).validate(
+        policy({"per-unit-yield": {"limit_mm": 1.0, "min_yield": 0.9}})
+    )
+    Draft202012Validator(json_schema("waivers")).validate(waivers(waiver()))
+
+
+@pytest.mark.parametrize(
+    ("body", "kind", "pointer"),
+    [
+        ({"policy": policy({"p59": {}})}, GateError, "/policy/rules/p59"),
+        ({"policy": policy({"p95": {"limit_mm": -1.0}})}, GateError, "/policy/rules/p95/limit_mm"),
+        ({"policy": policy({"exceedance": {"limit_mm": 1.0}})}, GateError, "/policy/rules/exceedance"),
+        ({"policy": policy({"inconclusive": {"severity": "off"}})}, GateError, "/policy/rules/inconclusive/severity"),
+        ({"policy": policy({"regression": {"max_percent": -1}})}, GateError, "/policy/rules/regression/max_percent"),
+        ({"policy": {"rules": {}}}, GateError, "/policy"),
+        ({"waivers": waivers(waiver(rule="p96"))}, GateError, "/waivers/waivers/0/rule"),
+        ({"waivers": waivers(waiver(rule="not-evaluated"))}, GateError, "/waivers/waivers/0/rule"),
+        ({"waivers": waivers(waiver(owner=None))}, GateError, "/waivers/waivers/0/owner"),
+        ({"waivers": waivers(waiver(max_value=None))}, GateError, "/waivers/waivers/0/max_value"),
+        ({"waivers": waivers(waiver(min_value=1.0))}, GateError, "/waivers/waivers/0/min_value"),
+        ({"waivers": waivers(waiver(expires="2027-05-21"))}, GateError, "/waivers/waivers/0/expires"),
+        ({"waivers": waivers(waiver(expires="2026-02-30"))}, GateError, "/waivers/waivers/0/expires"),
+        ({"baseline": {"schema": "tailstack/score/1"}}, GateError, "/baseline/schema"),
+        ({"baseline": {"schema": "tailstack/gate/1"}}, GateError, "/baseline/verdict"),
+        ({"mode": "quick"}, RequestError, "/mode"),
+        ({"today": "2026-13-01"}, RequestError, "/today"),
+        ({"designs": [{"file": "x"}]}, RequestError, "/designs/0"),
+        ({"designs": [{"file": "x", "design": limited(1.0), "class": "none"}]}, RequestError, "/designs/0/class"),
+        ({"designs": []}, RequestError, "/designs"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_refused_at_its_place(
+    body: dict[str, Any], kind: type[TailstackError], pointer: str
+) -> None:
+    complete = {"designs": [{"file": "d.yaml", "design": limited(2 * P95)}], **copy.deepcopy(body)}
+    with pytest.raises(kind) as refused:
+        admitted(complete, today=TODAY)
+    assert pointer in [problem.pointer for problem in refused.value.problems]
+    assert refused.value.exit_code == 2
+
+
+def test_the_last_day_a_waiver_may_name_is_180_days_ahead() -> None:
+    assert gate(limited(0.5 * P95), waivers=waivers(waiver(expires="2027-05-20"))).exit_code == 0
+
+
+def test_too_many_designs_are_refused() -> None:
+    body = {"designs": [{"file": "d.yaml", "design": limited(1.0)}] * 3}
+    with pytest.raises(LimitError, match="2 designs at most"):
+        admitted(body, today=TODAY, max_designs=2)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_every_rule_has_a_page(rule: str) -> None:
+    from tailstack_service.gate.rules import explanation
+
+    page = explanation(RULES[rule])
+    assert page.startswith(f"{rule}: {RULES[rule].title}")
+    assert len(page) > 150
+    assert max(map(len, page.splitlines())) <= 120
+
+
+def test_rules_and_policy_name_the_same_rules() -> None:
+    from tailstack_service.gate.policy_document import Rules
+
+    names = {info.alias or name for name, info in Rules.model_fields.items()}
+    assert names == set(RULES) - {"invalid-design", "not-evaluated"}
+    for name, info in Rules.model_fields.items():
+        assert getattr(Rules(), name).severity == RULES[info.alias or name].severity
