@@ -28,6 +28,9 @@ from .errors import UnitLost
 from .events import tell
 from .workers import versions_at_work
 
+_UNIT = tables.units.c
+_JOB = tables.jobs.c
+
 UNITS_IN_PLACE = 16
 SECONDS_PER_FURTHER_UNIT = 10.0
 
@@ -127,16 +130,16 @@ def claim(
 
 def _anything_to_claim(db: Database) -> bool:
     """Idle workers ask many times a second: they must not take the only write lock of a file for that."""
-    u = tables.units.c
     with reading(db) as connection:
-        at = now(db, connection)
-        ready = sa.exists().where(u.state == tables.READY)
-        expired = sa.exists().where(u.state == tables.LEASED, u.lease_until < at)
-        return bool(connection.execute(sa.select(sa.or_(ready, expired))).scalar_one())
+        return bool(connection.execute(_ANYTHING, {"at": now(db, connection)}).scalar_one())
 
 
-_UNIT = tables.units.c
-_JOB = tables.jobs.c
+_ANYTHING = sa.select(
+    sa.or_(
+        sa.exists().where(_UNIT.state == tables.READY),
+        sa.exists().where(_UNIT.state == tables.LEASED, _UNIT.lease_until < sa.bindparam("at")),
+    )
+)
 _CANDIDATE = (
     sa.select(
         _UNIT.job_id, _UNIT.number, _UNIT.advance, _UNIT.place, _UNIT.spec, _UNIT.token, _UNIT.attempts, _UNIT.deaths,
@@ -148,12 +151,21 @@ _CANDIDATE = (
 )  # fmt: skip
 
 
+# Built once: putting a statement together takes longer than running it
+_OF_SOME = _JOB.solver_version.not_in(sa.bindparam("others", expanding=True))
+_READY = _CANDIDATE.where(_UNIT.state == tables.READY).limit(sa.bindparam("at_most", type_=sa.Integer))
+_READY_OF_SOME = _READY.where(_OF_SOME)
+_EXPIRED = _CANDIDATE.where(_UNIT.state == tables.LEASED, _UNIT.lease_until < sa.bindparam("at")).limit(
+    sa.bindparam("at_most", type_=sa.Integer)
+)
+_EXPIRED_OF_SOME = _EXPIRED.where(_OF_SOME)
+
+
 def _claimable(connection: Connection, at: float, others: set[str], limit: int) -> list[AnyRow]:
     """Units that may be taken, in the order of the queue; on PostgreSQL their rows are locked."""
-    query = _CANDIDATE.where(_JOB.solver_version.not_in(sorted(others))) if others else _CANDIDATE
-    ready = connection.execute(query.where(_UNIT.state == tables.READY).limit(limit)).all()
-    expired = query.where(_UNIT.state == tables.LEASED, _UNIT.lease_until < at).limit(limit)
-    found = [*ready, *connection.execute(expired)]
+    values = {"at": at, "at_most": limit} | ({"others": sorted(others)} if others else {})
+    ready, expired = (_READY_OF_SOME, _EXPIRED_OF_SOME) if others else (_READY, _EXPIRED)
+    found = [*connection.execute(ready, values), *connection.execute(expired, values)]
     return sorted(found, key=lambda row: (row.place, row.job_id, row.number))[:limit]
 
 
@@ -238,15 +250,18 @@ def _lease(connection: Connection, rows: Iterable[AnyRow], worker_id: str, until
 
 
 def _requests(connection: Connection, job_ids: set[str]) -> dict[str, bytes]:
-    r = tables.requests.c
-    query = sa.select(r.job_id, r.body).where(r.job_id.in_(sorted(job_ids)))
-    return {row.job_id: row.body for row in connection.execute(query)}
+    return {row.job_id: row.body for row in connection.execute(_BODIES, {"job_ids": sorted(job_ids)})}
+
+
+_BODIES = sa.select(tables.requests).where(tables.requests.c.job_id.in_(sa.bindparam("job_ids", expanding=True)))
 
 
 def _recorded(connection: Connection, job_id: str) -> tuple[UnitResult, ...]:
-    query = (
-        sa.select(_UNIT.number, _UNIT.spec, _UNIT.result)
-        .where(_UNIT.job_id == job_id, _UNIT.state == tables.RECORDED, _UNIT.advance.is_(False))
-        .order_by(_UNIT.number)
-    )
-    return tuple(UnitResult(*row) for row in connection.execute(query))
+    return tuple(UnitResult(*row) for row in connection.execute(_RESULTS, {"of_job": job_id}))
+
+
+_RESULTS = (
+    sa.select(_UNIT.number, _UNIT.spec, _UNIT.result)
+    .where(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.state == tables.RECORDED, _UNIT.advance.is_(False))
+    .order_by(_UNIT.number)
+)

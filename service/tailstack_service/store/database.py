@@ -219,6 +219,6 @@ def now(db: Database, connection: Connection) -> float:
 _SERVER_TIME = sa.text("SELECT extract(epoch FROM clock_timestamp())::float8")
 
 
-def insert(db: Database, table: sa.Table) -> Any:
+def insert(dialect: str, table: sa.Table) -> Any:
     """An INSERT that knows ON CONFLICT."""
-    return postgresql.insert(table) if db.dialect == "postgresql" else sqlite.insert(table)
+    return postgresql.insert(table) if dialect == "postgresql" else sqlite.insert(table)

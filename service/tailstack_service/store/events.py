@@ -30,7 +30,10 @@ def tell(connection: Connection, job_id: str, sequence: int, at: float, name: st
     """Write one event; whoever calls holds the job's row and stores ``sequence`` there as ``last_event``."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     values = {"job_id": job_id, "sequence": sequence, "at": at, "name": name, "data": text}
-    connection.execute(tables.events.insert(), values)
+    connection.execute(_TELL, values)
+
+
+_TELL = tables.events.insert()
 
 
 def eta_seconds(started_at: float | None, done: int, expected: int, now: float) -> float | None:

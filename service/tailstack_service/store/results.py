@@ -29,7 +29,7 @@ def keep(db: Database, connection: Connection, schema_name: str, body: bytes, at
     """Store an answer, once.  Returns its name."""
     sha256 = hashlib.sha256(body).hexdigest()
     values = {"sha256": sha256, "schema_name": schema_name, "body": body, "created_at": at}
-    statement = insert(db, tables.results).values(values)
+    statement = insert(db.dialect, tables.results).values(values)
     # Touching the row that is there holds it against a purge, until the job that now refers to it is committed
     untouched = {"created_at": tables.results.c.created_at}
     connection.execute(statement.on_conflict_do_update(index_elements=["sha256"], set_=untouched))

@@ -76,7 +76,8 @@ def record(db: Database, claim: Claim, outcome: Outcome, *, max_job_seconds: flo
         job = _hold(connection, claim)
         if job is None:
             return False
-        if job.state not in tables.UNFINISHED or not _mark(connection, claim, outcome):
+        kept = {"result": outcome.result, "cpu_seconds": outcome.cpu_seconds}
+        if job.state not in tables.UNFINISHED or not _give_up(connection, claim, "recorded", **kept):
             return _was_recorded(connection, claim)
         at = now(db, connection)
         cpu_seconds = job.cpu_seconds + outcome.cpu_seconds
@@ -105,37 +106,42 @@ def _require_fitting(claim: Claim, outcome: Outcome) -> None:
 
 def _hold(connection: Connection, claim: Claim) -> AnyRow | None:
     """The job's row, locked until the end of the transaction; None if it is gone or was begun anew."""
-    query = sa.select(
+    return connection.execute(_HOLD, {"of_job": claim.job_id, "of_generation": claim.generation}).first()
+
+
+_HOLD = (
+    sa.select(
         _JOB.id, _JOB.tenant, _JOB.kind, _JOB.state, _JOB.created_at, _JOB.started_at, _JOB.units_done,
         _JOB.units_expected, _JOB.cpu_seconds, _JOB.last_event, _JOB.note,
-    )  # fmt: skip
-    query = query.where(_JOB.id == claim.job_id, _JOB.generation == claim.generation)
-    return connection.execute(query.with_for_update()).first()
-
-
-def _mark(connection: Connection, claim: Claim, outcome: Outcome) -> bool:
-    """Turn the unit into a recorded one, if it is this claim's."""
-    statement = (
-        sa.update(tables.units)
-        .where(_of(claim), _UNIT.token == claim.token, _UNIT.state == tables.LEASED)
-        .values(
-            state="recorded",
-            result=outcome.result,
-            cpu_seconds=outcome.cpu_seconds,
-            worker_id=None,
-            lease_until=None,
-        )
     )
-    return connection.execute(statement).rowcount == 1
+    .where(_JOB.id == sa.bindparam("of_job"), _JOB.generation == sa.bindparam("of_generation"))
+    .with_for_update()
+)  # fmt: skip
 
 
-def _of(claim: Claim) -> sa.ColumnElement[bool]:
-    return sa.and_(_UNIT.job_id == claim.job_id, _UNIT.number == claim.index)
+def _give_up(connection: Connection, claim: Claim, state: str, **changes: Any) -> bool:
+    """Take the unit out of this claim's hands, into another state; False if it is not in them."""
+    values = changes | {"state": state, "worker_id": None, "lease_until": None}
+    return connection.execute(_GIVE_UP, _names(claim) | values).rowcount == 1
+
+
+def _names(claim: Claim) -> dict[str, Any]:
+    return {"of_job": claim.job_id, "of_number": claim.index, "of_token": claim.token}
+
+
+_CLAIMED = sa.and_(
+    _UNIT.job_id == sa.bindparam("of_job"),
+    _UNIT.number == sa.bindparam("of_number"),
+    _UNIT.token == sa.bindparam("of_token"),
+)
+_GIVE_UP = sa.update(tables.units).where(_CLAIMED, _UNIT.state == tables.LEASED)
 
 
 def _was_recorded(connection: Connection, claim: Claim) -> bool:
-    query = sa.select(sa.func.count()).where(_of(claim), _UNIT.token == claim.token, _UNIT.state == tables.RECORDED)
-    return bool(connection.execute(query).scalar_one())
+    return bool(connection.execute(_WAS_RECORDED, _names(claim)).scalar_one())
+
+
+_WAS_RECORDED = sa.select(sa.exists().where(_CLAIMED, _UNIT.state == tables.RECORDED))
 
 
 def _go_on(
@@ -147,8 +153,8 @@ def _go_on(
         connection.execute(tables.units.insert(), rows)
         changes["units_expected"] = changes["units_done"] + len(rows) + outcome.remaining + 1
         changes["note"] = storable(outcome.note)
-    elif not connection.execute(sa.select(sa.exists().where(_UNIT.job_id == job.id, _OPEN))).scalar_one():
-        last = connection.execute(sa.select(sa.func.max(_UNIT.number)).where(_UNIT.job_id == job.id)).scalar_one()
+    elif not connection.execute(_ANY_OPEN, {"of_job": job.id}).scalar_one():
+        last = connection.execute(_LAST, {"of_job": job.id}).scalar_one()
         connection.execute(tables.units.insert(), new_unit(job.id, last + 1, ADVANCE, job.created_at, at))
     told = {
         "units_done": changes["units_done"],
@@ -157,11 +163,13 @@ def _go_on(
     }
     told["eta_seconds"] = eta_seconds(job.started_at, told["units_done"], told["units_expected"], at)
     changes["last_event"] = job.last_event + 1
-    connection.execute(sa.update(tables.jobs).where(_JOB.id == job.id).values(changes))
+    connection.execute(_CHANGE_JOB, {"of_job": job.id} | changes)
     tell(connection, job.id, changes["last_event"], at, "progress", told)
 
 
-_OPEN = _UNIT.state != tables.RECORDED
+_ANY_OPEN = sa.select(sa.exists().where(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.state != tables.RECORDED))
+_LAST = sa.select(sa.func.max(_UNIT.number)).where(_UNIT.job_id == sa.bindparam("of_job"))
+_CHANGE_JOB = sa.update(tables.jobs).where(_JOB.id == sa.bindparam("of_job"))
 
 
 def _too_long(max_job_seconds: float) -> bytes:
@@ -180,12 +188,7 @@ def release(db: Database, claim: Claim, *, died: bool) -> None:
         if job is None or job.state not in tables.UNFINISHED:
             return
         deaths, at = claim.deaths + died, now(db, connection)
-        statement = (
-            sa.update(tables.units)
-            .where(_of(claim), _UNIT.token == claim.token, _UNIT.state == tables.LEASED)
-            .values(state="ready", ready_at=at, deaths=deaths, worker_id=None, lease_until=None)
-        )
-        if connection.execute(statement).rowcount != 1:
+        if not _give_up(connection, claim, "ready", ready_at=at, deaths=deaths):
             return
         if deaths >= claim.max_deaths or claim.attempts >= claim.max_attempts:
             problem = lost_unit(claim.attempts, deaths)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
@@ -28,11 +30,16 @@ class Figures:
 
 def count_unit(db: Database, connection: Connection, tenant: str, at: float, cpu_seconds: float) -> None:
     """Count one recorded unit to the minute of ``at``."""
-    u = tables.usage.c
     values = {"tenant": tenant, "minute": int(at // 60), "units": 1, "cpu_seconds": cpu_seconds}
-    statement = insert(db, tables.usage).values(values)
-    more = {"units": u.units + 1, "cpu_seconds": u.cpu_seconds + cpu_seconds}
-    connection.execute(statement.on_conflict_do_update(index_elements=["tenant", "minute"], set_=more))
+    connection.execute(_addition(db.dialect), values)
+
+
+@cache
+def _addition(dialect: str) -> Any:
+    """INSERT of a row, or its addition to the one that is there."""
+    statement, u = insert(dialect, tables.usage), tables.usage.c
+    sums = {"units": u.units + statement.excluded.units, "cpu_seconds": u.cpu_seconds + statement.excluded.cpu_seconds}
+    return statement.on_conflict_do_update(index_elements=["tenant", "minute"], set_=sums)
 
 
 def cpu_seconds_since(db: Database, tenant: str, since: float) -> float:
@@ -55,9 +62,7 @@ def fold(db: Database, connection: Connection, at: float) -> int:
     sums = sa.select(u.tenant, sa.func.sum(u.units), sa.func.sum(u.cpu_seconds)).where(old).group_by(u.tenant)
     for tenant, units, cpu_seconds in connection.execute(sums.order_by(u.tenant)).all():
         values = {"tenant": tenant, "minute": 0, "units": units, "cpu_seconds": cpu_seconds}
-        statement = insert(db, tables.usage).values(values)
-        more = {"units": u.units + units, "cpu_seconds": u.cpu_seconds + cpu_seconds}
-        connection.execute(statement.on_conflict_do_update(index_elements=["tenant", "minute"], set_=more))
+        connection.execute(_addition(db.dialect), values)
     return connection.execute(sa.delete(tables.usage).where(old)).rowcount
 
 

@@ -39,7 +39,7 @@ def heartbeat(
             "capacity": capacity,
             "seen_at": at,
         }
-        statement = insert(db, tables.workers).values(id=worker_id, started_at=at, **said)
+        statement = insert(db.dialect, tables.workers).values(id=worker_id, started_at=at, **said)
         connection.execute(statement.on_conflict_do_update(index_elements=["id"], set_=said))
 
 
@@ -59,5 +59,9 @@ def goodbye(db: Database, worker_id: str) -> None:
 
 def versions_at_work(connection: Connection, since: float) -> set[str]:
     """Solver versions of the workers seen since then (epoch seconds)."""
-    w = tables.workers.c
-    return set(connection.execute(sa.select(w.solver_version).where(w.seen_at > since).distinct()).scalars())
+    return set(connection.execute(_VERSIONS, {"since": since}).scalars())
+
+
+_VERSIONS = (
+    sa.select(tables.workers.c.solver_version).where(tables.workers.c.seen_at > sa.bindparam("since")).distinct()
+)
