@@ -36,6 +36,7 @@ from .engine import PERFORM, Defect, Died, GivenBack
 log = logging.getLogger("tailstack.worker")
 
 ANSWER_SECONDS = 10.0  # for the cluster to answer a question, or to hand over a result
+CLOSING_SECONDS = 3.0  # to have what is under way killed
 LOOK_SECONDS = 1.0  # between looks at how many threads the cluster has
 LONG_SECONDS = 30.0  # how long a task may be away before the cluster is asked since when it has been computed
 FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0  # s between attempts to reach the scheduler
@@ -114,7 +115,7 @@ class DaskEngine:
         for future in away:
             self.kill(future)
         self._closing.set()
-        self._keeper.join(timeout=2 * ANSWER_SECONDS)
+        self._keeper.join(timeout=CLOSING_SECONDS)
 
     # --- results ----------------------------------------------------------------------------------
 

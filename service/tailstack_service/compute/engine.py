@@ -10,13 +10,6 @@ from typing import Protocol
 from ..work.task import Outcome, Task
 
 PERFORM = "tailstack_service.work.perform:perform"
-# Heavy loops are one thread each: processes are the unit of parallelism, and libraries' threads would fight with them.
-SINGLE_THREADED = {
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "NUMBA_NUM_THREADS": "1",
-}
 
 
 class Died(Exception):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 import threading
 import time
 from collections import deque
@@ -17,7 +16,8 @@ from typing import Any
 from ..work.task import Outcome, Task
 from . import frames
 from .child import BEGUN
-from .engine import PERFORM, SINGLE_THREADED, Defect, Died, GivenBack
+from .engine import PERFORM, Defect, Died, GivenBack
+from .interpreter import command, environment
 
 FRUITLESS = 3  # processes in a row that end before they begin a task
 
@@ -26,13 +26,12 @@ class Child:
     """One computing process.  ``compute`` is for one thread at a time; ``kill`` for any."""
 
     def __init__(self, function: str = PERFORM) -> None:
-        path = os.pathsep.join(entry for entry in sys.path if entry)
         self._process: subprocess.Popen[bytes] = _from_lasting_thread(
             lambda: subprocess.Popen(
-                [sys.executable, "-P", "-m", f"{__package__}.child", function, str(os.getpid())],
+                command(f"{__package__}.child", function, str(os.getpid())),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                env={**os.environ, **SINGLE_THREADED, "PYTHONPATH": path},
+                env=environment(),
             )
         )
         self.pid = self._process.pid

@@ -1,0 +1,48 @@
+"""Compute the jobs in a database until Ctrl-C or SIGTERM: any number of these, on any hosts that reach it."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+
+from .answer import NOT_EVALUATED, PASS, Answer
+from .design_input import whole
+
+HELP = "compute jobs that services accepted"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--database", metavar="URL", help="where jobs are kept (default TAILSTACK_DATABASE)")
+    parser.add_argument(
+        "--processes", type=whole(1, 256), metavar="N", help="computing processes (default TAILSTACK_WORKER_PROCESSES)"
+    )
+    parser.add_argument("--engine", choices=("pool", "dask"), help="where to compute (default TAILSTACK_ENGINE)")
+    parser.add_argument(
+        "--check", action="store_true", help="compute nothing: exit code 0 if a worker of this host is alive, else 3"
+    )
+    parser.add_argument("--with-parent", action="store_true", help=argparse.SUPPRESS)  # end when stdin ends
+
+
+def run(arguments: argparse.Namespace) -> Answer:
+    from dataclasses import replace
+
+    from ..logs import log_to_stderr
+    from ..settings import settings_from
+
+    given = {"database": arguments.database, "worker_processes": arguments.processes, "engine": arguments.engine}
+    settings = replace(settings_from(os.environ), **{name: value for name, value in given.items() if value is not None})
+    if arguments.check:
+        from ..worker.checking import live_worker
+
+        found = live_worker(settings)
+        if found is None:
+            return Answer("no worker of this host is alive\n", NOT_EVALUATED)
+        return Answer(f"worker {found.id} is alive\n", PASS)
+
+    from ..worker.process import run_worker
+
+    log_to_stderr(settings.log_format)
+    if run_worker(settings, with_parent=arguments.with_parent) == signal.SIGINT:
+        raise KeyboardInterrupt
+    return Answer("", PASS)

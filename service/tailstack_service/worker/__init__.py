@@ -1,0 +1,1 @@
+"""The worker: takes units from the database, has them computed, records what they came to."""

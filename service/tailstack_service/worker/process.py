@@ -1,0 +1,137 @@
+"""The worker as a process: its signals, its start, its end with the process that started it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import closing, suppress
+from dataclasses import fields
+from types import FrameType
+from typing import Any
+
+from tailstack.version import __version__
+
+from ..compute.choosing import engine_for
+from ..compute.engine import PERFORM
+from ..compute.interpreter import command, environment
+from ..settings import Settings, variable
+from ..store.database import Database, open_database, parse_url
+from ..store.errors import StoreUnavailable
+from .loop import Worker
+from .tidying import Tidying
+
+SAME_STOP_SECONDS = 1.0  # a stop of a whole group of processes arrives more than once
+ENDING_SECONDS = 10.0  # for a worker whose parent has gone
+CONNECTING_SECONDS = 0.5  # between attempts to reach a database that is not up yet
+
+
+def run_worker(
+    settings: Settings, *, with_parent: bool = False, function: str = PERFORM, solver_version: str = __version__
+) -> int:
+    """Work until SIGTERM or SIGINT; the number of the signal that ended it, 0 if the parent's end did.
+
+    A second signal ends the process at once.  ``with_parent``: end when stdin ends, and leave Ctrl-C to the parent.
+    Raises StoreError (the database cannot be used), RequestError (the engine cannot be had).  For the main thread.
+    """
+    stop = _Stop(with_parent)
+    with stop, closing(_connected(settings, stop)) as db:
+        if stop.requested:
+            return stop.signal
+        engine = engine_for(settings, function=function)
+        worker = Worker(db, engine, settings, solver_version=solver_version)
+        stop.then = worker.stop
+        url = parse_url(settings.database_url)
+        where = url.set(drivername=url.get_backend_name()).render_as_string(hide_password=True)
+        with_what = f"{settings.worker_processes} processes" if engine.name == "pool" else settings.dask_scheduler
+        print(f"worker {worker.id}: {with_what} on {where}", file=sys.stderr, flush=True)
+        tidying = Tidying(db, settings.keep_days)
+        try:
+            worker.run()
+        finally:
+            tidying.end()
+    return stop.signal
+
+
+def start_worker_process(settings: Settings) -> subprocess.Popen[bytes]:
+    """``tailstack worker`` with these settings, as a child that ends when this process ends, whatever ends it.
+
+    It notices by its stdin, which this process holds open: keep the Popen, and close ``stdin`` or send SIGTERM to
+    stop the worker.  Its log lines go to this process's stderr.
+    """
+    told = {variable(entry.name): str(getattr(settings, entry.name)) for entry in fields(settings)}
+    return subprocess.Popen(
+        command("tailstack_service.cli.main", "worker", "--with-parent"),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        env={**environment(), **told},
+    )
+
+
+def _connected(settings: Settings, stop: _Stop) -> Database:
+    """The database, as soon as it answers."""
+    while True:
+        try:
+            return open_database(settings.database_url, migrate=True)
+        except StoreUnavailable as error:
+            if stop.requested:
+                raise
+            print(f"worker: waiting for the database: {error}", file=sys.stderr, flush=True)
+            time.sleep(CONNECTING_SECONDS)
+
+
+class _Stop:
+    """Signals, and the end of the parent, as one event; ``then`` is called with it."""
+
+    def __init__(self, with_parent: bool) -> None:
+        self.requested = False  # an Event could be locked by the very thread that a signal interrupts
+        self.signal = 0
+        self._at = 0.0
+        self._then: Any = None
+        self._with_parent = with_parent
+        self._previous: dict[signal.Signals, Any] = {}
+
+    @property
+    def then(self) -> Any:
+        return self._then
+
+    @then.setter
+    def then(self, call: Any) -> None:
+        self._then = call
+        if self.requested:
+            call()
+
+    def __enter__(self) -> _Stop:
+        for number in (signal.SIGTERM, signal.SIGINT):
+            ignored = self._with_parent and number == signal.SIGINT
+            self._previous[number] = signal.signal(number, signal.SIG_IGN if ignored else self._on_signal)
+        if self._with_parent:
+            threading.Thread(target=self._await_parent, name="tailstack-parent", daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def _on_signal(self, number: int, _frame: FrameType | None) -> None:
+        if not self.requested:
+            self.signal, self._at = number, time.monotonic()
+            self._request()
+        elif time.monotonic() - self._at > SAME_STOP_SECONDS:
+            os._exit(128 + number)  # computing processes end with this one, leases run out
+
+    def _await_parent(self) -> None:
+        with suppress(OSError):
+            while os.read(0, 4096):
+                pass
+        self._request()
+        time.sleep(ENDING_SECONDS)
+        os._exit(1)
+
+    def _request(self) -> None:
+        self.requested = True
+        if self._then is not None:
+            self._then()
