@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .contributors import ErrorLaw, WorstCase, budget, declared_law, error_law
+from .budget import budget
+from .contributors import ErrorLaw, WorstCase, error_law, law_of
 from .design import Design, check_design
 from .errors import OutOfRangeError
 from .estimation.checks import examine
@@ -85,7 +86,7 @@ def tightest_limit(system: System, target: str, error: str) -> float | None:
 
 
 def _metric(at: ErrorLaw, found: LawSummary, limit_mm: float | None) -> MetricScore:
-    mean, total = at.law.mean, at.law.total_covariance
+    mean, total = at.law.mean, at.total_covariance
     return MetricScore(
         frame=FRAMES[at.error],
         bias_mm=vector3(mean),
@@ -103,18 +104,17 @@ def _metric(at: ErrorLaw, found: LawSummary, limit_mm: float | None) -> MetricSc
 
 
 def _unit_risks(
-    model: LinearModel, error: str, worst: WorstCase, quantile: float, limits_mm: Sequence[float | None]
+    model: LinearModel, at: ErrorLaw, quantile: float, limits_mm: Sequence[float | None]
 ) -> tuple[UnitRisk, ...]:
     """Installation drawn once per unit, noise, repeatability and load at each shot."""
-    unit = tuple(block for block in model.blocks if block.per_unit)
-    shots = tuple(block for block in model.blocks if not block.per_unit)
-    installed, _ = declared_law(model, error, worst.mean_mm, unit)
-    shot, _ = declared_law(model, error, np.zeros(3), shots)
+    parts = tuple(zip(model.blocks, at.parts, strict=True))
+    installed = law_of(at.worst.mean_mm, [part for block, part in parts if block.per_unit])
+    shot = law_of(np.zeros(3), [part for block, part in parts if not block.per_unit])
     return unit_risks(installed, shot, quantile, limits_mm, log2_units=7)
 
 
-def _per_unit(model: LinearModel, worst: WorstCase, limit_mm: float | None) -> PerUnit:
-    risk = _unit_risks(model, "tcp", worst, P95, (limit_mm,))[0]
+def _per_unit(model: LinearModel, at: ErrorLaw, limit_mm: float | None) -> PerUnit:
+    risk = _unit_risks(model, at, P95, (limit_mm,))[0]
     return PerUnit(
         limit_mm=limit_mm,
         yield_fraction=risk.yield_fraction,
@@ -175,10 +175,10 @@ def _checks(
         for name in requirement.targets:
             model, error, p = models[name], requirement.error, requirement.quantile
             if p == P95:
-                worst, value = known[name, error].at.worst, known[name, error].p95_mm
+                at, value = known[name, error].at, known[name, error].p95_mm
             else:
                 at = error_law(model, error, p)
-                worst, value = at.worst, law_quantile(at.law, p).quantile_mm
+                value = law_quantile(at.law, p).quantile_mm
             band = _error_band(value, trust, p)
             if requirement.risk == "pooled":
                 checks.append(check_pooled(requirement, name, value, band))
@@ -187,7 +187,7 @@ def _checks(
             ratio = band[1] / value if value > 0 else 1.0
             known_error = np.isfinite(ratio)
             limits = [requirement.limit_mm * factor for factor in ((1.0, 1 / ratio, ratio) if known_error else (1.0,))]
-            here, *ends = _unit_risks(model, error, worst, p, limits)
+            here, *ends = _unit_risks(model, at, p, limits)
             interval = (0.0, 1.0)
             if known_error:
                 spread = 3 * max(end.yield_standard_error or 0.0 for end in ends)
@@ -229,7 +229,7 @@ def score(design: Design | System, *, second_order: bool = False) -> Score:
                 block_diagonal_p95_mm=norm_quantile(P95, at.worst.mean_mm, covariance_block_diagonal(model, "tcp")),
                 contributors=budget(model, at, quantiles["tcp"]),
                 worst_vertex=at.worst.names,
-                per_unit=_per_unit(model, at.worst, metric.limit_mm),
+                per_unit=_per_unit(model, at, metric.limit_mm),
                 second_order=_second_order(system, index, model, at.worst)
                 if second_order
                 else SecondOrder("not requested", "ask for it with --second-order"),

@@ -10,7 +10,8 @@ from scipy.integrate import quad
 
 from scenes import random_system
 from tail_references import average
-from tailstack.contributors import budget, error_law, lines_of
+from tailstack.budget import budget, lines_of
+from tailstack.contributors import error_law
 from tailstack.propagation.linear import linearise
 from tailstack.system import Law
 from tailstack.tail.ball import sines

@@ -141,7 +141,7 @@ def chain_of(system: System) -> Chain:
         points=points,
         per_error=per_error,
         first=first,
-        undone=np.linalg.inv(first.rotation),
+        undone=np.asarray(np.linalg.inv(first.rotation)),
         second=second,
         third=third,
         to_tool=system.T_tcp_con,

@@ -40,7 +40,7 @@ from numba import njit
 
 from ..results import Bounds
 from ..system import Array
-from .gaussian import norm_quantile, probability_iv
+from .gaussian import norm_quantile_jit, probability_iv, sound
 from .spectrum import law_iv, principal_axes
 
 _GAUSS_3 = 0.4 ** (2 / 3)
@@ -137,34 +137,37 @@ def moment_bound(p: float, mean: Array, covariance: Array) -> MomentBound:
     return MomentBound(sqrt(square), turn @ M @ turn.T, t)
 
 
+@njit(cache=True, error_model="numpy")
+def _ladder(p: float, mean: Array, covariance: Array) -> tuple[float, float, float]:
+    """Gaussian (NaN: not converged), symmetric-unimodal and moment quantile; nothing is checked."""
+    l, m, _ = principal_axes(mean, covariance)  # noqa: E741
+    size2 = mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]
+    trace = covariance[0, 0] + covariance[1, 1] + covariance[2, 2]
+    moments = sqrt(_moment_square(1.0 - p, l, m)[0]) if l[0] > 0.0 else sqrt(size2)
+    unimodal = sqrt(size2)
+    if trace > 0.0:
+        across = 0.0
+        for i in range(3):
+            for j in range(3):
+                across += mean[i] * covariance[i, j] * mean[j]
+        square = _unimodal_square(2.0 * (1.0 - p) / _GAUSS_3, trace, sqrt(max(across, 0.0)))
+        # Wider classes have larger quantiles, so the moment bound holds here too (it is the smaller one for small p).
+        unimodal = min(sqrt(size2 + square), moments)
+    return norm_quantile_jit(mean, covariance, p), unimodal, moments
+
+
 def moment_quantile(p: float, mean: Array, covariance: Array) -> float:
     """The largest p-quantile of |e|, mm, over all laws with this mean and covariance.  Raises ValueError."""
-    mean, covariance = law_iv(mean, covariance)
-    if not covariance.any():
-        probability_iv(p)
-        return float(np.linalg.norm(mean))
-    l, m, _ = principal_axes(mean, covariance)  # noqa: E741
-    return sqrt(_moment_square(1.0 - probability_iv(p), l, m)[0])
+    return float(_ladder(probability_iv(p), *law_iv(mean, covariance))[2])
 
 
 def unimodal_quantile(p: float, mean: Array, covariance: Array) -> float:
     """An upper bound, mm, of the p-quantile of |e| over laws symmetric-unimodal about the mean.  Raises ValueError."""
-    p = probability_iv(p)
-    mean, covariance = law_iv(mean, covariance)
-    trace = float(np.trace(covariance))
-    size2 = float(mean @ mean)
-    if not trace > 0.0:
-        return sqrt(size2)
-    b = sqrt(max(float(mean @ covariance @ mean), 0.0))
-    square = _unimodal_square(2.0 * (1.0 - p) / _GAUSS_3, trace, b)
-    # Wider classes have larger quantiles, so the moment bound holds here too (it is the smaller one for small p).
-    return min(sqrt(size2 + square), moment_quantile(p, mean, covariance))
+    return float(_ladder(probability_iv(p), *law_iv(mean, covariance))[1])
 
 
 def bounds(p: float, mean: Array, covariance: Array) -> Bounds:
     """The ladder at probability p, mm; covariance (3, 3) mm^2 is the total one.  Raises ValueError."""
-    return Bounds(
-        gaussian=norm_quantile(p, mean, covariance),
-        unimodal=unimodal_quantile(p, mean, covariance),
-        moments=moment_quantile(p, mean, covariance),
-    )
+    mean, covariance = law_iv(mean, covariance)
+    gaussian, unimodal, moments = _ladder(probability_iv(p), mean, covariance)
+    return Bounds(sound(gaussian, "the quantile", mean, covariance), unimodal, moments)

@@ -256,7 +256,8 @@ def probability_iv(p: float) -> float:
     return p
 
 
-def _sound(value: float, what: str, mean: Array, covariance: Array) -> float:
+def sound(value: float, what: str, mean: Array, covariance: Array) -> float:
+    """The value of a compiled function.  Raises NotConvergedError where it is NaN."""
     if value != value:
         raise NotConvergedError(
             Problem(
@@ -279,13 +280,13 @@ def _radius_iv(r: float) -> float:
 def norm_cdf(r: float, mean: Array, covariance: Array) -> float:
     """P(|e| <= r).  r >= 0 mm, mean (3,) mm, covariance (3, 3) mm^2.  Raises ValueError."""
     mean, covariance = law_iv(mean, covariance)
-    return _sound(norm_law_jit(mean, covariance, _radius_iv(r))[0], "the probability", mean, covariance)
+    return sound(norm_law_jit(mean, covariance, _radius_iv(r))[0], "the probability", mean, covariance)
 
 
 def norm_sf(r: float, mean: Array, covariance: Array) -> float:
     """P(|e| > r), accurate when it is small.  r >= 0 mm, mean (3,) mm, covariance (3, 3) mm^2.  Raises ValueError."""
     mean, covariance = law_iv(mean, covariance)
-    return _sound(norm_law_jit(mean, covariance, _radius_iv(r))[1], "the probability", mean, covariance)
+    return sound(norm_law_jit(mean, covariance, _radius_iv(r))[1], "the probability", mean, covariance)
 
 
 def norm_pdf(r: float, mean: Array, covariance: Array) -> float:
@@ -293,13 +294,13 @@ def norm_pdf(r: float, mean: Array, covariance: Array) -> float:
     mean, covariance = law_iv(mean, covariance)
     if not np.any(covariance):
         raise ValueError("a law with zero covariance has no density")
-    return _sound(norm_law_jit(mean, covariance, _radius_iv(r))[2], "the density", mean, covariance)
+    return sound(norm_law_jit(mean, covariance, _radius_iv(r))[2], "the density", mean, covariance)
 
 
 def norm_quantile(p: float, mean: Array, covariance: Array) -> float:
     """The r, mm, with P(|e| <= r) = p.  mean (3,) mm, covariance (3, 3) mm^2.  Raises ValueError."""
     mean, covariance = law_iv(mean, covariance)
-    return _sound(norm_quantile_jit(mean, covariance, probability_iv(p)), "the quantile", mean, covariance)
+    return sound(norm_quantile_jit(mean, covariance, probability_iv(p)), "the quantile", mean, covariance)
 
 
 def norm_mean(mean: Array, covariance: Array) -> float:
@@ -311,7 +312,7 @@ def norm_mean(mean: Array, covariance: Array) -> float:
 def norm_cvar(p: float, mean: Array, covariance: Array) -> float:
     """E[|e| given |e| >= r_p], mm: the mean of the worst 1 - p (expected shortfall).  Raises ValueError."""
     mean, covariance = law_iv(mean, covariance)
-    return _sound(norm_cvar_jit(mean, covariance, probability_iv(p))[1], "the tail mean", mean, covariance)
+    return sound(norm_cvar_jit(mean, covariance, probability_iv(p))[1], "the tail mean", mean, covariance)
 
 
 def norm_quantile_gradient(p: float, mean: Array, covariance: Array) -> tuple[float, Array, Array]:
@@ -324,4 +325,4 @@ def norm_quantile_gradient(p: float, mean: Array, covariance: Array) -> tuple[fl
     if not np.any(covariance):
         raise ValueError("the quantile has no derivative by the covariance where the covariance is zero")
     r, _, dm, ds = norm_gradient_jit(mean, covariance, probability_iv(p))
-    return _sound(r, "the gradient", mean, covariance), dm, ds
+    return sound(r, "the gradient", mean, covariance), dm, ds

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from ..system import Array
@@ -54,13 +55,40 @@ def linear_law(
     return LinearLaw(mean, covariance, np.ascontiguousarray(columns), kind_array)
 
 
+@njit(cache=True, error_model="numpy")
+def uniform_columns(columns: Array, kinds: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """:func:`lattice_columns` of columns (3, k) and their kinds (k,)."""
+    count = kinds.size
+    kept = 0
+    split = 0
+    for j in range(count):
+        if columns[0, j] != 0.0 or columns[1, j] != 0.0 or columns[2, j] != 0.0:
+            kept += 1
+            if kinds[j] == TRIANGULAR:
+                split += 1
+    h = np.empty((kept + split, 3))
+    source = np.empty(kept + split, dtype=np.int64)
+    one = 0
+    two = kept
+    for j in range(count):
+        if columns[0, j] != 0.0 or columns[1, j] != 0.0 or columns[2, j] != 0.0:
+            scale = 0.5 if kinds[j] == TRIANGULAR else 1.0
+            for a in range(3):
+                h[one, a] = columns[a, j] * scale
+            source[one] = j
+            one += 1
+            if kinds[j] == TRIANGULAR:
+                for a in range(3):
+                    h[two, a] = columns[a, j] * scale
+                source[two] = j
+                two += 1
+    return h, source
+
+
 def lattice_columns(law: LinearLaw) -> tuple[Array, NDArray[np.int64]]:
     """((K, 3) uniform columns, (K,) source of each): a triangular source is the sum of two uniform ones of half width.
 
     Columns of length zero are dropped.
     """
-    rows = law.columns.T
-    keep = np.flatnonzero((rows != 0).any(axis=1))
-    source = np.concatenate([keep, keep[law.kinds[keep] == TRIANGULAR]])
-    scale = np.where(law.kinds[source] == TRIANGULAR, 0.5, 1.0)
-    return np.ascontiguousarray(rows[source] * scale[:, None]), source
+    h, source = uniform_columns(law.columns, law.kinds)
+    return h, source
