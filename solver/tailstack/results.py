@@ -7,6 +7,7 @@ published.  Names in them are a contract (``docs/interfaces.md``).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import Literal
 
 Vector3 = tuple[float, float, float]
@@ -38,11 +39,18 @@ class Check:
     risk: str  # pooled or per_unit
     quantile: float
     value_mm: float  # the quantile; per_unit: 95th percentile over units of the unit's own quantile
-    interval_mm: Interval  # Monte Carlo: confidence interval; first order: calibrated error of linearisation
+    # Monte Carlo: confidence interval; first order: calibrated error of linearisation, null where it is not valid
+    interval_mm: tuple[float, float | None]
     limit_mm: float
     yield_fraction: float | None
     min_yield: float | None
     status: Literal["pass", "fail", "inconclusive"]
+
+    @property
+    def upper_mm(self) -> float:
+        """Upper end of the interval, infinite where there is none."""
+        high = self.interval_mm[1]
+        return inf if high is None else high
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import isfinite
 from typing import Literal
 
 from .results import Check, Finding, Interval, Verdict
@@ -28,6 +29,7 @@ def decide_yield(interval: Interval, required: float) -> Status:
 
 
 def check_pooled(requirement: Requirement, target: str, value_mm: float, interval_mm: Interval) -> Check:
+    low, high = interval_mm
     return Check(
         requirement=requirement.name,
         target=target,
@@ -35,7 +37,7 @@ def check_pooled(requirement: Requirement, target: str, value_mm: float, interva
         risk="pooled",
         quantile=requirement.quantile,
         value_mm=value_mm,
-        interval_mm=interval_mm,
+        interval_mm=(low, high if isfinite(high) else None),
         limit_mm=requirement.limit_mm,
         yield_fraction=None,
         min_yield=None,
@@ -80,9 +82,10 @@ def _finding(check: Check, basis: str) -> Finding:
         )
     else:
         low, high = check.interval_mm
+        ends = f"[{low:.4g}, {high:.4g}]" if high is not None else "(no upper end is known)"
         what = (
             f"P{100 * check.quantile:g} of the {check.error} error is {check.value_mm:.4g} mm "
-            f"[{low:.4g}, {high:.4g}], limit {check.limit_mm:g} mm"
+            f"{ends}, limit {check.limit_mm:g} mm"
         )
     if check.status == "fail":
         closing = ""

@@ -74,8 +74,7 @@ def _number(check: Check, added: Mapping[str, str]) -> GateNumber:
         return GateNumber(
             "per-unit-yield", name, check.target, "fraction", check.yield_fraction, None, check.min_yield, check.status
         )
-    low, high = check.interval_mm
-    interval = (low, high if high != float("inf") else None)
+    interval = check.interval_mm
     return GateNumber(rule or "p95", name, check.target, "mm", check.value_mm, interval, check.limit_mm, check.status)
 
 

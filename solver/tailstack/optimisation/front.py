@@ -107,7 +107,7 @@ def _point(problem: PlacementProblem, search: Search, found: Verified, factor: f
         note="",
         cost=found.settled.cost,
         quantile_mm=max(promise(problem, term, choice).exact_mm for term in own),
-        verified_upper_mm=max(check.interval_mm[1] for check in checks),
+        verified_upper_mm=max(check.upper_mm for check in checks),
         half_widths=tuple(for_people(problem, k, float(value))[0] for k, value in enumerate(choice.half_width)),
         pivots_mm=tuple(vector3(pivot) for pivot in choice.pivots_mm),
         locator_scales=tuple(float(scale) for scale in choice.spacing),

@@ -137,7 +137,7 @@ def _tightening(check: Check, attempt: int) -> float:
     """Factor on the aim of one demand, from what its check measured; the margin grows with every failure."""
     if check.risk == "per_unit":
         return 1.0 if check.status == "pass" else UNIT_STEP
-    upper = check.interval_mm[1]
+    upper = check.upper_mm
     if upper <= check.limit_mm:
         return 1.0
     # A fresh seed moves the estimate within its interval.
@@ -145,7 +145,7 @@ def _tightening(check: Check, attempt: int) -> float:
 
 
 def _not_within(settled: Settled, checks: dict[tuple[str, str], Check], problem: PlacementProblem) -> InfeasibleError:
-    worst = max(checks.values(), key=lambda check: check.interval_mm[1] / check.limit_mm)
+    worst = max(checks.values(), key=lambda check: check.upper_mm / check.limit_mm)
     within = "" if problem.cost_limit is None else f" within the cost limit of {problem.cost_limit:g}"
     first = max(settled.ratios) * worst.limit_mm
     return InfeasibleError(
@@ -153,9 +153,9 @@ def _not_within(settled: Settled, checks: dict[tuple[str, str], Check], problem:
             "/optimise",
             "limit-out-of-reach",
             f"the smallest quantile found{within} is {first:.4g} mm to first order and at most "
-            f"{worst.interval_mm[1]:.4g} mm by Monte Carlo at target {worst.target!r}, which is not within the limit "
+            f"{worst.upper_mm:.4g} mm by Monte Carlo at target {worst.target!r}, which is not within the limit "
             f"of {worst.limit_mm:g} mm ({worst.requirement})",
-            f"raise the limit above {worst.interval_mm[1]:.4g} mm, or "
+            f"raise the limit above {worst.upper_mm:.4g} mm, or "
             + ("free tolerances" if not problem.half_widths else "raise the cost limit"),
         )
     )

@@ -1,0 +1,30 @@
+"""A score beyond its range of validity leaves as JSON: its interval has no upper end, not an infinite one."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from tailstack import load_design, score
+from tailstack.design import design_to_data
+from tailstack_service.documents import read_record, to_json
+from tailstack_service.rendering.score import score_text
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "small_cluster_far_target.yaml"
+
+
+def test_an_unknown_upper_end_is_null_and_never_passes() -> None:
+    data = design_to_data(load_design(EXAMPLE))
+    data["requirements"] = [
+        {"name": "lenient", "limit_mm": 5000.0},
+        {"name": "units", "limit_mm": 5000.0, "risk": "per_unit", "min_yield": 0.9},
+    ]
+    for view in data["views"]:
+        view["fiducial_noise_px"] = view["target_noise_px"] = 1.2
+    result = score(load_design(data))
+    assert result.validity.status == "not valid"
+    document = json.loads(to_json(result))
+    assert [check["interval_mm"][1] for check in document["verdict"]["checks"]] == [None, None]
+    assert [check["status"] for check in document["verdict"]["checks"]] == ["inconclusive", "inconclusive"]
+    assert read_record("score", to_json(result)) == result
+    assert "no upper end is known" in " ".join(score_text(result).split())
