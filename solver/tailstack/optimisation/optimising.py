@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,48 +47,88 @@ def optimise(
     attainable and what would cure it), IllPosedError, NotConvergedError (also when stopped before anything
     converged).
     """
+    asked = ask(design, seed=seed, starts=starts)
+
+    def searched(position: int) -> Search:
+        watch = _offset(progress, position, len(asked.counts))
+        return search(
+            asked.problems[position], starts=asked.starts, seed=asked.seed, threads=threads, progress=watch, stop=stop
+        )
+
+    return finish(asked, searched, threads=threads, progress=progress, stop=stop)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Asked:
+    """What a document asks for, refused already where no search is needed to refuse it."""
+
+    request: Request
+    seed: int
+    starts: int
+    counts: tuple[int, ...]  # numbers of fiducials to be tried
+    problems: tuple[PlacementProblem, ...]  # one for each
+    remarks: tuple[Finding, ...]
+
+
+def ask(design: Design, *, seed: int | None = None, starts: int | None = None) -> Asked:
+    """Read the ``optimise`` section of a design.  Raises DesignError, InfeasibleError."""
+    with _placed(design):
+        request = read_request(design)
+        counts = counts_of(request)
+        problems = tuple(with_count(request, count) for count in counts)
+        for problem in problems:
+            refuse_contradictions(problem)
+        refuse_incurable(request.problem)
+        return Asked(
+            request,
+            request.wanted.seed if seed is None else seed,
+            request.wanted.starts if starts is None else starts,
+            counts,
+            problems,
+            influence_of(request.problem),
+        )
+
+
+def finish(
+    asked: Asked, searched: Callable[[int], Search], *, threads: int | None = None, progress: Progress | None = None,
+    stop: Stop | None = None,
+) -> Optimisation:  # fmt: skip
+    """From the searches at every number of fiducials to the answer; ``searched(position)`` gives one, or raises what
+    ``search`` raises.  Raises InfeasibleError, IllPosedError, NotConvergedError."""
+    request, seed = asked.request, asked.seed
+    with _placed(request.design):
+        searches, tried = _search_counts(asked, searched, stop)
+        found, exact, result = _first_verified(request, searches, seed, threads, progress, stop)
+        chosen = len(found.program.problem.system.fiducial_labels)
+        tried = tuple(
+            replace(item, note=f"{item.note}; chosen") if item.fiducials == chosen else item for item in tried
+        )
+        front: tuple[FrontPoint, ...] = ()
+        if request.wanted.wanted == "pareto":
+            front = front_of(request, found, seed=seed, threads=threads, progress=progress, stop=stop)
+        best = for_people(found.program, found.found[0].point.objective)
+        value = None
+        if not request.graded:
+            value = placement_value(found, best, seed, stop)
+        return report(Outcome(request, found, exact, result, asked.remarks, value, tried, front, seed))
+
+
+@contextmanager
+def _placed(design: Design) -> Iterator[None]:
+    """Refusals with their place in the user's document."""
     try:
-        return _optimise(design, seed, starts, threads, progress, stop)
+        yield
     except TailstackError as error:
         raise type(error)([place(problem, design.source) for problem in error.problems]) from None
 
 
 def influence(design: Design) -> tuple[Finding, ...]:
     """What the free variables of a design can and cannot do, in milliseconds.  Raises DesignError."""
-    try:
+    with _placed(design):
         request = read_request(design)
         refuse_contradictions(request.problem)
         refuse_incurable(request.problem)
         return influence_of(request.problem)
-    except TailstackError as error:
-        raise type(error)([place(problem, design.source) for problem in error.problems]) from None
-
-
-def _optimise(
-    design: Design, seed: int | None, starts: int | None, threads: int | None, progress: Progress | None,
-    stop: Stop | None,
-) -> Optimisation:  # fmt: skip
-    request = read_request(design)
-    seed = request.wanted.seed if seed is None else seed
-    starts = request.wanted.starts if starts is None else starts
-    counts = counts_of(request)
-    problems = [with_count(request, count) for count in counts]
-    for problem in problems:
-        refuse_contradictions(problem)
-    refuse_incurable(request.problem)
-    remarks = influence_of(request.problem)
-    searches, tried = _search_counts(request, problems, counts, starts, seed, threads, progress, stop)
-    found, exact, result = _first_verified(request, searches, seed, threads, progress, stop)
-    chosen = len(found.program.problem.system.fiducial_labels)
-    tried = tuple(replace(item, note=f"{item.note}; chosen") if item.fiducials == chosen else item for item in tried)
-    front: tuple[FrontPoint, ...] = ()
-    if request.wanted.wanted == "pareto":
-        front = front_of(request, found, seed=seed, threads=threads, progress=progress, stop=stop)
-    best = for_people(found.program, found.found[0].point.objective)
-    value = None
-    if not request.graded:
-        value = placement_value(found, best, seed, stop)
-    return report(Outcome(request, found, exact, result, remarks, value, tried, front, seed))
 
 
 def _first_verified(
@@ -121,23 +163,22 @@ def _first_verified(
 
 
 def _search_counts(
-    request: Request, problems: list[PlacementProblem], counts: tuple[int, ...], starts: int, seed: int,
-    threads: int | None, progress: Progress | None, stop: Stop | None,
-) -> tuple[list[Search], tuple[CountTried, ...]]:  # fmt: skip
+    asked: Asked, searched: Callable[[int], Search], stop: Stop | None
+) -> tuple[list[Search], tuple[CountTried, ...]]:
     """Searches at every number of fiducials, best objective first (a tie goes to fewer), and what each reached."""
+    request, counts = asked.request, asked.counts
     each = request.wanted.count.cost_per_fiducial if request.wanted.count is not None else 0.0
     searches: list[tuple[float, Search]] = []
     tried: list[CountTried] = []
     missed = 0
     refused: TailstackError | None = None
-    for position, (count, problem) in enumerate(zip(counts, problems, strict=True)):
+    for position, (count, problem) in enumerate(zip(counts, asked.problems, strict=True)):
         if stop is not None and stop() and searches:
             tried.append(CountTried(count, None, None, "not tried: stopped on request"))
             missed += 1
             continue
-        watch = _offset(progress, position, len(counts))
         try:
-            found = search(problem, starts=starts, seed=seed, threads=threads, progress=watch, stop=stop)
+            found = searched(position)
         except (InfeasibleError, NotConvergedError) as error:
             refused = refused or error
             tried.append(CountTried(count, None, None, error.problems[0].detail))

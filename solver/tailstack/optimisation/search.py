@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass, replace
 from queue import SimpleQueue
 
@@ -34,6 +35,7 @@ SAME = 2.5e-4  # relative: explored objectives are known to about that
 
 Progress = Callable[[str, int, int, float | None], None]  # stage, done, total, least objective so far
 Stop = Callable[[], bool]
+Points = Generator[Point, None, None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +60,17 @@ class Search:
     stopped: str
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """A search before its starts are solved.  Solving one depends on nothing but this and its number."""
+
+    program: Program
+    terms: tuple[DemandTerms, ...]  # of every demand, also those outside the programme
+    estimator: Estimator
+    begun: tuple[Begun, ...]
+    led: dict[int, Found]  # ends that are known already
+
+
 def search(
     problem: PlacementProblem,
     *,
@@ -71,6 +84,14 @@ def search(
 
     Raises InfeasibleError, and NotConvergedError when it was stopped before anything converged.
     """
+    prepared = prepare_search(problem, starts=starts, seed=seed, threads=threads)
+    return conclude(prepared, _solve_all(prepared.program, prepared.begun, stop), progress, stop)
+
+
+def prepare_search(
+    problem: PlacementProblem, *, starts: int = 8, seed: int = 0, threads: int | None = None
+) -> Prepared:
+    """The programme of a problem and where it is to be solved from.  Raises InfeasibleError."""
     terms = tuple(terms_of(problem, demand) for demand in problem.demands)
     estimator = estimator_of(problem.system)
     layouts = starting_layouts(problem, estimator, farthest(problem, terms), starts, seed)
@@ -82,8 +103,12 @@ def search(
         leading = leading_demands(problem, terms, choices, LEADING)
         active = tuple(term for k, term in enumerate(terms) if k in leading)
     lanes = min(cores() if threads is None else threads, len(layouts))
-    program = build_program(problem, estimator, active, lanes)
-    return explore(program, terms, estimator, layouts, progress, stop)
+    return _prepared(build_program(problem, estimator, active, lanes), terms, estimator, layouts)
+
+
+def _prepared(program: Program, terms: tuple[DemandTerms, ...], estimator: Estimator, layouts: list[Array]) -> Prepared:
+    begun, led = _led(program, _starts(program, layouts))
+    return Prepared(program, terms, estimator, tuple(begun), led)
 
 
 def explore(
@@ -91,29 +116,48 @@ def explore(
     progress: Progress | None, stop: Stop | None,
 ) -> Search:  # fmt: skip
     """Solve from given layouts."""
-    begun, ends = _led(program, _starts(program, layouts))
+    prepared = _prepared(program, terms, estimator, layouts)
+    return conclude(prepared, _solve_all(program, prepared.begun, stop), progress, stop)
+
+
+def solve_start(prepared: Prepared, number: int) -> Point:
+    """Where one start ends, on the first lane."""
+    start = prepared.begun[number]
+    return solve(prepared.program, start.x, start.parameters)
+
+
+def conclude(prepared: Prepared, points: Points, progress: Progress | None = None, stop: Stop | None = None) -> Search:
+    """What the ends of the starts come to, given in their order; the best are polished.
+
+    Raises InfeasibleError, NotConvergedError when none converged, or when stopped before one did.
+    """
+    program, begun, ends = prepared.program, prepared.begun, dict(prepared.led)
     stopped, cut = f"all {len(begun)} starts were solved", False
-    for k, point in enumerate(_solve_all(program, begun, stop)):
-        if point.solved and (k not in ends or point.objective < ends[k].point.objective):
-            ends[k] = Found(point, begun[k].parameters)
-        if progress is not None:
-            least = min((end.point.objective for end in ends.values()), default=None)
-            progress("start", k + 1, len(begun), None if least is None else for_people(program, least))
-        if stop is not None and stop() and k + 1 < len(begun):
-            stopped, cut = f"stopped on request after {k + 1} of {len(begun)} starts", True
-            break
+    with closing(points):  # what is still being solved is over before anything else is
+        for k, point in enumerate(points):
+            if point.solved and (k not in ends or point.objective < ends[k].point.objective):
+                ends[k] = Found(point, begun[k].parameters)
+            if progress is not None:
+                least = min((end.point.objective for end in ends.values()), default=None)
+                progress("start", k + 1, len(begun), None if least is None else for_people(program, least))
+            if stop is not None and stop() and k + 1 < len(begun):
+                stopped, cut = f"stopped on request after {k + 1} of {len(begun)} starts", True
+                break
     if not ends and cut:
         detail = f"{stopped}: none had converged"
         raise NotConvergedError(Problem("/optimise", "stopped", detail, "let it run longer"))
     if not ends:
-        raise _none_found(program, begun)
+        raise _none_found(program, list(begun))
     solved = sorted(ends.values(), key=lambda item: item.point.objective)
     polished = [
         Found(solve(program, item.point.x, item.parameters, warm=item.point), item.parameters)
         for item in solved[:POLISHED]
     ]
     best = sorted((item for item in polished if item.point.solved), key=lambda item: item.point.objective) or solved
-    return Search(program, tuple(best), terms, estimator, len(begun), len(ends), local_optima(program, ends), stopped)
+    return Search(
+        program, tuple(best), prepared.terms, prepared.estimator, len(begun), len(ends), local_optima(program, ends),
+        stopped,
+    )  # fmt: skip
 
 
 def _led(program: Program, begun: list[Begun]) -> tuple[list[Begun], dict[int, Found]]:
@@ -153,7 +197,7 @@ def for_people(program: Program, objective: float) -> float:
     return float(np.exp(objective / 2 if program.problem.objective == "quantile" else objective))
 
 
-def _solve_all(program: Program, begun: list[Begun], stop: Stop | None) -> Iterator[Point]:
+def _solve_all(program: Program, begun: tuple[Begun, ...], stop: Stop | None) -> Points:
     """The starts solved side by side, in their order: what a start ends at does not depend on the threads."""
     lanes: SimpleQueue[int] = SimpleQueue()
     for lane in range(len(program.explore)):
