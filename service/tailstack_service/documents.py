@@ -18,6 +18,9 @@ from pydantic import TypeAdapter
 from tailstack.design import Design, check_design, design_json_schema, list_presets
 from tailstack.results import Finding, Optimisation, Score, Verification, ViewCheck
 
+from .gate.records import GateRecord
+from .gate.schemas import policy_json_schema, waivers_json_schema
+from .job_document import JobDocument, JobPage
 from .problems import ProblemDocument
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -58,11 +61,32 @@ def validate(design: Design) -> Validation:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class ConvertedPoint:
+    label: str
+    position_mm: tuple[float, float, float]  # connector frame (LPS)
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """A fiducial file or a design in another format, and the fiducials in it."""
+
+    schema: Literal["tailstack/conversion/1"]
+    format: Literal["csv", "fcsv", "mrk.json", "yaml", "json"]
+    content: str
+    fiducials: tuple[ConvertedPoint, ...]
+    notes: tuple[str, ...]  # what was done to the numbers on the way
+
+
 RECORDS: dict[str, type] = {
     "score": Score,
     "verification": Verification,
     "optimisation": Optimisation,
     "validation": Validation,
+    "gate": GateRecord,
+    "conversion": Conversion,
+    "job": JobDocument,
+    "jobs": JobPage,
     "problem": ProblemDocument,
 }
 
@@ -85,6 +109,11 @@ def to_json(record: Any, *, indent: int | None = None) -> bytes:
 def read_record(name: str, content: bytes) -> Any:
     """The record of a published document: what :func:`to_json` wrote.  Raises pydantic's ValidationError."""
     return _ADAPTERS[RECORDS[name]].validate_json(content)
+
+
+def from_plain(name: str, data: Any) -> Any:
+    """The record of a published document given as plain data.  Raises pydantic's ValidationError."""
+    return _ADAPTERS[RECORDS[name]].validate_python(data)
 
 
 def _record_schema(name: str) -> dict[str, Any]:
@@ -136,6 +165,12 @@ _TITLES = {
     "verification": "answer of verify: Monte Carlo on the full chain",
     "optimisation": "answer of optimise: the new design and its certificate",
     "validation": "answer of validate over HTTP",
+    "gate": "answer of gate: verdict, exit code, findings at their places",
+    "policy": "what a gate judges by: rules, limits, classes of designs",
+    "waivers": "findings that a gate accepts for now",
+    "conversion": "answer of convert over HTTP",
+    "job": "a computation that was accepted over HTTP: state, progress, problem, links",
+    "jobs": "a page of jobs, newest first",
     "problem": "every refusal (RFC 9457), over HTTP and with --json",
     "presets": "published C-arm geometries, the names that `preset` takes",
 }
@@ -148,7 +183,12 @@ def schema_names() -> dict[str, str]:
 
 @cache
 def _schema_text(name: str) -> str:
-    makers: dict[str, Callable[[], dict[str, Any]]] = {"design": design_json_schema, "presets": _preset_schema}
+    makers: dict[str, Callable[[], dict[str, Any]]] = {
+        "design": design_json_schema,
+        "presets": _preset_schema,
+        "policy": policy_json_schema,
+        "waivers": waivers_json_schema,
+    }
     body = makers[name]() if name in makers else _record_schema(name)
     head = {"$schema": DIALECT, "$id": f"urn:tailstack:schema:{name}:1"}
     return json.dumps({**head, **{key: value for key, value in body.items() if key not in head}}, ensure_ascii=False)

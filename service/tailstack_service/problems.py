@@ -18,6 +18,8 @@ from tailstack.errors import (
     TailstackError,
 )
 
+from .store.errors import IdempotencyConflict, QueueFull, StoreError, StoreUnavailable, UnitLost
+
 
 class RequestError(TailstackError):
     """The request around the design is wrong: an option, a setting, a flag."""
@@ -113,6 +115,13 @@ CATALOGUE: dict[str, ProblemType] = {
             "Check the body with `python -m json.tool`, and that it is sent whole.",
         ),
         ProblemType(
+            "invalid-policy",
+            "The policy, waivers or baseline cannot be used",
+            422,
+            "What a gate judges by breaks a rule of its document: a field, a limit, a date, a rule that is not there.",
+            "Mend the field that each error points at; GET /v1/schemas/policy and /v1/schemas/waivers have the rules.",
+        ),
+        ProblemType(
             "unsupported-media-type",
             "The content type is not accepted here",
             415,
@@ -144,7 +153,7 @@ CATALOGUE: dict[str, ProblemType] = {
             "busy",
             "All places for this kind of computation are taken",
             503,
-            "The service bounds how much it computes at once and how much may wait.",
+            "The service bounds how much it computes at once, how much may wait, and how many event streams are open.",
             "Send the request again after the time in the Retry-After header.",
         ),
         ProblemType(
@@ -153,6 +162,94 @@ CATALOGUE: dict[str, ProblemType] = {
             503,
             "The service was told to stop while this request was being computed.",
             "Send the request again once the service is back.",
+        ),
+        ProblemType(
+            "unauthenticated",
+            "The service does not know who asks",
+            401,
+            "No credential arrived, or it is unknown, revoked, expired or not meant for this service.",
+            "Send Authorization: Bearer <API key or JSON Web Token>; tailstack keys create makes API keys.",
+        ),
+        ProblemType(
+            "forbidden",
+            "This is not allowed to whoever asks",
+            403,
+            "The credential lacks the scope that the operation needs, or a browser sent the request from another site.",
+            "Ask an operator for a key with the scope that the detail names.",
+        ),
+        ProblemType(
+            "wrong-host",
+            "The request is addressed to another host",
+            421,
+            "Without authentication the service answers only requests whose Host header names this machine, so that no "
+            "web page can reach it under a name of its own.",
+            "Use 127.0.0.1 or localhost, or add the name to TAILSTACK_ALLOWED_HOSTS.",
+        ),
+        ProblemType(
+            "cpu-budget",
+            "The CPU time of this hour is used up",
+            429,
+            "The operator gave each tenant a number of CPU seconds an hour, and the jobs of the last hour took them.",
+            "Send the request again after the time in Retry-After.",
+        ),
+        ProblemType(
+            "not-finished",
+            "The job has no result yet",
+            409,
+            "The job is queued or running.",
+            "Ask again after the time in Retry-After, or follow /v1/jobs/{id}/events.",
+        ),
+        ProblemType(
+            "finished",
+            "The job has already ended",
+            409,
+            "A job that succeeded or failed cannot be cancelled.",
+            "Read its record: GET /v1/jobs/{id}.",
+        ),
+        ProblemType(
+            "cancelled",
+            "The job was cancelled",
+            409,
+            "Somebody cancelled the job before it ended; it has no result.",
+            "Send the request again if the answer is wanted after all.",
+        ),
+        ProblemType(
+            "pdf-unavailable",
+            "PDF cannot be written here",
+            501,
+            "The libraries that write PDF are not installed where the service runs.",
+            "Install what the detail names, or take format=html and print it.",
+        ),
+        _of(
+            QueueFull,
+            429,
+            "The service bounds how many jobs of one tenant may wait or run.",
+            "Wait for jobs to finish, cancel some, or send the request again after the time in Retry-After.",
+        ),
+        _of(
+            IdempotencyConflict,
+            422,
+            "A key stands for one request; the same key arrived with another body or for another operation.",
+            "Use a new key for a new request, or send the very same body again to get its job.",
+        ),
+        _of(
+            UnitLost,
+            500,
+            "The process that computed one part of the job ended again and again without an answer, or no attempt was "
+            "finished. The job was given up so that it does not hold up others.",
+            "Report it with the job id; a smaller request may pass (memory is the usual reason).",
+        ),
+        _of(
+            StoreUnavailable,
+            503,
+            "Jobs and results are kept in a database that could not be reached. Nothing that was accepted is lost.",
+            "Send the request again after the time in Retry-After; the Idempotency-Key makes that safe.",
+        ),
+        _of(
+            StoreError,
+            503,
+            "The database is there, but not as this version of the service needs it. No job can be accepted or read.",
+            "An operator has to act: tailstack db check says what is wrong, tailstack db migrate brings it up to date.",
         ),
         ProblemType(
             "internal-error",

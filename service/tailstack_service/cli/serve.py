@@ -1,4 +1,4 @@
-"""Serve the HTTP API until Ctrl-C or SIGTERM. Limits come from TAILSTACK_ variables (docs/http.md)."""
+"""Serve the HTTP API, with a worker beside it, until Ctrl-C or SIGTERM. docs/settings.md lists the settings."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 from .answer import PASS, Answer
 from .design_input import whole
 
-HELP = "the HTTP service, on loopback"
+HELP = "the HTTP service and its worker"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,21 +16,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--port", type=whole(0, 65535), default=8321, metavar="N", help="port, 0 for any free one (default %(default)s)"
     )
+    parser.add_argument("--database", metavar="URL", help="where jobs are kept (default TAILSTACK_DATABASE)")
     parser.add_argument(
-        "--allow-remote",
-        action="store_true",
-        help="listen on an address that other machines can reach; there is no authentication yet",
+        "--processes",
+        type=whole(1, 256),
+        metavar="N",
+        help="computing processes of the worker (default TAILSTACK_WORKER_PROCESSES)",
+    )
+    parser.add_argument(
+        "--no-worker", action="store_true", help="accept jobs, and leave computing them to tailstack worker elsewhere"
     )
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from ..http.server import address_of, bind, log_to_stderr, serve
+    from dataclasses import replace
+
+    from ..http.server import address_of, bind, serve
+    from ..logs import log_to_stderr
     from ..settings import settings_from
 
-    settings = settings_from(os.environ)
-    bound = bind(arguments.host, arguments.port, allow_remote=arguments.allow_remote)
-    log_to_stderr()
-    bound.listen(128)  # what connects before the service is up waits instead of being refused
-    print(f"serving on {address_of(bound)}   (Ctrl-C stops; /openapi.json describes it)", flush=True)
-    serve(bound, settings)
+    given = {"database": arguments.database, "worker_processes": arguments.processes}
+    settings = replace(settings_from(os.environ), **{name: value for name, value in given.items() if value is not None})
+    bound = bind(arguments.host, arguments.port, settings)
+    log_to_stderr(settings.log_format)
+    with bound:
+        print(f"serving on {address_of(bound)}   (Ctrl-C stops; /openapi.json describes it)", flush=True)
+        serve(bound, settings, worker=not arguments.no_worker)
     return Answer("", PASS)

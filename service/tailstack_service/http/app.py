@@ -1,4 +1,4 @@
-"""The application: routes, lanes, and every refusal as a problem document."""
+"""The application: routes, who may use them, and every refusal as a problem document."""
 
 from __future__ import annotations
 
@@ -13,94 +13,101 @@ from typing import Any
 from fastapi import FastAPI
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 
 from tailstack.errors import Problem, TailstackError
 
 from ..problems import TransportError
 from ..settings import Settings, settings_from
-from . import information
+from ..store.errors import StoreError, StoreUnavailable
+from .access import Access
 from .answers import problem_response
+from .asked import refuse_query
 from .bodies import BodyTooLarge, Placed
 from .computing import Lane
-from .openapi import describe, description_of
-from .operations import OPERATIONS, Operation, answer
+from .metrics import Metrics
+from .middleware import RequestLog
+from .openapi import describe
+from .routes import ROUTES, Route
+from .service import Service
+from .storage import Storage
 
 log = logging.getLogger("tailstack.service")
+REPORT_WORKERS = 1  # rendering holds the GIL, and scores are computed in the same process
+STORE_RETRY_SECONDS = 2
 
 
 def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> FastAPI:
     """The application with these settings, by default those of the environment (``TAILSTACK_*``).
 
-    ``warm_up`` compiles the kernels in the background when the application starts; readiness tells when
-    that is done.  ``app.state.stopping`` is the event that ends every computation.
+    ``warm_up`` compiles the kernels in the background when the application starts; readiness tells when that is
+    done.  The database is opened when it is first needed.  ``app.state.service.stopping`` ends every computation,
+    wait and stream.  Raises RequestError for settings of authentication that cannot work.
     """
     settings = settings_from(os.environ) if settings is None else settings
     app = FastAPI(
         title="tailstack", docs_url=None, redoc_url=None, openapi_url=None, redirect_slashes=False, lifespan=_lifespan
     )
-    app.state.settings = settings
-    app.state.stopping = threading.Event()
-    app.state.warmth = "warming up" if warm_up else "ready"
-    app.state.lanes = {
-        "score": Lane("score", settings.short_workers, settings.max_waiting),
-    }
-    for operation in OPERATIONS:
+    storage = Storage(settings.database_url)
+
+    async def find_key(presented: str) -> Any:
+        from ..store.keys import find_key as found
+
+        return await storage.run(found, presented)
+
+    service = Service(
+        settings=settings,
+        stopping=threading.Event(),
+        storage=storage,
+        access=Access(settings, find_key),
+        metrics=Metrics(),
+        short=Lane("short", settings.short_workers, settings.max_waiting),
+        reports=Lane("report", REPORT_WORKERS, settings.max_waiting),
+        warmth="warming up" if warm_up else "ready",
+    )
+    app.state.service = service
+    for route in ROUTES:
         app.add_api_route(
-            operation.path,
-            _endpoint(operation),
-            methods=["POST"],
-            response_class=Response,
-            **description_of(operation.path),
-        )
-    for path, endpoint in {**INFORMATION, "/openapi.json": _openapi}.items():
-        app.add_api_route(path, endpoint, methods=["GET"], response_class=Response, **description_of(path))
+            route.path, _admitting(route), methods=[route.method], response_class=Response,
+            operation_id=route.operation_id, name=route.operation_id,
+        )  # fmt: skip
     describe(app)
     for kind, handler in ((TailstackError, _refused), (Placed, _refused), (HTTPException, _not_routed)):
         app.add_exception_handler(kind, handler)  # type: ignore[arg-type]
-    from .middleware import RequestLog
-
-    app.add_middleware(RequestLog)
+    app.add_middleware(RequestLog, service=service)
     return app
 
 
-INFORMATION: dict[str, Callable[[Request], Awaitable[Response]]] = {
-    "/v1/schemas": information.schemas,
-    "/v1/schemas/{name}": information.schema,
-    "/v1/problems/{slug}": information.problem_type,
-    "/health/live": information.live,
-    "/health/ready": information.ready,
-    "/version": information.version,
-}
+def _admitting(route: Route) -> Callable[[Request], Awaitable[Response]]:
+    """The endpoint behind the question who asks and whether the query means anything."""
 
-
-def _endpoint(operation: Operation) -> Callable[[Request], Awaitable[Response]]:
     async def endpoint(request: Request) -> Response:
-        return await answer(operation, request)
+        if route.scope is not None:
+            request.state.caller = await request.app.state.service.access.admit(request, route.scope)
+        if route.query is not None:
+            refuse_query(request, route.query)
+        return await route.endpoint(request)
 
     return endpoint
 
 
-async def _openapi(request: Request) -> Response:
-    return JSONResponse(request.app.openapi())
-
-
 @asynccontextmanager
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
+    service: Service = app.state.service
     warming: asyncio.Future[Any] | None = None
-    if app.state.warmth == "warming up":
-        warming = asyncio.get_running_loop().run_in_executor(None, _warm, app)
+    if service.warmth == "warming up":
+        warming = asyncio.get_running_loop().run_in_executor(None, _warm, service)
     try:
         yield
     finally:
-        app.state.stopping.set()
-        for lane in app.state.lanes.values():
-            await asyncio.to_thread(lane.close)
+        service.stopping.set()
+        for close in (service.short.close, service.reports.close, service.storage.close):
+            await asyncio.to_thread(close)
         if warming is not None:
             await warming
 
 
-def _warm(app: FastAPI) -> None:
+def _warm(service: Service) -> None:
     """Compile what requests will run, so that the first one does not wait for it."""
     from tailstack.design import load_design
     from tailstack.scoring import score
@@ -108,33 +115,50 @@ def _warm(app: FastAPI) -> None:
     from .example import EXAMPLE_DESIGN
 
     try:
-        score(load_design(EXAMPLE_DESIGN))
-        app.state.warmth = "ready"
+        design = load_design(EXAMPLE_DESIGN)
+        score(design)
+        service.warmth = "ready"
+        if not service.stopping.is_set():
+            from tailstack.optimisation import influence
+
+            influence(design)  # what the first optimisation would load; nobody has to wait for it to be ready
     except Exception:
-        log.exception("action=warm-up-failed")
-        app.state.warmth = "failed"
+        log.exception("", extra={"action": "warm-up-failed"})
+        service.warmth = "failed"
 
 
 async def _refused(request: Request, error: Exception) -> Response:
     refusal, prefix = (error.error, error.prefix) if isinstance(error, Placed) else (error, "")
     assert isinstance(refusal, TailstackError)
+    if isinstance(refusal, StoreUnavailable | StoreError):
+        refusal = _without_its_address(request, refusal)
     status = 413 if isinstance(refusal, BodyTooLarge) else None
-    return problem_response(
+    response = problem_response(
         refusal, instance=request.url.path, request_id=request.state.request_id, status=status, prefix=prefix
     )
+    if response.status_code in (429, 503):
+        response.headers.setdefault("Retry-After", str(STORE_RETRY_SECONDS))
+    return response
+
+
+def _without_its_address(request: Request, error: TailstackError) -> TransportError:
+    """What a driver says may name hosts, files and users: that is for the log, not for a client."""
+    log.warning("%s", error, extra={"action": error.slug, "request": request.state.request_id})
+    detail = "the database does not answer" if error.slug == "store-unavailable" else "the database cannot be used"
+    return TransportError(error.slug, Problem("", error.slug, detail, "the log says why, under the id of the request"))
 
 
 async def _not_routed(request: Request, error: HTTPException) -> Response:
     """404 and 405 of the router."""
     slug = {404: "not-found", 405: "method-not-allowed"}.get(error.status_code, "invalid-request")
+    headers = dict(error.headers or {})
+    path = request.url.path[:120]
     if slug == "not-found":
-        problem = Problem(
-            "", slug, f"there is nothing at {request.url.path[:120]}", "GET /openapi.json lists every path"
-        )
+        problem = Problem("", slug, f"there is nothing at {path}", "GET /openapi.json lists every path")
     else:
-        allowed = (error.headers or {}).get("Allow", "")
-        problem = Problem("", slug, f"{request.url.path[:120]} does not answer to {request.method}", f"use {allowed}")
-    refusal = TransportError(slug, problem, dict(error.headers or {}))
+        headers["Allow"] = ", ".join(sorted({route.method for route in ROUTES if route.matches(request.url.path)}))
+        problem = Problem("", slug, f"{path} does not answer to {request.method}", f"use {headers['Allow']}")
+    refusal = TransportError(slug, problem, headers)
     return problem_response(
         refusal, instance=request.url.path, request_id=request.state.request_id, status=error.status_code
     )

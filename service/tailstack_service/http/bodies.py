@@ -39,12 +39,12 @@ class Placed(Exception):
         self.error, self.prefix = error, prefix
 
 
-def content_kind(request: Request, *, yaml: bool) -> str:
-    """``json`` or ``yaml`` by the content type.  Raises TransportError 415."""
+def content_kind(request: Request, *, yaml: bool, raw: tuple[str, ...] = ()) -> str:
+    """``json``, ``yaml`` or one of ``raw`` by the content type.  Raises TransportError 415."""
     header = request.headers.get("content-type", "")
     kind, _, parameters = header.partition(";")
     kind = kind.strip().lower()
-    accepted = f"{JSON} or {YAML[0]}" if yaml else JSON
+    accepted = ", ".join([JSON, *(YAML[:1] if yaml else ()), *raw])
     encoding = request.headers.get("content-encoding", "identity").strip().lower()
     charset = next(
         (p.split("=")[1].strip(' "').lower() for p in parameters.split(";") if "charset=" in p.lower()), "utf-8"
@@ -57,9 +57,11 @@ def content_kind(request: Request, *, yaml: bool) -> str:
         return "json"
     elif yaml and kind in YAML:
         return "yaml"
+    elif kind in raw:
+        return kind
     else:
         refused = f"Content-Type: {header[:80]}" if header else "no Content-Type"
-    problem = Problem("", "content-type", f"this operation reads {accepted}, UTF-8, not compressed; got {refused}")
+    problem = Problem("", "content-type", f"this operation reads {accepted}; UTF-8, not compressed; got {refused}")
     raise TransportError("unsupported-media-type", problem)
 
 

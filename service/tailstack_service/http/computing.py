@@ -1,7 +1,6 @@
-"""Where computations run: a bounded number of threads per kind, with a way to stop each.
+"""Where what is answered at once is computed: a bounded number of threads, with a way to stop what waits.
 
-The kernels release the GIL, so threads are enough.  Lanes are separate so that an optimisation of several
-seconds never stands in front of a score of a millisecond.
+The kernels release the GIL, so threads are enough.  Whatever takes longer is a job and runs elsewhere.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ class Stopped(Exception):
 
 
 class Watch:
-    """Passed to the solver as its progress callback: ends a computation that is late or no longer wanted."""
+    """Ends a computation that is late or no longer wanted, at the points where it looks."""
 
     def __init__(self, seconds: float, stopping: threading.Event) -> None:
         self.seconds = seconds

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import logging
 import platform
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from tailstack import __version__
-from tailstack.errors import Problem
+from tailstack.errors import Problem, TailstackError
 
-from ..documents import json_schema, schema_names
+from ..documents import RECORDS, json_schema, schema_names
 from ..problems import CATALOGUE, ProblemType, TransportError
+from .metrics import CONTENT_TYPE, live_workers
+from .service import Warmth, service_of
+
+log = logging.getLogger("tailstack.service")
+DOCUMENTS = tuple(f"tailstack/{name}/1" for name in ("design", *RECORDS) if name != "problem")
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +36,17 @@ class SchemaList:
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    status: Literal["alive", "ready", "warming up", "stopping", "failed"]
+    status: Literal["alive"]
+
+
+@dataclass(frozen=True, slots=True)
+class Readiness:
+    """Whether requests should be sent here, and why not."""
+
+    status: Warmth | Literal["stopping", "no database"]
+    kernels: Warmth
+    database: Literal["ready", "not ready"]
+    workers: int  # that computed or looked for work lately, on any host; jobs wait while there is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,23 +56,46 @@ class Version:
     documents: tuple[str, ...]  # value of the field `schema` of each document this version reads and writes
 
 
-async def live(request: Request) -> Response:
+async def liveness(request: Request) -> Response:
     return JSONResponse(asdict(Health("alive")))
 
 
-async def ready(request: Request) -> Response:
-    """200 once the kernels are compiled (or read from their cache), until the service is told to stop."""
-    state = request.app.state
-    status: str = "stopping" if state.stopping.is_set() else state.warmth
-    headers = {} if status == "ready" else {"Retry-After": "2"}
-    return JSONResponse({"status": status}, 200 if status == "ready" else 503, headers)
+async def readiness(request: Request) -> Response:
+    """200 once the kernels are compiled and the database can be used, until the service is told to stop.
+
+    A service without a worker is ready: it scores, and accepts jobs that run as soon as a worker comes.
+    """
+    service = service_of(request)
+    try:
+        workers: int | None = await service.storage.run(live_workers)
+    except TailstackError as error:
+        log.warning("%s", error, extra={"action": "database-not-ready"})
+        workers = None
+    document = Readiness(
+        status="stopping" if service.stopping.is_set() else service.warmth,
+        kernels=service.warmth,
+        database="not ready" if workers is None else "ready",
+        workers=workers or 0,
+    )
+    if document.status == "ready" and workers is None:
+        document = replace(document, status="no database")
+    ready = document.status == "ready"
+    headers = {"Cache-Control": "no-store"} | ({} if ready else {"Retry-After": "2"})
+    return JSONResponse(asdict(document), 200 if ready else 503, headers)
+
+
+async def metrics(request: Request) -> Response:
+    """Counters of the API; jobs and workers too while the database answers."""
+    service = service_of(request)
+    try:
+        page = await service.storage.run(service.metrics.page)
+    except TailstackError:
+        page = service.metrics.page(None)
+    return Response(page, media_type=CONTENT_TYPE)
 
 
 async def version(request: Request) -> Response:
-    names = ("design", "score", "verification", "optimisation", "validation")
-    return JSONResponse(
-        asdict(Version(__version__, platform.python_version(), tuple(f"tailstack/{name}/1" for name in names)))
-    )
+    return JSONResponse(asdict(Version(__version__, platform.python_version(), DOCUMENTS)))
 
 
 async def schemas(request: Request) -> Response:

@@ -1,4 +1,4 @@
-"""One ASGI layer around everything: request ids, one log line per request, and the last resort."""
+"""One ASGI layer around everything: request ids, who may call at all, counting, one log line, the last resort."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 import time
 import uuid
 
+from starlette.datastructures import Headers
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -15,22 +16,27 @@ from tailstack.errors import Problem
 from ..problems import TransportError
 from .answers import problem_response
 from .computing import Stopped
+from .metrics import NO_ROUTE
+from .service import Service
 
 log = logging.getLogger("tailstack.service")
 _ID = re.compile(r"[A-Za-z0-9._:-]{1,64}\Z")
+CLIENT_LEFT = 499
 
 
 class RequestLog:
-    """Gives each request an id (its own X-Request-ID if that is harmless), echoes it, logs the outcome."""
+    """Gives each request an id (its own X-Request-ID if that is harmless), echoes it, logs and counts the outcome."""
 
-    def __init__(self, app: ASGIApp) -> None:
+    def __init__(self, app: ASGIApp, service: Service) -> None:
         self.app = app
+        self.service = service
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        offered = next((value for name, value in scope["headers"] if name == b"x-request-id"), b"").decode("latin-1")
+        headers = Headers(scope=scope)
+        offered = headers.get("x-request-id", "")
         request_id = offered if _ID.match(offered) else uuid.uuid4().hex
         scope.setdefault("state", {})["request_id"] = request_id
         started, status = time.perf_counter(), 0
@@ -43,20 +49,33 @@ class RequestLog:
             await send(message)
 
         try:
+            self.service.access.check_address(scope["method"], headers)
             await self.app(scope, receive, send_with_id)
         except Stopped:  # the client left; nobody reads an answer
-            status = 499
+            status = CLIENT_LEFT
+        except TransportError as refused:
+            await _refusal(refused, scope, request_id)(scope, receive, send_with_id)
         except Exception:
-            log.exception("request=%s action=failed path=%r", request_id, scope["path"])
+            log.exception("", extra={"action": "failed", "request": request_id, "path": scope["path"]})
             if status == 0:
-                await _internal_error(scope, request_id)(scope, receive, send_with_id)
-        took_ms = 1e3 * (time.perf_counter() - started)
+                defect = Problem(
+                    "", "internal-error", "the request met a defect of the service", "report it with the id"
+                )
+                error = TransportError("internal-error", defect)
+                await _refusal(error, scope, request_id)(scope, receive, send_with_id)
+        took = time.perf_counter() - started
+        route = getattr(scope.get("route"), "path", NO_ROUTE)
+        method = scope["method"] if route != NO_ROUTE else NO_ROUTE  # a stranger's methods are without end
+        self.service.metrics.answered(method, route, status, took)
+        caller = scope["state"].get("caller")
         log.info(
-            "request=%s action=answered method=%s path=%r status=%d ms=%.1f",
-            request_id, scope["method"], scope["path"], status, took_ms,
+            "",
+            extra={
+                "action": "answered", "request": request_id, "method": scope["method"], "path": scope["path"],
+                "status": status, "ms": 1e3 * took, "tenant": None if caller is None else caller.tenant,
+            },
         )  # fmt: skip
 
 
-def _internal_error(scope: Scope, request_id: str) -> Response:
-    problem = Problem("", "internal-error", "the request met a defect of the service", "report it with the request id")
-    return problem_response(TransportError("internal-error", problem), instance=scope["path"], request_id=request_id)
+def _refusal(error: TransportError, scope: Scope, request_id: str) -> Response:
+    return problem_response(error, instance=scope["path"], request_id=request_id)

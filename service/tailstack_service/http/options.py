@@ -22,6 +22,16 @@ class Options(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, hide_input_in_errors=True)
 
+    @classmethod
+    def in_query(cls) -> dict[str, str]:
+        """Options that the query gives under another name and may repeat: name in the query, option."""
+        return {}
+
+    @classmethod
+    def from_query(cls, option: str, given: list[str]) -> Any:
+        """The value of such an option.  Raises RequestError."""
+        raise NotImplementedError(option)
+
 
 class ValidationOptions(Options):
     """No options."""
@@ -31,23 +41,28 @@ class ScoreOptions(Options):
     second_order: bool = Field(False, description="Add the second-order correction where it holds.")
 
 
-class VerificationOptions(Options):
+class CheckOptions(Options):
+    """How much a Monte Carlo check samples."""
+
     trials: Annotated[int, Field(ge=1)] | None = Field(
         None, description="Number of trials. Either this or precision; neither: the solver's own precision."
     )
     precision: Annotated[float, Field(gt=0, lt=1)] | None = Field(
         None, description="Half-width of the confidence interval of P95, relative, at which sampling stops."
     )
-    seed: Seed = Field(0, description="Seed; one seed is one answer, whatever batch size and threads.")
-    method: Literal["plain", "radial"] = Field(
-        "plain", description="plain: order statistics of the trials. radial: conditional on the direction."
-    )
+    seed: Seed = Field(0, description="Seed; one seed is one answer, whatever workers and threads.")
 
     @model_validator(mode="after")
-    def _one_size(self) -> VerificationOptions:
+    def _one_size(self) -> CheckOptions:
         if self.trials is not None and self.precision is not None:
             raise PydanticCustomError("one-of", "give trials or precision; both arrived", {"at": "/precision"})
         return self
+
+
+class VerificationOptions(CheckOptions):
+    method: Literal["plain", "radial"] = Field(
+        "plain", description="plain: order statistics of the trials. radial: conditional on the direction."
+    )
 
 
 class OptimisationOptions(Options):
@@ -55,6 +70,96 @@ class OptimisationOptions(Options):
     starts: Annotated[int, Field(ge=1)] | None = Field(
         None, description="Number of starts; absent: optimise/starts of the design."
     )
+
+
+class Axis(Options):
+    """One number of the design and the values that it takes: a list, or a range."""
+
+    pointer: Annotated[str, Field(min_length=1, max_length=500, pattern=r"^/")] = Field(
+        description="JSON pointer to a number of the design, e.g. /views/0/fiducial_noise_px."
+    )
+    values: Annotated[list[float], Field(min_length=1)] | None = Field(None, description="The values, in this order.")
+    start: float | None = Field(None, description="First value of a range.")
+    stop: float | None = Field(None, description="Last value of a range, included.")
+    count: Annotated[int, Field(ge=1)] | None = Field(None, description="Number of values of a range, evenly spaced.")
+
+    @model_validator(mode="after")
+    def _one_form(self) -> Axis:
+        parts = (self.start, self.stop, self.count)
+        whole_range, any_of_range = None not in parts, parts != (None, None, None)
+        if (self.values is None) != whole_range or (self.values is not None and any_of_range):
+            raise PydanticCustomError("one-of", "give values, or start, stop and count", {"at": ""})
+        return self
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return len(self.values) if self.values is not None else self.count or 0
+
+
+class SweepOptions(Options):
+    axes: Annotated[list[Axis], Field(min_length=1, max_length=6)] = Field(
+        description="Numbers of the design that vary; every combination of their values is a point."
+    )
+    check: Literal["score", "verification"] = Field("score", description="What is computed at each point.")
+    trials: Annotated[int, Field(ge=1)] | None = Field(
+        None, description="Trials at each point, for check verification; absent: to the solver's own precision."
+    )
+    seed: Seed = Field(0, description="Seed of the sweep; each point has its own, derived from it.")
+
+    @model_validator(mode="after")
+    def _trials_of_a_check(self) -> SweepOptions:
+        if self.trials is not None and self.check == "score":
+            raise PydanticCustomError("no-trials", "a score draws no trials", {"at": "/trials"})
+        return self
+
+    @classmethod
+    def in_query(cls) -> dict[str, str]:
+        return {"set": "axes"}
+
+    @classmethod
+    def from_query(cls, option: str, given: list[str]) -> Any:
+        return [_axis(text) for text in given]
+
+
+def _axis(text: str) -> dict[str, Any]:
+    """``PATH=START:STOP:COUNT`` or ``PATH=VALUE,VALUE,...`` as in ``tailstack sweep --set``."""
+    pointer, found, said = text.partition("=")
+    pointer = pointer if pointer.startswith("/") else "/" + pointer
+    try:
+        if not found:
+            raise ValueError
+        if ":" in said:
+            start, stop, count = said.split(":")
+            return {"pointer": pointer, "start": float(start), "stop": float(stop), "count": int(count)}
+        return {"pointer": pointer, "values": [float(value) for value in said.split(",")]}
+    except ValueError:
+        detail = f"set is PATH=START:STOP:COUNT or PATH=VALUE,VALUE,...; got {text[:80]!r}"
+        hint = "for example set=/views/0/fiducial_noise_px=0.1:0.5:5"
+        raise RequestError(Problem("/set", "bad-parameter", detail, hint)) from None
+
+
+Part = Literal["score", "verification", "optimisation"]
+
+
+class ReportOptions(CheckOptions):
+    parts: Annotated[list[Part], Field(min_length=1, max_length=3)] = Field(
+        ["score", "verification"], description="What the record holds, each once; optimisation: before and after."
+    )
+
+    @model_validator(mode="after")
+    def _each_once(self) -> ReportOptions:
+        if len(set(self.parts)) < len(self.parts):
+            raise PydanticCustomError("given-twice", "each part is named once", {"at": "/parts"})
+        return self
+
+    @classmethod
+    def in_query(cls) -> dict[str, str]:
+        return {"part": "parts"}
+
+    @classmethod
+    def from_query(cls, option: str, given: list[str]) -> Any:
+        return given
 
 
 O = TypeVar("O", bound=Options)  # noqa: E741

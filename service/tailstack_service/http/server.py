@@ -1,49 +1,46 @@
-"""Serving: a socket on loopback, graceful stop, and the same application embedded in another program."""
+"""Serving: a listening socket, API processes behind it, a worker beside them, and a stop that leaves nobody behind."""
 
 from __future__ import annotations
 
-import ipaddress
-import logging
 import signal
 import socket
-import sys
+import subprocess
+import tempfile
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import fields, replace
+from pathlib import Path
 from types import FrameType
 
 import uvicorn
 
 from tailstack.errors import Problem
 
+from ..compute.interpreter import command, environment
 from ..problems import RequestError
-from ..settings import Settings
-from .app import create_app
+from ..settings import Settings, variable
+from ..store.database import open_database
+from .access import is_loopback
+from .keeping import Kept
 
 DEFAULT_PORT = 8321
+BACKLOG = 1024
+LOOK_SECONDS = 0.1  # between looks whether a signal came
 GRACE_SECONDS = 10  # for answers that are being written when the service is told to stop
+SHARED_COUNTERS = "PROMETHEUS_MULTIPROC_DIR"  # prometheus_client reads it when it is imported
 
 
-def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach the address."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
-def bind(host: str, port: int, *, allow_remote: bool = False) -> socket.socket:
-    """A listening socket.  Raises RequestError for an address others can reach, or that cannot be had."""
-    if not allow_remote and not is_loopback(host):
+def bind(host: str, port: int, settings: Settings) -> socket.socket:
+    """A listening socket.  Raises RequestError for an address that others can reach while nobody is asked who he is."""
+    if settings.auth != "required" and not is_loopback(host):
         raise RequestError(
             Problem(
                 "",
                 "not-loopback",
-                f"{host} can be reached from other machines, and the service has no authentication yet",
-                "serve on 127.0.0.1, or add --allow-remote if something in front of it lets only the right people in",
+                f"{host} can be reached from other machines, and {variable('auth')} is none",
+                f"serve on 127.0.0.1, or make a key (tailstack keys create) and set {variable('auth')}=required",
             )
         )
     try:
@@ -52,6 +49,7 @@ def bind(host: str, port: int, *, allow_remote: bool = False) -> socket.socket:
         try:
             bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             bound.bind(address)
+            bound.listen(BACKLOG)  # what connects before the service is up waits instead of being refused
         except OSError:
             bound.close()
             raise
@@ -74,64 +72,152 @@ def address_of(bound: socket.socket) -> str:
     return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
 
-class _Server(uvicorn.Server):
-    """Tells running computations to stop as soon as the signal comes, not when they are done."""
+class Server(uvicorn.Server):
+    """Tells everything that waits to stop as soon as the signal comes, not when it is done."""
 
-    def __init__(self, config: uvicorn.Config, stopping: threading.Event) -> None:
-        super().__init__(config)
-        self.stopping = stopping
+    def __init__(self, settings: Settings, *, warm_up: bool = True, on_stop: Callable[[], None] | None = None) -> None:
+        from .app import create_app  # the web framework takes a third of a second: the worker starts meanwhile
+
+        app = create_app(settings, warm_up=warm_up)
+        super().__init__(
+            uvicorn.Config(
+                app,
+                log_config=None,
+                access_log=False,
+                lifespan="on",
+                timeout_graceful_shutdown=GRACE_SECONDS,
+                server_header=False,
+                ws="none",
+                # with several processes, each takes one connection at a time, or the first to wake takes them all
+                backlog=1 if settings.api_processes > 1 else BACKLOG,
+            )
+        )
+        self.service = app.state.service
+        self._on_stop = on_stop
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        for bound in sockets or ():
+            bound.listen(BACKLOG)
+
+    def tell(self) -> None:
+        """Begin to stop: no new connections, and whatever waits ends.  From any thread, and from a signal handler."""
+        if not self.service.stopping.is_set():
+            self.service.stopping.set()
+        self.should_exit = True
+        if self._on_stop is not None:
+            self._on_stop()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        self.stopping.set()
-        super().handle_exit(sig, frame)
+        super().handle_exit(sig, frame)  # first: it takes a stop that is under way for a second Ctrl-C
+        self.tell()
 
 
-def _server(settings: Settings | None, warm_up: bool = True) -> _Server:
-    app = create_app(settings, warm_up=warm_up)
-    config = uvicorn.Config(
-        app, log_config=None, access_log=False, lifespan="on", timeout_graceful_shutdown=GRACE_SECONDS,
-        server_header=False, ws="none",
-    )  # fmt: skip
-    return _Server(config, app.state.stopping)
+def serve(bound: socket.socket, settings: Settings, *, worker: bool = True) -> None:
+    """Serve until SIGTERM (returns) or SIGINT (raises KeyboardInterrupt); no process is left behind.
+
+    A SQLite database is created or brought up to date first.  Raises StoreError for one that cannot be used.
+    """
+    open_database(settings.database_url, migrate=True).close()
+    kept = _Family(settings, worker)
+    try:
+        if settings.api_processes > 1:
+            _serve_with_several(bound, settings, kept)
+        else:
+            _serve_here(bound, settings, kept)
+    finally:
+        kept.stop()
 
 
-def log_to_stderr(level: int = logging.INFO) -> None:
-    """Log lines of the service and of uvicorn on stderr; stdout carries answers only."""
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s %(message)s"))
-    for name in ("tailstack", "uvicorn"):
-        logger = logging.getLogger(name)
-        logger.handlers, logger.propagate = [handler], False
-        logger.setLevel(level if name == "tailstack" else logging.WARNING)
+class _Family:
+    """The child processes of a service."""
+
+    def __init__(self, settings: Settings, worker: bool) -> None:
+        self.children: list[Kept] = []
+        if worker:
+            from ..worker.process import start_worker_process
+
+            self.children.append(Kept("worker", lambda: start_worker_process(settings)))
+
+    def tell(self) -> None:
+        for child in self.children:
+            child.tell()
+
+    def stop(self) -> None:
+        self.tell()
+        for child in self.children:
+            child.stop()
 
 
-def serve(bound: socket.socket, settings: Settings | None = None) -> None:
-    """Serve until SIGTERM (returns) or SIGINT (raises KeyboardInterrupt).  Running computations are told to stop."""
+def _serve_here(bound: socket.socket, settings: Settings, kept: _Family) -> None:
     # uvicorn raises the signal again once it has stopped; a service manager's stop is not a crash
     previous = signal.signal(signal.SIGTERM, lambda *_: None)
     try:
-        _server(settings).run(sockets=[bound])
+        Server(settings, on_stop=kept.tell).run(sockets=[bound])
     finally:
         signal.signal(signal.SIGTERM, previous)
 
 
+def _serve_with_several(bound: socket.socket, settings: Settings, kept: _Family) -> None:
+    stopped: list[int] = []  # not an Event: a signal could interrupt this thread while it holds its lock
+
+    def on_signal(number: int, _frame: FrameType | None) -> None:
+        stopped.append(number)
+
+    previous = {number: signal.signal(number, on_signal) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        with tempfile.TemporaryDirectory(prefix="tailstack-counters-") as counters:
+            for number in range(settings.api_processes):
+                start = lambda: _start_api_process(bound, settings, counters)  # noqa: E731
+                kept.children.append(Kept(f"api-{number + 1}", start))
+            bound.close()
+            while not stopped:
+                time.sleep(LOOK_SECONDS)
+            kept.stop()
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+    if signal.SIGINT in stopped:
+        raise KeyboardInterrupt
+
+
+def _start_api_process(bound: socket.socket, settings: Settings, counters: str) -> subprocess.Popen[bytes]:
+    told = {variable(entry.name): str(getattr(settings, entry.name)) for entry in fields(settings)}
+    return subprocess.Popen(
+        command("tailstack_service.http.child", str(bound.fileno())),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        pass_fds=(bound.fileno(),),
+        process_group=0,  # a Ctrl-C in a terminal is for this process to act on
+        env={**environment(), **told, SHARED_COUNTERS: counters},
+    )
+
+
 @contextmanager
-def running_service(settings: Settings | None = None, *, warm_up: bool = True) -> Iterator[tuple[str, int]]:
+def running_service(
+    settings: Settings | None = None, *, warm_up: bool = True, worker: bool = False
+) -> Iterator[tuple[str, int]]:
     """The service in a thread of this process; yields its loopback host and (free) port once it answers.
 
-    It cannot outlive the process, and stops (computations included) when the block is left, whatever way.
+    Without a database in the settings it has one of its own, which goes with it.  ``worker`` adds a worker process.
+    Neither can outlive this process, and both stop when the block is left, whatever way.
     """
-    bound = bind("127.0.0.1", 0)
-    server = _server(settings, warm_up)
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [bound]}, name="tailstack-service", daemon=True)
-    thread.start()
-    try:
+    with ExitStack() as stack:
+        settings = settings or Settings()
+        if not settings.database:
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="tailstack-"))
+            settings = replace(settings, database=f"sqlite:///{Path(folder) / 'jobs.sqlite3'}")
+        open_database(settings.database_url, migrate=True).close()
+        family = _Family(settings, worker)
+        stack.callback(family.stop)
+        bound = bind("127.0.0.1", 0, settings)
+        server = Server(replace(settings, api_processes=1), warm_up=warm_up, on_stop=family.tell)
+        thread = threading.Thread(target=server.run, args=([bound],), name="tailstack-service", daemon=True)
+        thread.start()
+        stack.callback(thread.join)
+        stack.callback(server.tell)
         while not server.started:
             if not thread.is_alive():
                 raise RequestError(Problem("", "cannot-serve", "the embedded service did not start"))
             time.sleep(0.02)
         yield bound.getsockname()[:2]
-    finally:
-        server.stopping.set()
-        server.should_exit = True
-        thread.join()

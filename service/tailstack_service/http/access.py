@@ -1,0 +1,231 @@
+"""Who may ask: API keys and JSON Web Tokens; without authentication, only programs on this machine.
+
+Nothing here writes a credential into a log, an error or a label.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import ipaddress
+import json
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from starlette.requests import Request
+
+from tailstack.errors import Problem
+
+from ..problems import RequestError, TransportError
+from ..settings import Settings, variable
+from ..store.keys import SCOPES, Key
+
+LOCAL_TENANT = "local"
+KEY_PREFIX = "tsk_"
+KEY_SECONDS = 5.0  # a revoked key works no longer than this
+KEYS_REMEMBERED = 10_000
+CLOCK_SECONDS = 10  # by which the clock of who issues tokens may be off
+LONGEST_CREDENTIAL = 8_000
+LEAST_SECRET_BYTES = 32  # RFC 7518, 3.2: a key of HS256 has at least the size of the hash
+SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Whoever sent a request, as far as the service cares."""
+
+    tenant: str
+    scopes: frozenset[str]
+    name: str  # for the log: the id of a key, never its secret
+
+
+FindKey = Callable[[str], Awaitable[Key | None]]
+LOCAL = Caller(LOCAL_TENANT, frozenset(SCOPES), LOCAL_TENANT)
+
+
+class Access:
+    """Admits requests.  ``find_key`` looks a presented API key up, without a cache."""
+
+    def __init__(self, settings: Settings, find_key: FindKey) -> None:
+        self.required = settings.auth == "required"
+        self._find_key = find_key
+        self._hosts = frozenset(name.strip().lower() for name in settings.allowed_hosts.split(",") if name.strip())
+        self._tokens = Tokens(settings) if self.required and settings.jwt_key_file else None
+        self._known: dict[bytes, tuple[float, Caller]] = {}
+
+    def check_address(self, method: str, headers: Mapping[str, str]) -> None:
+        """Refuse what a web page could have sent to a service without authentication.
+
+        A page can make a browser call loopback under a name of its own (DNS rebinding), which shows in Host, or
+        from its own origin, which shows in Origin.  Raises TransportError 421 and 403.
+        """
+        if self.required:
+            return
+        host = headers.get("host")
+        if host is not None and not self._is_ours(host):
+            detail = f"the Host header says {host[:80]!r}, and that is not this machine"
+            hint = f"use 127.0.0.1 or localhost, or add the name to {variable('allowed_hosts')}"
+            raise TransportError("wrong-host", Problem("", "wrong-host", detail, hint))
+        origin = headers.get("origin")
+        if (
+            origin is not None
+            and method not in SAFE_METHODS
+            and urlsplit(origin).netloc.lower() != (host or "").lower()
+        ):
+            detail = f"a page of {origin[:80]!r} may not change anything here"
+            raise TransportError("forbidden", Problem("", "foreign-origin", detail, "call the service from a program"))
+
+    def _is_ours(self, host: str) -> bool:
+        try:
+            name = (urlsplit(f"//{host}").hostname or "").rstrip(".")
+        except ValueError:
+            return False
+        return is_loopback(name) or name in self._hosts
+
+    async def admit(self, request: Request, scope: str) -> Caller:
+        """The caller, who has the scope.  Raises TransportError 401 (who?) and 403 (not that)."""
+        caller = await self._caller(request) if self.required else LOCAL
+        if scope not in caller.scopes:
+            detail = f"this needs the scope {scope}; {caller.name} has {', '.join(sorted(caller.scopes)) or 'none'}"
+            challenge = f'Bearer error="insufficient_scope", scope="{scope}"'
+            raise TransportError(
+                "forbidden",
+                Problem("", "missing-scope", detail, f"use a key with the scope {scope}"),
+                {"WWW-Authenticate": challenge},
+            )
+        return caller
+
+    async def _caller(self, request: Request) -> Caller:
+        kind, _, credential = request.headers.get("authorization", "").partition(" ")
+        credential = credential.strip()
+        if not kind:
+            raise unauthenticated("no Authorization header arrived", error="")
+        if kind.lower() != "bearer" or not credential:
+            raise unauthenticated("the Authorization header is not of the form: Bearer CREDENTIAL", "invalid_request")
+        if len(credential) > LONGEST_CREDENTIAL or not credential.isascii():
+            raise unauthenticated("the credential cannot be one of ours")
+        if credential.startswith(KEY_PREFIX):
+            return await self._of_key(credential)
+        if self._tokens is None:
+            raise unauthenticated("the credential is not an API key, and JSON Web Tokens are not set up here")
+        return self._tokens.caller(credential)
+
+    async def _of_key(self, presented: str) -> Caller:
+        digest, now = hashlib.sha256(presented.encode()).digest(), time.monotonic()
+        until, caller = self._known.get(digest, (0.0, LOCAL))
+        if now < until:
+            return caller
+        self._known.pop(digest, None)
+        record = await self._find_key(presented)
+        if record is None:
+            raise unauthenticated("the API key is unknown, revoked or expired")
+        caller = Caller(record.tenant, frozenset(record.scopes), f"key {record.id}")
+        if len(self._known) >= KEYS_REMEMBERED:
+            self._known.clear()
+        self._known[digest] = (now + KEY_SECONDS, caller)
+        return caller
+
+
+class Tokens:
+    """JSON Web Tokens of one issuer, signed by one algorithm.  Raises RequestError for settings that cannot work."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.algorithm, self.issuer, self.audience = (
+            settings.jwt_algorithm,
+            settings.jwt_issuer,
+            settings.jwt_audience,
+        )
+        if not self.issuer:
+            raise _bad("jwt_issuer", "must be set beside the key: a token of another issuer is not accepted")
+        if not self.audience:
+            raise _bad("jwt_audience", "must not be empty: a token meant for another service is not accepted")
+        self._keys = _read_keys(Path(settings.jwt_key_file), self.algorithm)
+
+    def caller(self, token: str) -> Caller:
+        """The caller that a valid token names.  Raises TransportError 401."""
+        import jwt
+
+        try:
+            header = jwt.get_unverified_header(token)
+            claims = jwt.decode(
+                token, self._key(header.get("kid")), algorithms=[self.algorithm], audience=self.audience,
+                issuer=self.issuer, leeway=CLOCK_SECONDS, options={"require": ["iss", "aud", "exp"]},
+            )  # fmt: skip
+        except jwt.PyJWTError as error:
+            # PyJWT's own words say what is wrong ("Signature has expired") and never repeat the token
+            raise unauthenticated(f"the JSON Web Token is not accepted: {error}") from None
+        tenant = claims.get("tenant", claims.get("sub"))
+        if not isinstance(tenant, str) or not 1 <= len(tenant) <= 128 or not tenant.isprintable():
+            raise unauthenticated("the JSON Web Token names no tenant: it needs the claim tenant, or sub")
+        return Caller(tenant, _scopes(claims), f"token of {tenant}")
+
+    def _key(self, wanted: object) -> Any:
+        """The key that the token names; one that is alone needs no name."""
+        import jwt
+
+        if len(self._keys) == 1 and (wanted is None or None in self._keys):
+            return next(iter(self._keys.values()))
+        if wanted not in self._keys:
+            raise jwt.InvalidTokenError("it was signed with a key that is not in the file")
+        return self._keys[wanted]
+
+
+def _scopes(claims: Mapping[str, Any]) -> frozenset[str]:
+    """``scope`` is a text of words (RFC 8693); some issuers write a list called ``scopes``."""
+    said = claims.get("scope", claims.get("scopes", ""))
+    words = said.split() if isinstance(said, str) else said if isinstance(said, list) else ()
+    return frozenset(word for word in words if word in SCOPES)
+
+
+def _read_keys(path: Path, algorithm: str) -> dict[str | None, Any]:
+    """Keys by their id; that of a PEM file or a shared secret has none.  Raises RequestError."""
+    import jwt
+
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise _bad("jwt_key_file", f"cannot be read: {path}: {error.strerror or error}") from None
+    if algorithm == "HS256":
+        secret = content.strip()
+        if len(secret) < LEAST_SECRET_BYTES:
+            raise _bad("jwt_key_file", f"holds {len(secret)} bytes; a shared secret has at least {LEAST_SECRET_BYTES}")
+        return {None: secret}
+    try:
+        if content.lstrip().startswith(b"{"):
+            entries = jwt.PyJWKSet.from_dict(json.loads(content)).keys
+            keys: dict[str | None, Any] = {k.key_id: k for k in entries if k.algorithm_name == algorithm}
+        else:
+            prepared = jwt.get_algorithm_by_name(algorithm).prepare_key(content)
+            keys = {None: prepared}
+    except (ValueError, jwt.PyJWTError) as error:
+        raise _bad("jwt_key_file", f"is neither a PEM public key nor a JWKS file: {error}") from None
+    if not keys:
+        raise _bad("jwt_key_file", f"holds no key for {algorithm}")
+    return keys
+
+
+def _bad(name: str, detail: str) -> RequestError:
+    return RequestError(
+        Problem("", "bad-setting", f"{variable(name)} {detail}", "docs/security.md shows the whole way")
+    )
+
+
+def unauthenticated(detail: str, error: str = "invalid_token") -> TransportError:
+    """401 with the challenge of RFC 6750."""
+    challenge = 'Bearer realm="tailstack"' + (f', error="{error}"' if error else "")
+    hint = "send Authorization: Bearer <API key or JSON Web Token>"
+    problem = Problem("", "unauthenticated", detail, hint)
+    return TransportError("unauthenticated", problem, {"WWW-Authenticate": challenge})
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach the address."""
+    if host.lower() == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

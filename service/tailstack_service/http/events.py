@@ -1,0 +1,120 @@
+"""Server-sent events of a job: rows of the database, so that a stream can be taken up again anywhere."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import AsyncIterator
+
+from starlette.requests import Request
+from starlette.responses import Response, StreamingResponse
+
+from tailstack.errors import Problem, TailstackError
+
+from ..job_document import ENDED, moment
+from ..problems import RequestError, TransportError
+from ..settings import variable
+from ..store import jobs as stored
+from ..store.events import Event, events_after
+from ..store.jobs import Job
+from .jobs import found, single
+from .service import Service, service_of
+
+EVENT_STREAM = "text/event-stream"
+AT_ONCE = 200  # rows read in one look
+LOOK_SECONDS, IDLE_SECONDS = 0.1, 0.5  # between looks: just after something happened, and after a while
+HEARTBEAT_SECONDS = 10.0  # shorter than the time after which proxies end a silent connection
+RETRY_MS = 1000
+
+
+async def get_events(request: Request) -> Response:
+    """A stream of what happened after the last event that the client saw, until the job ends.
+
+    204 when the job has ended and the client has seen all: that tells an EventSource to stop asking.
+    """
+    service, after = service_of(request), _last_seen(request)
+    job = await found(request)
+    if job.finished and job.last_event <= after:
+        return Response(b"", 204)
+    if not service.seat():
+        limit = service.settings.max_streams
+        problem = Problem(
+            "", "busy", f"{limit} event streams are open, the limit",
+            f"ask for the job's record instead, or start the service with a higher {variable('max_streams')}",
+        )  # fmt: skip
+        raise TransportError("busy", problem, {"Retry-After": "5"})
+    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}  # nginx would hold events back
+    return _Seated(service, _stream(service, job, after), headers)
+
+
+class _Seated(StreamingResponse):
+    """Gives its place back when it has ended, whichever way, even if it never began."""
+
+    def __init__(self, service: Service, content: AsyncIterator[bytes], headers: dict[str, str]) -> None:
+        super().__init__(content, headers=headers, media_type=EVENT_STREAM)
+        self.headers["content-type"] = EVENT_STREAM  # always UTF-8: the standard has no charset here
+        self.service = service
+
+    async def __call__(self, scope, receive, send) -> None:  # type: ignore[no-untyped-def]
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self.service.leave()
+
+
+def _last_seen(request: Request) -> int:
+    """Sequence of the last event the client saw: Last-Event-ID, or ?after= for what cannot set headers."""
+    text = request.headers.get("last-event-id", "").strip() or single(request, "after") or "0"
+    if not (text.isascii() and text.isdigit() and len(text) < 16):
+        detail = f"the id of an event is a whole number; got {text[:40]!r}"
+        raise RequestError(Problem("/after", "bad-parameter", detail, "send the id of the last event that was read"))
+    return int(text)
+
+
+async def _stream(service: Service, job: Job, after: int) -> AsyncIterator[bytes]:
+    yield f"retry: {RETRY_MS}\n\n".encode()
+    spoken = looked = time.monotonic()
+    wait = LOOK_SECONDS
+    while not service.stopping.is_set():
+        try:
+            events = await service.storage.run(events_after, job.tenant, job.id, after, AT_ONCE)
+        except TailstackError:  # the database is away for a moment; what happens meanwhile is still to come
+            events = []
+        for event in events:
+            after = event.sequence
+            yield written(job, event)
+        now = time.monotonic()
+        if events:
+            spoken, wait = now, LOOK_SECONDS
+            if ended(events[-1]):
+                return
+            continue
+        if now - spoken > HEARTBEAT_SECONDS:
+            spoken = now
+            yield b": still here\n\n"
+            if await _gone(service, job):
+                return
+        wait = min(1.2 * wait, IDLE_SECONDS)
+        looked = now
+        while (left := looked + wait - time.monotonic()) > 0 and not service.stopping.is_set():
+            await asyncio.sleep(min(left, LOOK_SECONDS))
+
+
+async def _gone(service: Service, job: Job) -> bool:
+    """Whether the job was deleted (its time to be kept is over) while somebody listened."""
+    try:
+        return await service.storage.run(stored.find, job.tenant, job.id) is None
+    except TailstackError:
+        return False
+
+
+def written(job: Job, event: Event) -> bytes:
+    """One event on the wire: id, name, and JSON on one line."""
+    data = json.dumps({"job": job.id, "at": moment(event.at), **event.data}, ensure_ascii=False, allow_nan=False)
+    return f"id: {event.sequence}\nevent: {event.name}\ndata: {data}\n\n".encode()
+
+
+def ended(event: Event) -> bool:
+    """Whether nothing comes after this event."""
+    return event.name == "state" and event.data.get("state") in ENDED

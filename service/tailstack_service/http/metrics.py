@@ -1,0 +1,85 @@
+"""What ``/metrics`` tells Prometheus: requests counted here, jobs and workers read from the database when asked."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+
+from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest, multiprocess
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from ..store.database import Database
+from ..store.usage import Figures, figures
+from ..store.workers import workers
+
+FRESH_SECONDS = 60.0  # a worker that was not seen for so long counts as gone
+CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+SECONDS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
+NO_ROUTE = "(none)"
+SHARED_FOLDER = "PROMETHEUS_MULTIPROC_DIR"  # set by the supervisor when several API processes count together
+
+
+class Metrics:
+    """Counters of this process; with several API processes, of all of them."""
+
+    def __init__(self) -> None:
+        # with several processes the values live in files, and a registry of one process would count them twice
+        shared = bool(os.environ.get(SHARED_FOLDER))
+        self._registry = CollectorRegistry()
+        counted = CollectorRegistry() if shared else self._registry
+        self._requests = Counter(
+            "tailstack_http_requests", "Requests answered.", ("method", "route", "status"), registry=counted
+        )
+        self._seconds = Histogram(
+            "tailstack_http_request_seconds", "Seconds until a request was answered.", ("method", "route"),
+            buckets=SECONDS, registry=counted,
+        )  # fmt: skip
+        if shared:
+            multiprocess.MultiProcessCollector(self._registry)  # type: ignore[no-untyped-call]
+
+    def answered(self, method: str, route: str, status: int, seconds: float) -> None:
+        """Count one request under the template of its route, never under its path: paths are without end."""
+        self._requests.labels(method, route, str(status)).inc()
+        self._seconds.labels(method, route).observe(seconds)
+
+    def page(self, database: Database | None) -> bytes:
+        """The text format of Prometheus.  Without a database, what this process knows."""
+        text: bytes = generate_latest(self._registry)
+        if database is not None:
+            stored = CollectorRegistry()
+            stored.register(_Stored(database))
+            text += generate_latest(stored)
+        return text
+
+
+class _Stored(Collector):
+    """Jobs, units and workers as the database knows them, the same from every API process."""
+
+    def __init__(self, database: Database) -> None:
+        self.database = database
+
+    def describe(self) -> list[Metric]:
+        return []
+
+    def collect(self) -> Iterator[Metric]:
+        seen: Figures = figures(self.database, fresh_seconds=FRESH_SECONDS)
+        jobs = GaugeMetricFamily("tailstack_jobs", "Jobs by state.", labels=["state"])
+        for state, count in seen.jobs.items():
+            jobs.add_metric([state], count)
+        yield jobs
+        yield GaugeMetricFamily("tailstack_units_ready", "Units that wait for a worker.", seen.ready_units)
+        yield GaugeMetricFamily(
+            "tailstack_oldest_ready_unit_seconds", "Age of the unit that waits longest; 0: none waits.",
+            seen.oldest_ready_seconds,
+        )  # fmt: skip
+        yield GaugeMetricFamily("tailstack_units_leased", "Units in the hands of workers.", seen.leased_units)
+        yield CounterMetricFamily("tailstack_units_recorded", "Units recorded.", seen.recorded_units)
+        yield CounterMetricFamily("tailstack_units_cpu_seconds", "CPU seconds of recorded units.", seen.cpu_seconds)
+        yield GaugeMetricFamily("tailstack_workers_alive", "Workers whose heartbeat is fresh.", seen.live_workers)
+
+
+def live_workers(database: Database) -> int:
+    """Workers that were seen lately, on whatever host."""
+    return sum(worker.seen_at > time.time() - FRESH_SECONDS for worker in workers(database))

@@ -1,0 +1,259 @@
+"""Components of the OpenAPI document: schemas, parameters, headers, problem responses, examples."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, TypeAdapter
+
+from tailstack.design.loading import data_to_yaml
+
+from ..documents import json_schema, schema_names
+from ..problems import CATALOGUE, ProblemType
+from .answers import PROBLEM
+from .conversions import ConversionOptions
+from .example import EXAMPLE_DESIGN
+from .information import Health, Readiness, SchemaList, Version
+from .operations import OPERATIONS
+from .posting import JOB_OPERATIONS
+
+# Names in the document, and so of the classes of generated clients, by the name of the published schema
+COMPONENT = {
+    "design": "Design", "score": "Score", "verification": "Verification", "optimisation": "Optimisation",
+    "sweep": "Sweep", "gate": "Gate", "report": "Report", "validation": "Validation", "conversion": "Conversion",
+    "job": "Job", "jobs": "JobPage", "problem": "Problem",
+}  # fmt: skip
+RETRIED = frozenset({409, 429, 503})
+EXAMPLE_ID = "01k4z8t5r2w7x3y9v6n1m0q8pc"
+EXAMPLE_SHA256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
+
+
+def reference(kind: str, name: str) -> dict[str, str]:
+    """A reference to a component."""
+    return {"$ref": f"#/components/{kind}/{name}"}
+
+
+# --- schemas ----------------------------------------------------------------------------------------
+
+
+class _Schemas:
+    """Schemas by component name.  Equal definitions are shared, different ones of one name are kept apart."""
+
+    def __init__(self) -> None:
+        self.found: dict[str, Any] = {}
+
+    def add(self, name: str, schema: dict[str, Any]) -> None:
+        definitions = schema.pop("$defs", {})
+        body = {key: value for key, value in schema.items() if key not in ("$schema", "$id")}
+        names = {
+            key: key if key != name and self._free(key, definitions[key]) else f"{name}{key}" for key in definitions
+        }
+        for key, definition in definitions.items():
+            self.found[names[key]] = _renamed(definition, names)
+        self.found[name] = _renamed(body, names)
+
+    def _free(self, key: str, definition: Any) -> bool:
+        return key not in self.found or self.found[key] == _renamed(definition, {})
+
+
+def _renamed(node: Any, names: dict[str, str]) -> Any:
+    """The same schema with its references led to the components."""
+    if isinstance(node, list):
+        return [_renamed(item, names) for item in node]
+    if not isinstance(node, dict):
+        return node
+    return {
+        key: "#/components/schemas/" + names.get(value[8:], value[8:])
+        if key == "$ref" and isinstance(value, str) and value.startswith("#/$defs/")
+        else _renamed(value, names)
+        for key, value in node.items()
+    }
+
+
+def schemas() -> dict[str, Any]:
+    """Every schema that an operation speaks of."""
+    from ..gate.request import GateRequest
+
+    made = _Schemas()
+    for name, component in COMPONENT.items():
+        made.add(component, json_schema(name) if name in schema_names() else {"type": "object"})
+    for path, options in {entry.path: entry.options for entry in (*OPERATIONS, *JOB_OPERATIONS)}.items():
+        made.add(request_name(path), _with_design(options))
+    made.add("ConversionRequest", ConversionOptions.model_json_schema())
+    made.add("GateRequest", GateRequest.model_json_schema(by_alias=True))
+    for record in (ProblemType, SchemaList, Health, Readiness, Version):
+        made.add(record.__name__, TypeAdapter(record).json_schema(mode="serialization"))
+    return dict(sorted(made.found.items()))
+
+
+def request_name(path: str) -> str:
+    """Component name of the request of a computation: /v1/scores is asked with a ScoreRequest."""
+    word = path.rpartition("/")[2]
+    return word.removesuffix("s").capitalize() + "Request"
+
+
+def _with_design(options: type[BaseModel]) -> dict[str, Any]:
+    schema = options.model_json_schema()
+    return {
+        "type": "object",
+        "additionalProperties": False,
+        "required": ["design", *schema.get("required", ())],
+        "properties": {"design": reference("schemas", "Design"), **schema.get("properties", {})},
+        "$defs": schema.get("$defs", {}),
+    }
+
+
+# --- parameters and headers -------------------------------------------------------------------------
+
+WHOLE = {"type": "integer", "minimum": 0}
+
+PARAMETERS: dict[str, Any] = {
+    "Prefer": {
+        "name": "Prefer", "in": "header", "required": False, "schema": {"type": "string"}, "example": "wait=10",
+        "description": "RFC 7240. wait=N: answer 200 with the result if it is there within N seconds, otherwise 202. "
+        "The service may wait for less (TAILSTACK_MAX_WAIT_SECONDS).",
+    },
+    "IdempotencyKey": {
+        "name": "Idempotency-Key", "in": "header", "required": False,
+        "schema": {"type": "string", "minLength": 1, "maxLength": 255, "pattern": "^[!-~]+$"},
+        "description": "One key stands for one request: sent again with the same body it gives the same job.",
+    },
+    "IfNoneMatch": {
+        "name": "If-None-Match", "in": "header", "required": False, "schema": {"type": "string"},
+        "description": "The ETag of what the client has: 304 if it is still that.",
+    },
+    "LastEventID": {
+        "name": "Last-Event-ID", "in": "header", "required": False,
+        "schema": {"type": "string", "pattern": "^[0-9]{1,15}$"},
+        "description": "Id of the last event that was read; the stream goes on after it.",
+    },
+    "After": {
+        "name": "after", "in": "query", "required": False,
+        "schema": {"type": "integer", "minimum": 0, "maximum": 10**15 - 1},
+        "description": "The same as Last-Event-ID, for clients that cannot set headers.",
+    },
+    "JobId": {
+        "name": "id", "in": "path", "required": True, "schema": {"type": "string", "pattern": "^[0-9a-z]{26}$"},
+        "description": "Id of a job.", "example": EXAMPLE_ID,
+    },
+    "Sha256": {
+        "name": "sha256", "in": "path", "required": True, "schema": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
+        "description": "SHA-256 of the result, hexadecimal.", "example": EXAMPLE_SHA256,
+    },
+}  # fmt: skip
+
+
+def header(description: str, schema: dict[str, Any] | None = None, **more: Any) -> dict[str, Any]:
+    return {"description": description, "schema": schema or {"type": "string"}, **more}
+
+
+HEADERS: dict[str, Any] = {
+    "RequestId": header("Id of the request, in the log too.", {"type": "string", "maxLength": 64}),
+    "ETag": header("Strong validator of the body."),
+    "CacheControl": header("How long the answer may be used without asking."),
+    "Location": header("Path of the job.", {"type": "string", "format": "uri-reference"}),
+    "ResultLocation": header("Path of the result.", {"type": "string", "format": "uri-reference"}),
+    "RetryAfter": header("Seconds after which it is worth asking again.", WHOLE),
+    "PreferenceApplied": header("The wait that was granted."),
+    "IdempotencyReplayed": header("true: the key had made this job before.", {"type": "string", "const": "true"}),
+    "Link": header('The next page, as <path>; rel="next"; absent on the last.'),
+    "WWWAuthenticate": header("RFC 6750 challenge."),
+    "ContentDisposition": header("A file name for the report."),
+}
+
+
+# --- responses --------------------------------------------------------------------------------------
+
+
+def problem_responses() -> dict[str, Any]:
+    """One response per status, with the classes of problems that come with it."""
+    slugs: dict[int, list[str]] = {413: ["limit-exceeded"]}
+    for entry in CATALOGUE.values():
+        slugs.setdefault(entry.status, []).append(entry.slug)
+    made = {}
+    for status in sorted(slugs):
+        headers = {"X-Request-ID": reference("headers", "RequestId")}
+        if status in RETRIED:
+            headers["Retry-After"] = reference("headers", "RetryAfter")
+        if status in (401, 403):
+            headers["WWW-Authenticate"] = reference("headers", "WWWAuthenticate")
+        made[f"Problem{status}"] = {
+            "description": "Problem: " + ", ".join(slugs[status]) + ".",
+            "headers": headers,
+            "content": {PROBLEM: {"schema": reference("schemas", "Problem")}},
+        }
+    return made
+
+
+# --- examples ---------------------------------------------------------------------------------------
+
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "/v1/scores": {"second_order": True},
+    "/v1/validations": {},
+    "/v1/verifications": {"precision": 0.01, "seed": 7, "method": "plain"},
+    "/v1/optimisations": {"starts": 2, "seed": 1},
+    "/v1/sweeps": {
+        "axes": [{"pointer": "/views/0/fiducial_noise_px", "start": 0.1, "stop": 0.5, "count": 5}],
+        "check": "score",
+    },
+    "/v1/reports": {"parts": ["score", "verification"], "precision": 0.01, "seed": 7},
+}
+_JOB: dict[str, Any] = {
+    "schema": "tailstack/job/1",
+    "id": EXAMPLE_ID,
+    "kind": "verification",
+    "state": "running",
+    "design_name": "eight beads, two seats",
+    "created_at": "2026-01-31T12:00:00.000Z",
+    "started_at": "2026-01-31T12:00:00.120Z",
+    "finished_at": None,
+    "solver_version": "0.4.0",
+    "recomputed": None,
+    "progress": {
+        "fraction": 0.4, "units_done": 4, "units_expected": 10, "note": "524288 trials", "eta_seconds": 1.5,
+    },
+    "problem": None,
+    "result_sha256": None,
+    "links": {
+        "self": f"/v1/jobs/{EXAMPLE_ID}",
+        "events": f"/v1/jobs/{EXAMPLE_ID}/events",
+        "cancel": f"/v1/jobs/{EXAMPLE_ID}/cancel",
+        "result": None,
+        "report": None,
+    },
+}  # fmt: skip
+_EVENTS = (
+    "retry: 1000\n\n"
+    f'id: 2\nevent: state\ndata: {{"job": "{EXAMPLE_ID}", "at": "2026-01-31T12:00:00.120Z", "state": "running"}}\n\n'
+    f'id: 3\nevent: progress\ndata: {{"job": "{EXAMPLE_ID}", "at": "2026-01-31T12:00:01.000Z", "units_done": 4, '
+    '"units_expected": 10, "note": "524288 trials", "eta_seconds": 1.5}\n\n'
+)
+_BEADS = "label,x_mm,y_mm,z_mm\nF1,0,0,0\nF2,40,0,5\nF3,0,35,-10\n"
+
+
+def examples() -> dict[str, Any]:
+    """A request for every computation, and answers where they are small."""
+    made: dict[str, Any] = {
+        request_name(path): {
+            "summary": "Eight beads, two seats",
+            "value": {"design": EXAMPLE_DESIGN, **options},
+        }
+        for path, options in _OPTIONS.items()
+    }
+    made["GateRequest"] = {
+        "summary": "One design under its own requirements, first order",
+        "value": {"designs": [{"file": "designs/guide.yaml", "design": EXAMPLE_DESIGN}], "mode": "analytic"},
+    }
+    made["ConversionRequest"] = {
+        "summary": "A CSV file to the fiducials of a design",
+        "value": {"format": "csv", "content": _BEADS, "to": "yaml"},
+    }
+    made["Csv"] = {"summary": "The file itself", "value": _BEADS}
+    made["DesignAsYaml"] = {"summary": "The design itself", "value": data_to_yaml(EXAMPLE_DESIGN)}
+    made["Job"] = {"summary": "A job that runs", "value": _JOB}
+    made["JobPage"] = {
+        "summary": "A page of one",
+        "value": {"schema": "tailstack/jobs/1", "jobs": [_JOB], "next": None},
+    }
+    made["Events"] = {"summary": "A job begins and gets on", "value": _EVENTS}
+    return made

@@ -1,0 +1,117 @@
+"""The record of a job as a client sees it: ``tailstack/job/1``, and pages of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any, Literal
+
+from .problems import ProblemDocument, ProblemEntry
+
+if TYPE_CHECKING:
+    from .store.jobs import Job
+
+State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
+JobKind = Literal["verification", "optimisation", "sweep", "gate", "report"]
+ENDED = frozenset({"succeeded", "failed", "cancelled"})
+FIRST_GENERATION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class JobProgress:
+    """How far a job was when something was last recorded.  ``fraction`` is between 0 and 1."""
+
+    fraction: float
+    units_done: int
+    units_expected: int  # grows when the job turns out to be longer
+    note: str  # what is being done, in words
+    eta_seconds: float | None  # to the end, at the pace so far; null when nobody can know
+
+
+@dataclass(frozen=True, slots=True)
+class JobLinks:
+    """Paths of what belongs to a job.  ``result`` and ``report`` are null until it has succeeded."""
+
+    self: str
+    events: str
+    cancel: str
+    result: str | None
+    report: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class JobDocument:
+    """A computation that was accepted.  Times are RFC 3339, UTC."""
+
+    schema: Literal["tailstack/job/1"]
+    id: str
+    kind: JobKind
+    state: State
+    design_name: str
+    created_at: str
+    started_at: str | None
+    finished_at: str | None
+    solver_version: str  # that computes, or computed, this job
+    recomputed: str | None  # said when an upgrade of the solver made the job begin anew
+    progress: JobProgress
+    problem: ProblemDocument | None  # why it failed; pointers lead into the request: /design/...
+    result_sha256: str | None
+    links: JobLinks
+
+
+@dataclass(frozen=True, slots=True)
+class JobPage:
+    """Jobs, newest first, and the path of the page after this one."""
+
+    schema: Literal["tailstack/jobs/1"]
+    jobs: tuple[JobDocument, ...]
+    next: str | None
+
+
+def job_document(job: Job, eta_seconds: float | None = None) -> JobDocument:
+    """The record of a job from its row and, while it runs, the time to its end."""
+    path = f"/v1/jobs/{job.id}"
+    result = f"/v1/results/{job.result_sha256}" if job.result_sha256 else None
+    return JobDocument(
+        schema="tailstack/job/1",
+        id=job.id,
+        kind=job.kind,  # type: ignore[arg-type]
+        state=job.state,  # type: ignore[arg-type]
+        design_name=job.design_name,
+        created_at=moment(job.created_at),
+        started_at=None if job.started_at is None else moment(job.started_at),
+        finished_at=None if job.finished_at is None else moment(job.finished_at),
+        solver_version=job.solver_version,
+        recomputed=_recomputed(job),
+        progress=_progress(job, eta_seconds),
+        problem=None if job.problem is None else problem_of(job.problem),
+        result_sha256=job.result_sha256,
+        links=JobLinks(path, f"{path}/events", f"{path}/cancel", result, f"{result}/report" if result else None),
+    )
+
+
+def moment(seconds: float) -> str:
+    """Epoch seconds as RFC 3339, UTC, to the millisecond."""
+    return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def problem_of(stored: dict[str, Any]) -> ProblemDocument:
+    """A problem document that was stored as plain data."""
+    return ProblemDocument(**{**stored, "errors": tuple(ProblemEntry(**entry) for entry in stored["errors"])})
+
+
+def _recomputed(job: Job) -> str | None:
+    if job.generation == FIRST_GENERATION:
+        return None
+    times = job.generation - FIRST_GENERATION
+    often = "once" if times == 1 else f"{times} times"
+    return f"begun anew {often} because the solver was upgraded before it had finished; now {job.solver_version}"
+
+
+def _progress(job: Job, eta_seconds: float | None) -> JobProgress:
+    if job.state == "succeeded":
+        return JobProgress(1.0, job.units_done, job.units_done, job.note, None)
+    expected = max(job.units_expected, job.units_done, 1)
+    # a job that runs is never quite done: its last unit is the one that puts the answer together
+    fraction = round(min(job.units_done / expected, 0.999), 4)
+    return JobProgress(fraction, job.units_done, expected, job.note, eta_seconds if job.state == "running" else None)

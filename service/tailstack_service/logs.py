@@ -1,0 +1,74 @@
+"""Log lines on stderr, as text for people or as JSON for machines; stdout carries answers only."""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+from datetime import UTC, datetime
+from typing import Any, TextIO
+
+# What a log call may carry beside its text, in the order in which a person reads it.
+FIELDS = (
+    "action", "request", "job", "unit", "worker", "tenant", "kind", "method", "path", "route", "status", "ms", "pid",
+    "seconds", "detail",
+)  # fmt: skip
+
+
+def fields_of(record: logging.LogRecord) -> dict[str, Any]:
+    """What was said with ``extra={...}``, in a fixed order; unknown names are not told."""
+    return {name: getattr(record, name) for name in FIELDS if getattr(record, name, None) is not None}
+
+
+class TextFormatter(logging.Formatter):
+    """``2026-01-31T12:00:00.123Z INFO tailstack.service action=answered request=... the message``."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        told = " ".join(f"{name}={_word(value)}" for name, value in fields_of(record).items())
+        message = _one_line(record.getMessage())
+        head = f"{_moment(record)} {record.levelname} {record.name}"
+        line = " ".join(part for part in (head, told, message) if part)
+        return line + ("\n" + self.formatException(record.exc_info) if record.exc_info else "")
+
+
+class JsonFormatter(logging.Formatter):
+    """One JSON object a line: ts, level, logger, message, then the fields; a traceback is one text."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        told: dict[str, Any] = {"ts": _moment(record), "level": record.levelname.lower(), "logger": record.name}
+        message = record.getMessage()
+        told |= {"message": message} if message else {}
+        told |= fields_of(record)
+        if record.exc_info:
+            told["exception"] = self.formatException(record.exc_info)
+        return json.dumps(told, ensure_ascii=False, default=str)
+
+
+def log_to_stderr(form: str = "text", level: int = logging.INFO, stream: TextIO | None = None) -> None:
+    """Send the lines of this package, and warnings of the libraries it stands on, to stderr.
+
+    form: "text" or "json" (setting ``log_format``).
+    """
+    handler = logging.StreamHandler(sys.stderr if stream is None else stream)
+    handler.setFormatter(JsonFormatter() if form == "json" else TextFormatter())
+    for name in ("tailstack", "uvicorn", "sqlalchemy", "alembic", "distributed"):
+        logger = logging.getLogger(name)
+        logger.handlers, logger.propagate = [handler], False
+        logger.setLevel(level if name == "tailstack" else logging.WARNING)
+
+
+def _moment(record: logging.LogRecord) -> str:
+    return datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.1f}"
+    text = str(value)
+    plain = text.isascii() and text.isprintable() and not any(mark in text for mark in " =\"'")
+    return text if plain and text else repr(text)
+
+
+def _one_line(text: str) -> str:
+    """A request cannot forge a second line."""
+    return text.replace("\r", "\\r").replace("\n", "\\n")
