@@ -1,0 +1,159 @@
+"""Whole jobs by the in-memory driver, against the library called in process: the same bytes.
+
+The driver computes each round's units in a shuffled order (the seeds are in the tests) and takes every look twice.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import subprocess
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+from work_driver import run_job
+
+from optimise_documents import BOX, document
+from tailstack import TailstackError, load_design, optimise, verify
+from tailstack.design import design_to_data
+from tailstack_service.documents import json_schema, to_json
+from tailstack_service.work.kinds import KINDS, Kind
+from tailstack_service.work.perform import perform
+from tailstack_service.work.requests import canonical
+from tailstack_service.work.task import ADVANCE, Task
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def example(name: str) -> dict[str, Any]:
+    return design_to_data(load_design(EXAMPLES / f"{name}.yaml"))
+
+
+# --- verification ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("demo", {"precision": None, "trials": None, "seed": 3}),
+        ("demo", {"trials": 2**18 + 1, "seed": 4, "method": "plain"}),
+        ("demo", {"method": "radial", "seed": 5}),
+        ("locators_321", {"precision": 0.02, "seed": 6, "max_trials": 50_000}),
+        ("slicer_markups", {"precision": 0.01, "seed": 2**63 - 1}),
+        ("small_cluster_far_target", {"trials": 20_000, "seed": 8}),
+    ],
+)
+def test_a_check_in_units_is_the_check_in_process(name: str, options: dict[str, Any]) -> None:
+    """Adaptive, fixed and radial; seats with locators, many targets, trials that are redone by SVD."""
+    data = example(name)
+    outcome, recorded = run_job("verification", {"design": data, **options}, shuffle=17)
+    assert outcome.answer == to_json(verify(load_design(data), **options))
+    assert len(recorded) > 0
+
+
+def test_a_check_that_goes_on_asks_ahead_for_what_it_will_need() -> None:
+    """Half a million trials are needed for 0.2 %: after the first look they are asked for at once, not look by look."""
+    request = {"design": example("demo"), "precision": 0.002, "seed": 1, "max_trials": 2**20}
+    first = perform(Task("verification", canonical(request), ADVANCE))
+    assert len(first.more) == 1
+    assert first.remaining > 0
+    outcome, recorded = run_job("verification", request)
+    assert json.loads(outcome.answer or b"")["trials"] == 2**20
+    spans = [json.loads(unit.spec) for unit in sorted(recorded, key=lambda unit: unit.index)]
+    assert [span["first"] for span in spans] == [0, *(2**k for k in range(14, 20)), 2**19 + 2**18]
+
+
+def test_a_radial_check_that_does_not_hold_is_refused_as_in_process() -> None:
+    data = example("small_cluster_far_target")
+    data["views"] = [{**view, "fiducial_noise_px": 8.0} for view in data["views"]]
+    with pytest.raises(TailstackError) as refused:
+        verify(load_design(data), method="radial", seed=1)
+    outcome, _ = run_job("verification", {"design": data, "method": "radial", "seed": 1})
+    problem = json.loads(outcome.problem or b"")
+    assert problem["type"] == f"/v1/problems/{refused.value.slug}"
+    assert problem["errors"][0]["detail"] == refused.value.problems[0].detail
+
+
+# --- optimisation ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        {"design": document(8, box=BOX, rotation_bounds={"min_deg": 0.01, "max_deg": 0.5}), "starts": 6, "seed": 2},
+        {"design": document(8, rotation_bounds={"min_deg": 0.01, "max_deg": 0.5}), "starts": None, "seed": None},
+    ],
+    ids=["placement", "budgets"],
+)
+def test_an_optimisation_in_units_is_the_optimisation_in_process(request_: dict[str, Any]) -> None:
+    options = {"seed": request_["seed"], "starts": request_["starts"]}
+    outcome, recorded = run_job("optimisation", request_, shuffle=3)
+    assert outcome.answer == to_json(optimise(load_design(request_["design"]), threads=2, **options))
+    assert len(recorded) == (2 if "box" in request_["design"]["optimise"] else 0)
+
+
+def test_an_infeasible_optimisation_is_refused_as_in_process() -> None:
+    """The search is refused before any start is solved: the units come to nothing, the last look says why."""
+    data = document(6, 0.1, box=BOX, rotation_bounds={"min_deg": 0.01, "max_deg": 0.5})
+    with pytest.raises(TailstackError) as refused:
+        optimise(load_design(data))
+    outcome, recorded = run_job("optimisation", {"design": data})
+    problem = json.loads(outcome.problem or b"")
+    assert problem["type"] == "/v1/problems/infeasible"
+    assert problem["errors"][0]["pointer"].startswith("/design/optimise")
+    assert problem["errors"][0]["detail"] == refused.value.problems[0].detail
+    assert len(recorded) == 1
+
+
+# --- any kind -------------------------------------------------------------------------------------
+
+
+def test_a_refused_design_is_a_problem_with_its_place_in_the_request() -> None:
+    data = example("demo")
+    data["views"][0]["fiducial_noise_px"] = -1
+    outcome = perform(Task("verification", canonical({"design": data, "seed": 0}), ADVANCE))
+    problem = json.loads(outcome.problem or b"")
+    assert problem["errors"][0]["pointer"] == "/design/views/0/fiducial_noise_px"
+    assert problem["instance"] == ""
+    assert outcome.answer is None
+    assert outcome.more == ()
+
+
+def test_a_defect_is_raised_and_not_told_to_the_user() -> None:
+    with pytest.raises(KeyError):
+        perform(Task("verification", canonical({"no design": 1}), ADVANCE))
+
+
+def test_units_come_back_from_a_spawned_process_as_they_are_computed_here() -> None:
+    request = canonical({"design": example("demo"), "trials": 20_000, "seed": 1})
+    spec = perform(Task("verification", request, ADVANCE)).more[0]
+    task = Task("verification", request, spec)
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        there = pool.submit(perform, task).result(timeout=120)
+    assert there.result == perform(task).result
+    assert there.cpu_seconds > 0
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))
+def test_every_kind_answers_with_a_published_schema(kind: Kind) -> None:
+    assert json_schema(kind.answer)["$id"] == f"urn:tailstack:schema:{kind.answer}:1"
+
+
+def test_knowing_the_kinds_loads_no_solver() -> None:
+    code = (
+        "import sys, tailstack_service.work.kinds, tailstack_service.work.task\n"
+        "heavy = {'numpy', 'numba', 'casadi', 'scipy', 'pydantic', 'yaml'} & set(sys.modules)\n"
+        "sys.exit(f'loaded: {heavy}' if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_canonical_bytes_do_not_depend_on_the_order_of_fields() -> None:
+    assert canonical({"b": [1.5, None], "a": "é"}) == canonical({"a": "é", "b": [1.5, None]})
+    assert canonical({"a": "é", "b": [1.5, None]}) == '{"a":"é","b":[1.5,null]}'.encode()
+    with pytest.raises(ValueError, match="JSON"):
+        canonical({"a": float("nan")})

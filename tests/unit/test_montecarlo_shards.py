@@ -1,0 +1,206 @@
+"""Runs put together from shards against undivided runs of the same seed: every digit, wherever they were cut."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+
+from scenes import cube8_system, mount, system_of, target, with_noise
+from tailstack import verify
+from tailstack.montecarlo import Samples, compile_plan, quantile_estimate, run_indices, simulate
+from tailstack.montecarlo.shards import (
+    BLOCK,
+    LARGEST_SHARD,
+    Pending,
+    Shard,
+    Wanted,
+    compute_shard,
+    shard_from_bytes,
+    shard_to_bytes,
+    shard_trials,
+    spans,
+)
+from tailstack.packed import pack, unpack
+from tailstack.runs import RadialWanted, Sampling, UnitsWanted, prepare, radial_estimate, unit_quantiles
+from tailstack.system import Law, Requirement
+from tailstack.verifying import verify_prepared
+
+LIMITS = (0.2, inf)
+PLAN = compile_plan(cube8_system())
+
+
+def cut_at(size: int):
+    """A source of shards that were written to bytes and read back."""
+
+    def source(wanted: Wanted) -> Iterator[Shard]:
+        for first, stop in spans(wanted.first, wanted.stop, size):
+            yield shard_from_bytes(shard_to_bytes(compute_shard(replace(wanted, first=first, stop=stop))))
+
+    return source
+
+
+def assert_same_where_both_know(whole: Samples, parts: Samples) -> None:
+    """Equal moments and counts, and equal norms down to where the shorter tail ends."""
+    assert whole.redone == parts.redone
+    assert np.array_equal(whole.reprojection.rms_px, parts.reprojection.rms_px)
+    for one, other in zip(whole.errors, parts.errors, strict=True):
+        assert np.array_equal(one.mean, other.mean)
+        assert np.array_equal(one.scatter, other.scatter)
+        assert one.mean_norm == other.mean_norm
+        assert one.above == other.above
+        known = min(len(one.tail), len(other.tail))
+        assert known > 0.05 * whole.trials
+        assert np.array_equal(one.tail[-known:], other.tail[-known:])
+
+
+@pytest.mark.parametrize("size", [BLOCK, 2 * BLOCK, 2**17])
+@pytest.mark.parametrize("trials", [5000, 3 * BLOCK, 50_001])
+def test_a_run_of_shards_is_the_run(size: int, trials: int) -> None:
+    asked = {"trials": trials, "seed": 11, "reprojection": True, "limits": LIMITS}
+    assert_same_where_both_know(simulate(PLAN, **asked), simulate(PLAN, **asked, source=cut_at(size)))
+
+
+def test_a_run_of_shards_is_extended_like_any_other() -> None:
+    begun = simulate(PLAN, trials=2 * BLOCK, seed=4, reprojection=True, limits=LIMITS, source=cut_at(BLOCK))
+    longer = simulate(
+        PLAN, trials=40_000, seed=4, reprojection=True, limits=LIMITS, extend=begun, source=cut_at(2 * BLOCK)
+    )
+    whole = simulate(PLAN, trials=40_000, seed=4, reprojection=True, limits=LIMITS)
+    assert_same_where_both_know(whole, longer)
+
+
+def test_exceedance_is_counted_as_by_the_norms_themselves() -> None:
+    """independent: numpy on the errors of every trial."""
+    errors = run_indices(PLAN, 7, 0, 20_000).errors[0, 0]
+    expected = int((np.sqrt((errors**2).sum(axis=0)) > LIMITS[0]).sum())
+    assert 100 < expected < 19_900
+    found = simulate(PLAN, trials=20_000, seed=7, limits=LIMITS, source=cut_at(BLOCK)).of(0, "tcp")
+    assert found.above == (LIMITS[0], expected)
+
+
+def test_a_tail_that_is_too_short_is_drawn_again() -> None:
+    """A quantile far below the one that the shards were kept for."""
+    parts = simulate(PLAN, trials=30_000, seed=3, quantile=0.99, source=cut_at(BLOCK))
+    assert len(parts.of(0).tail) < 1500
+    whole = simulate(PLAN, trials=30_000, seed=3, quantile=0.5)
+    assert quantile_estimate(parts, 0, "tcp", 0.6) == quantile_estimate(whole, 0, "tcp", 0.6)
+
+
+def test_trials_without_an_answer_stay_beyond_every_limit() -> None:
+    """More of them than a shard keeps: its floor is infinite, and so is what is left of the tail."""
+    lost = compute_shard(Wanted(PLAN, 1, 0, BLOCK, 0.99, False, LIMITS))
+    lost = replace(lost, tails=[np.full(len(tail), inf) for tail in lost.tails], floors=(inf, inf))
+    samples = simulate(PLAN, trials=2 * BLOCK, seed=1, source=lambda _: (lost, lost))
+    assert len(samples.of(0).tail) >= len(lost.tails[0])
+    assert (samples.of(0).tail == inf).all()
+
+
+def test_shards_are_smaller_where_a_trial_costs_more() -> None:
+    few = shard_trials(PLAN, 0)
+    targets = tuple(target((0, 0, 40 + k), f"t{k}") for k in range(40))
+    assert few == LARGEST_SHARD
+    assert BLOCK < shard_trials(compile_plan(cube8_system(targets=targets)), 0) < few
+    flagged = system_of(np.random.default_rng(7).uniform(-5, 5, (6, 3)), views=with_noise(1.0))
+    assert run_indices(compile_plan(flagged), 0, 0, 256).redone > 200
+    assert shard_trials(compile_plan(flagged), 0) == BLOCK
+
+
+def test_spans_cover_a_range_on_one_grid() -> None:
+    assert list(spans(0, 10, 4)) == [(0, 4), (4, 8), (8, 10)]
+    assert list(spans(6, 8, 4)) == [(6, 8)]
+    assert list(spans(8, 8, 4)) == []
+
+
+def test_packed_records_read_back_exactly_or_not_at_all() -> None:
+    arrays = [np.array([[0.1, -0.0], [np.nan, np.inf]]), np.zeros((0, 3)), np.array(2.5)]
+    head, back = unpack(pack({"n": 3, "x": 0.1 + 0.2}, arrays))
+    assert head == {"n": 3, "x": 0.1 + 0.2}
+    assert [a.tobytes() for a in arrays] == [b.tobytes() for b in back]
+    assert [a.shape for a in arrays] == [b.shape for b in back]
+    content = pack({}, arrays)
+    for broken in (b"", content[:-1], content + b"\0", b"\x80\x04" + content, b"\x02\0\0\0[]"):
+        with pytest.raises(ValueError, match="packed record"):
+            unpack(broken)
+
+
+class Slowly:
+    """A source that holds nothing at first, and one part more each time it is asked."""
+
+    def __init__(self, ready, size: int) -> None:
+        self.ready, self.size = ready, size
+        self.held: dict = {}
+        self.asked: list = []
+
+    def _of(self, key, compute):
+        if key not in self.held:
+            self.asked.append(key)
+            self.held[key] = compute
+            raise Pending([key])
+        return self.held[key]()
+
+    def shards(self, wanted: Wanted) -> list[Shard]:
+        return [
+            self._of(
+                ("trials", wanted.plan.vertex, span),
+                lambda span=span: compute_shard(replace(wanted, first=span[0], stop=span[1])),
+            )
+            for span in spans(wanted.first, wanted.stop, self.size)
+        ]
+
+    def unit_quantiles(self, wanted: UnitsWanted):
+        key = ("units", wanted.plan.vertex, wanted.target, wanted.error, wanted.quantile)
+        return self._of(key, lambda: np.concatenate([unit_quantiles(wanted, k, 512) for k in range(0, 2048, 512)]))
+
+    def radial(self, wanted: RadialWanted):
+        return self._of(wanted, lambda: radial_estimate(self.ready, wanted))
+
+
+def _bounded_and_per_unit():
+    half = [0.003, 0.002, 0.001, 0.1, 0.1, 0.1]
+    return cube8_system(
+        interface_2=mount("interface_2", (0, 0, -145), half_width=half, law=Law.BOUNDED),
+        requirements=(
+            Requirement("each", "tcp", 0.95, 0.95, 0.95, ("target",), risk="per_unit", min_yield=0.5),
+            Requirement("close", "localisation", 0.9, 0.2, 0.99, ("target",)),
+        ),
+    )
+
+
+@pytest.mark.parametrize(
+    ("sampling", "size"),
+    [
+        (Sampling(precision=0.01, seed=5), BLOCK),
+        (Sampling(precision=0.004, seed=5, max_trials=100_000), 4 * BLOCK),
+        (Sampling(trials=30_001, seed=6), 2 * BLOCK),
+        (Sampling(method="radial", seed=6), 2**18),
+    ],
+)
+def test_a_check_asked_again_and_again_is_the_check(sampling: Sampling, size: int) -> None:
+    """Bounded vertices, a localisation requirement, installed units: Pending until all is there, then equal records."""
+    system = _bounded_and_per_unit()
+    ready = prepare(system)
+    source = Slowly(ready, size)
+    rounds = 0
+    while True:
+        try:
+            found = verify_prepared(ready, sampling, threads=1, source=source)
+            break
+        except Pending:
+            rounds += 1
+    assert rounds > 0
+    options = {field: getattr(sampling, field) for field in ("trials", "precision", "seed", "method", "max_trials")}
+    assert found == verify(system, **options)
+    assert len(source.asked) == len(set(source.asked))
+
+
+def test_a_check_with_nothing_at_hand_asks_for_everything_at_once() -> None:
+    """Both vertices and the installed units wait together, not one after the other."""
+    ready = prepare(_bounded_and_per_unit())
+    assert len(ready.plans) == 2
+    with pytest.raises(Pending) as pending:
+        verify_prepared(ready, Sampling(trials=10_000), source=Slowly(ready, 2**18))
+    assert sorted(key[0] for key in pending.value.wanted) == ["trials", "trials", "units"]
