@@ -25,6 +25,7 @@ from ..system import Array
 from .series import along_line, higher_orders, in_plane, inverse_of
 
 _REFUSED = -1  # more points than the caller allows
+_LANES = 8  # lines are computed to a multiple of this, so that no loop ends in single steps
 
 
 @njit(cache=True, error_model="numpy")
@@ -145,15 +146,22 @@ def box_size(period: Array, extent: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _tables(angle: Array, low: int, high: int) -> tuple[Array, Array]:
-    """sin and cos of i angle_j for low <= i <= high: two (K, high - low + 1) tables."""
-    length = high - low + 1
-    sines = np.empty((angle.size, length))
-    cosines = np.empty((angle.size, length))
+def _tables(angle: Array, half: int, mirrored: bool, room: int) -> tuple[Array, Array]:
+    """sin and cos of i angle_j for 0 <= i <= half, or -half <= i <= half where mirrored: two (K, length + room)
+    tables, 0 and 1 in the room behind."""
+    start = half if mirrored else 0
+    length = start + half + 1
+    sines = np.zeros((angle.size, length + room))
+    cosines = np.ones((angle.size, length + room))
     for j in range(angle.size):
-        for i in range(length):
-            sines[j, i] = sin((low + i) * angle[j])
-            cosines[j, i] = cos((low + i) * angle[j])
+        for i in range(1, half + 1):
+            s = sin(i * angle[j])
+            c = cos(i * angle[j])
+            sines[j, start + i] = s
+            cosines[j, start + i] = c
+            if mirrored:
+                sines[j, start - i] = -s
+                cosines[j, start - i] = c
     return sines, cosines
 
 
@@ -243,23 +251,23 @@ def lattice_terms(
     # Along a line sin(a + n b) comes from the addition theorem and tables of sin(n b): loops the compiler vectorises.
     half = last[inner]
     length = 2 * half + 1
-    table_s, table_c = _tables(h[:, inner] * step[inner], -half, half)
-    outer_s, outer_c = _tables(h[:, outer] * step[outer], 0, last[outer])
-    middle_s, middle_c = _tables(h[:, middle] * step[middle], -last[middle], last[middle])
+    table_s, table_c = _tables(h[:, inner] * step[inner], half, True, _LANES)
+    outer_s, outer_c = _tables(h[:, outer] * step[outer], last[outer], False, 0)
+    middle_s, middle_c = _tables(h[:, middle] * step[middle], last[middle], True, 0)
     sway = np.array([mean[inner] * step[inner]])
-    mean_s, mean_c = _tables(sway, -half, half)
+    mean_s, mean_c = _tables(sway, half, True, _LANES)
     beyond = np.empty(degree + 1)
     plane = np.empty((degree + 1, degree + 1))
     folded = small.shape[0] > 0
     orders = higher_orders(small, degree, outer, middle, inner)
-    numerator = np.empty(length)
-    denominator = np.empty(length)
-    bound = np.empty(length)
-    exponent = np.empty(length)
-    turned = np.empty(length)
-    size = np.empty(length)
-    reach = np.empty(length)
-    ball = np.empty(length)
+    numerator = np.empty(length + _LANES)
+    denominator = np.empty(length + _LANES)
+    bound = np.empty(length + _LANES)
+    exponent = np.empty(length + _LANES)
+    turned = np.empty(length + _LANES)
+    size = np.empty(length + _LANES)
+    reach = np.empty(length + _LANES)
+    ball = np.empty(length + _LANES)
     sii = S[inner, inner]
     kk = step[inner]
     largest = _ball_envelope(0.0, r, dimension) if dimension == 1 else _ball_envelope(1e-300, r, dimension)
@@ -296,7 +304,8 @@ def lattice_terms(
                     continue
             elif constant < floor:
                 continue
-            count = high - low
+            used = high - low
+            count = (used + _LANES - 1) // _LANES * _LANES
             for i in range(count):
                 numerator[i] = 1.0
                 denominator[i] = 1.0
@@ -307,8 +316,8 @@ def lattice_terms(
                 dx = h[j, inner] * kk
                 start_s = outer_s[j, n1] * middle_c[j, m2] + outer_c[j, n1] * middle_s[j, m2]
                 start_c = outer_c[j, n1] * middle_c[j, m2] - outer_s[j, n1] * middle_s[j, m2]
-                line_s = table_s[j, low:high]
-                line_c = table_c[j, low:high]
+                line_s = table_s[j, low : low + count]
+                line_c = table_c[j, low : low + count]
                 start += offset * dx
                 for i in range(count):
                     x = start + i * dx
@@ -320,8 +329,8 @@ def lattice_terms(
             phase = mean[outer] * k1 + mean[middle] * k2
             phase_c = cos(phase)
             phase_s = sin(phase)
-            line_s = mean_s[0, low:high]
-            line_c = mean_c[0, low:high]
+            line_s = mean_s[0, low : low + count]
+            line_c = mean_c[0, low : low + count]
             for i in range(count):
                 k3 = (i + offset) * kk
                 exponent[i] = constant + k3 * (linear - 0.5 * sii * k3)
@@ -348,7 +357,7 @@ def lattice_terms(
                 turned[i] *= 2.0 * reach[i] * numerator[i] / (denominator[i] * volume)
             if half_line and low == half:
                 turned[0] *= 0.5  # k = 0 has no twin
-            for i in range(count):
+            for i in range(used):
                 term = ball[i]
                 least = threshold * bound[i]
                 if term < least:
