@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .answer import Answer, exit_code_of
+
+if TYPE_CHECKING:
+    from .remote import Service
 
 HELP = "the whole main job on a real design, over HTTP"
 
 NAME = "demo.yaml"
 PRECISION = 0.005
-REQUEST_SECONDS = 300.0
+READY_SECONDS = 300.0  # a slow machine compiles for a while
+REPORT_SECONDS = 60.0
+TELL_SECONDS = 1.0  # between lines of progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,6 +49,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     from ..rendering.score import score_text
     from ..rendering.verification import verification_text
     from .design_input import coloured_output
+    from .remote import Service
 
     colour = coloured_output()
     output = Path(arguments.output)
@@ -61,36 +66,39 @@ def run(arguments: argparse.Namespace) -> Answer:
     def keep(name: str, content: bytes) -> None:
         (output / name).write_bytes(content)
 
-    text = demo_text()
-    design = design_to_data(load_design(text))
-    tell("starting the service on a free loopback port")
-    with running_service(demo_settings()) as (host, port):
-        url = f"http://{host}:{port}"
-        wait_until_ready(url, tell)
-        tell(f"service ready at {url}; POST /v1/scores")
-        body = post(url + "/v1/scores", {"design": design})
+    design = design_to_data(load_design(demo_text()))
+    tell("starting the service on a free loopback port, a worker beside it")
+    with running_service(demo_settings(), worker=True) as (host, port):
+        service = Service(f"http://{host}:{port}", key="")
+        wait_until_ready(service, tell)
+        tell(f"service ready at {service.url}; POST /v1/scores")
+        body = service.ask("POST", "/v1/scores", {"design": design}).body
         score = read_record("score", body)
         keep("score.json", body)
         show("Score: first order", score_text(score, colour=colour))
 
         tell(f"POST /v1/verifications, to {100 * PRECISION:g} %")
-        body = post(url + "/v1/verifications", {"design": design, "precision": PRECISION, "seed": 1})
+        body, _ = computed(service, "/v1/verifications", {"design": design, "precision": PRECISION, "seed": 1}, tell)
         before = read_record("verification", body)
         keep("verification.json", body)
         show("Check: Monte Carlo on the full chain", verification_text(before, colour=colour))
 
-        tell("POST /v1/optimisations, a few seconds per start")
-        body = post(url + "/v1/optimisations", {"design": design})
+        tell("POST /v1/optimisations, a second or two per start")
+        body, result = computed(service, "/v1/optimisations", {"design": design}, tell)
         optimised = read_record("optimisation", body)
         keep("optimisation.json", body)
         keep("optimised.yaml", data_to_yaml(optimised.design).encode())
         show("Optimised: layout and rotational tolerances", optimisation_text(optimised, colour=colour))
 
         tell("POST /v1/scores and /v1/verifications of the optimised design")
-        score_after = read_record("score", post(url + "/v1/scores", {"design": optimised.design}))
+        score_after = read_record("score", service.ask("POST", "/v1/scores", {"design": optimised.design}).body)
         again = {"design": optimised.design, "precision": PRECISION, "seed": 2}
-        after = read_record("verification", post(url + "/v1/verifications", again))
+        body, _ = computed(service, "/v1/verifications", again, tell)
+        after = read_record("verification", body)
         show("Before -> after", before_after_text(score, before, score_after, after, optimised))
+
+        tell(f"GET {result}/report?format=html")
+        keep("report.html", service.ask("GET", f"{result}/report?format=html", seconds=REPORT_SECONDS).body)
         tell("stopping the service")
     names = ", ".join(sorted(path.name for path in output.iterdir()))
     closing = f"\nwritten to {output}/: {names}\nnext: tailstack score {output}/optimised.yaml\n"
@@ -98,58 +106,44 @@ def run(arguments: argparse.Namespace) -> Answer:
 
 
 def demo_settings() -> Any:
-    """Settings of the embedded service: the defaults, with the time a slow machine needs."""
-    from dataclasses import replace
-
+    """Settings of the embedded service: the defaults, whatever the environment says, and a database of its own."""
     from ..settings import Settings
 
-    return replace(Settings(), max_seconds=REQUEST_SECONDS)
+    return Settings()
 
 
-def wait_until_ready(url: str, tell: Callable[[str], None], seconds: float = REQUEST_SECONDS) -> None:
-    """Poll readiness; the first run on a machine compiles the kernels.  Raises RequestError."""
-    import urllib.error
-    import urllib.request
-
-    from tailstack.errors import Problem
-
-    from ..problems import RequestError
+def wait_until_ready(service: Service, tell: Callable[[str], None], seconds: float = READY_SECONDS) -> None:
+    """Poll readiness; the first run on a machine compiles the kernels.  Raises RemoteError."""
+    from .remote import RemoteError
 
     begun = said = time.monotonic()
-    status = ""
-    while time.monotonic() - begun < seconds:
+    while True:
         try:
-            with urllib.request.urlopen(url + "/health/ready", timeout=10) as answer:
-                if answer.status == 200:
-                    return
-        except urllib.error.HTTPError as error:
-            status = json.loads(error.read()).get("status", "")
-        if status == "failed":
-            break
+            service.ask("GET", "/health/ready")
+            return
+        except RemoteError as error:
+            if time.monotonic() - begun > seconds:
+                raise
+            if error.status != 503:
+                raise
         if time.monotonic() - said > 3:
             said = time.monotonic()
             tell("compiling the kernels (the first run on a machine; later runs read them from a cache)")
         time.sleep(0.05)
-    raise RequestError(Problem("", "not-ready", f"the service did not become ready: {status}", "tailstack doctor"))
 
 
-def post(url: str, request: dict[str, Any]) -> bytes:
-    """The body of a 200 answer.  Raises TransportError with the first problem of any other."""
-    import urllib.error
-    import urllib.request
+def computed(service: Service, path: str, request: dict[str, Any], tell: Callable[[str], None]) -> tuple[bytes, str]:
+    """The result of a job and its path, its progress told on the way.  Raises RemoteError if it fails."""
+    from ..rendering.jobs import advance_text
 
-    from tailstack.errors import Problem
-
-    from ..problems import TransportError
-
-    content = json.dumps(request).encode()
-    headers = {"Content-Type": "application/json"}
-    try:
-        call = urllib.request.Request(url, content, headers)
-        with urllib.request.urlopen(call, timeout=REQUEST_SECONDS + 30) as answer:
-            return bytes(answer.read())
-    except urllib.error.HTTPError as error:
-        document = json.loads(error.read())
-        first = document["errors"][0]
-        problem = Problem(first["pointer"], first["code"], first["detail"], first["hint"])
-        raise TransportError(document["type"].rpartition("/")[2], problem) from None
+    job = service.ask("POST", path, request).json()
+    said = time.monotonic()
+    for event in service.events(job["id"]):
+        if event.name == "progress" and time.monotonic() - said > TELL_SECONDS:
+            said = time.monotonic()
+            done, expected = event.data["units_done"], max(event.data["units_expected"], 1)
+            words = advance_text(done / expected, done, expected, event.data["eta_seconds"])
+            tell(f"  job {job['id']}: {words}, {event.data['note']}")
+    reply = service.ask("GET", f"/v1/jobs/{job['id']}/result")
+    record = service.ask("GET", f"/v1/jobs/{job['id']}").json()
+    return reply.body, record["links"]["result"]

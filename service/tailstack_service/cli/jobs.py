@@ -1,0 +1,135 @@
+"""Look at the jobs of a running service, follow one to its end, or cancel it. A key is taken from TAILSTACK_KEY."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+from .answer import NOT_EVALUATED, PASS, Answer
+from .design_input import whole
+
+if TYPE_CHECKING:
+    from .remote import Service
+
+HELP = "jobs of a running service: list, show, follow, cancel"
+STATES = ("queued", "running", "succeeded", "failed", "cancelled")
+KINDS = ("verification", "optimisation", "sweep", "gate", "report")
+PAGE = 200
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    listed = actions.add_parser("list", help="jobs, newest first", allow_abbrev=False)
+    listed.add_argument("--state", choices=STATES, help="only jobs in this state")
+    listed.add_argument("--kind", choices=KINDS, help="only jobs of this kind")
+    listed.add_argument("--limit", type=whole(1), default=50, metavar="N", help="at most N (default %(default)s)")
+    shown = actions.add_parser("show", help="one job in full", allow_abbrev=False)
+    followed = actions.add_parser(
+        "follow", help="progress until the job ends, also across restarts", allow_abbrev=False
+    )
+    cancelled = actions.add_parser("cancel", help="stop a job; nothing of it is recorded any more", allow_abbrev=False)
+    for action in (shown, followed, cancelled):
+        action.add_argument("id", metavar="ID", help="as tailstack jobs list shows it")
+    for action in (listed, shown, followed, cancelled):
+        action.add_argument(
+            "--url", default="http://127.0.0.1:8321", metavar="URL", help="the service (default %(default)s)"
+        )
+        action.add_argument("--json", action="store_true", help="records as JSON (tailstack schema job)")
+
+
+def run(arguments: argparse.Namespace) -> Answer:
+    from .remote import Service
+
+    service = Service(arguments.url)
+    return {"list": _list, "show": _show, "follow": _follow, "cancel": _cancel}[arguments.action](service, arguments)
+
+
+def _list(service: Service, arguments: argparse.Namespace) -> Answer:
+    from urllib.parse import urlencode
+
+    from ..rendering.jobs import jobs_text
+
+    query = {"limit": min(arguments.limit, PAGE), "state": arguments.state, "kind": arguments.kind}
+    path: str | None = "/v1/jobs?" + urlencode({name: value for name, value in query.items() if value is not None})
+    found: list[dict[str, Any]] = []
+    while path is not None and len(found) < arguments.limit:
+        page = service.ask("GET", path).json()
+        found += page["jobs"]
+        path = page["next"]
+    found = found[: arguments.limit]
+    if arguments.json:
+        return Answer(json.dumps(found, indent=2, ensure_ascii=False).encode())
+    if not found:
+        print("there are no such jobs; POST /v1/verifications makes one", file=sys.stderr)
+        return Answer("")
+    return Answer(jobs_text(found))
+
+
+def _record(record: dict[str, Any], arguments: argparse.Namespace, code: int = PASS) -> Answer:
+    from ..rendering.jobs import job_text
+
+    if arguments.json:
+        return Answer(json.dumps(record, indent=2, ensure_ascii=False).encode(), code)
+    return Answer(job_text(record), code)
+
+
+def _path(arguments: argparse.Namespace) -> str:
+    from urllib.parse import quote
+
+    return "/v1/jobs/" + quote(arguments.id, safe="")
+
+
+def _show(service: Service, arguments: argparse.Namespace) -> Answer:
+    return _record(service.ask("GET", _path(arguments)).json(), arguments)
+
+
+def _cancel(service: Service, arguments: argparse.Namespace) -> Answer:
+    return _record(service.ask("POST", _path(arguments) + "/cancel").json(), arguments)
+
+
+def _follow(service: Service, arguments: argparse.Namespace) -> Answer:
+    """Exit code 0 when the job has succeeded, that of its problem when it failed, 3 when it was cancelled."""
+    from .remote import EXIT_CODE
+
+    record = service.ask("GET", _path(arguments)).json()
+    line = _Line(f"{record['kind']} {record['id']}")
+    try:
+        for event in service.events(record["id"]):
+            line.show(event.name, event.data)
+    finally:
+        line.end()
+    record = service.ask("GET", _path(arguments)).json()
+    if record["state"] == "succeeded":
+        return _record(record, arguments)
+    slug = record["problem"]["type"].rpartition("/")[2] if record["problem"] else ""
+    return _record(record, arguments, EXIT_CODE.get(slug, NOT_EVALUATED))
+
+
+class _Line:
+    """One line of progress on stderr: rewritten on a terminal, one line an event in a log."""
+
+    def __init__(self, what: str) -> None:
+        self.what = what
+        self.terminal = sys.stderr.isatty()
+
+    def show(self, name: str, data: dict[str, Any]) -> None:
+        from ..rendering.jobs import advance_text
+
+        if name == "progress":
+            done, expected = data["units_done"], max(data["units_expected"], 1)
+            said = advance_text(min(done / expected, 1.0), done, expected, data["eta_seconds"])
+            said += f", {data['note']}" if data["note"] else ""
+        elif name == "recomputed":
+            said = f"begun anew: the solver was upgraded from {data['from']} to {data['to']}"
+        else:
+            said = str(data.get("state", name))
+        text = f"{self.what}: {said}"
+        sys.stderr.write(f"\r{text[:98]}\x1b[K" if self.terminal else text + "\n")
+        sys.stderr.flush()
+
+    def end(self) -> None:
+        if self.terminal:
+            sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()
