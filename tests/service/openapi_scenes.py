@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from collections.abc import Iterator
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import node
 import pytest
 from postgres import required
+from rules import resolved
 from service_scenes import ROOT
 
 OPENAPI = ROOT / "openapi"
@@ -36,3 +38,31 @@ def node_tools() -> None:
 
 
 needs_node = pytest.mark.usefixtures("node_tools")
+
+
+def json_examples(operation: dict[str, Any], document: dict[str, Any] = DOCUMENT) -> dict[str, Any]:
+    """Examples of the JSON request body by name; empty for an operation without one."""
+    content = resolved(document, operation.get("requestBody", {})).get("content", {}).get("application/json", {})
+    return {name: resolved(document, entry)["value"] for name, entry in content.get("examples", {}).items()}
+
+
+def light(body: dict[str, Any]) -> dict[str, Any]:
+    """The same request for as little computing as there can be."""
+    body = copy.deepcopy(body)
+    if body.pop("precision", None) is not None or "trials" in body:
+        body["trials"] = 1000
+    if "starts" in body:
+        body["starts"] = 1
+    return body
+
+
+def parameters(path: str, operation: dict[str, Any], place: str, document: dict[str, Any] = DOCUMENT) -> list[Any]:
+    """Parameters of an operation that stand in a place: path, query or header."""
+    listed = [*document["paths"][path].get("parameters", ()), *operation.get("parameters", ())]
+    return [found for found in (resolved(document, entry) for entry in listed) if found["in"] == place]
+
+
+def is_secured(operation: dict[str, Any], document: dict[str, Any] = DOCUMENT) -> bool:
+    """Whether an operation asks who is calling."""
+    ways = operation.get("security", document.get("security", []))
+    return bool(ways) and {} not in ways

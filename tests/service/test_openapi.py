@@ -78,7 +78,7 @@ def address_of(path: str, method: str) -> str:
 def test_every_example_is_answered_as_documented(client: httpx.Client, path: str, method: str) -> None:
     operation = DOCUMENT["paths"][path][method]
     for media, value in examples_of(path, method):
-        content = None if value is None else value if media.endswith("yaml") else json.dumps(value)
+        content = value if value is None or isinstance(value, str) else json.dumps(value)
         if media.endswith("json"):
             component_validator(operation["requestBody"]["content"][media]["schema"]).validate(value)
         headers = {"Content-Type": media} if media else {}

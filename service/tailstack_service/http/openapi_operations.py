@@ -134,6 +134,14 @@ def _links() -> dict[str, Any]:
     }
 
 
+def _result_links() -> dict[str, Any]:
+    """From a job that has succeeded to its result."""
+    return {
+        operation_id: {"operationId": operation_id, "parameters": {"sha256": "$response.body#/result_sha256"}}
+        for operation_id in ("get_result", "get_report")
+    }
+
+
 def _job_answers(summary: str, answer: str, at_once: str) -> dict[str, Any]:
     done = _answer(
         f"{summary}: {at_once}.", _content(JSON, reference("schemas", answer)), ETag="ETag",
@@ -239,7 +247,7 @@ def _get_job() -> dict[str, Any]:
         "summary": "State, progress, problem and links of a job",
         "tags": ["jobs"],
         "parameters": [_parameter("JobId"), _parameter("IfNoneMatch")],
-        "responses": {"200": {**record, "links": _links()}, "304": unchanged},
+        "responses": {"200": {**record, "links": _links() | _result_links()}, "304": unchanged},
         "problems": (404, 422, 503),
     }
 

@@ -1,0 +1,342 @@
+from http import HTTPStatus
+from typing import Any, cast
+from urllib.parse import quote
+
+import httpx
+
+from ...client import AuthenticatedClient, Client
+from ...types import Response, UNSET
+from ... import errors
+
+from ...models.create_sweep_check import check_create_sweep_check
+from ...models.create_sweep_check import CreateSweepCheck
+from ...models.job import Job
+from ...models.problem import Problem
+from ...models.sweep import Sweep
+from ...models.sweep_request import SweepRequest
+from ...types import UNSET, Unset
+from typing import cast
+
+
+def _get_kwargs(
+    *,
+    body: SweepRequest,
+    set_: list[str] | Unset = UNSET,
+    check: CreateSweepCheck | Unset = "score",
+    trials: int | Unset = UNSET,
+    seed: int | Unset = 0,
+    prefer: str | Unset = UNSET,
+    idempotency_key: str | Unset = UNSET,
+) -> dict[str, Any]:
+    headers: dict[str, Any] = {}
+    if not isinstance(prefer, Unset):
+        headers["Prefer"] = prefer
+
+    if not isinstance(idempotency_key, Unset):
+        headers["Idempotency-Key"] = idempotency_key
+
+    params: dict[str, Any] = {}
+
+    json_set_: list[str] | Unset = UNSET
+    if not isinstance(set_, Unset):
+        json_set_ = set_
+
+    params["set"] = json_set_
+
+    json_check: str | Unset = UNSET
+    if not isinstance(check, Unset):
+        json_check = check
+
+    params["check"] = json_check
+
+    params["trials"] = trials
+
+    params["seed"] = seed
+
+    params = {k: v for k, v in params.items() if v is not UNSET and v is not None}
+
+    _kwargs: dict[str, Any] = {
+        "method": "post",
+        "url": "/v1/sweeps",
+        "params": params,
+    }
+
+    _kwargs["json"] = body.to_dict()
+
+    headers["Content-Type"] = "application/json"
+
+    _kwargs["headers"] = headers
+    return _kwargs
+
+
+def _parse_response(*, client: AuthenticatedClient | Client, response: httpx.Response) -> Job | Problem | Sweep | None:
+    if response.status_code == 200:
+        response_200 = Sweep.from_dict(response.json())
+
+        return response_200
+
+    if response.status_code == 202:
+        response_202 = Job.from_dict(response.json())
+
+        return response_202
+
+    if response.status_code == 400:
+        response_400 = Problem.from_dict(response.json())
+
+        return response_400
+
+    if response.status_code == 401:
+        response_401 = Problem.from_dict(response.json())
+
+        return response_401
+
+    if response.status_code == 403:
+        response_403 = Problem.from_dict(response.json())
+
+        return response_403
+
+    if response.status_code == 408:
+        response_408 = Problem.from_dict(response.json())
+
+        return response_408
+
+    if response.status_code == 413:
+        response_413 = Problem.from_dict(response.json())
+
+        return response_413
+
+    if response.status_code == 415:
+        response_415 = Problem.from_dict(response.json())
+
+        return response_415
+
+    if response.status_code == 421:
+        response_421 = Problem.from_dict(response.json())
+
+        return response_421
+
+    if response.status_code == 422:
+        response_422 = Problem.from_dict(response.json())
+
+        return response_422
+
+    if response.status_code == 429:
+        response_429 = Problem.from_dict(response.json())
+
+        return response_429
+
+    if response.status_code == 500:
+        response_500 = Problem.from_dict(response.json())
+
+        return response_500
+
+    if response.status_code == 503:
+        response_503 = Problem.from_dict(response.json())
+
+        return response_503
+
+    if client.raise_on_unexpected_status:
+        raise errors.UnexpectedStatus(response.status_code, response.content)
+    else:
+        return None
+
+
+def _build_response(
+    *, client: AuthenticatedClient | Client, response: httpx.Response
+) -> Response[Job | Problem | Sweep]:
+    return Response(
+        status_code=HTTPStatus(response.status_code),
+        content=response.content,
+        headers=response.headers,
+        parsed=_parse_response(client=client, response=response),
+    )
+
+
+def sync_detailed(
+    *,
+    client: AuthenticatedClient,
+    body: SweepRequest,
+    set_: list[str] | Unset = UNSET,
+    check: CreateSweepCheck | Unset = "score",
+    trials: int | Unset = UNSET,
+    seed: int | Unset = 0,
+    prefer: str | Unset = UNSET,
+    idempotency_key: str | Unset = UNSET,
+) -> Response[Job | Problem | Sweep]:
+    """Many designs
+
+     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
+    came to, if that is known within N seconds.
+
+    Args:
+        set_ (list[str] | Unset):
+        check (CreateSweepCheck | Unset):  Default: 'score'.
+        trials (int | Unset):
+        seed (int | Unset):  Default: 0.
+        prefer (str | Unset):
+        idempotency_key (str | Unset):
+        body (SweepRequest):
+
+    Raises:
+        errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
+        httpx.TimeoutException: If the request takes longer than Client.timeout.
+
+    Returns:
+        Response[Job | Problem | Sweep]
+    """
+
+    kwargs = _get_kwargs(
+        body=body,
+        set_=set_,
+        check=check,
+        trials=trials,
+        seed=seed,
+        prefer=prefer,
+        idempotency_key=idempotency_key,
+    )
+
+    response = client.get_httpx_client().request(
+        **kwargs,
+    )
+
+    return _build_response(client=client, response=response)
+
+
+def sync(
+    *,
+    client: AuthenticatedClient,
+    body: SweepRequest,
+    set_: list[str] | Unset = UNSET,
+    check: CreateSweepCheck | Unset = "score",
+    trials: int | Unset = UNSET,
+    seed: int | Unset = 0,
+    prefer: str | Unset = UNSET,
+    idempotency_key: str | Unset = UNSET,
+) -> Job | Problem | Sweep | None:
+    """Many designs
+
+     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
+    came to, if that is known within N seconds.
+
+    Args:
+        set_ (list[str] | Unset):
+        check (CreateSweepCheck | Unset):  Default: 'score'.
+        trials (int | Unset):
+        seed (int | Unset):  Default: 0.
+        prefer (str | Unset):
+        idempotency_key (str | Unset):
+        body (SweepRequest):
+
+    Raises:
+        errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
+        httpx.TimeoutException: If the request takes longer than Client.timeout.
+
+    Returns:
+        Job | Problem | Sweep
+    """
+
+    return sync_detailed(
+        client=client,
+        body=body,
+        set_=set_,
+        check=check,
+        trials=trials,
+        seed=seed,
+        prefer=prefer,
+        idempotency_key=idempotency_key,
+    ).parsed
+
+
+async def asyncio_detailed(
+    *,
+    client: AuthenticatedClient,
+    body: SweepRequest,
+    set_: list[str] | Unset = UNSET,
+    check: CreateSweepCheck | Unset = "score",
+    trials: int | Unset = UNSET,
+    seed: int | Unset = 0,
+    prefer: str | Unset = UNSET,
+    idempotency_key: str | Unset = UNSET,
+) -> Response[Job | Problem | Sweep]:
+    """Many designs
+
+     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
+    came to, if that is known within N seconds.
+
+    Args:
+        set_ (list[str] | Unset):
+        check (CreateSweepCheck | Unset):  Default: 'score'.
+        trials (int | Unset):
+        seed (int | Unset):  Default: 0.
+        prefer (str | Unset):
+        idempotency_key (str | Unset):
+        body (SweepRequest):
+
+    Raises:
+        errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
+        httpx.TimeoutException: If the request takes longer than Client.timeout.
+
+    Returns:
+        Response[Job | Problem | Sweep]
+    """
+
+    kwargs = _get_kwargs(
+        body=body,
+        set_=set_,
+        check=check,
+        trials=trials,
+        seed=seed,
+        prefer=prefer,
+        idempotency_key=idempotency_key,
+    )
+
+    response = await client.get_async_httpx_client().request(**kwargs)
+
+    return _build_response(client=client, response=response)
+
+
+async def asyncio(
+    *,
+    client: AuthenticatedClient,
+    body: SweepRequest,
+    set_: list[str] | Unset = UNSET,
+    check: CreateSweepCheck | Unset = "score",
+    trials: int | Unset = UNSET,
+    seed: int | Unset = 0,
+    prefer: str | Unset = UNSET,
+    idempotency_key: str | Unset = UNSET,
+) -> Job | Problem | Sweep | None:
+    """Many designs
+
+     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
+    came to, if that is known within N seconds.
+
+    Args:
+        set_ (list[str] | Unset):
+        check (CreateSweepCheck | Unset):  Default: 'score'.
+        trials (int | Unset):
+        seed (int | Unset):  Default: 0.
+        prefer (str | Unset):
+        idempotency_key (str | Unset):
+        body (SweepRequest):
+
+    Raises:
+        errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
+        httpx.TimeoutException: If the request takes longer than Client.timeout.
+
+    Returns:
+        Job | Problem | Sweep
+    """
+
+    return (
+        await asyncio_detailed(
+            client=client,
+            body=body,
+            set_=set_,
+            check=check,
+            trials=trials,
+            seed=seed,
+            prefer=prefer,
+            idempotency_key=idempotency_key,
+        )
+    ).parsed

@@ -1,0 +1,243 @@
+"""Contains all the data models used in inputs/outputs"""
+
+from .axis import Axis
+from .bounds import Bounds
+from .certificate import Certificate
+from .changed_spacing import ChangedSpacing
+from .changed_tolerance import ChangedTolerance
+from .check import Check
+from .check_status import CheckStatus
+from .contributor import Contributor
+from .convergence import Convergence
+from .convergence_point import ConvergencePoint
+from .conversion import Conversion
+from .conversion_format import ConversionFormat
+from .conversion_request import ConversionRequest
+from .conversion_request_format import ConversionRequestFormat
+from .conversion_request_to import ConversionRequestTo
+from .converted_point import ConvertedPoint
+from .count_tried import CountTried
+from .create_conversion_from import CreateConversionFrom
+from .create_conversion_to import CreateConversionTo
+from .create_gate_fail_level import CreateGateFailLevel
+from .create_gate_mode import CreateGateMode
+from .create_gate_on_inconclusive import CreateGateOnInconclusive
+from .create_report_part_item import CreateReportPartItem
+from .create_sweep_check import CreateSweepCheck
+from .create_verification_method import CreateVerificationMethod
+from .design import Design
+from .error_distribution import ErrorDistribution
+from .exceedance import Exceedance
+from .finding import Finding
+from .finding_severity import FindingSeverity
+from .front_point import FrontPoint
+from .front_point_status import FrontPointStatus
+from .gate import Gate
+from .gate_fail_level import GateFailLevel
+from .gate_finding import GateFinding
+from .gate_finding_severity import GateFindingSeverity
+from .gate_mode import GateMode
+from .gate_number import GateNumber
+from .gate_number_status import GateNumberStatus
+from .gate_on_inconclusive_type_0 import GateOnInconclusiveType0
+from .gate_provenance import GateProvenance
+from .gate_request import GateRequest
+from .gate_request_baseline_type_0 import GateRequestBaselineType0
+from .gate_request_design import GateRequestDesign
+from .gate_request_design_design_type_0 import GateRequestDesignDesignType0
+from .gate_request_fail_level import GateRequestFailLevel
+from .gate_request_mode import GateRequestMode
+from .gate_request_on_inconclusive_type_0 import GateRequestOnInconclusiveType0
+from .gate_request_policy_type_0 import GateRequestPolicyType0
+from .gate_request_waivers_type_0 import GateRequestWaiversType0
+from .gate_target import GateTarget
+from .gate_verdict import GateVerdict
+from .gated_design import GatedDesign
+from .gated_design_basis import GatedDesignBasis
+from .gated_design_verdict import GatedDesignVerdict
+from .get_openapi_response_200 import GetOpenapiResponse200
+from .get_report_format import GetReportFormat
+from .get_schema_response_200 import GetSchemaResponse200
+from .headline import Headline
+from .headline_status import HeadlineStatus
+from .health import Health
+from .job import Job
+from .job_kind import JobKind
+from .job_links import JobLinks
+from .job_page import JobPage
+from .job_progress import JobProgress
+from .job_state import JobState
+from .list_jobs_kind import ListJobsKind
+from .list_jobs_state import ListJobsState
+from .local_optimum import LocalOptimum
+from .metric_estimate import MetricEstimate
+from .metric_score import MetricScore
+from .moved_fiducial import MovedFiducial
+from .moved_pivot import MovedPivot
+from .optimisation import Optimisation
+from .optimisation_design import OptimisationDesign
+from .optimisation_request import OptimisationRequest
+from .per_unit import PerUnit
+from .placement_value import PlacementValue
+from .problem import Problem
+from .problem_entry import ProblemEntry
+from .problem_type import ProblemType
+from .provenance import Provenance
+from .readiness import Readiness
+from .readiness_database import ReadinessDatabase
+from .readiness_kernels import ReadinessKernels
+from .readiness_status_type_0 import ReadinessStatusType0
+from .readiness_status_type_1 import ReadinessStatusType1
+from .relaxation import Relaxation
+from .report import Report
+from .report_design import ReportDesign
+from .report_request import ReportRequest
+from .report_request_parts_item import ReportRequestPartsItem
+from .reproduction import Reproduction
+from .reprojection import Reprojection
+from .schema_entry import SchemaEntry
+from .schema_list import SchemaList
+from .score import Score
+from .score_request import ScoreRequest
+from .second_order import SecondOrder
+from .second_order_status import SecondOrderStatus
+from .shadow_price import ShadowPrice
+from .sweep import Sweep
+from .sweep_request import SweepRequest
+from .sweep_request_check import SweepRequestCheck
+from .target_estimate import TargetEstimate
+from .target_score import TargetScore
+from .validation import Validation
+from .validation_request import ValidationRequest
+from .validity import Validity
+from .validity_status import ValidityStatus
+from .verdict import Verdict
+from .verdict_status import VerdictStatus
+from .verification import Verification
+from .verification_method import VerificationMethod
+from .verification_request import VerificationRequest
+from .verification_request_method import VerificationRequestMethod
+from .version import Version
+from .view_check import ViewCheck
+
+__all__ = (
+    "Axis",
+    "Bounds",
+    "Certificate",
+    "ChangedSpacing",
+    "ChangedTolerance",
+    "Check",
+    "CheckStatus",
+    "Contributor",
+    "Convergence",
+    "ConvergencePoint",
+    "Conversion",
+    "ConversionFormat",
+    "ConversionRequest",
+    "ConversionRequestFormat",
+    "ConversionRequestTo",
+    "ConvertedPoint",
+    "CountTried",
+    "CreateConversionFrom",
+    "CreateConversionTo",
+    "CreateGateFailLevel",
+    "CreateGateMode",
+    "CreateGateOnInconclusive",
+    "CreateReportPartItem",
+    "CreateSweepCheck",
+    "CreateVerificationMethod",
+    "Design",
+    "ErrorDistribution",
+    "Exceedance",
+    "Finding",
+    "FindingSeverity",
+    "FrontPoint",
+    "FrontPointStatus",
+    "Gate",
+    "GatedDesign",
+    "GatedDesignBasis",
+    "GatedDesignVerdict",
+    "GateFailLevel",
+    "GateFinding",
+    "GateFindingSeverity",
+    "GateMode",
+    "GateNumber",
+    "GateNumberStatus",
+    "GateOnInconclusiveType0",
+    "GateProvenance",
+    "GateRequest",
+    "GateRequestBaselineType0",
+    "GateRequestDesign",
+    "GateRequestDesignDesignType0",
+    "GateRequestFailLevel",
+    "GateRequestMode",
+    "GateRequestOnInconclusiveType0",
+    "GateRequestPolicyType0",
+    "GateRequestWaiversType0",
+    "GateTarget",
+    "GateVerdict",
+    "GetOpenapiResponse200",
+    "GetReportFormat",
+    "GetSchemaResponse200",
+    "Headline",
+    "HeadlineStatus",
+    "Health",
+    "Job",
+    "JobKind",
+    "JobLinks",
+    "JobPage",
+    "JobProgress",
+    "JobState",
+    "ListJobsKind",
+    "ListJobsState",
+    "LocalOptimum",
+    "MetricEstimate",
+    "MetricScore",
+    "MovedFiducial",
+    "MovedPivot",
+    "Optimisation",
+    "OptimisationDesign",
+    "OptimisationRequest",
+    "PerUnit",
+    "PlacementValue",
+    "Problem",
+    "ProblemEntry",
+    "ProblemType",
+    "Provenance",
+    "Readiness",
+    "ReadinessDatabase",
+    "ReadinessKernels",
+    "ReadinessStatusType0",
+    "ReadinessStatusType1",
+    "Relaxation",
+    "Report",
+    "ReportDesign",
+    "ReportRequest",
+    "ReportRequestPartsItem",
+    "Reproduction",
+    "Reprojection",
+    "SchemaEntry",
+    "SchemaList",
+    "Score",
+    "ScoreRequest",
+    "SecondOrder",
+    "SecondOrderStatus",
+    "ShadowPrice",
+    "Sweep",
+    "SweepRequest",
+    "SweepRequestCheck",
+    "TargetEstimate",
+    "TargetScore",
+    "Validation",
+    "ValidationRequest",
+    "Validity",
+    "ValidityStatus",
+    "Verdict",
+    "VerdictStatus",
+    "Verification",
+    "VerificationMethod",
+    "VerificationRequest",
+    "VerificationRequestMethod",
+    "Version",
+    "ViewCheck",
+)

@@ -1,0 +1,158 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar, BinaryIO, TextIO, TYPE_CHECKING, Generator
+
+from attrs import define as _attrs_define
+from attrs import field as _attrs_field
+
+from ..types import UNSET, Unset
+
+from ..models.check_status import check_check_status
+from ..models.check_status import CheckStatus
+from typing import cast
+
+
+T = TypeVar("T", bound="Check")
+
+
+@_attrs_define
+class Check:
+    """One requirement at one target.
+
+    Attributes:
+        requirement (str):
+        target (str):
+        error (str):
+        risk (str):
+        quantile (float):
+        value_mm (float):
+        interval_mm (list[float | None]):
+        limit_mm (float):
+        yield_fraction (float | None):
+        min_yield (float | None):
+        status (CheckStatus):
+    """
+
+    requirement: str
+    target: str
+    error: str
+    risk: str
+    quantile: float
+    value_mm: float
+    interval_mm: list[float | None]
+    limit_mm: float
+    yield_fraction: float | None
+    min_yield: float | None
+    status: CheckStatus
+
+    def to_dict(self) -> dict[str, Any]:
+        requirement = self.requirement
+
+        target = self.target
+
+        error = self.error
+
+        risk = self.risk
+
+        quantile = self.quantile
+
+        value_mm = self.value_mm
+
+        interval_mm = []
+        for interval_mm_item_data in self.interval_mm:
+            interval_mm_item: float | None
+            interval_mm_item = interval_mm_item_data
+            interval_mm.append(interval_mm_item)
+
+        limit_mm = self.limit_mm
+
+        yield_fraction: float | None
+        yield_fraction = self.yield_fraction
+
+        min_yield: float | None
+        min_yield = self.min_yield
+
+        status: str = self.status
+
+        field_dict: dict[str, Any] = {}
+
+        field_dict.update(
+            {
+                "requirement": requirement,
+                "target": target,
+                "error": error,
+                "risk": risk,
+                "quantile": quantile,
+                "value_mm": value_mm,
+                "interval_mm": interval_mm,
+                "limit_mm": limit_mm,
+                "yield_fraction": yield_fraction,
+                "min_yield": min_yield,
+                "status": status,
+            }
+        )
+
+        return field_dict
+
+    @classmethod
+    def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        d = dict(src_dict)
+        requirement = d.pop("requirement")
+
+        target = d.pop("target")
+
+        error = d.pop("error")
+
+        risk = d.pop("risk")
+
+        quantile = d.pop("quantile")
+
+        value_mm = d.pop("value_mm")
+
+        interval_mm = []
+        _interval_mm = d.pop("interval_mm")
+        for interval_mm_item_data in _interval_mm:
+
+            def _parse_interval_mm_item(data: object) -> float | None:
+                if data is None:
+                    return data
+                return cast(float | None, data)
+
+            interval_mm_item = _parse_interval_mm_item(interval_mm_item_data)
+
+            interval_mm.append(interval_mm_item)
+
+        limit_mm = d.pop("limit_mm")
+
+        def _parse_yield_fraction(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        yield_fraction = _parse_yield_fraction(d.pop("yield_fraction"))
+
+        def _parse_min_yield(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        min_yield = _parse_min_yield(d.pop("min_yield"))
+
+        status = check_check_status(d.pop("status"))
+
+        check = cls(
+            requirement=requirement,
+            target=target,
+            error=error,
+            risk=risk,
+            quantile=quantile,
+            value_mm=value_mm,
+            interval_mm=interval_mm,
+            limit_mm=limit_mm,
+            yield_fraction=yield_fraction,
+            min_yield=min_yield,
+            status=status,
+        )
+
+        return check

@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar, BinaryIO, TextIO, TYPE_CHECKING, Generator
+
+from attrs import define as _attrs_define
+from attrs import field as _attrs_field
+
+from ..types import UNSET, Unset
+
+from ..models.gate_number_status import check_gate_number_status
+from ..models.gate_number_status import GateNumberStatus
+from typing import cast
+
+
+T = TypeVar("T", bound="GateNumber")
+
+
+@_attrs_define
+class GateNumber:
+    """One number that was held against a limit.
+
+    Attributes:
+        rule (str):
+        requirement (str):
+        target (str):
+        unit (str):
+        value (float):
+        interval (list[float | None] | None):
+        limit (float):
+        status (GateNumberStatus):
+    """
+
+    rule: str
+    requirement: str
+    target: str
+    unit: str
+    value: float
+    interval: list[float | None] | None
+    limit: float
+    status: GateNumberStatus
+
+    def to_dict(self) -> dict[str, Any]:
+        rule = self.rule
+
+        requirement = self.requirement
+
+        target = self.target
+
+        unit = self.unit
+
+        value = self.value
+
+        interval: list[float | None] | None
+        if isinstance(self.interval, list):
+            interval = []
+            for interval_type_0_item_data in self.interval:
+                interval_type_0_item: float | None
+                interval_type_0_item = interval_type_0_item_data
+                interval.append(interval_type_0_item)
+
+        else:
+            interval = self.interval
+
+        limit = self.limit
+
+        status: str = self.status
+
+        field_dict: dict[str, Any] = {}
+
+        field_dict.update(
+            {
+                "rule": rule,
+                "requirement": requirement,
+                "target": target,
+                "unit": unit,
+                "value": value,
+                "interval": interval,
+                "limit": limit,
+                "status": status,
+            }
+        )
+
+        return field_dict
+
+    @classmethod
+    def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        d = dict(src_dict)
+        rule = d.pop("rule")
+
+        requirement = d.pop("requirement")
+
+        target = d.pop("target")
+
+        unit = d.pop("unit")
+
+        value = d.pop("value")
+
+        def _parse_interval(data: object) -> list[float | None] | None:
+            if data is None:
+                return data
+            try:
+                if not isinstance(data, list):
+                    raise TypeError()
+                interval_type_0 = []
+                _interval_type_0 = data
+                for interval_type_0_item_data in _interval_type_0:
+
+                    def _parse_interval_type_0_item(data: object) -> float | None:
+                        if data is None:
+                            return data
+                        return cast(float | None, data)
+
+                    interval_type_0_item = _parse_interval_type_0_item(interval_type_0_item_data)
+
+                    interval_type_0.append(interval_type_0_item)
+
+                return interval_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(list[float | None] | None, data)
+
+        interval = _parse_interval(d.pop("interval"))
+
+        limit = d.pop("limit")
+
+        status = check_gate_number_status(d.pop("status"))
+
+        gate_number = cls(
+            rule=rule,
+            requirement=requirement,
+            target=target,
+            unit=unit,
+            value=value,
+            interval=interval,
+            limit=limit,
+            status=status,
+        )
+
+        return gate_number

@@ -1,0 +1,17 @@
+from typing import Literal
+
+JobKind = Literal["gate", "optimisation", "report", "sweep", "verification"]
+
+JOB_KIND_VALUES: set[JobKind] = {
+    "gate",
+    "optimisation",
+    "report",
+    "sweep",
+    "verification",
+}
+
+
+def check_job_kind(value: str) -> JobKind:
+    if value in JOB_KIND_VALUES:
+        return value
+    raise TypeError(f"Unexpected value {value!r}. Expected one of {JOB_KIND_VALUES!r}")

@@ -1,0 +1,176 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar, BinaryIO, TextIO, TYPE_CHECKING, Generator
+
+from attrs import define as _attrs_define
+from attrs import field as _attrs_field
+
+from ..types import UNSET, Unset
+
+from typing import cast
+
+if TYPE_CHECKING:
+    from ..models.exceedance import Exceedance
+
+
+T = TypeVar("T", bound="MetricEstimate")
+
+
+@_attrs_define
+class MetricEstimate:
+    """Sampled result for one error metric at one target.
+
+    Attributes:
+        bias_mm (list[float]):
+        std_mm (list[float]):
+        mean_norm_mm (float):
+        p95_mm (float):
+        p95_interval_mm (list[float]):
+        cvar95_mm (float):
+        worst_mm (float):
+        exceedance (Exceedance | None):
+        first_order_ratio (float):
+    """
+
+    bias_mm: list[float]
+    std_mm: list[float]
+    mean_norm_mm: float
+    p95_mm: float
+    p95_interval_mm: list[float]
+    cvar95_mm: float
+    worst_mm: float
+    exceedance: Exceedance | None
+    first_order_ratio: float
+
+    def to_dict(self) -> dict[str, Any]:
+        from ..models.exceedance import Exceedance  # noqa: PLC0415
+
+        bias_mm = []
+        for bias_mm_item_data in self.bias_mm:
+            bias_mm_item: float
+            bias_mm_item = bias_mm_item_data
+            bias_mm.append(bias_mm_item)
+
+        std_mm = []
+        for std_mm_item_data in self.std_mm:
+            std_mm_item: float
+            std_mm_item = std_mm_item_data
+            std_mm.append(std_mm_item)
+
+        mean_norm_mm = self.mean_norm_mm
+
+        p95_mm = self.p95_mm
+
+        p95_interval_mm = []
+        for p95_interval_mm_item_data in self.p95_interval_mm:
+            p95_interval_mm_item: float
+            p95_interval_mm_item = p95_interval_mm_item_data
+            p95_interval_mm.append(p95_interval_mm_item)
+
+        cvar95_mm = self.cvar95_mm
+
+        worst_mm = self.worst_mm
+
+        exceedance: dict[str, Any] | None
+        if isinstance(self.exceedance, Exceedance):
+            exceedance = self.exceedance.to_dict()
+        else:
+            exceedance = self.exceedance
+
+        first_order_ratio = self.first_order_ratio
+
+        field_dict: dict[str, Any] = {}
+
+        field_dict.update(
+            {
+                "bias_mm": bias_mm,
+                "std_mm": std_mm,
+                "mean_norm_mm": mean_norm_mm,
+                "p95_mm": p95_mm,
+                "p95_interval_mm": p95_interval_mm,
+                "cvar95_mm": cvar95_mm,
+                "worst_mm": worst_mm,
+                "exceedance": exceedance,
+                "first_order_ratio": first_order_ratio,
+            }
+        )
+
+        return field_dict
+
+    @classmethod
+    def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        from ..models.exceedance import Exceedance  # noqa: PLC0415
+
+        d = dict(src_dict)
+        bias_mm = []
+        _bias_mm = d.pop("bias_mm")
+        for bias_mm_item_data in _bias_mm:
+
+            def _parse_bias_mm_item(data: object) -> float:
+                return cast(float, data)
+
+            bias_mm_item = _parse_bias_mm_item(bias_mm_item_data)
+
+            bias_mm.append(bias_mm_item)
+
+        std_mm = []
+        _std_mm = d.pop("std_mm")
+        for std_mm_item_data in _std_mm:
+
+            def _parse_std_mm_item(data: object) -> float:
+                return cast(float, data)
+
+            std_mm_item = _parse_std_mm_item(std_mm_item_data)
+
+            std_mm.append(std_mm_item)
+
+        mean_norm_mm = d.pop("mean_norm_mm")
+
+        p95_mm = d.pop("p95_mm")
+
+        p95_interval_mm = []
+        _p95_interval_mm = d.pop("p95_interval_mm")
+        for p95_interval_mm_item_data in _p95_interval_mm:
+
+            def _parse_p95_interval_mm_item(data: object) -> float:
+                return cast(float, data)
+
+            p95_interval_mm_item = _parse_p95_interval_mm_item(p95_interval_mm_item_data)
+
+            p95_interval_mm.append(p95_interval_mm_item)
+
+        cvar95_mm = d.pop("cvar95_mm")
+
+        worst_mm = d.pop("worst_mm")
+
+        def _parse_exceedance(data: object) -> Exceedance | None:
+            if data is None:
+                return data
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                exceedance_type_0 = Exceedance.from_dict(data)
+
+                return exceedance_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(Exceedance | None, data)
+
+        exceedance = _parse_exceedance(d.pop("exceedance"))
+
+        first_order_ratio = d.pop("first_order_ratio")
+
+        metric_estimate = cls(
+            bias_mm=bias_mm,
+            std_mm=std_mm,
+            mean_norm_mm=mean_norm_mm,
+            p95_mm=p95_mm,
+            p95_interval_mm=p95_interval_mm,
+            cvar95_mm=cvar95_mm,
+            worst_mm=worst_mm,
+            exceedance=exceedance,
+            first_order_ratio=first_order_ratio,
+        )
+
+        return metric_estimate

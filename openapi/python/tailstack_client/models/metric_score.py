@@ -1,0 +1,216 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar, BinaryIO, TextIO, TYPE_CHECKING, Generator
+
+from attrs import define as _attrs_define
+from attrs import field as _attrs_field
+
+from ..types import UNSET, Unset
+
+from typing import cast
+
+if TYPE_CHECKING:
+    from ..models.bounds import Bounds
+
+
+T = TypeVar("T", bound="MetricScore")
+
+
+@_attrs_define
+class MetricScore:
+    """First-order result for one error metric at one target.
+
+    Attributes:
+        frame (str):
+        bias_mm (list[float]):
+        covariance_mm2 (list[list[float]]):
+        std_mm (list[float]):
+        mean_norm_mm (float):
+        p95_mm (float):
+        law (str):
+        law_error_mm (float):
+        bounds_mm (Bounds): Upper bounds of the quantile under ever weaker assumptions on the law of the error.
+        cvar95_mm (float):
+        limit_mm (float | None):
+        exceedance_probability (float | None):
+    """
+
+    frame: str
+    bias_mm: list[float]
+    covariance_mm2: list[list[float]]
+    std_mm: list[float]
+    mean_norm_mm: float
+    p95_mm: float
+    law: str
+    law_error_mm: float
+    bounds_mm: Bounds
+    cvar95_mm: float
+    limit_mm: float | None
+    exceedance_probability: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        from ..models.bounds import Bounds  # noqa: PLC0415
+
+        frame = self.frame
+
+        bias_mm = []
+        for bias_mm_item_data in self.bias_mm:
+            bias_mm_item: float
+            bias_mm_item = bias_mm_item_data
+            bias_mm.append(bias_mm_item)
+
+        covariance_mm2 = []
+        for covariance_mm2_item_data in self.covariance_mm2:
+            covariance_mm2_item: list[float]
+            if isinstance(covariance_mm2_item_data, list):
+                covariance_mm2_item = []
+                for covariance_mm2_item_type_0_item_data in covariance_mm2_item_data:
+                    covariance_mm2_item_type_0_item: float
+                    covariance_mm2_item_type_0_item = covariance_mm2_item_type_0_item_data
+                    covariance_mm2_item.append(covariance_mm2_item_type_0_item)
+
+            covariance_mm2.append(covariance_mm2_item)
+
+        std_mm = []
+        for std_mm_item_data in self.std_mm:
+            std_mm_item: float
+            std_mm_item = std_mm_item_data
+            std_mm.append(std_mm_item)
+
+        mean_norm_mm = self.mean_norm_mm
+
+        p95_mm = self.p95_mm
+
+        law = self.law
+
+        law_error_mm = self.law_error_mm
+
+        bounds_mm = self.bounds_mm.to_dict()
+
+        cvar95_mm = self.cvar95_mm
+
+        limit_mm: float | None
+        limit_mm = self.limit_mm
+
+        exceedance_probability: float | None
+        exceedance_probability = self.exceedance_probability
+
+        field_dict: dict[str, Any] = {}
+
+        field_dict.update(
+            {
+                "frame": frame,
+                "bias_mm": bias_mm,
+                "covariance_mm2": covariance_mm2,
+                "std_mm": std_mm,
+                "mean_norm_mm": mean_norm_mm,
+                "p95_mm": p95_mm,
+                "law": law,
+                "law_error_mm": law_error_mm,
+                "bounds_mm": bounds_mm,
+                "cvar95_mm": cvar95_mm,
+                "limit_mm": limit_mm,
+                "exceedance_probability": exceedance_probability,
+            }
+        )
+
+        return field_dict
+
+    @classmethod
+    def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        from ..models.bounds import Bounds  # noqa: PLC0415
+
+        d = dict(src_dict)
+        frame = d.pop("frame")
+
+        bias_mm = []
+        _bias_mm = d.pop("bias_mm")
+        for bias_mm_item_data in _bias_mm:
+
+            def _parse_bias_mm_item(data: object) -> float:
+                return cast(float, data)
+
+            bias_mm_item = _parse_bias_mm_item(bias_mm_item_data)
+
+            bias_mm.append(bias_mm_item)
+
+        covariance_mm2 = []
+        _covariance_mm2 = d.pop("covariance_mm2")
+        for covariance_mm2_item_data in _covariance_mm2:
+
+            def _parse_covariance_mm2_item(data: object) -> list[float]:
+                if not isinstance(data, list):
+                    raise TypeError()
+                covariance_mm2_item_type_0 = []
+                _covariance_mm2_item_type_0 = data
+                for covariance_mm2_item_type_0_item_data in _covariance_mm2_item_type_0:
+
+                    def _parse_covariance_mm2_item_type_0_item(data: object) -> float:
+                        return cast(float, data)
+
+                    covariance_mm2_item_type_0_item = _parse_covariance_mm2_item_type_0_item(
+                        covariance_mm2_item_type_0_item_data
+                    )
+
+                    covariance_mm2_item_type_0.append(covariance_mm2_item_type_0_item)
+
+                return covariance_mm2_item_type_0
+
+            covariance_mm2_item = _parse_covariance_mm2_item(covariance_mm2_item_data)
+
+            covariance_mm2.append(covariance_mm2_item)
+
+        std_mm = []
+        _std_mm = d.pop("std_mm")
+        for std_mm_item_data in _std_mm:
+
+            def _parse_std_mm_item(data: object) -> float:
+                return cast(float, data)
+
+            std_mm_item = _parse_std_mm_item(std_mm_item_data)
+
+            std_mm.append(std_mm_item)
+
+        mean_norm_mm = d.pop("mean_norm_mm")
+
+        p95_mm = d.pop("p95_mm")
+
+        law = d.pop("law")
+
+        law_error_mm = d.pop("law_error_mm")
+
+        bounds_mm = Bounds.from_dict(d.pop("bounds_mm"))
+
+        cvar95_mm = d.pop("cvar95_mm")
+
+        def _parse_limit_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        limit_mm = _parse_limit_mm(d.pop("limit_mm"))
+
+        def _parse_exceedance_probability(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        exceedance_probability = _parse_exceedance_probability(d.pop("exceedance_probability"))
+
+        metric_score = cls(
+            frame=frame,
+            bias_mm=bias_mm,
+            covariance_mm2=covariance_mm2,
+            std_mm=std_mm,
+            mean_norm_mm=mean_norm_mm,
+            p95_mm=p95_mm,
+            law=law,
+            law_error_mm=law_error_mm,
+            bounds_mm=bounds_mm,
+            cvar95_mm=cvar95_mm,
+            limit_mm=limit_mm,
+            exceedance_probability=exceedance_probability,
+        )
+
+        return metric_score

@@ -1,0 +1,381 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar, BinaryIO, TextIO, TYPE_CHECKING, Generator
+
+from attrs import define as _attrs_define
+from attrs import field as _attrs_field
+
+from ..types import UNSET, Unset
+
+from typing import cast
+from typing import Literal, cast
+
+if TYPE_CHECKING:
+    from ..models.certificate import Certificate
+    from ..models.changed_spacing import ChangedSpacing
+    from ..models.changed_tolerance import ChangedTolerance
+    from ..models.count_tried import CountTried
+    from ..models.finding import Finding
+    from ..models.front_point import FrontPoint
+    from ..models.moved_fiducial import MovedFiducial
+    from ..models.moved_pivot import MovedPivot
+    from ..models.optimisation_design import OptimisationDesign
+    from ..models.placement_value import PlacementValue
+    from ..models.provenance import Provenance
+    from ..models.shadow_price import ShadowPrice
+
+
+T = TypeVar("T", bound="Optimisation")
+
+
+@_attrs_define
+class Optimisation:
+    """A design that keeps its limit at least cost (or what was asked for), verified by Monte Carlo.
+
+    Attributes:
+        schema (Literal['tailstack/optimisation/1']):
+        status (Literal['verified']):
+        objective (str):
+        cost_before (float | None):
+        cost_after (float):
+        cost_closed_form (float | None):
+        cost_exact_law (float | None):
+        p95_before_mm (float | None):
+        p95_after_mm (float):
+        moved (list[MovedFiducial]):
+        tolerances (list[ChangedTolerance]):
+        pivots (list[MovedPivot]):
+        spacings (list[ChangedSpacing]):
+        scaling (float | None):
+        certificate (Certificate): What the optimum rests on.
+        shadow_prices (list[ShadowPrice]):
+        binding (list[str]):
+        influence (list[Finding]):
+        placement_value (None | PlacementValue):
+        counts (list[CountTried]):
+        front (list[FrontPoint]):
+        design (OptimisationDesign):
+        provenance (Provenance):
+    """
+
+    schema: Literal["tailstack/optimisation/1"]
+    status: Literal["verified"]
+    objective: str
+    cost_before: float | None
+    cost_after: float
+    cost_closed_form: float | None
+    cost_exact_law: float | None
+    p95_before_mm: float | None
+    p95_after_mm: float
+    moved: list[MovedFiducial]
+    tolerances: list[ChangedTolerance]
+    pivots: list[MovedPivot]
+    spacings: list[ChangedSpacing]
+    scaling: float | None
+    certificate: Certificate
+    shadow_prices: list[ShadowPrice]
+    binding: list[str]
+    influence: list[Finding]
+    placement_value: None | PlacementValue
+    counts: list[CountTried]
+    front: list[FrontPoint]
+    design: OptimisationDesign
+    provenance: Provenance
+
+    def to_dict(self) -> dict[str, Any]:
+        from ..models.certificate import Certificate  # noqa: PLC0415
+        from ..models.changed_spacing import ChangedSpacing  # noqa: PLC0415
+        from ..models.changed_tolerance import ChangedTolerance  # noqa: PLC0415
+        from ..models.count_tried import CountTried  # noqa: PLC0415
+        from ..models.finding import Finding  # noqa: PLC0415
+        from ..models.front_point import FrontPoint  # noqa: PLC0415
+        from ..models.moved_fiducial import MovedFiducial  # noqa: PLC0415
+        from ..models.moved_pivot import MovedPivot  # noqa: PLC0415
+        from ..models.optimisation_design import OptimisationDesign  # noqa: PLC0415
+        from ..models.placement_value import PlacementValue  # noqa: PLC0415
+        from ..models.provenance import Provenance  # noqa: PLC0415
+        from ..models.shadow_price import ShadowPrice  # noqa: PLC0415
+
+        schema = self.schema
+
+        status = self.status
+
+        objective = self.objective
+
+        cost_before: float | None
+        cost_before = self.cost_before
+
+        cost_after = self.cost_after
+
+        cost_closed_form: float | None
+        cost_closed_form = self.cost_closed_form
+
+        cost_exact_law: float | None
+        cost_exact_law = self.cost_exact_law
+
+        p95_before_mm: float | None
+        p95_before_mm = self.p95_before_mm
+
+        p95_after_mm = self.p95_after_mm
+
+        moved = []
+        for moved_item_data in self.moved:
+            moved_item = moved_item_data.to_dict()
+            moved.append(moved_item)
+
+        tolerances = []
+        for tolerances_item_data in self.tolerances:
+            tolerances_item = tolerances_item_data.to_dict()
+            tolerances.append(tolerances_item)
+
+        pivots = []
+        for pivots_item_data in self.pivots:
+            pivots_item = pivots_item_data.to_dict()
+            pivots.append(pivots_item)
+
+        spacings = []
+        for spacings_item_data in self.spacings:
+            spacings_item = spacings_item_data.to_dict()
+            spacings.append(spacings_item)
+
+        scaling: float | None
+        scaling = self.scaling
+
+        certificate = self.certificate.to_dict()
+
+        shadow_prices = []
+        for shadow_prices_item_data in self.shadow_prices:
+            shadow_prices_item = shadow_prices_item_data.to_dict()
+            shadow_prices.append(shadow_prices_item)
+
+        binding = self.binding
+
+        influence = []
+        for influence_item_data in self.influence:
+            influence_item = influence_item_data.to_dict()
+            influence.append(influence_item)
+
+        placement_value: dict[str, Any] | None
+        if isinstance(self.placement_value, PlacementValue):
+            placement_value = self.placement_value.to_dict()
+        else:
+            placement_value = self.placement_value
+
+        counts = []
+        for counts_item_data in self.counts:
+            counts_item = counts_item_data.to_dict()
+            counts.append(counts_item)
+
+        front = []
+        for front_item_data in self.front:
+            front_item = front_item_data.to_dict()
+            front.append(front_item)
+
+        design = self.design.to_dict()
+
+        provenance = self.provenance.to_dict()
+
+        field_dict: dict[str, Any] = {}
+
+        field_dict.update(
+            {
+                "schema": schema,
+                "status": status,
+                "objective": objective,
+                "cost_before": cost_before,
+                "cost_after": cost_after,
+                "cost_closed_form": cost_closed_form,
+                "cost_exact_law": cost_exact_law,
+                "p95_before_mm": p95_before_mm,
+                "p95_after_mm": p95_after_mm,
+                "moved": moved,
+                "tolerances": tolerances,
+                "pivots": pivots,
+                "spacings": spacings,
+                "scaling": scaling,
+                "certificate": certificate,
+                "shadow_prices": shadow_prices,
+                "binding": binding,
+                "influence": influence,
+                "placement_value": placement_value,
+                "counts": counts,
+                "front": front,
+                "design": design,
+                "provenance": provenance,
+            }
+        )
+
+        return field_dict
+
+    @classmethod
+    def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        from ..models.certificate import Certificate  # noqa: PLC0415
+        from ..models.changed_spacing import ChangedSpacing  # noqa: PLC0415
+        from ..models.changed_tolerance import ChangedTolerance  # noqa: PLC0415
+        from ..models.count_tried import CountTried  # noqa: PLC0415
+        from ..models.finding import Finding  # noqa: PLC0415
+        from ..models.front_point import FrontPoint  # noqa: PLC0415
+        from ..models.moved_fiducial import MovedFiducial  # noqa: PLC0415
+        from ..models.moved_pivot import MovedPivot  # noqa: PLC0415
+        from ..models.optimisation_design import OptimisationDesign  # noqa: PLC0415
+        from ..models.placement_value import PlacementValue  # noqa: PLC0415
+        from ..models.provenance import Provenance  # noqa: PLC0415
+        from ..models.shadow_price import ShadowPrice  # noqa: PLC0415
+
+        d = dict(src_dict)
+        schema = cast(Literal["tailstack/optimisation/1"], d.pop("schema"))
+        if schema != "tailstack/optimisation/1":
+            raise ValueError(f"schema must match const 'tailstack/optimisation/1', got '{schema}'")
+
+        status = cast(Literal["verified"], d.pop("status"))
+        if status != "verified":
+            raise ValueError(f"status must match const 'verified', got '{status}'")
+
+        objective = d.pop("objective")
+
+        def _parse_cost_before(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        cost_before = _parse_cost_before(d.pop("cost_before"))
+
+        cost_after = d.pop("cost_after")
+
+        def _parse_cost_closed_form(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        cost_closed_form = _parse_cost_closed_form(d.pop("cost_closed_form"))
+
+        def _parse_cost_exact_law(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        cost_exact_law = _parse_cost_exact_law(d.pop("cost_exact_law"))
+
+        def _parse_p95_before_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        p95_before_mm = _parse_p95_before_mm(d.pop("p95_before_mm"))
+
+        p95_after_mm = d.pop("p95_after_mm")
+
+        moved = []
+        _moved = d.pop("moved")
+        for moved_item_data in _moved:
+            moved_item = MovedFiducial.from_dict(moved_item_data)
+
+            moved.append(moved_item)
+
+        tolerances = []
+        _tolerances = d.pop("tolerances")
+        for tolerances_item_data in _tolerances:
+            tolerances_item = ChangedTolerance.from_dict(tolerances_item_data)
+
+            tolerances.append(tolerances_item)
+
+        pivots = []
+        _pivots = d.pop("pivots")
+        for pivots_item_data in _pivots:
+            pivots_item = MovedPivot.from_dict(pivots_item_data)
+
+            pivots.append(pivots_item)
+
+        spacings = []
+        _spacings = d.pop("spacings")
+        for spacings_item_data in _spacings:
+            spacings_item = ChangedSpacing.from_dict(spacings_item_data)
+
+            spacings.append(spacings_item)
+
+        def _parse_scaling(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        scaling = _parse_scaling(d.pop("scaling"))
+
+        certificate = Certificate.from_dict(d.pop("certificate"))
+
+        shadow_prices = []
+        _shadow_prices = d.pop("shadow_prices")
+        for shadow_prices_item_data in _shadow_prices:
+            shadow_prices_item = ShadowPrice.from_dict(shadow_prices_item_data)
+
+            shadow_prices.append(shadow_prices_item)
+
+        binding = cast(list[str], d.pop("binding"))
+
+        influence = []
+        _influence = d.pop("influence")
+        for influence_item_data in _influence:
+            influence_item = Finding.from_dict(influence_item_data)
+
+            influence.append(influence_item)
+
+        def _parse_placement_value(data: object) -> None | PlacementValue:
+            if data is None:
+                return data
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                placement_value_type_0 = PlacementValue.from_dict(data)
+
+                return placement_value_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(None | PlacementValue, data)
+
+        placement_value = _parse_placement_value(d.pop("placement_value"))
+
+        counts = []
+        _counts = d.pop("counts")
+        for counts_item_data in _counts:
+            counts_item = CountTried.from_dict(counts_item_data)
+
+            counts.append(counts_item)
+
+        front = []
+        _front = d.pop("front")
+        for front_item_data in _front:
+            front_item = FrontPoint.from_dict(front_item_data)
+
+            front.append(front_item)
+
+        design = OptimisationDesign.from_dict(d.pop("design"))
+
+        provenance = Provenance.from_dict(d.pop("provenance"))
+
+        optimisation = cls(
+            schema=schema,
+            status=status,
+            objective=objective,
+            cost_before=cost_before,
+            cost_after=cost_after,
+            cost_closed_form=cost_closed_form,
+            cost_exact_law=cost_exact_law,
+            p95_before_mm=p95_before_mm,
+            p95_after_mm=p95_after_mm,
+            moved=moved,
+            tolerances=tolerances,
+            pivots=pivots,
+            spacings=spacings,
+            scaling=scaling,
+            certificate=certificate,
+            shadow_prices=shadow_prices,
+            binding=binding,
+            influence=influence,
+            placement_value=placement_value,
+            counts=counts,
+            front=front,
+            design=design,
+            provenance=provenance,
+        )
+
+        return optimisation

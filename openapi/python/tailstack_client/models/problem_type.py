@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar, BinaryIO, TextIO, TYPE_CHECKING, Generator
+
+from attrs import define as _attrs_define
+from attrs import field as _attrs_field
+
+from ..types import UNSET, Unset
+
+
+T = TypeVar("T", bound="ProblemType")
+
+
+@_attrs_define
+class ProblemType:
+    """One class of refusal: what it means and what to do about it.
+
+    Attributes:
+        slug (str):
+        title (str):
+        status (int):
+        meaning (str):
+        cure (str):
+    """
+
+    slug: str
+    title: str
+    status: int
+    meaning: str
+    cure: str
+    additional_properties: dict[str, Any] = _attrs_field(init=False, factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        slug = self.slug
+
+        title = self.title
+
+        status = self.status
+
+        meaning = self.meaning
+
+        cure = self.cure
+
+        field_dict: dict[str, Any] = {}
+        field_dict.update(self.additional_properties)
+        field_dict.update(
+            {
+                "slug": slug,
+                "title": title,
+                "status": status,
+                "meaning": meaning,
+                "cure": cure,
+            }
+        )
+
+        return field_dict
+
+    @classmethod
+    def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        d = dict(src_dict)
+        slug = d.pop("slug")
+
+        title = d.pop("title")
+
+        status = d.pop("status")
+
+        meaning = d.pop("meaning")
+
+        cure = d.pop("cure")
+
+        problem_type = cls(
+            slug=slug,
+            title=title,
+            status=status,
+            meaning=meaning,
+            cure=cure,
+        )
+
+        problem_type.additional_properties = d
+        return problem_type
+
+    @property
+    def additional_keys(self) -> list[str]:
+        return list(self.additional_properties.keys())
+
+    def __getitem__(self, key: str) -> Any:
+        return self.additional_properties[key]
+
+    def __setitem__(self, key: str, value: Any) -> None:
+        self.additional_properties[key] = value
+
+    def __delitem__(self, key: str) -> None:
+        del self.additional_properties[key]
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.additional_properties

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar, BinaryIO, TextIO, TYPE_CHECKING, Generator
+
+from attrs import define as _attrs_define
+from attrs import field as _attrs_field
+
+from ..types import UNSET, Unset
+
+from typing import cast
+
+
+T = TypeVar("T", bound="Provenance")
+
+
+@_attrs_define
+class Provenance:
+    """
+    Attributes:
+        design_name (str):
+        design_sha256 (None | str):
+        tailstack_version (str):
+        reading (str):
+        rotation_form (str):
+        triangulation (str):
+        notes (list[str]):
+        not_included (list[str]):
+    """
+
+    design_name: str
+    design_sha256: None | str
+    tailstack_version: str
+    reading: str
+    rotation_form: str
+    triangulation: str
+    notes: list[str]
+    not_included: list[str]
+
+    def to_dict(self) -> dict[str, Any]:
+        design_name = self.design_name
+
+        design_sha256: None | str
+        design_sha256 = self.design_sha256
+
+        tailstack_version = self.tailstack_version
+
+        reading = self.reading
+
+        rotation_form = self.rotation_form
+
+        triangulation = self.triangulation
+
+        notes = self.notes
+
+        not_included = self.not_included
+
+        field_dict: dict[str, Any] = {}
+
+        field_dict.update(
+            {
+                "design_name": design_name,
+                "design_sha256": design_sha256,
+                "tailstack_version": tailstack_version,
+                "reading": reading,
+                "rotation_form": rotation_form,
+                "triangulation": triangulation,
+                "notes": notes,
+                "not_included": not_included,
+            }
+        )
+
+        return field_dict
+
+    @classmethod
+    def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        d = dict(src_dict)
+        design_name = d.pop("design_name")
+
+        def _parse_design_sha256(data: object) -> None | str:
+            if data is None:
+                return data
+            return cast(None | str, data)
+
+        design_sha256 = _parse_design_sha256(d.pop("design_sha256"))
+
+        tailstack_version = d.pop("tailstack_version")
+
+        reading = d.pop("reading")
+
+        rotation_form = d.pop("rotation_form")
+
+        triangulation = d.pop("triangulation")
+
+        notes = cast(list[str], d.pop("notes"))
+
+        not_included = cast(list[str], d.pop("not_included"))
+
+        provenance = cls(
+            design_name=design_name,
+            design_sha256=design_sha256,
+            tailstack_version=tailstack_version,
+            reading=reading,
+            rotation_form=rotation_form,
+            triangulation=triangulation,
+            notes=notes,
+            not_included=not_included,
+        )
+
+        return provenance

@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar, BinaryIO, TextIO, TYPE_CHECKING, Generator
+
+from attrs import define as _attrs_define
+from attrs import field as _attrs_field
+
+from ..types import UNSET, Unset
+
+from ..models.verification_method import check_verification_method
+from ..models.verification_method import VerificationMethod
+from typing import cast
+from typing import Literal, cast
+
+if TYPE_CHECKING:
+    from ..models.provenance import Provenance
+    from ..models.reprojection import Reprojection
+    from ..models.target_estimate import TargetEstimate
+    from ..models.verdict import Verdict
+
+
+T = TypeVar("T", bound="Verification")
+
+
+@_attrs_define
+class Verification:
+    """Monte Carlo on the full nonlinear chain.
+
+    Attributes:
+        schema (Literal['tailstack/verification/1']):
+        seed (int):
+        trials (int):
+        method (VerificationMethod):
+        engine (str):
+        precision_requested (float | None):
+        precision_reached (float):
+        stopping (str):
+        targets (list[TargetEstimate]):
+        reprojection (Reprojection): RMS over fiducials and views of the distance between measured and reprojected
+            images.
+        first_order_ratio (float):
+        verdict (Verdict): ``pass`` only when the upper end of every check's interval is within its limit.
+        provenance (Provenance):
+    """
+
+    schema: Literal["tailstack/verification/1"]
+    seed: int
+    trials: int
+    method: VerificationMethod
+    engine: str
+    precision_requested: float | None
+    precision_reached: float
+    stopping: str
+    targets: list[TargetEstimate]
+    reprojection: Reprojection
+    first_order_ratio: float
+    verdict: Verdict
+    provenance: Provenance
+
+    def to_dict(self) -> dict[str, Any]:
+        from ..models.provenance import Provenance  # noqa: PLC0415
+        from ..models.reprojection import Reprojection  # noqa: PLC0415
+        from ..models.target_estimate import TargetEstimate  # noqa: PLC0415
+        from ..models.verdict import Verdict  # noqa: PLC0415
+
+        schema = self.schema
+
+        seed = self.seed
+
+        trials = self.trials
+
+        method: str = self.method
+
+        engine = self.engine
+
+        precision_requested: float | None
+        precision_requested = self.precision_requested
+
+        precision_reached = self.precision_reached
+
+        stopping = self.stopping
+
+        targets = []
+        for targets_item_data in self.targets:
+            targets_item = targets_item_data.to_dict()
+            targets.append(targets_item)
+
+        reprojection = self.reprojection.to_dict()
+
+        first_order_ratio = self.first_order_ratio
+
+        verdict = self.verdict.to_dict()
+
+        provenance = self.provenance.to_dict()
+
+        field_dict: dict[str, Any] = {}
+
+        field_dict.update(
+            {
+                "schema": schema,
+                "seed": seed,
+                "trials": trials,
+                "method": method,
+                "engine": engine,
+                "precision_requested": precision_requested,
+                "precision_reached": precision_reached,
+                "stopping": stopping,
+                "targets": targets,
+                "reprojection": reprojection,
+                "first_order_ratio": first_order_ratio,
+                "verdict": verdict,
+                "provenance": provenance,
+            }
+        )
+
+        return field_dict
+
+    @classmethod
+    def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        from ..models.provenance import Provenance  # noqa: PLC0415
+        from ..models.reprojection import Reprojection  # noqa: PLC0415
+        from ..models.target_estimate import TargetEstimate  # noqa: PLC0415
+        from ..models.verdict import Verdict  # noqa: PLC0415
+
+        d = dict(src_dict)
+        schema = cast(Literal["tailstack/verification/1"], d.pop("schema"))
+        if schema != "tailstack/verification/1":
+            raise ValueError(f"schema must match const 'tailstack/verification/1', got '{schema}'")
+
+        seed = d.pop("seed")
+
+        trials = d.pop("trials")
+
+        method = check_verification_method(d.pop("method"))
+
+        engine = d.pop("engine")
+
+        def _parse_precision_requested(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        precision_requested = _parse_precision_requested(d.pop("precision_requested"))
+
+        precision_reached = d.pop("precision_reached")
+
+        stopping = d.pop("stopping")
+
+        targets = []
+        _targets = d.pop("targets")
+        for targets_item_data in _targets:
+            targets_item = TargetEstimate.from_dict(targets_item_data)
+
+            targets.append(targets_item)
+
+        reprojection = Reprojection.from_dict(d.pop("reprojection"))
+
+        first_order_ratio = d.pop("first_order_ratio")
+
+        verdict = Verdict.from_dict(d.pop("verdict"))
+
+        provenance = Provenance.from_dict(d.pop("provenance"))
+
+        verification = cls(
+            schema=schema,
+            seed=seed,
+            trials=trials,
+            method=method,
+            engine=engine,
+            precision_requested=precision_requested,
+            precision_reached=precision_reached,
+            stopping=stopping,
+            targets=targets,
+            reprojection=reprojection,
+            first_order_ratio=first_order_ratio,
+            verdict=verdict,
+            provenance=provenance,
+        )
+
+        return verification

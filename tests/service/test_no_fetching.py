@@ -1,0 +1,173 @@
+"""No route fetches an address that a user gave: every text of every request example is replaced by one, in turn."""
+
+from __future__ import annotations
+
+import copy
+import json
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+from openapi_scenes import json_examples, light, operations, parameters
+from served import served
+
+FORMATS = ("html", "pdf", "xlsx", "json")
+KEPT_OPTIMISATIONS = 1  # of those that are accepted; the others are cancelled, for each takes seconds
+
+
+@dataclass(slots=True)
+class Canary:
+    """A listener that nobody has a reason to connect to."""
+
+    port: int
+    seen: list[str] = field(default_factory=list)
+
+    def address(self, path: str) -> str:
+        return f"http://127.0.0.1:{self.port}/{path}"
+
+
+@contextmanager
+def canary() -> Iterator[Canary]:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        found, stopping = Canary(listener.getsockname()[1]), threading.Event()
+        listener.settimeout(0.1)
+
+        def listen() -> None:
+            while not stopping.is_set():
+                try:
+                    connection, _ = listener.accept()
+                except TimeoutError:
+                    continue
+                with connection:
+                    connection.settimeout(2.0)
+                    found.seen.append(connection.recv(200).decode("latin-1"))
+
+        thread = threading.Thread(target=listen, daemon=True)
+        thread.start()
+        try:
+            yield found
+        finally:
+            stopping.set()
+            thread.join()
+
+
+def texts(node: Any, way: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """The place of every text in a document."""
+    if isinstance(node, str):
+        yield way
+    for key, child in node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ():
+        yield from texts(child, (*way, key))
+
+
+def replaced(body: Any, way: tuple[Any, ...], text: str) -> Any:
+    body = copy.deepcopy(body)
+    node = body
+    for step in way[:-1]:
+        node = node[step]
+    node[way[-1]] = text
+    return body
+
+
+def baits(address: str) -> tuple[str, ...]:
+    """What a careless reader, renderer or resolver would follow."""
+    return address, f'<img src="{address}"><link rel=stylesheet href="{address}"><script src="{address}"></script>'
+
+
+def test_no_address_is_followed(tmp_path: Path) -> None:
+    sent = accepted = 0
+    with canary() as bird, served(tmp_path, TAILSTACK_MAX_QUEUED_JOBS="10000") as service:
+        client = httpx.Client(base_url=service.url, timeout=120, trust_env=False)
+        with client:
+            jobs: list[dict[str, Any]] = []
+            for path, method, operation in operations():
+                for name, example in json_examples(operation).items():
+                    for way in texts(light(example)):
+                        for bait in baits(
+                            bird.address(f"{operation['operationId']}/{name}/" + "/".join(map(str, way)))
+                        ):
+                            response = client.request(method, path, json=replaced(light(example), way, bait))
+                            sent += 1
+                            assert response.status_code < 500, response.text
+                            if response.status_code == 202:
+                                jobs.append(response.json())
+                sent += _in_parameters(client, bird, path, method, operation)
+            sent += _in_yaml(client, bird)
+            accepted = len(jobs)
+            for result in _results(client, jobs):
+                for form in FORMATS:
+                    report = client.get(f"{result}/report", params={"format": form})
+                    assert report.status_code in (200, 501), report.text
+                    sent += 1
+        assert bird.seen == []
+        with socket.create_connection(("127.0.0.1", bird.port)) as connection:
+            connection.sendall(b"the canary is awake")
+        deadline = time.monotonic() + 10
+        while not bird.seen:
+            assert time.monotonic() < deadline, "the canary would not have noticed"
+            time.sleep(0.02)
+    print(f"{sent} requests with an address in them, {accepted} jobs accepted, 0 connections")
+    assert sent > 200
+    assert accepted > 20
+
+
+def _in_parameters(client: httpx.Client, bird: Canary, path: str, method: str, operation: Any) -> int:
+    """The address as every query parameter and in every header that the operation knows, and as its path."""
+    address = bird.address(operation["operationId"])
+    body = next(iter(json_examples(operation).values()), None)
+    example = path
+    for parameter in parameters(path, operation, "path"):
+        example = example.replace("{" + parameter["name"] + "}", parameter["example"])
+    tries = [{"params": {p["name"]: address}} for p in parameters(path, operation, "query")]
+    tries += [{"headers": {p["name"]: address}} for p in parameters(path, operation, "header")]
+    tries += [{"headers": {name: address}} for name in ("Origin", "Referer", "X-Forwarded-Host", "From", "Link")]
+    for changes in tries:
+        options: dict[str, Any] = {"json": light(body)} if body is not None else {}
+        with client.stream(method, example, **options, **changes) as response:
+            assert response.status_code < 500
+    return len(tries)
+
+
+def _in_yaml(client: httpx.Client, bird: Canary) -> int:
+    """Tags, includes and schemas of YAML and JSON that name an address."""
+    address = bird.address("yaml")
+    documents = [
+        f"!include {address}\n",
+        f"!!python/object/apply:urllib.request.urlopen ['{address}']\n",
+        f"schema: tailstack/design/1\nname: a\nfiducials: {{file: '{address}'}}\n",
+        json.dumps({"$schema": address, "$ref": address, "design": {"$ref": address}}),
+        f'<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b SYSTEM "{address}">]><a>&b;</a>',
+    ]
+    posts = [path for path, method, operation in operations() if method == "post" and json_examples(operation)]
+    for path in posts:
+        for document in documents:
+            for media in ("application/yaml", "application/json"):
+                response = client.post(path, content=document, headers={"Content-Type": media})
+                assert 400 <= response.status_code < 500, response.text
+    return 2 * len(posts) * len(documents)
+
+
+def _results(client: httpx.Client, jobs: list[dict[str, Any]], seconds: float = 240.0) -> list[str]:
+    """Paths of the results of the jobs, once each has ended."""
+    slow = [job for job in jobs if job["kind"] == "optimisation"][KEPT_OPTIMISATIONS:]
+    for job in slow:
+        assert client.post(job["links"]["cancel"]).status_code in (202, 409)
+    deadline = time.monotonic() + seconds
+    found: dict[str, str] = {}
+    waiting = [job["links"]["self"] for job in jobs]
+    while waiting:
+        job = client.get(waiting[0]).json()
+        if job["state"] in ("queued", "running"):
+            assert time.monotonic() < deadline, job
+            time.sleep(0.1)
+            continue
+        waiting.pop(0)
+        if job["state"] == "succeeded":
+            found[job["result_sha256"]] = job["links"]["result"]
+    assert found
+    return list(found.values())

@@ -1,0 +1,373 @@
+"""One tenant cannot reach another's jobs and results on any route, and nobody gets in without a good credential.
+
+What is tried is generated from the OpenAPI document: an operation that this file does not know how to address fails.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import hmac
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import httpx
+import jwt
+import pytest
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric import rsa
+from openapi_scenes import is_secured, json_examples, light, operations, parameters
+from served import Served, served
+
+ISSUER, AUDIENCE = "https://identity.example", "tailstack"
+SECURED = {o["operationId"]: (path, method, o) for path, method, o in operations() if is_secured(o)}
+OPEN = {o["operationId"]: path for path, _, o in operations() if not is_secured(o)}
+ADDRESSED = {name: entry for name, entry in SECURED.items() if "{" in entry[0]}
+CREATING = {name: entry for name, entry in SECURED.items() if entry[1] == "post" and name not in ADDRESSED}
+LISTING = {name: entry for name, entry in SECURED.items() if entry[1] == "get" and name not in ADDRESSED}
+JOBS = {name for name, (_, _, operation) in CREATING.items() if "202" in operation["responses"]}
+KINDS = {"verification", "optimisation", "sweep", "gate", "report"}
+OWNED = {"id": "job", "sha256": "result"}  # path parameters that name what belongs to somebody
+WORDS = {"name", "slug"}  # path parameters that name what belongs to everybody
+VARYING = {"date", "x-request-id"}
+
+
+@dataclass(frozen=True, slots=True)
+class Property:
+    """What tenant A owns, and what nobody owns."""
+
+    job: dict[str, str]  # by kind
+    result: dict[str, str]
+
+    def values(self, parameter: str) -> dict[str, str]:
+        found: dict[str, str] = getattr(self, OWNED[parameter])
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A service with authentication, and credentials of all sorts."""
+
+    service: Served
+    client: httpx.Client
+    private_key: rsa.RSAPrivateKey
+    public_pem: bytes
+    keys: dict[str, str]
+
+    def ask(self, name: str, values: dict[str, str], credential: str | None, **headers: str) -> httpx.Response:
+        """Call an operation with path parameters filled in and the first example as body."""
+        path, method, operation = SECURED[name]
+        sent = headers if credential is None else {"Authorization": credential, **headers}
+        body = next((light(value) for value in json_examples(operation).values()), None)
+        return self.client.request(method, path.format(**values), json=body, headers=sent)
+
+    def token(self, key: Any = None, algorithm: str = "RS256", header: Any = None, **changes: Any) -> str:
+        """A JSON Web Token of tenant A, with claims changed; None removes one."""
+        now = int(time.time())
+        claims = {"iss": ISSUER, "aud": AUDIENCE, "tenant": "a", "scope": "read compute metrics", "exp": now + 600}
+        claims = {name: value for name, value in {**claims, **changes}.items() if value is not None}
+        return jwt.encode(claims, key or self.private_key, algorithm=algorithm, headers=header)
+
+
+def bearer(credential: str) -> str:
+    return f"Bearer {credential}"
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    directory = tmp_path_factory.mktemp("tenants")
+    private = rsa.generate_private_key(public_exponent=65537, key_size=2048)
+    public = private.public_key().public_bytes(
+        serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
+    )
+    key_file = directory / "public.pem"
+    key_file.write_bytes(public)
+    settings = {
+        "TAILSTACK_AUTH": "required",
+        "TAILSTACK_JWT_KEY_FILE": str(key_file),
+        "TAILSTACK_JWT_ISSUER": ISSUER,
+        "TAILSTACK_JWT_AUDIENCE": AUDIENCE,
+    }
+    with (
+        served(directory, **settings) as service,
+        httpx.Client(base_url=service.url, timeout=120, trust_env=False) as c,
+    ):
+        every = ("--scope", "read", "--scope", "compute", "--scope", "metrics")
+        keys = {tenant: _key(service, tenant, *every) for tenant in ("a", "b", "c", "d", "e")}
+        keys["revoked"] = _key(service, "a", *every)
+        service.run("keys", "revoke", keys["revoked"].split("_")[1])
+        keys["expired"] = _key(service, "a", *every, "--days", "1e-6")
+        keys |= {scope: _key(service, "a", "--scope", scope) for scope in ("read", "compute", "metrics")}
+        time.sleep(0.1)  # a millionth of a day has passed
+        yield Place(service, c, private, public, keys)
+
+
+def _key(service: Served, tenant: str, *arguments: str) -> str:
+    return service.run("keys", "create", "--tenant", tenant, "--name", "test", *arguments).strip()
+
+
+@pytest.fixture(scope="module")
+def owned(place: Place) -> Property:
+    """A job of each kind, computed, and the result of each."""
+    jobs: dict[str, str] = {}
+    results: dict[str, str] = {}
+    pending = []
+    for name in sorted(JOBS):
+        path, _, operation = CREATING[name]
+        for example in json_examples(operation).values():
+            response = place.client.post(path, json=light(example), headers={"Authorization": bearer(place.keys["a"])})
+            assert response.status_code in (200, 202), response.text
+            if response.status_code == 202:
+                pending.append(response.headers["location"])
+    for location in pending:
+        job = finished(place, location, place.keys["a"])
+        assert job["state"] == "succeeded", job
+        jobs[job["kind"]] = job["id"]
+        results[job["kind"]] = job["result_sha256"]
+    return Property(jobs, results)
+
+
+def finished(place: Place, location: str, key: str, seconds: float = 120.0) -> dict[str, Any]:
+    """The job once it has ended."""
+    deadline = time.monotonic() + seconds
+    while True:
+        job: dict[str, Any] = place.client.get(location, headers={"Authorization": bearer(key)}).json()
+        if job["state"] in ("succeeded", "failed", "cancelled"):
+            return job
+        assert time.monotonic() < deadline, job
+        time.sleep(0.1)
+
+
+def answer(response: httpx.Response, identity: str) -> tuple[int, dict[str, str], bytes]:
+    """Everything that came back, but for what is different each time, and for the identity that was asked for."""
+    request_id = response.headers.get("x-request-id", "")
+    body = response.content.replace(request_id.encode() or b"-", b"REQUEST").replace(identity.encode(), b"IDENTITY")
+    headers = {name: value.replace(identity, "IDENTITY") for name, value in response.headers.items()}
+    return response.status_code, {n: v for n, v in headers.items() if n not in VARYING}, body
+
+
+def unknown(identity: str) -> str:
+    """Something of the same form that nobody has."""
+    return identity[:-1] + ("0" if identity[-1] != "0" else "1")
+
+
+def test_every_operation_can_be_addressed(owned: Property) -> None:
+    """A new operation needs a decision: to whom does what it names belong?"""
+    for name, (path, _, operation) in ADDRESSED.items():
+        for parameter in parameters(path, operation, "path"):
+            assert parameter["name"] in OWNED, f"{name}: who owns the {parameter['name']} in {path}?"
+    assert set(LISTING) == {"list_jobs", "get_metrics"}, "a new operation lists something: of whom?"
+    assert set(ADDRESSED) >= {"get_job", "get_job_events", "cancel_job", "get_job_result", "get_result", "get_report"}
+    for name, path in OPEN.items():
+        named = {part[1:-1] for part in path.split("/") if part.startswith("{")}
+        assert named <= WORDS, f"{name} asks nobody who they are, and names {named}"
+    assert set(owned.job) == KINDS
+
+
+@pytest.mark.parametrize("name", ADDRESSED)
+def test_what_belongs_to_another_is_what_never_was(place: Place, owned: Property, name: str) -> None:
+    path, _, operation = ADDRESSED[name]
+    (parameter,) = parameters(path, operation, "path")
+    for kind, identity in owned.values(parameter["name"]).items():
+        values = {parameter["name"]: identity}
+        own = place.ask(name, values, bearer(place.keys["a"]))
+        assert own.status_code not in (401, 403, 404), (kind, own.text)
+        nothing = {parameter["name"]: unknown(identity)}
+        for credential in (bearer(place.keys["b"]), bearer(place.token(tenant="b"))):
+            others = place.ask(name, values, credential)
+            assert others.status_code == 404, (kind, others.text)
+            never = place.ask(name, nothing, credential)
+            assert answer(others, identity) == answer(never, unknown(identity))
+        tagged = place.ask(name, values, bearer(place.keys["b"]), **{"If-None-Match": f'"{identity}", *'})
+        assert tagged.status_code == 404
+
+
+@pytest.mark.parametrize("name", LISTING)
+def test_lists_hold_nothing_of_another(place: Place, owned: Property, name: str) -> None:
+    path, _, _ = LISTING[name]
+    secrets = [*owned.job.values(), *owned.result.values()]
+    own = place.client.get(path, headers={"Authorization": bearer(place.keys["a"])})
+    if name == "list_jobs":
+        assert all(identity in own.text for identity in owned.job.values())
+    stranger = place.client.get(path, headers={"Authorization": bearer(place.keys["b"])})
+    assert stranger.status_code == 200
+    assert not [secret for secret in secrets if secret in stranger.text]
+
+
+def test_a_cursor_of_another_leads_to_nothing_of_theirs(place: Place, owned: Property) -> None:
+    ours = {"Authorization": bearer(place.keys["a"])}
+    page = place.client.get("/v1/jobs", params={"limit": 1}, headers=ours).json()
+    assert page["next"]
+    theirs = place.client.get(page["next"], headers={"Authorization": bearer(place.keys["b"])})
+    assert theirs.status_code in (200, 422)
+    assert not [identity for identity in owned.job.values() if identity in theirs.text]
+
+
+@pytest.mark.parametrize("tenant", ["A", "a ", " a", "a\u200b", "á", "a/../a", "%61", "a'--", "*", "%", "_"])
+def test_a_tenant_of_a_similar_name_is_another(place: Place, owned: Property, tenant: str) -> None:
+    credential = bearer(place.token(tenant=tenant))
+    assert place.client.get("/v1/jobs", headers={"Authorization": credential}).text.count('"id"') == 0
+    assert place.ask("get_job", {"id": owned.job["verification"]}, credential).status_code in (401, 404)
+
+
+def test_a_good_token_reaches_what_the_key_of_its_tenant_reaches(place: Place, owned: Property) -> None:
+    """So that what is refused below is refused for its one fault."""
+    for name, (path, _, operation) in ADDRESSED.items():
+        (parameter,) = parameters(path, operation, "path")
+        identity = owned.values(parameter["name"])["verification"]
+        assert place.ask(name, {parameter["name"]: identity}, bearer(place.token())).status_code not in (401, 403, 404)
+
+
+def forged(place: Place, claims: dict[str, Any]) -> str:
+    """The public key used as if it were a shared secret, which a careless verifier accepts."""
+
+    def part(data: bytes) -> bytes:
+        return base64.urlsafe_b64encode(data).rstrip(b"=")
+
+    head = part(json.dumps({"alg": "HS256", "typ": "JWT"}).encode()) + b"." + part(json.dumps(claims).encode())
+    return (head + b"." + part(hmac.new(place.public_pem, head, hashlib.sha256).digest())).decode()
+
+
+def bad_credentials(place: Place) -> dict[str, dict[str, str]]:
+    """Headers that must not let anybody in, by what is wrong with them."""
+    good, now = place.keys["a"], int(time.time())
+    other = rsa.generate_private_key(public_exponent=65537, key_size=2048)
+    other_jwk = json.loads(jwt.algorithms.RSAAlgorithm.to_jwk(other.public_key()))
+    claims = {"iss": ISSUER, "aud": AUDIENCE, "tenant": "a", "scope": "read compute metrics", "exp": now + 600}
+    changed = place.token().split(".")
+    claims_b64 = base64.urlsafe_b64encode(json.dumps({**claims, "tenant": "b"}).encode()).rstrip(b"=").decode()
+    mixed = "_".join([*place.keys["b"].split("_")[:2], good.split("_", 2)[2]])
+    values = {
+        "garbage": bearer("garbage"),
+        "garbage of the form of a key": bearer("tsk_0123456789ab_" + "A" * 43),
+        "revoked key": bearer(place.keys["revoked"]),
+        "expired key": bearer(place.keys["expired"]),
+        "another secret of the key": bearer(good[:-2] + ("AA" if good[-2:] != "AA" else "BB")),
+        "secret of one key with the id of another": bearer(mixed),
+        "key without Bearer": good,
+        "key as Basic": "Basic " + base64.b64encode(f"{good}:".encode()).decode(),
+        "nothing after Bearer": "Bearer ",
+        "two keys": f"Bearer {good}, Bearer {place.keys['b']}",
+        "token for another audience": bearer(place.token(aud="other")),
+        "token for no audience": bearer(place.token(aud=None)),
+        "token of another issuer": bearer(place.token(iss="https://evil.example")),
+        "token of no issuer": bearer(place.token(iss=None)),
+        "token that has expired": bearer(place.token(exp=now - 60)),
+        "token without an end": bearer(place.token(exp=None)),
+        "token before its time": bearer(place.token(nbf=now + 3600)),
+        "token of nobody": bearer(place.token(tenant=None)),
+        "token of an odd tenant": bearer(place.token(tenant=["a"])),
+        "unsigned token": bearer(jwt.encode(claims, None, algorithm="none")),
+        "token signed with the public key as a secret": bearer(forged(place, claims)),
+        "token signed by another key": bearer(place.token(key=other)),
+        "token that brings its own key": bearer(place.token(key=other, header={"jwk": other_jwk})),
+        "token that names its own key": bearer(place.token(key=other, header={"kid": "../../dev/null"})),
+        "token of another algorithm": bearer(place.token(algorithm="PS256")),
+        "token with other claims": bearer(".".join([changed[0], claims_b64, changed[2]])),
+        "token without its signature": bearer(".".join(changed[:2]) + "."),
+    }  # fmt: skip
+    return {
+        "no credential": {},
+        "key in a header of another name": {"X-API-Key": good},
+        "key as a cookie": {"Cookie": f"Authorization={good}"},
+        **{name: {"Authorization": value} for name, value in values.items()},
+    }
+
+
+def test_nobody_gets_in_with_a_bad_credential_on_any_route(place: Place, owned: Property) -> None:
+    for what, headers in bad_credentials(place).items():
+        for name, (path, _, operation) in SECURED.items():
+            named = [parameter["name"] for parameter in parameters(path, operation, "path")]
+            answers = set()
+            for known in (True, False):
+                found = {p: owned.values(p)["verification"] for p in named}
+                values = {p: identity if known else unknown(identity) for p, identity in found.items()}
+                response = place.ask(name, values, None, **headers)
+                assert response.status_code == 401, (what, name, response.text)
+                assert response.headers["content-type"] == "application/problem+json"
+                assert response.headers["www-authenticate"].startswith("Bearer")
+                for secret in [value.split()[-1] for value in headers.values() if value.split()]:
+                    assert len(secret) < 20 or secret not in response.text
+                status, kept, body = answer(response, next(iter(values.values()), "-"))
+                answers.add((status, tuple(sorted(kept.items())), body))
+            assert len(answers) == 1, (what, name)
+
+
+def test_no_credential_is_written_into_the_log(place: Place, owned: Property) -> None:
+    log = place.service.log.read_text()
+    assert owned.job["verification"] in log
+    for secret in place.keys.values():
+        assert secret.split("_", 2)[2] not in log
+    assert "eyJ" not in log  # what every JSON Web Token begins with
+
+
+def test_the_key_in_the_query_is_not_a_credential(place: Place) -> None:
+    assert place.client.get(f"/v1/jobs?api_key={place.keys['a']}").status_code == 401
+
+
+@pytest.mark.parametrize("scope", ["read", "compute", "metrics"])
+def test_a_key_opens_only_what_its_scope_says(place: Place, owned: Property, scope: str) -> None:
+    for name, (path, method, operation) in SECURED.items():
+        needed = "metrics" if name == "get_metrics" else "compute" if method == "post" else "read"
+        values = {p["name"]: owned.values(p["name"])["verification"] for p in parameters(path, operation, "path")}
+        if needed == scope:
+            continue
+        response = place.ask(name, values, bearer(place.keys[scope]))
+        assert response.status_code == 403, (name, response.text)
+        assert response.json()["type"] == "/v1/problems/forbidden"
+
+
+def test_an_idempotency_key_is_known_to_its_tenant_only(place: Place) -> None:
+    path, _, operation = CREATING["create_verification"]
+    body = light(next(iter(json_examples(operation).values())))
+    other = {**body, "seed": 99}
+    first = {t: _post(place, path, body, place.keys[t]) for t in ("a", "c")}
+    assert {r.status_code for r in first.values()} == {202}
+    assert first["a"].json()["id"] != first["c"].json()["id"]
+    assert "idempotency-replayed" not in first["c"].headers
+    again = _post(place, path, body, place.keys["a"])
+    assert (again.json()["id"], again.headers["idempotency-replayed"]) == (first["a"].json()["id"], "true")
+    assert _post(place, path, other, place.keys["a"]).status_code == 422
+    assert _post(place, path, other, place.keys["d"]).status_code == 202
+
+
+def _post(place: Place, path: str, body: Any, key: str) -> httpx.Response:
+    headers = {"Authorization": bearer(key), "Idempotency-Key": "one-for-all"}
+    return place.client.post(path, json=body, headers=headers)
+
+
+def test_a_hash_opens_a_result_only_to_who_computed_it(place: Place, owned: Property) -> None:
+    """The same request has the same result and the same hash; each tenant reaches it through a job of their own."""
+    path, _, operation = CREATING["create_verification"]
+    sha256 = owned.result["verification"]
+    assert place.ask("get_result", {"sha256": sha256}, bearer(place.keys["e"])).status_code == 404
+    body = light(next(iter(json_examples(operation).values())))
+    response = place.client.post(path, json=body, headers={"Authorization": bearer(place.keys["e"])})
+    assert finished(place, response.headers["location"], place.keys["e"])["result_sha256"] == sha256
+    ours = place.ask("get_result", {"sha256": sha256}, bearer(place.keys["e"]))
+    assert hashlib.sha256(ours.content).hexdigest() == sha256
+    assert ours.content == place.ask("get_result", {"sha256": sha256}, bearer(place.keys["a"])).content
+    assert place.ask("get_result", {"sha256": sha256}, bearer(place.keys["b"])).status_code == 404
+
+
+def test_a_stranger_cannot_cancel(place: Place) -> None:
+    path, _, operation = CREATING["create_verification"]
+    body = {**light(next(iter(json_examples(operation).values()))), "seed": 4711}
+    job = place.client.post(path, json=body, headers={"Authorization": bearer(place.keys["a"])}).json()
+    assert place.ask("cancel_job", {"id": job["id"]}, bearer(place.keys["b"])).status_code == 404
+    assert finished(place, job["links"]["self"], place.keys["a"])["state"] == "succeeded"
+
+
+def test_a_revoked_key_is_refused_within_seconds(place: Place) -> None:
+    key = _key(place.service, "a")
+    headers = {"Authorization": bearer(key)}
+    assert place.client.get("/v1/jobs", headers=headers).status_code == 200
+    place.service.run("keys", "revoke", key.split("_")[1])
+    deadline = time.monotonic() + 15
+    while place.client.get("/v1/jobs", headers=headers).status_code == 200:
+        assert time.monotonic() < deadline
+        time.sleep(0.2)
+    assert place.client.get("/v1/jobs", headers=headers).status_code == 401
