@@ -12,16 +12,15 @@ import signal
 import sys
 import threading
 import traceback
+from collections.abc import Callable
 from contextlib import suppress
-from importlib import import_module
 from typing import IO, Any
 
-from . import frames
+from . import frames, warming
 from .engine import function_named
 
 BEGUN = "begun"
 WARM_UP_AFTER_SECONDS = 1.0  # idle: a service that has just started needs the processor for itself
-WARM_UP = ("numpy", "scipy.linalg", "tailstack.design", "tailstack.verifying", "tailstack.optimisation", "casadi")
 # CasADi keeps what it built and heaps fragment: a process that has grown is replaced between two tasks.  The count is
 # for leaks that do not show as memory.
 RESIDENT_BYTES = 1_500_000_000
@@ -51,7 +50,7 @@ def main(function: str, parent: int) -> None:
     tasks, outcomes = _private_streams()
     waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(tasks, waiting), name="tasks", daemon=True).start()
-    compute, warm = None, list(WARM_UP)
+    compute, warm = None, warming.steps()
     for count in range(1, TASKS + 1):
         task = _next(waiting, warm)
         frames.send(outcomes, BEGUN)
@@ -67,16 +66,16 @@ def main(function: str, parent: int) -> None:
             return
 
 
-def _next(waiting: queue.SimpleQueue[Any], warm: list[str]) -> Any:
-    """The next task; what every task needs is imported while there is none."""
+def _next(waiting: queue.SimpleQueue[Any], warm: list[Callable[[], object]]) -> Any:
+    """The next task; what every task needs is made ready while there is none."""
     patience = WARM_UP_AFTER_SECONDS
     while warm:
         try:
             return waiting.get(timeout=patience)
         except queue.Empty:
             patience = 0.0
-            with suppress(ImportError):  # the task that needs it will say so
-                import_module(warm.pop(0))
+            with suppress(Exception):  # the task that needs it will say so
+                warm.pop(0)()
     return waiting.get()
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from distributed import Client, Security
+from distributed import Client, Security, Worker, WorkerPlugin
 from distributed import Future as RemoteFuture
 from distributed.scheduler import KilledWorker
 
@@ -35,6 +35,7 @@ from .engine import PERFORM, Defect, Died, GivenBack
 
 log = logging.getLogger("tailstack.worker")
 
+PLUGIN = f"tailstack-{__version__}"
 ANSWER_SECONDS = 10.0  # for the cluster to answer a question, or to hand over a result
 CLOSING_SECONDS = 3.0  # to have what is under way killed
 LOOK_SECONDS = 1.0  # between looks at how many threads the cluster has
@@ -50,6 +51,15 @@ class _Away:
     remote: RemoteFuture[Outcome]
     submitted: float
     begun: float | None = None  # monotonic, as far as the cluster has been asked
+
+
+class Leaving(WorkerPlugin):
+    """Ends the computing processes beside a Dask worker when that leaves, say because its scheduler is gone."""
+
+    idempotent = True  # the first client's stays: being replaced would end what other clients have computed
+
+    def teardown(self, worker: Worker) -> None:
+        remote.close()
 
 
 class DaskEngine:
@@ -189,6 +199,7 @@ class DaskEngine:
                 log.info("%d threads", threads, extra={"action": "dask-capacity"})
             self._threads = threads
             self._ask_when_begun(client)
+            client.register_plugin(Leaving(), name=PLUGIN)  # again and again: the scheduler may be another one by now
         self._kill_ordered(client, wait=LOOK_SECONDS)
 
     def _ask_when_begun(self, client: Client) -> None:

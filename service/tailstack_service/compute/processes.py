@@ -19,6 +19,7 @@ from .child import BEGUN
 from .engine import PERFORM, Defect, Died, GivenBack
 from .interpreter import command, environment
 
+CLOSED = "the processes were stopped"
 FRUITLESS = 3  # processes in a row that end before they begin a task
 
 
@@ -94,6 +95,10 @@ class Children:
             child = self._take(key)
             try:
                 outcome = child.compute(task)
+            except Died:
+                if self._closed:
+                    raise GivenBack(CLOSED) from None
+                raise
             finally:
                 self._give_back(key, child)
             if outcome is not None:
@@ -140,7 +145,7 @@ class Children:
                 self._busy[key] = child, time.monotonic()
                 return child
         child.close()
-        raise GivenBack("the engine is closed")
+        raise GivenBack(CLOSED)
 
     def _give_back(self, key: str, child: Child) -> None:
         with self._lock:

@@ -32,3 +32,9 @@ def kill(keys: list[str]) -> None:
     for children in list(_children.values()):
         for key in keys:
             children.kill(key)
+
+
+def close() -> None:
+    """The Dask worker is leaving: what is computed here would keep it until it is done, and then be lost."""
+    for children in list(_children.values()):
+        children.close()
