@@ -1,0 +1,41 @@
+"""Which of the image's compiled kernels this processor is given.  A .pth file imports this into every interpreter.
+
+numba looks its cache up under the name of the processor, and an image runs on other processors than the one it was
+built on.  Kernels are therefore compiled for levels of the x86-64 psABI instead, and the highest level is taken that
+both the processor and the image have.  ``NUMBA_CPU_NAME`` overrides the choice: hosts of different generations that
+must agree to the last digit are given the lower level.  Where no level fits, numba compiles for the processor it is on.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+PREBUILT = Path("/opt/tailstack/kernels")
+_V3 = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"}
+# Highest first; the flags are those of /proc/cpuinfo
+LEVELS = {"x86-64-v4": _V3 | {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}, "x86-64-v3": _V3}
+
+
+def levels_of_processor() -> list[str]:
+    """Levels that this processor (and its hypervisor) has, highest first; none where that cannot be read."""
+    try:
+        with open("/proc/cpuinfo", encoding="ascii", errors="replace") as lines:
+            flags = next((set(line.split()) for line in lines if line.startswith("flags")), set())
+    except OSError:
+        return []
+    return [level for level, needed in LEVELS.items() if needed <= flags]
+
+
+def choose(prebuilt: Path = PREBUILT) -> None:
+    """Set NUMBA_CPU_NAME and NUMBA_CPU_FEATURES for this process and its children."""
+    if "NUMBA_CPU_NAME" not in os.environ:
+        level = next((level for level in levels_of_processor() if (prebuilt / level).exists()), None)
+        if level is None:
+            return
+        os.environ["NUMBA_CPU_NAME"] = level
+    if os.environ["NUMBA_CPU_NAME"] in LEVELS:
+        os.environ.setdefault("NUMBA_CPU_FEATURES", "")  # else numba adds this processor's own
+
+
+choose()
