@@ -38,7 +38,13 @@ def norm_law_jit(mean: Array, covariance: Array, r: float) -> tuple[float, float
 
     NaN when the contour did not converge.  The density of a law without spread is returned as 0.
     """
-    l, m, _ = principal_axes(mean, covariance)  # noqa: E741
+    variances, m, _ = principal_axes(mean, covariance)
+    return law_on_axes(variances, m, r)
+
+
+@njit(cache=True, error_model="numpy")
+def law_on_axes(l: Array, m: Array, r: float) -> tuple[float, float, float]:  # noqa: E741
+    """:func:`norm_law_jit` with the covariance's principal axes known: variances (3,), mean (3,) along them."""
     size = sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
     d = (r - size) * (r + size)
     floor = 0.0

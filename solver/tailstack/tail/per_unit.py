@@ -34,13 +34,13 @@ from math import hypot, sqrt
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from ..system import Array
-from .approximation import pearson_wh_quantile_squared
 from .declared import LinearLaw, lattice_columns, law_cdf_coarse, law_quantile_coarse
-from .gaussian import norm_law_jit, probability_iv
-from .quantile import norm_quantile_jit, normal_quantile_jit
-from .sampling import RANDOMISATIONS, sobol_points
+from .gaussian import law_on_axes, probability_iv
+from .quantile import norm_quantile_jit, normal_quantile_jit, quantile_on_axes
+from .sampling import RANDOMISATIONS, sobol_rows
 from .spectrum import principal_axes
 
 _CORRECTED = 12
@@ -72,39 +72,105 @@ class UnitRisk:
 
 
 @njit(cache=True, error_model="numpy")
-def _brackets(d: Array, covariance: Array, z: float, top: float) -> tuple[Array, Array]:
-    """(low, high) of R(d) for each row of d (n, 3); z < 0: only 0 is known from below; covariance (3, 3) for s(d)."""
-    n = d.shape[0]
+def _survey(
+    mean: Array, root: Array, z: Array, h: Array, u: Array, covariance: Array, along: float, top: float, normal: float
+) -> tuple[Array, Array, Array, Array, Array, bool]:
+    """(d (n, 3), |d|, low, high, closed form of R(d), whether there is one) for n units.
+
+    Units ``d = mean + root z + u h``, z (k, n) and u (K, n) transposed so that loops run along the units.  low, high:
+    bounds of R(d); along < 0: only 0 is known from below, else the normal quantile s(d) is measured in; covariance
+    (3, 3) of the shot, top: the quantile of |shot|, normal: ndtri(p).
+    """
+    n = max(z.shape[1], u.shape[1])
+    x = np.empty((3, n))
+    x[0] = mean[0]
+    x[1] = mean[1]
+    x[2] = mean[2]
+    first, second, third = x[0], x[1], x[2]
+    for j in range(z.shape[0]):
+        for i in range(n):
+            first[i] += root[0, j] * z[j, i]
+            second[i] += root[1, j] * z[j, i]
+            third[i] += root[2, j] * z[j, i]
+    for j in range(u.shape[0]):
+        for i in range(n):
+            first[i] += u[j, i] * h[j, 0]
+            second[i] += u[j, i] * h[j, 1]
+            third[i] += u[j, i] * h[j, 2]
+    S = covariance
+    T = np.zeros((3, 3))
+    trace = 0.0
+    square = 0.0
+    cube = 0.0
+    for a in range(3):
+        trace += S[a, a]
+        for b in range(3):
+            for c in range(3):
+                T[a, b] += S[a, c] * S[c, b]
+    for a in range(3):
+        square += T[a, a]
+        for b in range(3):
+            cube += T[a, b] * S[b, a]
+    d = np.empty((n, 3))
+    size = np.empty(n)
     low = np.empty(n)
     high = np.empty(n)
+    guess = np.empty(n)
     for i in range(n):
-        size = 0.0
-        spread = 0.0
-        for a in range(3):
-            size += d[i, a] * d[i, a]
-            for b in range(3):
-                spread += d[i, a] * covariance[a, b] * d[i, b]
-        size = sqrt(size)
-        low[i] = 0.0
-        if z >= 0.0:
-            low[i] = size + (z * sqrt(max(spread, 0.0)) / size if size > 0.0 else 0.0)
-        high[i] = max(size + top, low[i])
-    return low, high
+        p, q, r = first[i], second[i], third[i]
+        length2 = p * p + q * q + r * r
+        spread = S[0, 0] * p * p + S[1, 1] * q * q + S[2, 2] * r * r
+        spread += 2.0 * (S[0, 1] * p * q + S[0, 2] * p * r + S[1, 2] * q * r)
+        wider = T[0, 0] * p * p + T[1, 1] * q * q + T[2, 2] * r * r
+        wider += 2.0 * (T[0, 1] * p * q + T[0, 2] * p * r + T[1, 2] * q * r)
+        length = sqrt(length2)
+        size[i] = length
+        least = length + along * sqrt(max(spread, 0.0)) / length if along >= 0.0 and length > 0.0 else 0.0
+        low[i] = least
+        high[i] = max(length + top, least)
+        # Pearson's quantile of ``approximation.py``
+        c2 = square + 2.0 * spread
+        scale = sqrt(c2)
+        gamma = (cube + 3.0 * wider) / (c2 * scale)
+        b = sqrt(2.0) / 3.0 * normal - gamma * (2.0 / 9.0)
+        w = gamma * b
+        guess[i] = sqrt(max(trace + length2 + scale * b * (3.0 + 3.0 * w + w * w), 0.0))
+    for i in range(n):
+        d[i, 0] = first[i]
+        d[i, 1] = second[i]
+        d[i, 2] = third[i]
+    return d, size, low, high, guess, square > 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _turned(d: Array, axes: Array, out: Array) -> None:
+    """out = axes' d, as ``principal_axes`` turns a mean."""
+    for a in range(3):
+        out[a] = 0.0
+        for k in range(3):
+            out[a] += axes[k, a] * d[k]
 
 
 @njit(cache=True, error_model="numpy")
 def _gaussian_quantiles(p: float, d: Array, covariance: Array) -> Array:
+    """(n,) p-quantile of |d + shot| for each row of d (n, 3); NaN: not converged.  The axes are found once for all."""
     out = np.empty(d.shape[0])
+    m = np.zeros(3)
+    variances, _, axes = principal_axes(m, covariance)
     for i in range(d.shape[0]):
-        out[i] = norm_quantile_jit(d[i], covariance, p)
+        _turned(d[i], axes, m)
+        out[i] = quantile_on_axes(p, variances, m)
     return out
 
 
 @njit(cache=True, error_model="numpy")
 def _gaussian_meets(p: float, limit: float, d: Array, covariance: Array) -> NDArray[np.bool_]:
     out = np.empty(d.shape[0], dtype=np.bool_)
+    m = np.zeros(3)
+    variances, _, axes = principal_axes(m, covariance)
     for i in range(d.shape[0]):
-        out[i] = norm_law_jit(d[i], covariance, limit)[0] >= p
+        _turned(d[i], axes, m)
+        out[i] = law_on_axes(variances, m, limit)[0] >= p
     return out
 
 
@@ -152,6 +218,7 @@ class _Units:
     covariance: Array  # (3, 3) mm^2, total, of the shot
     low: Array  # (n,) mm, of R(d)
     high: Array
+    guess: Array | None  # (n,) mm, closed form of R(d); None where there are no shots
     mixed: bool  # whether the shape of the shot's columns matters
 
 
@@ -174,18 +241,17 @@ def _sample(installation: LinearLaw, root: Array, shot: LinearLaw, p: float, log
     if shot.mean.any():
         raise ValueError(f"the shot's mean belongs to the installation; it must be 0 here, got {shot.mean.tolist()}")
     h, _ = lattice_columns(installation)
-    d, blocks = installation.mean[None, :].copy(), 1
+    z, u, blocks = np.zeros((0, 1)), np.zeros((0, 1)), 1
     if root.shape[1] or h.shape[0]:
-        z, u = sobol_points(root.shape[1], h.shape[0], log2_units, 1)
-        d, blocks = installation.mean + u @ h, RANDOMISATIONS
-        if root.shape[1]:
-            d = d + z @ root.T
-        d = np.ascontiguousarray(d)
+        z, u = sobol_rows(root.shape[1], h.shape[0], log2_units, 1)
+        blocks = RANDOMISATIONS
     covariance = shot.total_covariance
     top = float(norm_quantile_jit(np.zeros(3), covariance, p))
-    z_p = float(normal_quantile_jit(p)) if p > 0.5 else -1.0
-    low, high = _brackets(d, covariance, z_p, top)
-    return _Units(p, d, blocks, np.sqrt((d**2).sum(axis=1)), covariance, low, high, _shape_matters(shot))
+    along = float(normal_quantile_jit(p)) if p > 0.5 else -1.0
+    d, size, low, high, guess, formed = _survey(
+        installation.mean, root, z, h, u, covariance, along, top, float(ndtri(p))
+    )
+    return _Units(p, d, blocks, size, covariance, low, high, guess if formed else None, _shape_matters(shot))
 
 
 def _standard_error(value: Array, blocks: int) -> float:
@@ -210,16 +276,11 @@ def _narrowed(units: _Units) -> _Units:
     The closed form's error varies little and smoothly from unit to unit.  Its range over 32 units, taken three times as
     wide, is trusted to hold for all; were it missed, two ranks might be exchanged.
     """
-    S, n = units.covariance, units.size.size
-    S_2 = S @ S
-    square = units.size**2
-    c1 = np.trace(S) + square
-    c2 = np.trace(S_2) + 2 * ((units.d @ S) * units.d).sum(axis=1)
-    c3 = np.trace(S_2 @ S) + 3 * ((units.d @ S_2) * units.d).sum(axis=1)
-    if not c2.min() > 0:  # no shots
+    S, n, guess = units.covariance, units.size.size, units.guess
+    if guess is None:
         return units
-    guess = np.sqrt(np.maximum(pearson_wh_quantile_squared(units.p, (c1, c2, c3), np.sqrt), 0.0))
-    pilot = np.argsort(guess)[np.linspace(0, n - 1, min(n, _PILOT)).astype(np.int64)]
+    ranks = np.linspace(0, n - 1, min(n, _PILOT)).astype(np.int64)
+    pilot = np.argpartition(guess, ranks)[ranks]
     difference = _gaussian_quantiles(units.p, units.d[pilot], S) - guess[pilot]
     least, most = float(difference.min()), float(difference.max())
     low = np.maximum(units.low, guess + 2 * least - most)

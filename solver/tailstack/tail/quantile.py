@@ -180,9 +180,8 @@ def excess_quantile(p: float, l: Array, m: Array) -> tuple[float, float, bool]: 
 
 
 @njit(cache=True, error_model="numpy")
-def norm_quantile_jit(mean: Array, covariance: Array, p: float) -> float:
-    """The p-quantile of |e|, mm, from compiled code; NaN when it did not converge.  Nothing is checked."""
-    variances, m, _ = principal_axes(mean, covariance)
+def quantile_on_axes(p: float, variances: Array, m: Array) -> float:
+    """:func:`norm_quantile_jit` with the covariance's principal axes known: variances (3,), mean (3,) along them."""
     size = sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
     if variances[0] == 0.0:
         return size
@@ -190,3 +189,10 @@ def norm_quantile_jit(mean: Array, covariance: Array, p: float) -> float:
     if not converged:
         return np.nan
     return sqrt(max(size * size + d, 0.0))
+
+
+@njit(cache=True, error_model="numpy")
+def norm_quantile_jit(mean: Array, covariance: Array, p: float) -> float:
+    """The p-quantile of |e|, mm, from compiled code; NaN when it did not converge.  Nothing is checked."""
+    variances, m, _ = principal_axes(mean, covariance)
+    return quantile_on_axes(p, variances, m)

@@ -43,6 +43,15 @@ def sobol_points(normals: int, uniforms: int, log2_count: int, salt: int = 0) ->
     return z, u
 
 
+@lru_cache(maxsize=12)
+def sobol_rows(normals: int, uniforms: int, log2_count: int, salt: int = 0) -> tuple[Array, Array]:
+    """(z (normals, R N), u (uniforms, R N)): :func:`sobol_points`, one coordinate a row."""
+    z, u = (np.ascontiguousarray(points.T) for points in sobol_points(normals, uniforms, log2_count, salt))
+    z.setflags(write=False)
+    u.setflags(write=False)
+    return z, u
+
+
 @njit(cache=True, error_model="numpy")
 def conditional_probability(r: float, x: Array, h: Array, blocks: int) -> Array:
     """(blocks,) mean over each block of P(|x_i + h u| <= r), u uniform on (-1, 1).  x: (n, 3), h: (3,)."""
