@@ -1,25 +1,22 @@
-"""Lanes: bounded, fair to each other, stoppable; and what a client meets when they are full."""
+"""The short lane: bounded, stoppable; what is answered at once, and what a client meets when all places are taken."""
 
 from __future__ import annotations
 
 import asyncio
 import threading
 import time
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, cast
 
 import httpx
 import pytest
-from service_scenes import check_problem, client_with, small_design
+from service_scenes import client_with, small_design
 from starlette.requests import Request
 
 from tailstack.errors import LimitError
 from tailstack_service.http.computing import Lane, Stopped, Watch
 from tailstack_service.problems import TransportError
 from tailstack_service.settings import Settings
-
-MANY = {"design": small_design(), "trials": 1_000_000_000}
-ROOMY = Settings(max_trials=1_000_000_000, max_seconds=3.0, long_workers=1, max_waiting=0, threads=1)
 
 
 class Connection:
@@ -129,31 +126,6 @@ def test_many_scores_at_once_are_all_answered_alike() -> None:
     assert all(answer == answers[0] for answer in answers)
 
 
-def test_a_full_service_says_when_to_come_back_and_scores_are_not_held_up() -> None:
-    scored = {"design": small_design()}
-    with client_with(ROOMY) as client, ThreadPoolExecutor(2) as pool:
-        client.post("/v1/scores", json=scored)  # kernels are compiled before anything is measured
-        both = [pool.submit(client.post, "/v1/verifications", json=MANY) for _ in range(2)]
-        done, running = wait(both, return_when=FIRST_COMPLETED)
-        assert len(running) == 1
-        refused, long = done.pop().result(), running.pop()
-        check_problem(refused, 503, "busy")
-        assert int(refused.headers["retry-after"]) > 0
-        assert client.post("/v1/scores", json=scored).status_code == 200
-        assert not long.done()
-        check_problem(long.result(), 422, "limit-exceeded")
-
-
-def test_one_seed_is_one_answer_over_http() -> None:
-    body = {"design": small_design(), "trials": 3000, "seed": 5}
-    with client_with() as client:
-        first, second = (client.post("/v1/verifications", json=body) for _ in range(2))
-        other = client.post("/v1/verifications", json={**body, "seed": 6})
-    assert first.status_code == other.status_code == 200
-    assert first.content == second.content
-    assert first.json()["targets"] != other.json()["targets"]
-
-
 def test_yaml_and_json_designs_score_alike() -> None:
     from tailstack.design.loading import data_to_yaml
 
@@ -163,3 +135,20 @@ def test_yaml_and_json_designs_score_alike() -> None:
         yaml = {"Content-Type": "application/yaml"}
         by_yaml = client.post("/v1/scores?second_order=true", content=text, headers=yaml).json()
     assert by_yaml == by_json
+
+
+def test_scores_need_no_database(tmp_path: Any) -> None:
+    """The directory of the database is gone: scores are answered, jobs are refused for a while."""
+    settings = Settings(database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}")
+    with client_with(settings) as client:
+        for path in tmp_path.iterdir():
+            path.unlink()
+        body = {"design": small_design()}
+        assert client.post("/v1/scores", json=body).status_code == 200
+        assert client.post("/v1/validations", json=body).status_code == 200
+        refused = client.post("/v1/verifications", json=body)
+        assert refused.status_code == 503, refused.text
+        assert int(refused.headers["retry-after"]) > 0
+        assert str(tmp_path) not in refused.text
+        ready = client.get("/health/ready")
+        assert (ready.status_code, ready.json()["status"]) == (503, "no database")

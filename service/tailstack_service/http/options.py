@@ -171,7 +171,9 @@ def options_of(kind: type[O], data: dict[str, Any]) -> O:
         return kind.model_validate({key: value for key, value in data.items() if key != "design"})
     except ValidationError as error:
         known = ["design", *kind.model_fields]
-        raise RequestError([_translated(entry, known) for entry in error.errors(include_url=False)][:25]) from None
+        problems = [_translated(entry, known) for entry in error.errors(include_url=False)]
+        problems.sort(key=lambda problem: problem.code != "unknown-field")  # a slip in a name explains what is missing
+        raise RequestError(problems[:25]) from None
 
 
 _WANTED = {
@@ -180,6 +182,8 @@ _WANTED = {
     "float_type": "a number",
     "bool_type": "true or false",
     "string_type": "a text",
+    "list_type": "a list",
+    "model_type": "a mapping of fields",
 }
 
 
@@ -192,6 +196,9 @@ def _translated(entry: Any, known: list[str]) -> Problem:
         close = difflib.get_close_matches(name, known, 1)
         hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(known)}"
         return Problem(pointer, "unknown-field", f"there is no option {shown(name)[9:]}", hint)
+    if kind == "missing":
+        detail = f"the field {str(entry['loc'][-1])!r} is required"
+        return Problem(pointer.rpartition("/")[0], "missing-field", detail, "GET /openapi.json describes it")
     if kind in _WANTED:
         return Problem(pointer, "wrong-type", f"expected {_WANTED[kind]}; got {shown(value)}")
     if kind == "finite_number":
