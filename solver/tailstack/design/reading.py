@@ -135,6 +135,52 @@ def plain_data(value: Any, limits: Limits) -> Any:
 
     Raises DesignError for other types and keys, LimitError for nesting (cycles included) and size.
     """
+    try:
+        return _quick_copy(value, limits)
+    except _Unusual:
+        return _careful_copy(value, limits)
+
+
+class _Unusual(Exception):
+    """Something to look at value by value, most likely to refuse it."""
+
+
+def _quick_copy(value: Any, limits: Limits) -> Any:
+    """A copy of data of JSON's own types within the limits.  Raises _Unusual for anything else."""
+    count = 1
+    keys: list[str] = []
+    texts: list[str] = []
+
+    def copy(item: Any, depth: int) -> Any:
+        nonlocal count
+        kind = type(item)
+        if kind is dict or kind is list or kind is tuple:
+            count += len(item)
+            if depth >= limits.depth or count > limits.nodes:
+                raise _Unusual
+            if kind is dict:
+                keys.extend(item)
+                return {key: v if type(v) is float else copy(v, depth + 1) for key, v in item.items()}
+            return [v if type(v) is float else copy(v, depth + 1) for v in item]
+        if kind is str:
+            texts.append(item)
+        elif not (item is None or kind is bool or kind is float or (kind is int and item.bit_length() <= 64)):
+            raise _Unusual
+        return item
+
+    copied = copy(value, 0)
+    try:
+        "".join(keys).encode()
+        "".join(texts).encode()
+    except (TypeError, UnicodeEncodeError):
+        raise _Unusual from None
+    if keys and max(map(len, keys)) > LONGEST_KEY:
+        raise _Unusual
+    return copied
+
+
+def _careful_copy(value: Any, limits: Limits) -> Any:
+    """:func:`plain_data` value by value, each with its path."""
     count = 0
 
     def copy(item: Any, path: str, depth: int) -> Any:
