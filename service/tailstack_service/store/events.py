@@ -37,8 +37,8 @@ _TELL = tables.events.insert()
 
 
 def eta_seconds(started_at: float | None, done: int, expected: int, now: float) -> float | None:
-    """Seconds to the end at the pace so far; None before the first unit is recorded."""
-    if started_at is None or done <= 0:
+    """Seconds to the end at the pace so far; None until a second unit is recorded, because the first only plans."""
+    if started_at is None or done <= 1:
         return None
     return max(0.0, round((now - started_at) / done * (expected - done), 3))
 

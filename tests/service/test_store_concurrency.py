@@ -1,0 +1,340 @@
+"""Several at once: threads, processes, kills, a server that goes away."""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event, Thread
+
+import pytest
+from postgres import Server
+from service_scenes import ROOT
+from store_scenes import LEASE, Clock, claim, find, record, specs, split, submit, url_of
+
+from tailstack_service.store import database, jobs, units, upkeep
+from tailstack_service.store.database import Database, open_database, writing
+from tailstack_service.store.errors import StoreUnavailable
+from tailstack_service.store.schema import HEAD, migrate
+from tailstack_service.work.task import ADVANCE
+
+PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service"), str(ROOT / "tests" / "service")])
+
+# A worker without a pool: claims, computes nothing, records, until there is nothing left.  Prints what it recorded.
+WORKER = """
+import sys
+from tailstack_service.store import units
+from tailstack_service.store.database import open_database
+from tailstack_service.work.task import ADVANCE, Outcome
+
+url, name, patience = sys.argv[1], sys.argv[2], int(sys.argv[3])
+db, idle = open_database(url), 0
+print("ready", flush=True)
+while idle < patience:
+    held = units.claim(
+        db, worker_id=name, solver_version="1.0", lease_seconds=1.0, limit=3, max_attempts=1000, max_deaths=5
+    )
+    idle = 0 if held else idle + 1
+    for one in held:
+        if one.spec != ADVANCE:
+            outcome = Outcome(0.1, result=one.request + one.spec)
+        elif one.results:
+            outcome = Outcome(0.1, answer=b"[" + b",".join(unit.result for unit in one.results) + b"]")
+        else:
+            outcome = Outcome(0.1, more=(b'{"u":1}', b'{"u":2}', b'{"u":3}'))
+        if units.record(db, one, outcome, max_job_seconds=100.0):
+            print(one.job_id, one.index, flush=True)
+db.close()
+"""
+
+
+def expected_answer(request: bytes) -> bytes:
+    return b"[" + b",".join(request + b'{"u":%d}' % number for number in (1, 2, 3)) + b"]"
+
+
+@contextmanager
+def worker_process(db: Database, name: str, patience: int = 20) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        [sys.executable, "-c", WORKER, url_of(db), name, str(patience)], stdout=subprocess.PIPE, text=True,
+        env={**os.environ, "PYTHONPATH": PATH},
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate(timeout=20)
+
+
+def check_sound(db: Database) -> None:
+    wrong = [check for check in upkeep.check(db) if not check.ok]
+    assert wrong == []
+
+
+def test_threads_that_claim_at_once_never_get_the_same_unit(store: Database) -> None:
+    split(store, 120)
+
+    def take(name: str) -> list[int]:
+        mine: list[int] = []
+        empty = 0
+        while empty < 5:  # an empty answer may mean that another was looking at the same moment
+            found = claim(store, name, 2)
+            empty = 0 if found else empty + 1
+            mine += [one.index for one in found]
+        return mine
+
+    with ThreadPoolExecutor(6) as pool:
+        taken = [index for mine in pool.map(take, [f"w{k}" for k in range(6)]) for index in mine]
+    assert sorted(taken) == list(range(1, 121))
+
+
+def test_processes_share_the_work_and_record_each_unit_once(store: Database) -> None:
+    requests = {submit(store, b"%d" % number, tenant="acme").id: b"%d" % number for number in range(40)}
+    with worker_process(store, "w1") as one, worker_process(store, "w2") as two:
+        lines = [process.communicate(timeout=60)[0].split("\n")[1:-1] for process in (one, two)]
+    assert all(lines)  # both had their share
+    recorded = Counter(lines[0] + lines[1])
+    assert set(recorded.values()) == {1}
+    assert len(recorded) == 40 * 5
+    for job_id, request in requests.items():
+        job = jobs.find(store, "acme", job_id)
+        assert job is not None
+        assert answer_of(store, job) == expected_answer(request)
+    check_sound(store)
+
+
+def answer_of(db: Database, job: jobs.Job) -> bytes:
+    from tailstack_service.store import results
+
+    assert job.result_sha256 is not None, job
+    kept = results.get(db, job.tenant, job.result_sha256)
+    assert kept is not None
+    return kept.body
+
+
+def test_a_worker_killed_at_any_moment_loses_nothing(store: Database, clock: Clock) -> None:
+    """Eight kills -9 at random moments (seed 5) in the middle of claims and records; leases of one second."""
+    dice = random.Random(5)
+    clock.now = time.time()
+    requests = {submit(store, b"%d" % number).id: b"%d" % number for number in range(30)}
+    for number in range(8):
+        with worker_process(store, f"w{number}", 10_000) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "ready\n"
+            for _ in range(dice.randrange(12)):
+                process.stdout.readline()
+            time.sleep(dice.uniform(0.0, 0.004))
+            process.kill()
+            process.wait(20)
+    check_sound(store)
+    with worker_process(store, "last", 2_000) as process:
+        assert process.stdout is not None
+        deadline = time.monotonic() + 60
+        while any(not find_id(store, job_id).finished for job_id in requests):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+    for job_id, request in requests.items():
+        assert answer_of(store, find_id(store, job_id)) == expected_answer(request)
+    check_sound(store)
+
+
+def find_id(db: Database, job_id: str) -> jobs.Job:
+    job = jobs.find(db, "acme", job_id)
+    assert job is not None
+    return job
+
+
+def test_all_that_is_written_at_once_makes_no_deadlock(store: Database) -> None:
+    """Every writing function from eight threads on few jobs (seeds 0 to 7), with leases that keep running out."""
+    split(store, 30)
+    ended = time.monotonic() + 2.5
+
+    def play(seed: int) -> Counter[str]:
+        dice, held, done = random.Random(seed), [], Counter[str]()
+        while time.monotonic() < ended:
+            held += claim(store, f"w{seed % 4}", dice.randrange(1, 6), lease_seconds=dice.choice([0.0, 0.01, 5.0]))
+            done["claims"] += 1
+            dice.shuffle(held)
+            for _ in range(min(len(held), 3)):
+                one = held.pop()
+                move = dice.random()
+                if move < 0.2:
+                    units.release(store, one, died=False)
+                elif one.spec != ADVANCE:
+                    done["records"] += record(store, one, result=b"x")
+                elif move < 0.6:
+                    done["records"] += record(store, one, more=specs(20))
+                else:
+                    done["records"] += record(store, one, answer=b"{}")
+            lost = units.renew(store, f"w{seed % 4}", held, 0.02)
+            held = [one for one in held if one not in lost]
+            units.heartbeat(store, f"w{seed % 4}", "host", seed, "1.0", "pool", 1)
+            recent = jobs.page(store, "acme", limit=3).jobs
+            if dice.random() < 0.3 or not recent:
+                submit(store)
+            if dice.random() < 0.1:
+                jobs.cancel(store, "acme", dice.choice(recent).id)
+                done["cancels"] += 1
+            if dice.random() < 0.05:
+                upkeep.purge(store, 0.0)
+        return done
+
+    store = Database(store.engine, store.dialect, time.time, store.turn)
+    with ThreadPoolExecutor(8) as pool:
+        total = sum(pool.map(play, range(8)), Counter())
+    assert min(total["claims"], total["records"], total["cancels"]) > 10, total
+    check_sound(store)
+
+
+def test_readers_do_not_wait_for_a_writer(store: Database) -> None:
+    job = submit(store)
+    inside, leave = Event(), Event()
+
+    def write_slowly() -> None:
+        with writing(store) as connection:
+            connection.exec_driver_sql("UPDATE jobs SET note = 'not yet committed'")
+            inside.set()
+            leave.wait(20)
+
+    writer = Thread(target=write_slowly)
+    writer.start()
+    try:
+        assert inside.wait(20)
+        begun = time.monotonic()
+        assert find(store, job) == job
+        assert jobs.page(store, "acme", limit=5).jobs == (job,)
+        assert len(jobs.events_after(store, "acme", job.id, 0, 5)) == 1
+        assert units.workers(store) == []
+        assert time.monotonic() - begun < 2.0
+        assert writer.is_alive()
+    finally:
+        leave.set()
+        writer.join(20)
+    assert find(store, job).note == "not yet committed"
+
+
+def test_a_file_that_stays_locked_is_unavailable_and_nothing_is_wrong_afterwards(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(database, "BUSY_SECONDS", 0.1)
+    url = f"sqlite:///{tmp_path / 'a.sqlite3'}"
+    here, there = open_database(url, migrate=True), open_database(url)
+    try:
+        with writing(there), pytest.raises(StoreUnavailable, match="locked"):
+            submit(here)
+        assert find(there, submit(here)).state == "queued"
+    finally:
+        here.close()
+        there.close()
+
+
+def test_migrating_at_once_from_many_sides_is_safe(database_url: str) -> None:
+    with ThreadPoolExecutor(6) as pool:
+        found = list(pool.map(lambda _: migrate(database_url), range(6)))
+    assert Counter(found) == {(None, HEAD): 1, (HEAD, HEAD): 5}
+    db = open_database(database_url)
+    try:
+        check_sound(db)
+    finally:
+        db.close()
+
+
+def test_processes_that_open_a_new_file_at_once(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path / 'new' / 'a.sqlite3'}"
+    code = (
+        "import sys; from tailstack_service.store.database import *; open_database(sys.argv[1], migrate=True).close()"
+    )
+    command = [sys.executable, "-c", code, url]
+    started = [subprocess.Popen(command, env={**os.environ, "PYTHONPATH": PATH}) for _ in range(4)]
+    try:
+        assert [process.wait(60) for process in started] == [0] * 4
+    finally:
+        for process in started:
+            process.kill()
+            process.wait(20)
+    path = tmp_path / "new" / "a.sqlite3"
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert path.parent.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.fixture
+def restartable(postgres_server: Server, migrated_database: str, clock: Clock) -> Iterator[Database]:
+    db = open_database(migrated_database, clock=clock)
+    try:
+        yield db
+    finally:
+        postgres_server.restart()
+        db.close()
+
+
+def test_a_server_that_restarts_is_unavailable_and_then_goes_on(
+    restartable: Database, postgres_server: Server, clock: Clock
+) -> None:
+    db = restartable
+    tenant = "restart"
+    job = submit(db, tenant=tenant)
+    held = next(one for one in claim(db, limit=1000) if one.job_id == job.id)
+    assert record(db, held, more=specs(2))
+    postgres_server.stop()
+    for call in (
+        lambda: find(db, job),
+        lambda: submit(db),
+        lambda: claim(db),
+        lambda: record(db, held, more=specs(2)),
+        lambda: units.renew(db, "w1", [held], LEASE),
+        lambda: jobs.cancel(db, tenant, job.id),
+        lambda: open_database(url_of(db)),
+    ):
+        with pytest.raises(StoreUnavailable):
+            call()
+    postgres_server.start()
+    # Every connection of the pool is dead; nobody has to notice
+    assert find(db, job).units_done == 1
+    assert record(db, held, more=specs(2))  # it was recorded before, and is not recorded twice
+    assert find(db, job).units_done == 1
+    assert [one.index for one in claim(db, limit=1000) if one.job_id == job.id] == [1, 2]
+
+
+def test_a_connection_cut_in_the_middle_undoes_everything(restartable: Database) -> None:
+    db = restartable
+    job = submit(db, tenant="cut")
+    held = next(one for one in claim(db, limit=1000) if one.job_id == job.id)
+    before = find(db, job)
+
+    def write_half() -> None:
+        with writing(db) as connection:
+            connection.exec_driver_sql("UPDATE jobs SET note = 'half' WHERE tenant = 'cut'")
+            mine = connection.exec_driver_sql("SELECT pg_backend_pid()").scalar_one()
+            with db.engine.connect() as other:
+                other.exec_driver_sql(f"SELECT pg_terminate_backend({mine})")
+            connection.exec_driver_sql("UPDATE jobs SET note = 'whole' WHERE tenant = 'cut'")
+
+    with pytest.raises(StoreUnavailable):
+        write_half()
+    assert find(db, job) == before
+    assert record(db, held, answer=b"{}")
+
+
+def test_a_lock_held_too_long_is_unavailable(restartable: Database) -> None:
+    db = restartable
+    job = submit(db, tenant="locked")
+    with writing(db) as connection:
+        connection.exec_driver_sql("SELECT 1 FROM jobs WHERE tenant = 'locked' FOR UPDATE")
+        short = url_of(db) + "?options=-c%20lock_timeout%3D100ms"
+        impatient = open_database(short)
+        try:
+            with pytest.raises(StoreUnavailable, match="lock timeout"):
+                jobs.cancel(impatient, "locked", job.id)
+        finally:
+            impatient.close()
+    assert claim_one_of(db, job.id)
+
+
+def claim_one_of(db: Database, job_id: str) -> bool:
+    return any(one.job_id == job_id for one in claim(db, limit=1000))
