@@ -17,11 +17,13 @@ from pydantic import TypeAdapter
 
 from tailstack.design import Design, check_design, design_json_schema, list_presets
 from tailstack.results import Finding, Optimisation, Score, Verification, ViewCheck
+from tailstack.sweep_results import Sweep
 
 from .gate.records import GateRecord
 from .gate.schemas import policy_json_schema, waivers_json_schema
 from .job_document import JobDocument, JobPage
 from .problems import ProblemDocument
+from .reports.records import Report
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -82,8 +84,10 @@ RECORDS: dict[str, type] = {
     "score": Score,
     "verification": Verification,
     "optimisation": Optimisation,
+    "sweep": Sweep,
     "validation": Validation,
     "gate": GateRecord,
+    "report": Report,
     "conversion": Conversion,
     "job": JobDocument,
     "jobs": JobPage,
@@ -164,8 +168,10 @@ _TITLES = {
     "score": "answer of score: first-order bias, covariance, tail, budget",
     "verification": "answer of verify: Monte Carlo on the full chain",
     "optimisation": "answer of optimise: the new design and its certificate",
+    "sweep": "answer of sweep: every point of a grid of designs",
     "validation": "answer of validate over HTTP",
     "gate": "answer of gate: verdict, exit code, findings at their places",
+    "report": "score, check and optimisation of one design in one record; html, pdf and xlsx are made from it",
     "policy": "what a gate judges by: rules, limits, classes of designs",
     "waivers": "findings that a gate accepts for now",
     "conversion": "answer of convert over HTTP",

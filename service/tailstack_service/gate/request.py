@@ -71,11 +71,18 @@ class GateRequest(Record):
     )
 
 
-def admitted(data: Any, *, today: date, limits: Limits = DEFAULT_LIMITS, max_designs: int = 1000) -> dict[str, Any]:
+def admitted(
+    data: Any,
+    *,
+    today: date,
+    limits: Limits = DEFAULT_LIMITS,
+    max_designs: int = 1000,
+    max_trials: int | None = None,
+) -> dict[str, Any]:
     """A request, checked through and complete: what a job keeps and :func:`evaluate` takes.
 
-    data: the body as plain data.  today: used where the request names no day.  Policy, waivers, baseline and every
-    design are read strictly.  Raises RequestError, GateError, DesignError or LimitError, pointers into the body.
+    data: the body as plain data.  today: used where the request names no day.  max_trials: more than a policy may ask
+    for.  Policy, waivers, baseline and every design are read strictly.  Raises RequestError, GateError, DesignError or LimitError, pointers into the body.
     """
     request = _request(data, limits)
     if len(request.designs) > max_designs:
@@ -85,6 +92,11 @@ def admitted(data: Any, *, today: date, limits: Limits = DEFAULT_LIMITS, max_des
     complete["designs"] = [{k: v for k, v in entry.items() if v is not None} for entry in complete["designs"]]
     complete["today"] = request.today or today.isoformat()
     gate = gate_of(complete, limits)
+    wanted = gate.policy.document.verification.max_trials
+    if max_trials is not None and wanted > max_trials:
+        detail = f"at most {max_trials} trials are drawn for a design; {wanted} were asked for"
+        hint = "ask for less, or raise TAILSTACK_MAX_TRIALS"
+        raise LimitError(Problem("/policy/verification/max_trials", "too-many", detail, hint))
     for index, entry in enumerate(gate.designs):
         if entry.refusal is not None:
             raise _inside(entry.refusal, index, "design" if "design" in complete["designs"][index] else "text")

@@ -1,0 +1,133 @@
+"""What a report is made of, without saying how it looks: HTML, PDF and spreadsheet are made from the same blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+Cell = str | float | int | None
+Tone = Literal["pass", "fail", "inconclusive", "neutral"]
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table."""
+
+    title: str
+    unit: str = ""  # mm, px, deg, %, ... shown in the header
+    kind: Literal["text", "fixed", "significant", "percent", "whole", "status"] = "text"
+    digits: int = 3  # decimals of fixed and percent, digits of significant
+
+    @property
+    def numeric(self) -> bool:
+        return self.kind not in ("text", "status")
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Cells in the order of the columns; ``depth`` 1 belongs to the row of depth 0 above it.
+
+    A cell of a percent column is a fraction.
+    """
+
+    cells: tuple[Cell, ...]
+    depth: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Numbers with their units."""
+
+    name: str  # of the sheet in a spreadsheet
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A picture, SVG with its own title and description."""
+
+    name: str  # kebab-case, unique in the report
+    svg: str
+    caption: str
+
+
+@dataclass(frozen=True, slots=True)
+class Paragraph:
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Bullets:
+    items: tuple[str, ...]
+    numbered: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """Pairs of a word and what it is."""
+
+    name: str
+    pairs: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Listing:
+    """Text that is kept as it stands: commands, a design document."""
+
+    text: str
+    caption: str = ""
+
+
+Block = Table | Figure | Paragraph | Bullets | Facts | Listing
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A chapter; ``page`` starts it on a new page when printed."""
+
+    title: str
+    blocks: tuple[Block, ...]
+    page: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class KeyNumber:
+    """One of the large numbers of the first page."""
+
+    label: str
+    value: str
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """A whole report."""
+
+    kind: str  # "Tolerance-budget report", "Gate", ...
+    title: str
+    tone: Tone
+    status: str  # one or two words for the badge
+    sentence: str
+    numbers: tuple[KeyNumber, ...]
+    matters: tuple[str, ...]
+    sections: tuple[Section, ...]
+    provenance: Facts
+    figures: tuple[Figure, ...] = field(default=())  # on the first page
+
+
+def tone_of(status: str) -> Tone:
+    """The tone of a verdict."""
+    if status == "pass" or status == "verified":
+        return "pass"
+    if status in ("fail", "not evaluated"):
+        return "fail"
+    return "inconclusive" if status == "inconclusive" else "neutral"
+
+
+def rows_of(cells: Sequence[Sequence[Cell]]) -> tuple[Row, ...]:
+    """Plain rows."""
+    return tuple(Row(tuple(row)) for row in cells)

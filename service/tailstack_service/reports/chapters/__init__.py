@@ -1,0 +1,1 @@
+"""From records to chapters: one module per kind of result, and the tables that they share."""

@@ -1,0 +1,123 @@
+"""The chapters of a gate."""
+
+from __future__ import annotations
+
+from ...gate.records import GateFinding, GateRecord
+from ..blocks import Block, Bullets, Column, Document, Facts, KeyNumber, Row, Section, Table, tone_of
+
+MOST = 300
+
+
+def gate_document(record: GateRecord, sha256: str) -> Document:
+    """Which designs passed, what was found, and what was accepted."""
+    counted = [finding for finding in record.findings if finding.suppressed_by is None]
+    accepted = [finding for finding in record.findings if finding.suppressed_by is not None]
+    errors = sum(finding.severity == "error" for finding in counted)
+    warnings = sum(finding.severity == "warning" for finding in counted)
+    passed = sum(design.verdict == "pass" for design in record.designs)
+    blocks: list[Block] = [gate_findings_table("Findings", "Findings that count", counted)] if counted else []
+    if accepted:
+        blocks.append(gate_findings_table("Accepted", "Findings that a waiver accepts", accepted))
+    return Document(
+        kind="Gate",
+        title=f"{record.provenance.policy_name}: gate of {_counted(len(record.designs), 'design')}",
+        tone=tone_of(record.verdict),
+        status=record.verdict,
+        sentence=f"{passed} of {_counted(len(record.designs), 'design')} pass; {_counted(errors, 'error')} and "
+        f"{_counted(warnings, 'warning')} count, {len(accepted)} accepted by waivers. Exit code {record.exit_code}.",
+        numbers=(
+            KeyNumber(
+                "Designs that pass", f"{passed} of {len(record.designs)}", f"mode {record.mode}, seed {record.seed}"
+            ),
+            KeyNumber("Errors", str(errors), "that count"),
+            KeyNumber("Accepted", str(len(accepted)), "by waivers in force"),
+        ),
+        matters=tuple(finding.message for finding in counted if finding.severity == "error")[:3],
+        sections=(
+            Section("Designs", (_designs_table(record), _numbers_table(record))),
+            Section("Findings", tuple(blocks) or (Bullets(("None.",)),)),
+            Section("What is not included", (Bullets(record.provenance.not_included),)),
+        ),
+        provenance=Facts(
+            "Provenance",
+            (
+                ("Policy", record.provenance.policy_name),
+                ("SHA-256 of the policy", record.provenance.policy_sha256),
+                ("SHA-256 of the waivers", record.provenance.waivers_sha256 or "no waivers"),
+                ("SHA-256 of the baseline", record.provenance.baseline_sha256 or "no baseline"),
+                ("Waivers judged by", record.provenance.today),
+                ("SHA-256 of this record", sha256),
+                ("Record", record.schema),
+                ("Computed by", f"tailstack {record.provenance.tailstack_version}"),
+            ),
+        ),
+    )
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}" + ("" if count == 1 else "s")
+
+
+def _designs_table(record: GateRecord) -> Table:
+    rows = [
+        Row((
+            design.file, design.name or "could not be read", design.design_class or "", design.basis, design.trials,
+            max((t.first_order_p95_mm if t.p95_mm is None else t.p95_mm for t in design.targets), default=None),
+            design.verdict,
+        ))
+        for design in record.designs
+    ]  # fmt: skip
+    return Table(
+        "Designs", "Designs",
+        (
+            Column("File"), Column("Design"), Column("Class"), Column("Basis"), Column("Trials", "", "whole"),
+            Column("Largest P95", "mm", "fixed", 4), Column("Verdict", kind="status"),
+        ),
+        tuple(rows),
+    )  # fmt: skip
+
+
+def _numbers_table(record: GateRecord) -> Table:
+    rows = [
+        Row((
+            design.file, number.requirement, number.rule, number.target, number.unit, number.value,
+            *(number.interval or (None, None)), number.limit, number.status,
+        ))
+        for design in record.designs
+        for number in design.numbers
+    ]  # fmt: skip
+    return Table(
+        "Numbers", "Numbers that were held against limits",
+        (
+            Column("File"), Column("Requirement"), Column("Rule"), Column("Target"), Column("Unit"),
+            Column("Value", "unit", "significant", 5), Column("From", "unit", "significant", 5),
+            Column("To", "unit", "significant", 5), Column("Limit", "unit", "significant", 5),
+            Column("Status", kind="status"),
+        ),
+        tuple(rows[:MOST]),
+        f"{len(rows) - MOST} more are in the record." if len(rows) > MOST else "",
+    )  # fmt: skip
+
+
+def gate_findings_table(name: str, caption: str, findings: list[GateFinding]) -> Table:
+    rows = [
+        Row((
+            finding.severity, finding.rule, _place(finding), finding.message, finding.value, finding.limit,
+            finding.suppressed_by or "",
+        ))
+        for finding in findings[:MOST]
+    ]  # fmt: skip
+    more = len(findings) - len(rows)
+    return Table(
+        name, caption,
+        (
+            Column("Severity", kind="status"), Column("Rule"), Column("Place"), Column("Finding"),
+            Column("Value", "", "significant", 4), Column("Limit", "", "significant", 4), Column("Accepted by"),
+        ),
+        tuple(rows),
+        f"{more} more are in the record." if more > 0 else "",
+    )  # fmt: skip
+
+
+def _place(finding: GateFinding) -> str:
+    return f"{finding.file}:{finding.line}:{finding.column}" if finding.line else f"{finding.file}#{finding.pointer}"

@@ -1,0 +1,129 @@
+"""The chapters of an optimisation."""
+
+from __future__ import annotations
+
+from tailstack.results import Optimisation
+
+from ..blocks import Block, Bullets, Column, Document, Facts, Figure, KeyNumber, Listing, Row, Section, Table
+from .tables import not_included, provenance_facts
+from .verification import sampling_blocks, verification_blocks
+
+
+def optimisation_document(found: Optimisation, sha256: str) -> Document:
+    """An optimisation by itself: the new design is in its record, the old one is not."""
+    check = found.certificate.verification
+    binding = f"What binds: {', '.join(found.binding)}." if found.binding else "Nothing binds."
+    return Document(
+        kind="Optimised design",
+        title=found.provenance.design_name,
+        tone="pass",
+        status=found.status,
+        sentence=f"{found.objective}: the new design was checked by Monte Carlo with a fresh seed; "
+        f"its P95 is {found.p95_after_mm:.3f} mm.",
+        numbers=optimisation_numbers(found),
+        matters=tuple([binding, *(price.sentence for price in found.shadow_prices)][:3]),
+        figures=(new_layout(found),),
+        sections=(
+            Section("What changed", change_blocks(found), page=True),
+            Section("Check of the new design", (*verification_blocks(check), *sampling_blocks(check))),
+            Section("Certificate", certificate_blocks(found)),
+            Section("What is not included", (not_included(found.provenance),)),
+            Section("Reproduction", (Listing("tailstack optimise design.yaml --json"),)),
+            Section("The new design", (design_listing(found.design, "The new design as JSON"),), page=True),
+        ),
+        provenance=provenance_facts(found.provenance, sha256, found.schema),
+    )
+
+
+def optimisation_numbers(found: Optimisation) -> tuple[KeyNumber, ...]:
+    before = "not determined" if found.p95_before_mm is None else f"{found.p95_before_mm:.3f} mm before"
+    cost = "no price before" if found.cost_before is None else f"{found.cost_before:.4g} before"
+    return (
+        KeyNumber("P95", f"{found.p95_after_mm:.3f} mm", before),
+        KeyNumber("Cost of what was free", f"{found.cost_after:.4g}", cost),
+        KeyNumber("Starts", f"{found.certificate.converged_starts} of {found.certificate.starts}", "converged"),
+    )
+
+
+def new_layout(found: Optimisation) -> Figure:
+    from tailstack.design import compile_design, load_design
+
+    from ...rendering.layout_picture import single_layout_svg
+
+    system = compile_design(load_design(found.design, allow_files=False))
+    svg = single_layout_svg(system, f"{found.provenance.design_name}: the new layout", "new-layout")
+    return Figure("new-layout", svg, "The new layout: both views in px, and the connector frame con in mm.")
+
+
+def change_blocks(found: Optimisation) -> tuple[Block, ...]:
+    """Tolerances, fiducials, pivots and locators before and after; what a limit is worth."""
+    blocks: list[Block] = []
+    if found.tolerances:
+        rows = [
+            Row((
+                entry.label, entry.unit, entry.before_half_width, entry.after_half_width, entry.at_target_before_mm,
+                entry.at_target_mm, entry.cost_before, entry.cost_after, entry.grade or "",
+            ))
+            for entry in found.tolerances
+        ]  # fmt: skip
+        blocks.append(Table(
+            "Tolerances", "Tolerances that were free, as half-widths",
+            (
+                Column("Tolerance"), Column("Unit"), Column("Before", "unit", "significant"),
+                Column("After", "unit", "significant"), Column("At target, before", "mm", "fixed"),
+                Column("At target, after", "mm", "fixed"), Column("Cost before", "", "significant", 4),
+                Column("Cost after", "", "significant", 4), Column("Grade"),
+            ),
+            tuple(rows),
+        ))  # fmt: skip
+    if found.moved:
+        nowhere = (None, None, None)
+        moved = [Row((e.label, *(e.before_mm or nowhere), *(e.after_mm or nowhere))) for e in found.moved]
+        axes = [Column(f"{when} {axis}", "mm", "fixed", 2) for when in ("Before", "After") for axis in "xyz"]
+        blocks.append(
+            Table("Fiducials", "Fiducials that could move, frame con", (Column("Fiducial"), *axes), tuple(moved),
+                  "Before empty: new; after empty: left out.")
+        )  # fmt: skip
+    if found.pivots:
+        pivots = [Row((entry.label, *entry.before_mm, *entry.after_mm)) for entry in found.pivots]
+        axes = [Column(f"{when} {axis}", "mm", "fixed", 2) for when in ("Before", "After") for axis in "xyz"]
+        blocks.append(Table("Pivots", "Pivots that could move, frame con", (Column("Interface"), *axes), tuple(pivots)))
+    if found.spacings:
+        spread = [Row((entry.label, entry.scale)) for entry in found.spacings]
+        columns = (Column("Interface"), Column("Factor", "", "fixed"))
+        blocks.append(Table("Locators", "Locators spread about their centre", columns, tuple(spread)))
+    if found.shadow_prices:
+        prices = [Row((entry.name, entry.unit, entry.cost_per_unit, entry.sentence)) for entry in found.shadow_prices]
+        blocks.append(Table(
+            "Shadow prices", "What one unit of a limit or bound is worth",
+            (
+                Column("Limit or bound"), Column("Unit"), Column("Worth", "per unit", "significant", 4),
+                Column("In words"),
+            ),
+            tuple(prices),
+        ))  # fmt: skip
+    if found.binding:
+        blocks.append(Bullets(tuple(f"Binds: {entry}" for entry in found.binding)))
+    return tuple(blocks)
+
+
+def certificate_blocks(found: Optimisation) -> tuple[Block, ...]:
+    proof = found.certificate
+    pairs = [
+        ("Residual of the optimality conditions", f"{proof.kkt_residual:.2g}"),
+        ("Starts", f"{proof.converged_starts} of {proof.starts} converged, seed {proof.seed}"),
+        ("Distinct optima", ", ".join(f"{cost:.5g}" for cost in proof.best_costs[:8])),
+        ("Lower bound", proof.relaxation.statement),
+        ("Ending", proof.stopped),
+        ("Rounds of tightening", str(proof.tightening_rounds)),
+    ]
+    remarks = tuple(entry.message for entry in found.influence)
+    worth = () if found.placement_value is None else (found.placement_value.sentence,)
+    listed = remarks + worth
+    return (Facts("Certificate", tuple(pairs)), *((Bullets(listed),) if listed else ()))
+
+
+def design_listing(design: dict[str, object], caption: str) -> Listing:
+    import json
+
+    return Listing(json.dumps(design, indent=1, ensure_ascii=False), caption)

@@ -1,0 +1,126 @@
+"""The chapters of a tolerance-budget report: for the project lead, the designer, the auditor, in this order."""
+
+from __future__ import annotations
+
+from tailstack.design import compile_design, load_design
+
+from ...rendering.layout_picture import layout_svg, single_layout_svg
+from ..blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section, tone_of
+from ..figures.errors import convergence_svg, distribution_svg
+from ..records import Report
+from .optimisation import certificate_blocks, change_blocks, design_listing, optimisation_numbers
+from .score import budget_blocks, error_blocks, headline_figure, key_numbers, method_blocks
+from .tables import checks_table, findings_table, not_included, provenance_facts, targets_table, views_table
+from .verification import sampling_blocks, verification_blocks
+
+
+def report_document(report: Report, sha256: str) -> Document:
+    """The whole report."""
+    headline = report.headline
+    sections = [
+        Section("The layout", (_layout(report),), page=True),
+        Section("The error", _error(report)),
+        Section("The budget", budget_blocks(report.score), page=True),
+        Section("Requirements and findings", _judged(report)),
+    ]
+    if report.optimisation is not None:
+        blocks = (*_optimised_layout(report), *change_blocks(report.optimisation))
+        sections.append(Section("The optimised design", blocks, page=True))
+        sections.append(Section("Certificate of the optimum", certificate_blocks(report.optimisation)))
+    sections += [
+        Section("Method and assumptions", _method(report), page=True),
+        Section("What is not included", (not_included(report.provenance),)),
+        Section("Reproduction", _reproduction(report)),
+        Section("The design", (design_listing(report.design, "The design document as JSON"),), page=True),
+    ]
+    return Document(
+        kind="Tolerance-budget report",
+        title=report.title,
+        tone=tone_of(headline.status),
+        status=headline.status,
+        sentence=headline.sentence,
+        numbers=key_numbers(headline),
+        matters=headline.matters,
+        figures=(headline_figure(headline, report.score),),
+        sections=tuple(sections),
+        provenance=provenance_facts(report.provenance, sha256, report.schema),
+    )
+
+
+def _layout(report: Report) -> Figure:
+    system = compile_design(load_design(report.design, allow_files=False))
+    svg = single_layout_svg(system, f"{report.title}: layout as designed", "layout")
+    caption = (
+        "Detector images of the first two views (px, u right, v down) and the connector frame con (mm) from an oblique "
+        "direction. Positions are nominal."
+    )
+    return Figure("layout", svg, caption)
+
+
+def _optimised_layout(report: Report) -> tuple[Block, ...]:
+    assert report.optimisation is not None
+    found = report.optimisation
+    before = compile_design(load_design(report.design, allow_files=False))
+    after = compile_design(load_design(found.design, allow_files=False))
+    words = ", ".join(f"{n.label} {n.value} ({n.detail})" for n in optimisation_numbers(found))
+    svg = layout_svg(before, after, f"{report.title}: layout before and after optimisation")
+    return (Paragraph(f"{found.objective}. {words}."), Figure("layout-optimised", svg, "Before above after."))
+
+
+def _error(report: Report) -> tuple[Block, ...]:
+    blocks: list[Block] = []
+    first = {target.name: target for target in report.score.targets}
+    drawn = {} if report.verification is None else {target.name: target for target in report.verification.targets}
+    for k, shown in enumerate(report.distributions):
+        target, sampled = first[shown.target], drawn.get(shown.target)
+        p95 = target.p95_mm if sampled is None else sampled.p95_mm
+        interval = None if sampled is None else sampled.p95_interval_mm
+        name = f"distribution-{k + 1}"
+        blocks.append(
+            Figure(
+                name,
+                distribution_svg(shown, p95, interval, target.limit_mm, name),
+                f"Target {shown.target}: norm of the TCP error, first-order law"
+                + (" and Monte Carlo." if sampled is not None else "."),
+            )
+        )
+    if report.verification is not None:
+        blocks += [*verification_blocks(report.verification)[:1]]
+    blocks.append(targets_table(report.score))
+    return tuple(blocks)
+
+
+def _judged(report: Report) -> tuple[Block, ...]:
+    verdicts = [] if report.verification is None else [report.verification.verdict]
+    verdicts.append(report.score.verdict)
+    blocks: list[Block] = []
+    for verdict in verdicts:
+        if verdict.checks:
+            blocks.append(checks_table(verdict.checks, verdict.basis))
+    findings = verdicts[0].findings
+    if findings:
+        blocks.append(findings_table(findings))
+    if report.score.views:
+        blocks.append(views_table(report.score.views))
+    return tuple(blocks) or error_blocks(report.score)
+
+
+def _method(report: Report) -> tuple[Block, ...]:
+    blocks: list[Block] = [*method_blocks(report.score)]
+    if report.verification is not None:
+        blocks += sampling_blocks(report.verification)
+        limits = {target.name: target.limit_mm for target in report.score.targets}
+        for k, shown in enumerate(report.convergence):
+            if shown.points:
+                name = f"convergence-{k + 1}"
+                svg = convergence_svg(shown, limits.get(shown.target), name)
+                caption = f"Target {shown.target}: P95 of the first trials, each with the interval it has by itself."
+                blocks.append(Figure(name, svg, caption))
+    return tuple(blocks)
+
+
+def _reproduction(report: Report) -> tuple[Block, ...]:
+    made = report.reproduction
+    seed = () if made.seed is None else (("Seed", str(made.seed)),)
+    facts = Facts("Reproduction", (*seed, ("Version", f"tailstack {report.provenance.tailstack_version}")))
+    return (Listing("\n".join(made.commands), "Commands"), facts, Bullets((made.statement,)))

@@ -1,0 +1,198 @@
+"""Tables that several kinds of results share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tailstack.results import (
+    Check,
+    Finding,
+    MetricEstimate,
+    MetricScore,
+    Provenance,
+    Score,
+    TargetEstimate,
+    TargetScore,
+    Verification,
+    ViewCheck,
+)
+
+from ...rendering.score import grouped
+from ..blocks import Bullets, Column, Facts, Row, Table
+
+MOST_FINDINGS = 60
+
+
+def targets_table(score: Score) -> Table:
+    """First order: error at the tool, and as localised before the second interface."""
+    rows = []
+    for target in score.targets:
+        rows.append(_target_row(target.name, target))
+        rows.append(_target_row("as localised", target.localisation, 1))
+    return Table(
+        name="Targets",
+        caption="First order: the error at each target, in the frame named",
+        columns=(
+            Column("Target"), Column("Frame"), *_axes("Bias"), *_axes("Std"), Column("Mean |e|", "mm", "fixed"),
+            Column("P95", "mm", "fixed", 4), Column("CVaR95", "mm", "fixed"), Column("Limit", "mm", "significant", 4),
+            Column("Beyond limit", "%", "percent", 2),
+        ),
+        rows=tuple(rows),
+        note="Bias and standard deviation by axis of the frame; P95 and CVaR95 of the error's norm, bias included.",
+    )  # fmt: skip
+
+
+def _axes(word: str) -> tuple[Column, Column, Column]:
+    x, y, z = (Column(f"{word} {axis}", "mm", "fixed") for axis in "xyz")
+    return x, y, z
+
+
+def _target_row(name: str, metric: TargetScore | MetricScore, depth: int = 0) -> Row:
+    return Row(
+        (
+            name, metric.frame, *metric.bias_mm, *metric.std_mm, metric.mean_norm_mm, metric.p95_mm, metric.cvar95_mm,
+            metric.limit_mm, metric.exceedance_probability,
+        ),
+        depth,
+    )  # fmt: skip
+
+
+def estimates_table(check: Verification) -> Table:
+    """Monte Carlo: the same with intervals, and first order over it."""
+    rows = []
+    for target in check.targets:
+        rows.append(_estimate_row(target.name, target))
+        rows.append(_estimate_row("as localised", target.localisation, 1))
+    confidence = f"{100 * check.targets[0].confidence:g} %" if check.targets else ""
+    return Table(
+        name="Monte Carlo",
+        caption=f"Monte Carlo on the full chain: the error at each target; intervals of {confidence} confidence",
+        columns=(
+            Column("Target"), *_axes("Bias"), *_axes("Std"), Column("Mean |e|", "mm", "fixed"),
+            Column("P95", "mm", "fixed", 4), Column("P95 from", "mm", "fixed", 4), Column("P95 to", "mm", "fixed", 4),
+            Column("CVaR95", "mm", "fixed"), Column("Worst met", "mm", "fixed"),
+            Column("Beyond limit", "%", "percent", 2), Column("First order / MC", "", "fixed", 4),
+        ),
+        rows=tuple(rows),
+    )  # fmt: skip
+
+
+def _estimate_row(name: str, metric: TargetEstimate | MetricEstimate, depth: int = 0) -> Row:
+    return Row(
+        (
+            name, *metric.bias_mm, *metric.std_mm, metric.mean_norm_mm, metric.p95_mm, *metric.p95_interval_mm,
+            metric.cvar95_mm, metric.worst_mm, metric.exceedance.probability if metric.exceedance else None,
+            metric.first_order_ratio,
+        ),
+        depth,
+    )  # fmt: skip
+
+
+def checks_table(checks: Sequence[Check], basis: str) -> Table:
+    """Each requirement at each target."""
+    rows = [
+        Row((
+            check.requirement, check.target, check.error, check.risk.replace("_", " "), f"P{100 * check.quantile:g}",
+            check.value_mm, *check.interval_mm, check.limit_mm, check.yield_fraction, check.min_yield, check.status,
+        ))
+        for check in checks
+    ]  # fmt: skip
+    return Table(
+        name="Checks",
+        caption=f"Requirements, by {basis}",
+        columns=(
+            Column("Requirement"), Column("Target"), Column("Error"), Column("Risk"), Column("Quantile"),
+            Column("Value", "mm", "fixed", 4), Column("From", "mm", "fixed", 4), Column("To", "mm", "fixed", 4),
+            Column("Limit", "mm", "significant", 4), Column("Yield", "%", "percent", 2),
+            Column("Required", "%", "percent", 2), Column("Status", kind="status"),
+        ),
+        rows=tuple(rows),
+        note="A requirement passes only if the upper end of the interval is within the limit, and fails only if the "
+        "lower end is beyond it. First order: the interval is the calibrated error of the linearisation.",
+    )  # fmt: skip
+
+
+def budget_table(target: TargetScore, name: str = "Budget") -> Table:
+    """Every contributor and component: tolerance, sensitivity, share, marginal P95, P95 without."""
+    rows = []
+    for total, components in grouped(target.contributors):
+        for depth, entry in ((0, total), *((1, part) for part in components)):
+            label = entry.name.replace("_", " ") if depth == 0 else entry.component
+            rows.append(Row(
+                (
+                    label, entry.law, entry.half_width, entry.unit, entry.std, entry.sensitivity_mm_per_unit,
+                    entry.variance_share, entry.dp95_per_unit, entry.p95_without_mm,
+                ),
+                depth,
+            ))  # fmt: skip
+    return Table(
+        name=name,
+        caption=f"Budget at target {target.name} (first order, P95 {target.p95_mm:.4f} mm)",
+        columns=(
+            Column("Contributor"), Column("Law"), Column("Half-width", "unit", "significant"), Column("Unit"),
+            Column("Std", "unit", "significant"), Column("Sensitivity", "mm/unit", "significant"),
+            Column("Share of variance", "%", "percent", 1), Column("dP95/dh", "mm/unit", "significant"),
+            Column("P95 without", "mm", "fixed", 4),
+        ),
+        rows=tuple(rows),
+        note="Half-width, standard deviation and sensitivity are per component in the unit named; dP95/dh is what one "
+        "unit of half-width is worth. A line of a whole contributor sums up the components below it.",
+    )  # fmt: skip
+
+
+def views_table(views: Sequence[ViewCheck]) -> Table:
+    """What each view sees of the fiducials."""
+    rows = [
+        Row((
+            view.view,
+            (", ".join(view.outside) if view.outside else "none") if view.checked else "image size not stated",
+            view.smallest_margin_px, " – ".join(view.closest_pair), view.closest_pair_px, *view.depth_range_mm,
+        ))
+        for view in views
+    ]  # fmt: skip
+    return Table(
+        name="Views",
+        caption="What each view sees of the fiducials, at the biased geometry without noise",
+        columns=(
+            Column("View"), Column("Outside"), Column("Margin to border", "px", "fixed", 1), Column("Closest pair"),
+            Column("Their distance", "px", "fixed", 1), Column("Depth from", "mm", "fixed", 1),
+            Column("Depth to", "mm", "fixed", 1),
+        ),
+        rows=tuple(rows),
+    )  # fmt: skip
+
+
+def findings_table(findings: Sequence[Finding]) -> Table:
+    """Remarks, as many as a person reads."""
+    rows = [Row((entry.severity, entry.rule, entry.message, entry.pointer)) for entry in findings[:MOST_FINDINGS]]
+    more = len(findings) - len(rows)
+    return Table(
+        name="Findings",
+        caption="Findings",
+        columns=(Column("Severity", kind="status"), Column("Rule"), Column("Finding"), Column("At")),
+        rows=tuple(rows),
+        note=f"{more} more are in the record." if more > 0 else "",
+    )
+
+
+def provenance_facts(provenance: Provenance, sha256: str, schema: str) -> Facts:
+    """What the numbers come from."""
+    return Facts(
+        "Provenance",
+        (
+            ("Design", provenance.design_name),
+            ("SHA-256 of the design", provenance.design_sha256 or "not known"),
+            ("SHA-256 of this record", sha256),
+            ("Record", schema),
+            ("Computed by", f"tailstack {provenance.tailstack_version}"),
+            (
+                "Installation error",
+                f"{provenance.reading} reading, {provenance.rotation_form.replace('_', ' ')} rotation",
+            ),
+            ("Triangulation", provenance.triangulation),
+        ),
+    )
+
+
+def not_included(provenance: Provenance) -> Bullets:
+    return Bullets(provenance.not_included)

@@ -1,0 +1,95 @@
+"""The chapters of a Monte Carlo check."""
+
+from __future__ import annotations
+
+from tailstack.results import Verification
+
+from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Section, tone_of
+from ..figures.errors import scale_svg
+from ..headline import decisive_check, verdict_sentence
+from .tables import checks_table, estimates_table, findings_table, not_included, provenance_facts
+
+
+def verification_document(check: Verification, sha256: str) -> Document:
+    """A check by itself."""
+    decisive = decisive_check(check.verdict.checks)
+    worst = max(check.targets, key=lambda target: target.p95_mm)
+    figures = []
+    for k, target in enumerate(sorted(check.targets, key=lambda entry: entry.p95_mm, reverse=True)[:3]):
+        name = "headline" if k == 0 else f"scale-{k + 1}"
+        limit = target.exceedance.limit_mm if target.exceedance else None
+        others = (("mean", target.mean_norm_mm), ("CVaR95", target.cvar95_mm))
+        svg = scale_svg(target.name, target.p95_mm, target.p95_interval_mm, limit, others, name)
+        figures.append(Figure(name, svg, f"Error at target {target.name}: the bar is the interval of P95."))
+    low, high = worst.p95_interval_mm
+    sentence = (
+        verdict_sentence(decisive)
+        if decisive is not None
+        else f"No requirement is stated. P95 at {worst.name} is {worst.p95_mm:.3f} mm ({low:.3f} to {high:.3f} mm)."
+    )
+    numbers = [
+        KeyNumber(f"P95 at {worst.name}", f"{worst.p95_mm:.3f} mm", f"{low:.3f} to {high:.3f} mm"),
+        KeyNumber("Trials", f"{check.trials:,}", f"seed {check.seed}"),
+        KeyNumber("First order / Monte Carlo", f"{check.first_order_ratio:.4f}", "ratio of the two P95"),
+    ]
+    return Document(
+        kind="Monte Carlo check",
+        title=check.provenance.design_name,
+        tone=tone_of(check.verdict.status),
+        status=check.verdict.status,
+        sentence=sentence,
+        numbers=tuple(numbers),
+        matters=(),
+        figures=tuple(figures[:1]),
+        sections=(
+            Section("Error and requirements", (*verification_blocks(check), *figures[1:])),
+            Section("Method", sampling_blocks(check)),
+            Section("What is not included", (not_included(check.provenance),)),
+            Section("Reproduction", (Listing(f"tailstack verify design.yaml {drawn_by(check)} --json"),)),
+        ),
+        provenance=provenance_facts(check.provenance, sha256, check.schema),
+    )
+
+
+def drawn_by(check: Verification) -> str:
+    """The options that draw the same trials."""
+    if check.method == "radial":
+        return f"--method radial --seed {check.seed}"
+    if check.precision_requested is not None:
+        return f"--precision {check.precision_requested:g} --seed {check.seed}"
+    return f"--trials {check.trials} --seed {check.seed}"
+
+
+def verification_blocks(check: Verification) -> tuple[Block, ...]:
+    blocks: list[Block] = [estimates_table(check)]
+    if check.verdict.checks:
+        blocks.append(checks_table(check.verdict.checks, check.verdict.basis))
+    if check.verdict.findings:
+        blocks.append(findings_table(check.verdict.findings))
+    return tuple(blocks)
+
+
+def sampling_blocks(check: Verification) -> tuple[Block, ...]:
+    """How the trials were drawn, why drawing ended, and what else was seen."""
+    flagged = max((target.flagged_trials for target in check.targets), default=0)
+    shots = check.reprojection
+    facts = Facts(
+        "Sampling",
+        (
+            ("Trials", f"{check.trials:,}"),
+            ("Seed", str(check.seed)),
+            ("Method", check.method),
+            ("Engine", check.engine),
+            ("Precision reached", f"{check.precision_reached:.2%} of P95"),
+            ("Trials redone by SVD", f"{flagged:,}"),
+            ("Reprojection error", f"mean {shots.mean_px:.3g} px, P95 {shots.p95_px:.3g} px, {shots.trials:,} trials"),
+        ),
+    )
+    sentences = (
+        f"Ending: {check.stopping}",
+        "Each trial draws every tolerance and every image noise, runs the estimator itself (resection, triangulation, "
+        "chain to the tool) and measures the error; nothing is linearised.",
+        "Intervals are order-statistic intervals that assume no law; looks at the running sample are corrected for.",
+        *check.provenance.notes,
+    )
+    return (facts, Bullets(sentences))

@@ -1,0 +1,1 @@
+"""Pictures of a report: SVG as text, the same for the same numbers."""

@@ -1,0 +1,151 @@
+"""The first page in words: verdict, limit, P95 with its interval, and what matters most."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tailstack.results import Check, Contributor, Finding, Score, TargetScore, Verification
+
+from .records import Headline
+
+STATED = ("requirement-failed", "requirement-inconclusive")  # findings that repeat the verdict
+_ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
+
+
+def headline_of(score: Score, verification: Verification | None) -> Headline:
+    """What the report opens with; Monte Carlo speaks where it was drawn."""
+    verdict = score.verdict if verification is None else verification.verdict
+    decisive = decisive_check(verdict.checks)
+    if decisive is None:
+        target, value, interval = _largest(score, verification)
+        sentence = f"No requirement is stated. P95 of the TCP error at {target} is {value:.3f} mm {_ends(interval)}."
+        limit, requirement, quantile = None, None, 0.95
+    else:
+        target, value, interval = decisive.target, decisive.value_mm, decisive.interval_mm
+        limit, requirement, quantile = decisive.limit_mm, decisive.requirement, decisive.quantile
+        sentence = verdict_sentence(decisive)
+    return Headline(
+        status=verdict.status,
+        basis=verdict.basis,
+        sentence=sentence,
+        requirement=requirement,
+        target=target,
+        quantile=quantile,
+        value_mm=value,
+        interval_mm=interval,
+        limit_mm=limit,
+        matters=tuple(what_matters(score, verification, target, decisive)),
+    )
+
+
+def decisive_check(checks: Sequence[Check]) -> Check | None:
+    """The check that the verdict rests on: the worst status, then the largest value over its limit."""
+    return min(checks, key=lambda check: (_ORDER[check.status], -check.value_mm / check.limit_mm), default=None)
+
+
+def verdict_sentence(check: Check) -> str:
+    """A check as a sentence with its numbers."""
+    if check.yield_fraction is not None and check.min_yield is not None:
+        word = {"pass": "keeps", "fail": "misses", "inconclusive": "may or may not keep"}[check.status]
+        return (
+            f"The design {word} {check.requirement}: {check.yield_fraction:.1%} of installed units have a "
+            f"P{100 * check.quantile:g} of at most {check.limit_mm:g} mm at {check.target}, {check.min_yield:.1%} are "
+            "required."
+        )
+    what = f"P{100 * check.quantile:g} of the {check.error.replace('tcp', 'TCP')} error at {check.target}"
+    number = f"{check.value_mm:.3f} mm {_ends(check.interval_mm)}"
+    if check.status == "pass":
+        return f"The design keeps {check.requirement}: {what} is {number}, within the limit of {check.limit_mm:g} mm."
+    if check.status == "fail":
+        return f"The design misses {check.requirement}: {what} is {number}, above the limit of {check.limit_mm:g} mm."
+    return (
+        f"Undecided for {check.requirement}: {what} is {number}; the interval holds the limit of {check.limit_mm:g} mm."
+    )
+
+
+def _ends(interval: tuple[float, float | None]) -> str:
+    low, high = interval
+    return f"({low:.3f} to {'an unknown end' if high is None else f'{high:.3f} mm'})"
+
+
+def _largest(score: Score, verification: Verification | None) -> tuple[str, float, tuple[float, float | None]]:
+    if verification is not None:
+        worst = max(verification.targets, key=lambda target: target.p95_mm)
+        return worst.name, worst.p95_mm, worst.p95_interval_mm
+    first = max(score.targets, key=lambda target: target.p95_mm)
+    percent = score.validity.expected_error_percent
+    if percent is None:
+        return first.name, first.p95_mm, (0.0, None)
+    return first.name, first.p95_mm, (first.p95_mm / (1 + percent / 100), first.p95_mm * (1 + percent / 100))
+
+
+def what_matters(score: Score, verification: Verification | None, target: str, decisive: Check | None) -> list[str]:
+    """At most three sentences: what dominates, what the margin is worth, what to be careful about."""
+    found = next((entry for entry in score.targets if entry.name == target), score.targets[0])
+    sentences = []
+    lines = single_lines(found.contributors)
+    if lines and lines[0].variance_share > 0:
+        sentences.append(_dominant(lines[0], found))
+    if decisive is not None and decisive.yield_fraction is None:
+        sentences.append(_margin(decisive, lines))
+    sentences.append(_caution(score, verification))
+    return sentences[:3]
+
+
+def _dominant(line: Contributor, target: TargetScore) -> str:
+    return (
+        f"The largest contributor is {named(line)}, with {line.variance_share:.0%} of the variance; were it perfect, "
+        f"P95 at {target.name} would be {line.p95_without_mm:.3f} mm instead of {target.p95_mm:.3f} mm (first order)."
+    )
+
+
+def _margin(check: Check, lines: Sequence[Contributor]) -> str:
+    quantile = f"P{100 * check.quantile:g}"
+    spare = check.limit_mm - check.value_mm
+    if spare >= 0:
+        first = (
+            f"{spare:.3f} mm ({spare / check.limit_mm:.0%} of the limit) is left before {quantile} reaches the limit"
+        )
+    else:
+        first = f"{quantile} has to come down by {-spare:.3f} mm ({-spare / check.value_mm:.0%})"
+    steps = [
+        (line.dp95_per_unit * line.half_width / 10, line)
+        for line in lines
+        if line.dp95_per_unit is not None and line.half_width
+    ]
+    if not steps:
+        return first + "."
+    gain, line = max(steps, key=lambda step: step[0])
+    return f"{first}; a tenth less of {named(line)} is worth {gain:.3f} mm of P95."
+
+
+def _caution(score: Score, verification: Verification | None) -> str:
+    verdict = score.verdict if verification is None else verification.verdict
+    notable = [finding for finding in verdict.findings if finding.rule not in STATED and finding.severity != "note"]
+    if notable:
+        first: Finding = sorted(notable, key=lambda finding: finding.severity != "error")[0]
+        more = f" ({len(notable) - 1} more remark{'s' if len(notable) > 2 else ''} below)" if len(notable) > 1 else ""
+        return f"Remark: {first.message}{more}."
+    if verification is None:
+        return f"Only first order was computed: {score.validity.statement}."
+    gap = verification.first_order_ratio - 1
+    return (
+        f"First order and Monte Carlo agree: the first-order P95 is {abs(gap):.1%} {'below' if gap < 0 else 'above'} "
+        "the verified one, so the budget's sensitivities can be trusted."
+    )
+
+
+def named(line: Contributor) -> str:
+    """A line of the budget in words, with its half-width."""
+    component = "" if line.component == "all" else f" {line.component}"
+    width = "" if line.half_width is None else f" (± {line.half_width:.3g} {line.unit})"
+    return line.name.replace("_", " ") + component + width
+
+
+def single_lines(contributors: Sequence[Contributor]) -> list[Contributor]:
+    """Lines that do not overlap: components, and contributors without any; largest share first."""
+    counts: dict[str, int] = {}
+    for entry in contributors:
+        counts[entry.name] = counts.get(entry.name, 0) + 1
+    kept = [entry for entry in contributors if entry.component != "all" or counts[entry.name] == 1]
+    return sorted(kept, key=lambda entry: entry.variance_share, reverse=True)
