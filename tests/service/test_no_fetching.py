@@ -149,7 +149,13 @@ def _in_yaml(client: httpx.Client, bird: Canary) -> int:
             for media in ("application/yaml", "application/json"):
                 response = client.post(path, content=document, headers={"Content-Type": media})
                 assert 400 <= response.status_code < 500, response.text
-    return 2 * len(posts) * len(documents)
+    for document in documents:
+        for path, body in (
+            ("/v1/gates", {"designs": [{"file": "a", "text": document}], "mode": "analytic"}),
+            ("/v1/conversions", {"format": "yaml", "content": document}),
+        ):
+            assert 400 <= client.post(path, json=body).status_code < 500
+    return 2 * (len(posts) + 1) * len(documents)
 
 
 def _results(client: httpx.Client, jobs: list[dict[str, Any]], seconds: float = 240.0) -> list[str]:

@@ -22,6 +22,7 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from openapi_scenes import is_secured, json_examples, light, operations, parameters
 from served import Served, served
 
+pytestmark = pytest.mark.xdist_group("tenants")  # one service for all of them
 ISSUER, AUDIENCE = "https://identity.example", "tailstack"
 SECURED = {o["operationId"]: (path, method, o) for path, method, o in operations() if is_secured(o)}
 OPEN = {o["operationId"]: path for path, _, o in operations() if not is_secured(o)}
@@ -249,7 +250,7 @@ def bad_credentials(place: Place) -> dict[str, dict[str, str]]:
         "secret of one key with the id of another": bearer(mixed),
         "key without Bearer": good,
         "key as Basic": "Basic " + base64.b64encode(f"{good}:".encode()).decode(),
-        "nothing after Bearer": "Bearer ",
+        "nothing after Bearer": "Bearer",
         "two keys": f"Bearer {good}, Bearer {place.keys['b']}",
         "token for another audience": bearer(place.token(aud="other")),
         "token for no audience": bearer(place.token(aud=None)),

@@ -1,0 +1,81 @@
+"""Examples of the answers that are too large for the document: examples/OPERATION_ID.json, from a running service.
+
+``python openapi/answers.py [URL]`` asks every operation with the document's own examples and writes what came back
+(URL: of a service without authentication, by default http://127.0.0.1:8321).
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+from rules import HERE, ITSELF, METHODS, resolved
+
+WAIT_SECONDS = 60  # what a service waits for at most, unless it was told otherwise
+VARYING = frozenset({"provenance", "execution", "created_at", "python", "tailstack", "numpy", "today"})
+
+
+def answers(document: dict[str, Any], url: str) -> Iterator[tuple[str, Any]]:
+    """(operation id, answer) of everything that answers with JSON whose example is not in the document.
+
+    Raises RuntimeError with the refusal for an operation that does not answer with 200.
+    """
+    found: dict[str, str] = {}  # values of path parameters that only the service can know
+    with httpx.Client(base_url=url, timeout=3 * WAIT_SECONDS, trust_env=False) as client:
+        for path, item in document["paths"].items():
+            for method in (m for m in METHODS if m in item):
+                operation = item[method]
+                content = resolved(document, operation["responses"].get("200", {})).get("content", {})
+                media = content.get("application/json")
+                if media is None or "examples" in media or operation["operationId"] == ITSELF:
+                    continue
+                parameters = [resolved(document, p) for p in operation.get("parameters", ())]
+                values = {p["name"]: found.get(p["name"], p.get("example")) for p in parameters if p["in"] == "path"}
+                response = client.request(
+                    method,
+                    path.format(**values),
+                    json=_body(document, operation),
+                    headers={"Prefer": f"wait={WAIT_SECONDS}"},
+                    params={"format": "json"} if "text/html" in str(content) else None,
+                )
+                if response.status_code != 200:
+                    raise RuntimeError(f"{operation['operationId']}: {response.status_code} {response.text[:2000]}")
+                if "content-location" in response.headers:
+                    found.setdefault("sha256", response.headers["content-location"].rpartition("/")[2])
+                yield operation["operationId"], response.json()
+
+
+def _body(document: dict[str, Any], operation: dict[str, Any]) -> Any:
+    content = operation.get("requestBody", {}).get("content", {}).get("application/json", {})
+    return next((resolved(document, entry)["value"] for entry in content.get("examples", {}).values()), None)
+
+
+def shape(value: Any) -> Any:
+    """What a document is made of, without its values: equal for answers of equal form.
+
+    Lists are the set of the forms in them, and what depends on the host or on the day is left out.
+    """
+    if isinstance(value, dict):
+        return tuple(sorted((key, shape(child)) for key, child in value.items() if key not in VARYING))
+    if isinstance(value, list):
+        return "[]", *sorted({repr(shape(child)) for child in value})
+    return "number" if isinstance(value, int | float) and not isinstance(value, bool) else type(value).__name__
+
+
+def main(arguments: list[str]) -> int:
+    document = json.loads((HERE / "openapi.json").read_text(encoding="utf-8"))
+    target: Path = HERE / "examples"
+    target.mkdir(exist_ok=True)
+    for old in target.glob("*.json"):
+        old.unlink()
+    for name, answer in answers(document, arguments[0] if arguments else "http://127.0.0.1:8321"):
+        (target / f"{name}.json").write_text(json.dumps(answer, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
