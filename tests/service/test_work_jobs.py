@@ -19,6 +19,7 @@ from work_driver import run_job
 from optimise_documents import BOX, document
 from tailstack import TailstackError, load_design, optimise, verify
 from tailstack.design import design_to_data
+from tailstack.sweeping import read_axes, sweep
 from tailstack_service.documents import json_schema, to_json
 from tailstack_service.work.kinds import KINDS, Kind
 from tailstack_service.work.perform import perform
@@ -106,6 +107,40 @@ def test_an_infeasible_optimisation_is_refused_as_in_process() -> None:
     assert problem["errors"][0]["pointer"].startswith("/design/optimise")
     assert problem["errors"][0]["detail"] == refused.value.problems[0].detail
     assert len(recorded) == 1
+
+
+# --- sweep ----------------------------------------------------------------------------------------
+
+AXES = [
+    {"pointer": "/views/*/fiducial_noise_px", "start": 0.1, "stop": 0.5, "count": 9},
+    {"pointer": "/interfaces/structure_connector/tolerances/rz/half_width_deg", "values": [0.1, 0.2, -1.0]},
+]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"check": "verification", "trials": 30_000, "seed": 4},
+        {"check": "verification", "seed": 4, "max_trials": 2**14},
+    ],
+)
+def test_a_sweep_in_units_is_the_sweep_in_process(options: dict[str, Any]) -> None:
+    """27 points, a third of them refused."""
+    data = example("demo")
+    design = load_design(data)
+    outcome, recorded = run_job("sweep", {"design": data, "axes": AXES, **options}, shuffle=5)
+    assert outcome.answer == to_json(sweep(design, read_axes(design, AXES), **options))
+    assert len(recorded) > 1
+
+
+def test_axes_that_lead_nowhere_are_a_problem_of_the_request() -> None:
+    axes = [AXES[0], {"pointer": "/views/0/fiducial_noise", "values": [1.0]}]
+    outcome, _ = run_job("sweep", {"design": example("demo"), "axes": axes})
+    problem = json.loads(outcome.problem or b"")
+    assert problem["type"] == "/v1/problems/invalid-request"
+    assert problem["errors"][0]["pointer"] == "/axes/1/pointer"
+    assert "/views/0/fiducial_noise_px" in problem["errors"][0]["hint"]
 
 
 # --- any kind -------------------------------------------------------------------------------------

@@ -1,0 +1,111 @@
+"""A sweep as a table for people and as CSV for spreadsheets."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+from tailstack.sweep_results import Sweep, SweepAxis, SweepPoint
+
+from .tables import coloured, fixed, shortened, table, wrapped
+from .verdict import heading, joined, provenance_text
+
+MOST_REASONS = 12
+
+
+def sweep_text(sweep: Sweep, *, colour: bool = False) -> str:
+    """Axes, one row for every point at its worst target, and why points were refused."""
+    how = "first order" if sweep.check == "score" else f"Monte Carlo, seed {sweep.seed} at every point"
+    return joined(
+        heading(sweep.provenance, f"sweep of {len(sweep.points):,} points, {how}"),
+        _axes_text(sweep.axes),
+        _points_table(sweep, colour),
+        _refusals_text(sweep.points),
+        provenance_text(sweep.provenance),
+    )
+
+
+def _axes_text(axes: tuple[SweepAxis, ...]) -> str:
+    lines = []
+    for letter, axis in zip(_letters(axes), axes, strict=True):
+        unit = f" {axis.unit}" if axis.unit else ""
+        now = "varies" if axis.base is None else f"{axis.base:g}{unit}"
+        count = f"{len(axis.values)} value{'s' if len(axis.values) > 1 else ''}"
+        lines.append(wrapped(f"{axis.pointer}: {count}; now {now}", first=f"{letter}: ", indent="   "))
+    return "\n".join(lines)
+
+
+def _letters(axes: tuple[SweepAxis, ...]) -> tuple[str, ...]:
+    return tuple("ABCDEF"[: len(axes)])
+
+
+def _points_table(sweep: Sweep, colour: bool) -> str:
+    checked = sweep.check == "verification"
+    several = any(len(point.targets) > 1 for point in sweep.points)
+    rows = []
+    for place, point in enumerate(sweep.points):
+        verdict = point.verdict or "refused"
+        row = [str(place + 1), *(f"{value:g}" for value in point.values)]
+        if point.targets:
+            worst = max(point.targets, key=lambda target: target.p95_mm)
+            row.append(fixed(worst.p95_mm, 4))
+            if checked:
+                low, high = worst.p95_interval_mm or (worst.p95_mm, worst.p95_mm)
+                row.append(f"{low:.3f} .. {high:.3f}")
+            row += [fixed(worst.mean_norm_mm, 4), fixed(worst.bias_norm_mm, 4), fixed(worst.localisation_p95_mm, 4)]
+            row += [shortened(worst.name, 16)] if several else []
+        else:
+            row += ["-"] * (4 + checked + several)
+        rows.append((*row, verdict))
+    units = [f"{letter}\n{axis.unit}" for letter, axis in zip(_letters(sweep.axes), sweep.axes, strict=True)]
+    header = ["point", *units, "P95\nmm", *(["interval\nmm"] if checked else []), "mean\nmm", "|bias|\nmm"]
+    header += ["localised P95\nmm", *(["worst target"] if several else []), "verdict"]
+    text = table(header, rows)
+    if colour:
+        lines = text.split("\n")
+        body = len(lines) - len(rows)
+        for k, cells in enumerate(rows):
+            lines[body + k] = coloured(lines[body + k], cells[-1], cells[-1] == "fail")
+        text = "\n".join(lines)
+    return text
+
+
+def _refusals_text(points: tuple[SweepPoint, ...]) -> str:
+    """Each reason once, with the points it holds for."""
+    reasons: dict[str, list[int]] = {}
+    for place, point in enumerate(points):
+        if point.reason is not None:
+            reasons.setdefault(point.reason, []).append(place + 1)
+    lines = []
+    for reason, places in list(reasons.items())[:MOST_REASONS]:
+        which = ", ".join(map(str, places[:8])) + (", ..." if len(places) > 8 else "")
+        lines.append(
+            wrapped(f"point{'s' if len(places) > 1 else ''} {which}: {reason}", first="refused: ", indent="  ")
+        )
+    if len(reasons) > MOST_REASONS:
+        lines.append(f"refused: {len(reasons) - MOST_REASONS} more reasons (--json and --csv list them all)")
+    return "\n".join(lines)
+
+
+def sweep_csv(sweep: Sweep) -> str:
+    """One line for each point and target; a refused point has one line without numbers."""
+    out = io.StringIO()
+    lines = csv.writer(out, lineterminator="\n")
+    lines.writerow([
+        "point", *(axis.pointer for axis in sweep.axes), "status", "verdict", "target", "p95_mm", "p95_low_mm",
+        "p95_high_mm", "mean_norm_mm", "bias_norm_mm", "localisation_p95_mm", "reason",
+    ])  # fmt: skip
+    for place, point in enumerate(sweep.points):
+        head = [place + 1, *point.values, point.status, point.verdict or ""]
+        if not point.targets:
+            lines.writerow([*head, *[""] * 7, point.reason or ""])
+        for target in point.targets:
+            low, high = target.p95_interval_mm or ("", "")
+            numbers = [target.p95_mm, low, high, target.mean_norm_mm, target.bias_norm_mm, target.localisation_p95_mm]
+            lines.writerow([*head, _cell(target.name), *numbers, ""])
+    return out.getvalue()
+
+
+def _cell(text: str) -> str:
+    """A name that a spreadsheet does not take for a formula."""
+    return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text

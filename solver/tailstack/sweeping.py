@@ -1,0 +1,330 @@
+"""Many designs from one: numbers of the document varied over a grid, each point scored or checked.
+
+A point whose design is refused is a row with the reason; only what is wrong with the sweep itself ends it.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import hypot, isfinite, prod
+from typing import Any, Literal
+
+from .design import Design, compile_design, load_design
+from .errors import Problem, TailstackError
+from .results import Provenance, TargetEstimate, TargetScore
+from .runs import MAX_TRIALS
+from .scoring import provenance, score
+from .sweep_results import Sweep, SweepAxis, SweepPoint, SweepTarget
+from .verifying import verify
+
+MOST_AXES, MOST_POINTS = 6, 1_000_000
+SIGNIFICANT = 12  # digits of the values of a range: 0.3, not 0.30000000000000004
+UNITS = {"_mm_per_n": "mm/N", "_deg": "deg", "_mm": "mm", "_px": "px", "_n": "N"}
+EVERY = "*"
+
+Check = Literal["score", "verification"]
+Progress = Callable[[int, int], None]
+
+
+class SweepError(TailstackError):
+    """What is to be varied is not there, not a number, or not said in full."""
+
+    slug = "invalid-request"
+    title = "The request is not valid"
+    exit_code = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """A number of a design document and the values it takes."""
+
+    pointer: str
+    places: tuple[tuple[str | int, ...], ...]  # the steps to each number that takes the value
+    values: tuple[float, ...]
+
+
+def read_axes(design: Design, asked: Sequence[Mapping[str, Any]]) -> tuple[Axis, ...]:
+    """Axes from ``{"pointer", "values"}`` or ``{"pointer", "start", "stop", "count"}``.
+
+    A pointer (RFC 6901) leads to a number of the document as it was written; a step ``*`` stands for every element of
+    a list or mapping.  Raises SweepError that points at ``/axes/0/...``.
+    """
+    if not 1 <= len(asked) <= MOST_AXES:
+        raise SweepError(Problem("/axes", "axes", f"a sweep has 1 to {MOST_AXES} axes; got {len(asked)}"))
+    axes: list[Axis] = []
+    for index, entry in enumerate(asked):
+        where = f"/axes/{index}"
+        pointer = entry.get("pointer")
+        if not isinstance(pointer, str):
+            raise SweepError(Problem(f"{where}/pointer", "missing-field", "an axis names the number it varies"))
+        axis = Axis(pointer, _places(design, pointer, f"{where}/pointer"), _values(entry, where))
+        for earlier in axes:
+            if set(earlier.places) & set(axis.places):
+                detail = f"{pointer} is varied by {earlier.pointer} already"
+                raise SweepError(Problem(f"{where}/pointer", "given-twice", detail, "give its values once"))
+        axes.append(axis)
+    if size_of(axes) > MOST_POINTS:
+        detail = f"a sweep has at most {MOST_POINTS:,} points; these axes make {size_of(axes):,}"
+        raise SweepError(Problem("/axes", "too-many", detail, "take fewer values"))
+    return tuple(axes)
+
+
+def axis_pointer(design: Design, path: str) -> str:
+    """The pointer of a path as people write it: a pointer, or names with dots between them.
+
+    An element of a list goes by its number, or by its ``name`` or ``label``: ``views.AP.fiducial_noise_px``.  A path
+    that leads nowhere is returned as the pointer that ``read_axes`` refuses.
+    """
+    if path.startswith("/"):
+        return path
+    node, steps = design.source.data, []
+    for word in path.split("."):
+        step: str | int = word
+        if isinstance(node, list) and not word.isdecimal() and word != EVERY:
+            called = [k for k, item in enumerate(node) if isinstance(item, dict) and word in _names(item)]
+            step = called[0] if len(called) == 1 else word
+        steps.append(step)
+        node = _child(node, int(word) if isinstance(node, list) and word.isdecimal() else step)
+    return "".join(f"/{_escaped(step)}" for step in steps)
+
+
+def size_of(axes: Sequence[Axis]) -> int:
+    """Points of the grid."""
+    return prod(len(axis.values) for axis in axes)
+
+
+def sweep(
+    design: Design,
+    axes: Sequence[Axis],
+    *,
+    check: Check = "score",
+    trials: int | None = None,
+    seed: int = 0,
+    max_trials: int = MAX_TRIALS,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Sweep:
+    """Score, or check by Monte Carlo, the design with every combination of the axes' values.
+
+    trials, seed, max_trials, threads: of each check, see ``verify``; one seed for all points.  ``progress(done,
+    total)`` is called after each point.  Raises DesignError and IllPosedError where the design itself cannot be
+    compiled, SweepError.
+    """
+    total = size_of(axes)
+    points: list[SweepPoint] = []
+    for number in range(total):
+        points += sweep_points(
+            design, axes, number, 1, check=check, trials=trials, seed=seed, max_trials=max_trials, threads=threads
+        )
+        if progress is not None:
+            progress(number + 1, total)
+    return assembled(design, axes, points, check=check, trials=trials, seed=seed)
+
+
+def sweep_points(
+    design: Design, axes: Sequence[Axis], first: int, count: int, *, check: Check = "score", trials: int | None = None,
+    seed: int = 0, max_trials: int = MAX_TRIALS, threads: int | None = None,
+) -> tuple[SweepPoint, ...]:  # fmt: skip
+    """Points ``first`` ... ``first + count - 1`` of the grid, the last axis running fastest."""
+    found = []
+    for number in range(first, min(first + count, size_of(axes))):
+        values = _values_at(axes, number)
+        try:
+            varied = load_design(_changed(design, axes, values), base_directory=design.source.directory)
+            result = (
+                score(varied)
+                if check == "score"
+                else verify(varied, trials=trials, seed=seed, max_trials=max_trials, threads=threads)
+            )
+        except TailstackError as error:
+            found.append(SweepPoint(values, "refused", _reason(error), (), None))
+            continue
+        targets = tuple(_target(target) for target in result.targets)
+        found.append(SweepPoint(values, "ok", None, targets, result.verdict.status))
+    return tuple(found)
+
+
+def assembled(
+    design: Design, axes: Sequence[Axis], points: Sequence[SweepPoint], *, check: Check, trials: int | None, seed: int
+) -> Sweep:
+    """The record, from all points in their order.  Raises what compiling the design raises."""
+    checked = check == "verification"
+    return Sweep(
+        schema="tailstack/sweep/1",
+        axes=tuple(_axis(design, axis) for axis in axes),
+        check=check,
+        seed=seed if checked else None,
+        trials=trials if checked else None,
+        points=tuple(points),
+        provenance=_provenance(design),
+    )
+
+
+def _provenance(design: Design) -> Provenance:
+    return provenance(compile_design(design))
+
+
+def _axis(design: Design, axis: Axis) -> SweepAxis:
+    base = {float(_at(design.source.data, place)) for place in axis.places}
+    field = next(str(step) for step in reversed(axis.places[0]) if isinstance(step, str))
+    unit = next((unit for ending, unit in UNITS.items() if field.endswith(ending)), "")
+    return SweepAxis(axis.pointer, unit, base.pop() if len(base) == 1 else None, axis.values)
+
+
+def _target(target: TargetScore | TargetEstimate) -> SweepTarget:
+    return SweepTarget(
+        name=target.name,
+        p95_mm=target.p95_mm,
+        p95_interval_mm=target.p95_interval_mm if isinstance(target, TargetEstimate) else None,
+        mean_norm_mm=target.mean_norm_mm,
+        bias_norm_mm=hypot(*target.bias_mm),
+        localisation_p95_mm=target.localisation.p95_mm,
+    )
+
+
+def _reason(error: TailstackError) -> str:
+    first = error.problems[0]
+    more = f" (and {len(error.problems) - 1} more)" if len(error.problems) > 1 else ""
+    return f"{first.pointer or '(document)'}: {first.detail}{more}"
+
+
+# --- the grid -------------------------------------------------------------------------------------
+
+
+def _values(entry: Mapping[str, Any], where: str) -> tuple[float, ...]:
+    unknown = sorted(set(entry) - {"pointer", "values", "start", "stop", "count"})
+    if unknown:
+        raise SweepError(Problem(f"{where}/{unknown[0]}", "unknown-field", "an axis has no such field"))
+    ends = [entry.get(name) for name in ("start", "stop", "count")]
+    listed = entry.get("values")
+    if (listed is None) == (None in ends) or (listed is not None and ends != [None] * 3):
+        hint = (
+            'for example {"pointer": ..., "values": [0.1, 0.2]} or {"pointer": ..., "start": 0, "stop": 1, "count": 5}'
+        )
+        raise SweepError(Problem(where, "one-of", "an axis has values, or start, stop and count", hint))
+    if listed is not None:
+        if not isinstance(listed, list | tuple) or not listed:
+            raise SweepError(Problem(f"{where}/values", "wrong-type", "values is a list of at least one number"))
+        return tuple(_number(value, f"{where}/values/{k}") for k, value in enumerate(listed))
+    start, stop = (_number(entry[name], f"{where}/{name}") for name in ("start", "stop"))
+    count = entry["count"]
+    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_POINTS:
+        detail = f"count is a whole number from 1 to {MOST_POINTS:,}; got {count!r:.40}"
+        raise SweepError(Problem(f"{where}/count", "out-of-range", detail))
+    if count == 1:
+        return (start,)
+    steps = (start + (stop - start) * (k / (count - 1)) for k in range(count - 1))
+    values = (*(float(f"{value:.{SIGNIFICANT}g}") for value in steps), stop)
+    return tuple(_number(value, where) for value in values)
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+        raise SweepError(Problem(where, "wrong-type", f"expected a finite number; got {value!r:.40}"))
+    return float(value)
+
+
+def _values_at(axes: Sequence[Axis], number: int) -> tuple[float, ...]:
+    values = []
+    for axis in reversed(axes):
+        number, place = divmod(number, len(axis.values))
+        values.append(axis.values[place])
+    return tuple(reversed(values))
+
+
+# --- the document ---------------------------------------------------------------------------------
+
+
+def _changed(design: Design, axes: Sequence[Axis], values: Sequence[float]) -> Any:
+    """The document with new numbers; what is not on the way to them is shared."""
+    data = design.source.data
+    for axis, value in zip(axes, values, strict=True):
+        for place in axis.places:
+            data = _with(data, place, value)
+    return data
+
+
+def _with(node: Any, place: tuple[str | int, ...], value: float) -> Any:
+    if not place:
+        # A whole number stays one: fields that count do not take 8.0.
+        return int(value) if isinstance(node, int) and value.is_integer() else value
+    changed: Any = node.copy()
+    changed[place[0]] = _with(node[place[0]], place[1:], value)
+    return changed
+
+
+def _at(node: Any, place: tuple[str | int, ...]) -> Any:
+    for step in place:
+        node = node[step]
+    return node
+
+
+def _places(design: Design, pointer: str, where: str) -> tuple[tuple[str | int, ...], ...]:
+    """Steps to every number that a pointer leads to.  Raises SweepError."""
+    data = design.source.data
+    wanted = [step.replace("~1", "/").replace("~0", "~") for step in pointer.split("/")[1:]]
+    reached: list[tuple[str | int, ...]] = [()]
+    for step in wanted if pointer.startswith("/") else ():
+        ways = [(place, _at(data, place)) for place in reached]
+        reached = [(*place, key) for place, node in ways for key in _keys(node, step)]
+    if not pointer.startswith("/") or not reached:
+        raise SweepError(
+            Problem(where, "not-found", f"the design as it was written has nothing at {pointer}", _near(data, pointer))
+        )
+    for place in reached:
+        value = _at(data, place)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            said = f"{pointer} is {'a text' if isinstance(value, str) else 'not a number'}"
+            raise SweepError(
+                Problem(where, "not-a-number", f"only numbers can be varied; {said}", _near(data, pointer))
+            )
+    return tuple(reached)
+
+
+def _keys(node: Any, step: str) -> list[str | int]:
+    if isinstance(node, list):
+        if step == EVERY:
+            return list(range(len(node)))
+        return [int(step)] if step.isdecimal() and int(step) < len(node) else []
+    if isinstance(node, dict):
+        return list(node) if step == EVERY else [step] if step in node else []
+    return []
+
+
+def _near(data: Any, pointer: str) -> str:
+    """What may have been meant."""
+    known = ["".join(f"/{_escaped(step)}" for step in place) for place in _numbers(data, ())]
+    close = difflib.get_close_matches(pointer, known, 3, 0.5)
+    below = [name for name in known if name.startswith(pointer.rstrip("/") + "/")][:3]
+    listed = " or ".join(dict.fromkeys(below or close))
+    return f"did you mean {listed}?" if listed else "what the design leaves to its default is written out to be varied"
+
+
+def _numbers(node: Any, place: tuple[str | int, ...]) -> Iterator[tuple[str | int, ...]]:
+    if isinstance(node, dict):
+        for key, child in node.items():
+            yield from _numbers(child, (*place, key))
+    elif isinstance(node, list):
+        for k, child in enumerate(node):
+            yield from _numbers(child, (*place, k))
+    elif isinstance(node, int | float) and not isinstance(node, bool):
+        yield place
+
+
+def _names(item: dict[str, Any]) -> tuple[Any, Any]:
+    return item.get("name"), item.get("label")
+
+
+def _child(node: Any, step: str | int) -> Any:
+    if step == EVERY and isinstance(node, list | dict):
+        return next(iter(node.values() if isinstance(node, dict) else node), None)
+    try:
+        return node[step]
+    except (KeyError, IndexError, TypeError):
+        return None
+
+
+def _escaped(step: str | int) -> str:
+    return str(step).replace("~", "~0").replace("/", "~1")
