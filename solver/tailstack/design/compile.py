@@ -162,6 +162,8 @@ def _execution(execution: Execution) -> tuple[Array, Sources]:
             parts.append(_load(execution.compliance))
     if not parts:
         return frozen(bias), no_sources(3)
+    if len(parts) == 1:
+        return frozen(bias), parts[0]
     return frozen(bias), Sources(
         tuple(name for part in parts for name in part.names),
         tuple(law for part in parts for law in part.laws),
@@ -173,15 +175,15 @@ def _execution(execution: Execution) -> tuple[Array, Sources]:
 
 
 def _along_axes(name: str, unit: str, half_width: Any, law: str, coverage: float, direction: Array) -> Sources:
-    widths = np.array(np.broadcast_to(np.array(half_width, dtype=float), (3,)))
-    keep = [k for k in range(3) if np.any(direction[:, k])]
+    widths = [half_width] * 3 if isinstance(half_width, float | int) else half_width
+    keep = [k for k in range(3) if direction[:, k].any()]
     return Sources(
         tuple(f"{name}.{'xyz'[k]}" for k in keep),
         (Law(law),) * len(keep),
-        widths[keep],
-        np.full(len(keep), coverage),
+        frozen([widths[k] for k in keep]),
+        frozen([coverage] * len(keep)),
         (unit,) * len(keep),
-        direction[:, keep],
+        frozen(direction[:, keep]),
     )
 
 

@@ -72,14 +72,14 @@ def refuse_behind_detector(
     design: Design, views: tuple[View, ...], fiducials: Array, targets: tuple[Target, ...]
 ) -> None:
     """A distance to the detector is known for aimed views only; the System no longer holds it."""
-    points = np.vstack([fiducials, *(target.position_mm[None] for target in targets)])
+    points = np.concatenate([fiducials, [target.position_mm for target in targets]])
     labels = design.fiducials.labels
     for index, (view, compiled) in enumerate(zip(design.document.views, views, strict=True)):
         if not isinstance(view, PresetView | DistanceView):
             continue
         detector = view.source_detector_mm or PRESETS[getattr(view, "preset", "")].source_detector_mm
         depth = depths(compiled.projection, points)
-        worst = int(np.argmax(depth))
+        worst = int(depth.argmax())
         if depth[worst] > detector:
             count = len(fiducials)
             name = f"target {targets[worst - count].name}" if worst >= count else f"fiducial {labels[worst]}"

@@ -7,12 +7,18 @@ of a fiducial, the ray along which a target may lie.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from math import sqrt
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import IllPosedError, Problem
 from ..geometry.camera import camera_centre, depths
 from ..geometry.naming import direction_name
-from ..geometry.rotation import torsor_transform, transform_points
+from ..geometry.rotation import cross, displacement
 from ..results import Finding, ViewCheck
 from ..system import Array, Reading, System, View
 from .resection import design_matrix, hartley_similarity, homogeneous, project
@@ -42,9 +48,10 @@ def examine(system: System) -> tuple[tuple[Finding, ...], tuple[ViewCheck, ...]]
     """:func:`check_geometry` and :func:`check_views` at once."""
     findings = _check_fiducials(system)
     imaged = imaged_fiducials(system)
-    views = tuple(_check_view(system, view, imaged) for view in system.views)
+    seen = [_see(view, imaged) for view in system.views]
+    views = tuple(_check_view(system, view, each) for view, each in zip(system.views, seen, strict=True))
     findings += _check_visibility(system, views, imaged)
-    findings += _check_resection(system, imaged)
+    findings += _check_resection(system, [each.images for each in seen])
     return (*findings, *_check_triangulation(system)), views
 
 
@@ -53,7 +60,8 @@ def imaged_fiducials(system: System) -> Array:
     if system.reading is Reading.EQ18:
         return system.fiducials_mm
     mount = system.interface_1
-    return transform_points(torsor_transform(mount.bias, mount.pivot_mm, system.rotation_form), system.fiducials_mm)
+    at = displacement(mount.bias, mount.pivot_mm, system.rotation_form)
+    return np.asarray(system.fiducials_mm @ at.rotation.T + at.shift_mm)
 
 
 def check_views(system: System) -> tuple[ViewCheck, ...]:
@@ -63,27 +71,47 @@ def check_views(system: System) -> tuple[ViewCheck, ...]:
     or behind the source counts as outside.
     """
     imaged = imaged_fiducials(system)
-    return tuple(_check_view(system, view, imaged) for view in system.views)
+    return tuple(_check_view(system, view, _see(view, imaged)) for view in system.views)
 
 
-def _check_view(system: System, view: View, points: Array) -> ViewCheck:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """The fiducials in one view."""
+
+    depth: Array  # (N,) mm
+    in_front: NDArray[np.bool_]  # (N,)
+    images: Array  # (N, 2) px; NaN where not in front
+
+
+def _see(view: View, points: Array) -> _Seen:
     depth = depths(view.projection, points)
     in_front = depth > 0
+    if in_front.all():
+        return _Seen(depth, in_front, project(view.projection, points))
     images = np.full((len(points), 2), np.nan)
     images[in_front] = project(view.projection, points[in_front])
+    return _Seen(depth, in_front, images)
+
+
+def _check_view(system: System, view: View, seen: _Seen) -> ViewCheck:
+    in_front, images = seen.in_front, seen.images
+    labels: Sequence[str] = system.fiducial_labels
     outside = ~in_front
     smallest = None
     if view.image_size_px is not None and in_front.any():
         margin = _margins(images, view.image_size_px)
         outside = outside | (margin < 0)
         smallest = float(np.nanmin(margin))
-    pair, distance = closest_pair(images[in_front])
-    labels = [label for label, seen in zip(system.fiducial_labels, in_front, strict=True) if seen]
+    out = tuple(labels[i] for i in np.flatnonzero(outside).tolist())
+    if not in_front.all():
+        images = images[in_front]
+        labels = [labels[i] for i in np.flatnonzero(in_front).tolist()]
+    pair, distance = closest_pair(images)
     return ViewCheck(
         view=view.name,
         checked=view.image_size_px is not None,
-        depth_range_mm=(float(depth.min()), float(depth.max())),
-        outside=tuple(label for label, out in zip(system.fiducial_labels, outside, strict=True) if out),
+        depth_range_mm=(float(seen.depth.min()), float(seen.depth.max())),
+        outside=out,
         smallest_margin_px=smallest,
         closest_pair=(labels[pair[0]], labels[pair[1]]) if len(labels) > 1 else ("", ""),
         closest_pair_px=distance,
@@ -92,8 +120,8 @@ def _check_view(system: System, view: View, points: Array) -> ViewCheck:
 
 def _margins(images: Array, size: tuple[int, int]) -> Array:
     """Distance to the nearest edge; pixel centres are integers, so the image spans -0.5 ... size - 0.5."""
-    span = np.array(size, dtype=float)
-    return np.asarray(np.minimum(images + 0.5, span - 0.5 - images).min(axis=-1))
+    far = np.array((size[0] - 0.5, size[1] - 0.5))
+    return np.asarray(np.minimum(images + 0.5, far - images).min(axis=-1))
 
 
 def closest_pair(points: Array) -> tuple[tuple[int, int], float]:
@@ -102,10 +130,11 @@ def closest_pair(points: Array) -> tuple[tuple[int, int], float]:
         return (0, 0), float("inf")
     local = points - points.mean(axis=0)
     square = (local**2).sum(axis=1)
-    distance = square[:, None] + square[None, :] - 2 * local @ local.T
-    np.fill_diagonal(distance, np.inf)
-    first, second = divmod(int(np.argmin(distance)), len(points))
-    return (min(first, second), max(first, second)), float(np.linalg.norm(points[first] - points[second]))
+    distance = square[:, None] + square - 2 * local @ local.T
+    distance.ravel()[:: len(points) + 1] = np.inf
+    first, second = divmod(int(distance.argmin()), len(points))
+    apart = points[first] - points[second]
+    return (min(first, second), max(first, second)), sqrt(float(apart @ apart))
 
 
 # --- fiducials --------------------------------------------------------------------------------------
@@ -136,8 +165,8 @@ def _check_fiducials(system: System) -> list[Finding]:
                 "move or remove one of them",
             )
         )
-    centre = points.mean(axis=0)
-    _, values, axes = np.linalg.svd(points - centre, full_matrices=False)
+    centred = points - points.mean(axis=0)
+    _, values, axes = np.linalg.svd(centred, full_matrices=False)
     if values[1] < COLLINEAR * values[0]:
         raise IllPosedError(
             _refuse(
@@ -148,8 +177,7 @@ def _check_fiducials(system: System) -> list[Finding]:
                 "spread them in three dimensions",
             )
         )
-    across = (points - centre) @ axes[2]
-    thickness = float(np.ptp(across))
+    thickness = _extent(centred, axes[2])
     if values[2] < COPLANAR * values[0]:
         raise IllPosedError(
             _refuse(
@@ -160,7 +188,7 @@ def _check_fiducials(system: System) -> list[Finding]:
                 f"lift at least two fiducials off the plane, along {direction_name(axes[2])}; the more the better",
             )
         )
-    width = float(np.ptp((points - centre) @ axes[1]))
+    width = _extent(centred, axes[1])
     if thickness < FLAT * width:
         return [
             Finding(
@@ -176,19 +204,23 @@ def _check_fiducials(system: System) -> list[Finding]:
     return []
 
 
+def _extent(centred: Array, direction: Array) -> float:
+    """Of points (N, 3) along a unit vector."""
+    along = centred @ direction
+    return float(along.max() - along.min())
+
+
 # --- what each view sees ----------------------------------------------------------------------------
 
 
 def _check_visibility(system: System, checks: tuple[ViewCheck, ...], imaged: Array) -> list[Finding]:
     problems: list[Problem] = []
     findings: list[Finding] = []
-    points = np.vstack([imaged, *(target.position_mm[None] for target in system.targets)])
-    names = [f"fiducial {label}" for label in system.fiducial_labels]
-    names += [f"target {target.name}" for target in system.targets]
+    points = np.concatenate([imaged, [target.position_mm for target in system.targets]])
     for index, (view, check) in enumerate(zip(system.views, checks, strict=True)):
         pointer = f"/views/{index}"
         depth = depths(view.projection, points)
-        behind = [name for name, value in zip(names, depth, strict=True) if value <= 0]
+        behind = [_name_of(system, index) for index in np.flatnonzero(depth <= 0).tolist()]
         if behind:
             listed = ", ".join(behind[:6]) + (f" and {len(behind) - 6} more" if len(behind) > 6 else "")
             problems.append(
@@ -204,7 +236,7 @@ def _check_visibility(system: System, checks: tuple[ViewCheck, ...], imaged: Arr
             text = f"the image size of view {view.name} is not stated: the field of view was not checked"
             findings.append(Finding("field-of-view-not-checked", "note", text, pointer))
         elif (depth > 0).all():
-            problems += _outside(view, view.image_size_px, points, names, pointer)
+            problems += _outside(system, view, view.image_size_px, points, pointer)
         if check.closest_pair_px < OVERLAP_PX:
             findings.append(
                 Finding(
@@ -222,32 +254,39 @@ def _check_visibility(system: System, checks: tuple[ViewCheck, ...], imaged: Arr
     return findings
 
 
-def _outside(view: View, size: tuple[int, int], points: Array, names: list[str], pointer: str) -> list[Problem]:
+def _name_of(system: System, index: int) -> str:
+    """Of the point of this index where targets follow fiducials."""
+    labels = system.fiducial_labels
+    if index < len(labels):
+        return f"fiducial {labels[index]}"
+    return f"target {system.targets[index - len(labels)].name}"
+
+
+def _outside(system: System, view: View, size: tuple[int, int], points: Array, pointer: str) -> list[Problem]:
     images = project(view.projection, points)
     margin = _margins(images, size)
     return [
         _refuse(
             pointer,
             "outside-view",
-            f"{name} is imaged at ({image[0]:.0f}, {image[1]:.0f}) px, {-out:.0f} px outside view {view.name} "
-            f"({size[0]} x {size[1]} px)",
+            f"{_name_of(system, index)} is imaged at ({images[index, 0]:.0f}, {images[index, 1]:.0f}) px, "
+            f"{-margin[index]:.0f} px outside view {view.name} ({size[0]} x {size[1]} px)",
             "move it, the isocentre or the source; a longer source_isocentre_mm widens the field",
         )
-        for name, image, out in zip(names, images, margin, strict=True)
-        if out < 0
+        for index in np.flatnonzero(margin < 0).tolist()
     ]
 
 
 # --- resection --------------------------------------------------------------------------------------
 
 
-def _check_resection(system: System, imaged: Array) -> list[Finding]:
+def _check_resection(system: System, seen: Sequence[Array]) -> list[Finding]:
+    """seen: (N, 2) px of the fiducials in each view."""
     told = system.fiducials_mm
     object_frame = hartley_similarity(told)
     points = homogeneous(told) @ object_frame.T
     findings = []
-    for view in system.views:
-        images = project(view.projection, imaged)
+    for view, images in zip(system.views, seen, strict=True):
         image_frame = hartley_similarity(images)
         rows = design_matrix(points, (homogeneous(images) @ image_frame.T)[:, :2])
         values = np.linalg.svd(rows, compute_uv=False)
@@ -314,16 +353,16 @@ def _odd_one_out(points: Array) -> tuple[int, Array] | None:
 def _check_triangulation(system: System) -> list[Finding]:
     centres = np.array([camera_centre(view.projection) for view in system.views])
     names = ", ".join(view.name for view in system.views)
-    spread = float(np.linalg.norm(centres - centres[0], axis=1).max())
-    to_structure = float(np.linalg.norm(centres - system.fiducials_mm.mean(axis=0), axis=1).min())
+    pairs = list(combinations(range(len(centres)), 2))
     findings = []
     for target in system.targets:
         rays = target.position_mm - centres
-        reach = np.linalg.norm(rays, axis=1)
+        reach = np.sqrt((rays**2).sum(axis=1))
         rays = rays / reach[:, None]
-        first, second = np.triu_indices(len(rays), 1)
-        sine = float(np.linalg.norm(np.cross(rays[first], rays[second]), axis=1).max())
+        sine = max(sqrt(sum(x * x for x in cross(rays[a], rays[b]).tolist())) for a, b in pairs)
         if sine < NO_PARALLAX:
+            spread = float(np.linalg.norm(centres - centres[0], axis=1).max())
+            to_structure = float(np.linalg.norm(centres - system.fiducials_mm.mean(axis=0), axis=1).min())
             along = direction_name(rays[0])
             if spread < NO_PARALLAX * to_structure:
                 raise IllPosedError(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..system import Array
-from .rotation import rigid_transform
+from .rotation import cross, rigid_transform, unit
 
 
 def intrinsic_matrix(focal_px: tuple[float, float], principal_point_px: tuple[float, float], skew_px: float) -> Array:
@@ -31,10 +31,9 @@ def aim(source_mm: Array, beam_direction: Array, up_direction: Array) -> Array:
     AP (beam +y, up +z) has u along +x and v along -z.  All three are in con; directions need not be
     unit vectors.  The caller makes sure that beam and up are not parallel.
     """
-    beam = np.asarray(beam_direction, dtype=float) / np.linalg.norm(beam_direction)
-    right = np.cross(beam, up_direction)
-    right = right / np.linalg.norm(right)
-    rotation = np.array([right, np.cross(beam, right), beam])
+    beam = unit(np.asarray(beam_direction, dtype=float))
+    right = unit(cross(beam, np.asarray(up_direction, dtype=float)))
+    rotation = np.array([right, cross(beam, right), beam])
     return rigid_transform(rotation, -rotation @ np.asarray(source_mm, dtype=float))
 
 
@@ -57,7 +56,7 @@ def projection_from_distances(
     The source sits ``source_isocentre_mm`` before the isocentre on the beam, the detector
     ``source_detector_mm`` from the source and normal to the beam: ``f = source_detector / pixel``.
     """
-    beam = np.asarray(beam_direction, dtype=float) / np.linalg.norm(beam_direction)
+    beam = unit(np.asarray(beam_direction, dtype=float))
     pose = aim(np.asarray(isocentre_mm, dtype=float) - source_isocentre_mm * beam, beam, up_direction)
     focal = (source_detector_mm / pixel_mm[0], source_detector_mm / pixel_mm[1])
     return projection_from_pose(intrinsic_matrix(focal, principal_point_px, 0.0), pose)

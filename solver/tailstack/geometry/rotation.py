@@ -7,10 +7,23 @@ small-angle form is ``R = I + [omega]x`` (Eq 13): first order in the angles, and
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
 from ..system import Array, RotationForm
+
+
+def cross(a: Array, b: Array) -> Array:
+    """(3,) x (3,); ``numpy.cross`` for two single vectors, without its handling of axes."""
+    a0, a1, a2 = a.tolist()
+    b0, b1, b2 = b.tolist()
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
+
+
+def unit(vector: Array) -> Array:
+    """(3,) of length one in the same direction."""
+    return np.asarray(vector / sqrt(float(vector @ vector)))
 
 
 def skew(vector: Array) -> Array:
@@ -169,9 +182,10 @@ def rotation_from_quaternion(wxyz: Array) -> Array:
 
 def rigid_transform(rotation: Array, translation_mm: Array) -> Array:
     """(3, 3) and (3,) -> (4, 4)."""
-    out = np.eye(4)
+    out = np.zeros((4, 4))
     out[:3, :3] = rotation
     out[:3, 3] = translation_mm
+    out[3, 3] = 1.0
     return out
 
 
