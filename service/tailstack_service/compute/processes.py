@@ -36,7 +36,7 @@ class Child:
             )
         )
         self.pid = self._process.pid
-        self.tired = False  # it asks to be replaced
+        self.spent = False  # it has ended, or asks to be replaced
 
     @property
     def alive(self) -> bool:
@@ -50,7 +50,8 @@ class Child:
         try:
             frames.send(self._process.stdin, task)
             begun = frames.receive(self._process.stdout) == BEGUN
-            outcome, raised, self.tired = frames.receive(self._process.stdout)
+            outcome, raised, tired = frames.receive(self._process.stdout)
+            self.spent = self.spent or tired
         except (EOFError, OSError):
             self.kill()
             if not begun:
@@ -62,6 +63,7 @@ class Child:
         return result
 
     def kill(self) -> None:
+        self.spent = True
         self._process.kill()
 
     def close(self) -> None:
@@ -150,7 +152,7 @@ class Children:
     def _give_back(self, key: str, child: Child) -> None:
         with self._lock:
             del self._busy[key]
-        if child.alive and not child.tired:
+        if not child.spent:
             self._keep(child)
             return
         child.close()

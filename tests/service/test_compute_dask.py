@@ -1,0 +1,184 @@
+"""The Dask engine against a real scheduler and real workers over TLS: losses of every kind are given back."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import psutil
+import pytest
+import strange_units
+from dask_cluster import Cluster
+from strange_units import request
+
+from tailstack_service.problems import RequestError
+from tailstack_service.settings import Settings, settings_from
+from tailstack_service.work.task import Task
+
+if TYPE_CHECKING:
+    from tailstack_service.compute.dask import DaskEngine
+
+pytestmark = pytest.mark.xdist_group("dask")
+LONG = 60.0  # s, for what takes a few
+
+
+def task(do: str = "answer", **options: object) -> Task:
+    return Task("verification", request(do, **options), b'{"unit":0}')
+
+
+def until(condition: Callable[[], object], seconds: float = LONG) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def children(cluster: Cluster) -> list[psutil.Process]:
+    found = []
+    for worker in cluster.workers:
+        with suppress(psutil.NoSuchProcess):
+            found += psutil.Process(worker.pid).children() if worker else []
+    return found
+
+
+def burning(cluster: Cluster) -> list[psutil.Process]:
+    """Processes beside the workers that have computed in the last moments."""
+    found, before = [], {}
+    for child in children(cluster):
+        with suppress(psutil.NoSuchProcess):
+            before[child] = child.cpu_times().user
+    time.sleep(0.25)
+    for child, seconds in before.items():
+        with suppress(psutil.NoSuchProcess):
+            found += [child] if child.cpu_times().user > seconds + 0.02 else []
+    return found
+
+
+@pytest.fixture
+def engine(dask_cluster: Cluster) -> Iterator[DaskEngine]:
+    from tailstack_service.compute.dask import DaskEngine
+
+    dask_cluster.revive()
+    with closing(DaskEngine(settings_from(dask_cluster.settings), function=strange_units.FUNCTION)) as engine:
+        until(lambda: engine.capacity == 2)
+        yield engine
+
+
+def test_tasks_are_computed_and_nothing_stays_in_the_cluster(dask_cluster: Cluster, engine: DaskEngine) -> None:
+    from distributed import Client
+
+    futures = [engine.submit(task(number=number), f"plain-{number}") for number in range(20)]
+    results = {future.result(LONG).result for future in futures}
+    assert len(results) == 20
+    assert None not in results
+    with Client(dask_cluster.address, security=engine._security, set_as_default=False) as watcher:
+        until(lambda: watcher.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)) == 0, 10.0)
+
+
+def test_a_death_is_that_of_one_task_and_not_of_the_dask_worker(dask_cluster: Cluster, engine: DaskEngine) -> None:
+    from tailstack_service.compute.engine import Defect, Died
+
+    before = [worker.pid for worker in dask_cluster.workers if worker]
+    futures = [engine.submit(task("die" if k % 4 == 0 else "answer", n=k), f"mixed-{k}") for k in range(12)]
+    for number, future in enumerate(futures):
+        if number % 4 == 0:
+            with pytest.raises(Died, match="signal 9"):
+                future.result(LONG)
+        else:
+            assert future.result(LONG).result
+    with pytest.raises(Defect, match="ArithmeticError"):
+        engine.submit(task("raise"), "raise").result(LONG)
+    assert [worker.pid for worker in dask_cluster.workers if worker and worker.poll() is None] == before
+
+
+def test_a_kill_stops_the_process_beside_the_dask_worker(dask_cluster: Cluster, engine: DaskEngine) -> None:
+    future = engine.submit(task("burn"), "burn")
+    burners: list[psutil.Process] = []
+    while not burners:  # 3 s of computing are no mere start
+        burners = [process for process in burning(dask_cluster) if process.cpu_times().user > 3.0]
+    engine.kill(future)
+    ended, _ = psutil.wait_procs(burners, timeout=5.0)
+    assert ended == burners
+    assert engine.submit(task(), "after").result(LONG).result
+
+
+def test_processes_beside_dask_workers_compute_with_one_thread(dask_cluster: Cluster, engine: DaskEngine) -> None:
+    for number in range(4):
+        engine.submit(task(n=number), f"environment-{number}").result(LONG)
+    assert all(child.environ()["OMP_NUM_THREADS"] == "1" for child in children(dask_cluster))
+
+
+def test_a_lost_dask_worker_costs_only_time(dask_cluster: Cluster, engine: DaskEngine) -> None:
+    """The scheduler gives what it computed to the other one."""
+    futures = [engine.submit(task("sleep", seconds=1.0, n=number), f"lost-{number}") for number in range(2)]
+    until(lambda: all(dask_cluster.workers) and len(children(dask_cluster)) >= 2)
+    time.sleep(0.3)
+    dask_cluster.kill_worker(0)
+    assert all(future.result(LONG).result for future in futures)
+    dask_cluster.revive()
+    until(lambda: engine.capacity == 2)
+
+
+def test_a_lost_scheduler_gives_everything_back_and_is_found_again(dask_cluster: Cluster, engine: DaskEngine) -> None:
+    from tailstack_service.compute.engine import GivenBack
+
+    futures = [engine.submit(task("burn", seconds=30.0, n=number), f"away-{number}") for number in range(4)]
+    until(lambda: len(burning(dask_cluster)) == 2)
+    beside = children(dask_cluster)
+    dask_cluster.kill_scheduler()
+    for future in futures:
+        with pytest.raises(GivenBack):
+            future.result(LONG)
+    assert engine.capacity == 0
+    psutil.wait_procs(beside, timeout=20.0)  # the Dask workers leave, and nobody computes for nobody
+    assert not [process for process in beside if process.is_running()]
+    until(lambda: all(worker and worker.poll() is not None for worker in dask_cluster.workers))
+    dask_cluster.revive()
+    until(lambda: engine.capacity == 2)
+    assert engine.submit(task(), "found").result(LONG).result
+
+
+def test_without_a_connection_tasks_are_given_back_at_once(dask_cluster: Cluster) -> None:
+    from tailstack_service.compute.dask import DaskEngine
+    from tailstack_service.compute.engine import GivenBack
+
+    nowhere = replace(settings_from(dask_cluster.settings), dask_scheduler="tls://127.0.0.1:1")
+    with closing(DaskEngine(nowhere)) as engine:
+        assert engine.capacity == 0
+        with pytest.raises(GivenBack):
+            engine.submit(task(), "x").result(LONG)
+
+
+def test_another_version_on_the_dask_workers_computes_nothing(
+    engine: DaskEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tailstack_service.compute.engine import GivenBack
+
+    monkeypatch.setattr("tailstack_service.compute.dask.__version__", "0.0.0")
+    with pytest.raises(GivenBack, match=r"the job was claimed by 0\.0\.0"):
+        engine.submit(task(), f"version-{os.urandom(3).hex()}").result(LONG)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"dask_scheduler": "tcp://127.0.0.1:8786"}, "TAILSTACK_DASK_SCHEDULER must be tls://"),
+        ({"dask_scheduler": ""}, "TAILSTACK_DASK_SCHEDULER must be tls://"),
+        ({"dask_ca_file": "/nowhere/ca.pem"}, "TAILSTACK_DASK_CA_FILE must name a file; got '/nowhere/ca.pem'"),
+        ({"dask_key_file": ""}, "TAILSTACK_DASK_KEY_FILE must name a file"),
+    ],
+)
+def test_settings_that_cannot_work_are_refused(change: dict[str, str], said: str, tmp_path: Path) -> None:
+    from tailstack_service.compute.choosing import engine_for
+
+    pytest.importorskip("distributed")
+    (tmp_path / "file.pem").touch()
+    files = dict.fromkeys(("dask_ca_file", "dask_cert_file", "dask_key_file"), str(tmp_path / "file.pem"))
+    settings = Settings(engine="dask", **({"dask_scheduler": "tls://127.0.0.1:8786"} | files | change))
+    with pytest.raises(RequestError, match=said):
+        engine_for(settings)

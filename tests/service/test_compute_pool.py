@@ -1,0 +1,233 @@
+"""Computing processes: one task each, their deaths attributed, none left behind.
+
+What is expected of a result is computed here by hashing, not by the engine.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import closing
+
+import psutil
+import pytest
+import strange_units
+from strange_units import expected_answer, request
+
+from tailstack_service.compute import child
+from tailstack_service.compute.engine import Defect, Died, GivenBack
+from tailstack_service.compute.interpreter import command, environment
+from tailstack_service.compute.pool import PoolEngine
+from tailstack_service.work.task import ADVANCE, Outcome, Task, UnitResult
+
+UNIT = b'{"unit":0}'
+LONG = 30.0  # s, for what takes a fraction of one
+
+
+def task(do: str = "answer", spec: bytes = UNIT, **options: object) -> Task:
+    return Task("verification", request(do, **options), spec)
+
+
+def until(condition: Callable[[], bool], seconds: float = LONG) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def gone(pid: int) -> bool:
+    try:
+        return psutil.Process(pid).status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return True
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[PoolEngine]:
+    with closing(PoolEngine(2, function=strange_units.FUNCTION)) as engine:
+        yield engine
+
+
+def test_a_task_and_its_outcome(pool: PoolEngine) -> None:
+    asked = request(units=1)
+    result = pool.submit(Task("verification", asked, UNIT), "one").result(LONG).result
+    assert result is not None
+    look = Task("verification", asked, ADVANCE, (UnitResult(1, UNIT, result),))
+    assert pool.submit(look, "two").result(LONG).answer == expected_answer(asked)
+
+
+def test_what_solvers_print_does_not_meet_the_outcomes(pool: PoolEngine) -> None:
+    for number in range(4):
+        assert pool.submit(task("print"), f"print-{number}").result(LONG).result
+
+
+def test_a_death_is_that_of_one_task(pool: PoolEngine) -> None:
+    """Two lanes, tasks of both in turn: only those that end their process fail, and the others all come back."""
+    tasks = [task("die") if number % 4 == 0 else task(number=number) for number in range(24)]
+    futures = [pool.submit(one, f"mixed-{number}") for number, one in enumerate(tasks)]
+    for number, future in enumerate(futures):
+        if number % 4 == 0:
+            with pytest.raises(Died, match="signal 9"):
+                future.result(LONG)
+        else:
+            assert future.result(LONG).result
+
+
+def test_an_exit_code_is_told(pool: PoolEngine) -> None:
+    with pytest.raises(Died, match="exit code 3"):
+        pool.submit(task("leave"), "leave").result(LONG)
+
+
+def test_a_process_that_dies_idle_is_nobodys_fault(pool: PoolEngine) -> None:
+    for _ in range(2):
+        for pid in pool.pids():
+            os.kill(pid, signal.SIGKILL)
+        futures = [pool.submit(task(), f"after-{os.urandom(4).hex()}") for _ in range(2)]
+        assert all(future.result(LONG).result for future in futures)
+
+
+def test_a_defect_comes_with_its_traceback(pool: PoolEngine) -> None:
+    with pytest.raises(Defect, match="ArithmeticError: a defect, for the test of it") as caught:
+        pool.submit(task("raise"), "raise").result(LONG)
+    assert "strange_units.py" in str(caught.value)
+
+
+def test_a_kill_stops_the_process_at_once(pool: PoolEngine) -> None:
+    future = pool.submit(task("burn"), "burn")
+    until(lambda: pool.seconds(future) > 0.2)
+    busy = [pid for pid in pool.pids() if psutil.Process(pid).cpu_times().user > 0.1]
+    assert busy
+    told = time.monotonic()
+    pool.kill(future)
+    assert future.exception(LONG) is not None
+    assert time.monotonic() - told < 1.0
+    assert pool.seconds(future) == 0.0
+    assert any(gone(pid) for pid in busy)
+    assert pool.submit(task(), "after-burn").result(LONG).result
+
+
+def test_what_waits_can_be_killed_and_harms_nobody(pool: PoolEngine) -> None:
+    running = [pool.submit(task("sleep", seconds=0.5), f"sleep-{k}") for k in range(2)]
+    waiting = pool.submit(task(), "waiting")
+    assert pool.seconds(waiting) == 0.0
+    pool.kill(waiting)
+    assert waiting.cancelled()
+    assert all(future.result(LONG).result for future in running)
+
+
+def test_signals_to_the_group_are_left_to_the_worker(pool: PoolEngine) -> None:
+    future = pool.submit(task("sleep", seconds=0.5), "signals")
+    until(lambda: pool.seconds(future) > 0.1)
+    for pid in pool.pids():
+        os.kill(pid, signal.SIGINT)
+        os.kill(pid, signal.SIGTERM)
+    assert future.result(LONG).result
+
+
+def test_processes_do_not_end_with_the_thread_that_asked(pool: PoolEngine) -> None:
+    """PR_SET_PDEATHSIG looks at the thread that started a process: a replacement is started under one that ends."""
+    found: list[Future[Outcome]] = []
+
+    def short_life() -> None:
+        engine = PoolEngine(1, function=strange_units.FUNCTION)
+        found.append(engine.submit(task("sleep", seconds=0.5), "threads"))
+        engines.append(engine)
+
+    engines: list[PoolEngine] = []
+    thread = threading.Thread(target=short_life)
+    thread.start()
+    thread.join()
+    try:
+        assert found[0].result(LONG).result
+    finally:
+        engines[0].close()
+
+
+def test_environment_of_heavy_loops(pool: PoolEngine) -> None:
+    pool.submit(task(), "environment").result(LONG)
+    told = psutil.Process(pool.pids()[0]).environ()
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        assert told[name] == "1"
+
+
+def test_a_process_is_replaced_after_many_tasks() -> None:
+    with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine:
+        first = engine.pids()
+        for number in range(0, child.TASKS, 100):
+            for future in [engine.submit(task(), f"{number + k}") for k in range(100)]:
+                future.result(LONG)
+        until(lambda: engine.pids() != first)
+        assert engine.submit(task(), "one more").result(LONG).result
+
+
+def test_a_function_that_cannot_be_imported_is_a_defect() -> None:
+    with (
+        closing(PoolEngine(1, function="no_such_module:perform")) as engine,
+        pytest.raises(Defect, match="no_such_mod"),
+    ):
+        engine.submit(task(), "x").result(LONG)
+
+
+def test_processes_that_never_begin_are_not_started_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tailstack_service.compute.processes.command", lambda *_: [sys.executable, "-c", ""])
+    with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine, pytest.raises(GivenBack, match="in a row"):
+        engine.submit(task(), "x").result(LONG)
+
+
+def test_closing_leaves_no_process() -> None:
+    engine = PoolEngine(2, function=strange_units.FUNCTION)
+    futures = [engine.submit(task("burn"), f"{k}") for k in range(4)]
+    until(lambda: all(engine.seconds(future) > 0.0 for future in futures[:2]))
+    pids = engine.pids()
+    engine.close()
+    assert len(pids) == 2
+    assert all(gone(pid) for pid in pids)
+    assert all(future.done() for future in futures)
+
+
+PARENT = """
+import json, sys, time
+from strange_units import FUNCTION, request
+from tailstack_service.compute.pool import PoolEngine
+from tailstack_service.work.task import Task
+engine = PoolEngine(2, function=FUNCTION)
+future = engine.submit(Task("verification", request("burn"), b'{"unit":0}'), "x")
+while not engine.seconds(future):
+    time.sleep(0.01)
+print(json.dumps(engine.pids()), flush=True)
+time.sleep(60)
+"""
+
+
+def test_processes_end_with_their_parent_even_while_they_compute() -> None:
+    """kill -9 of the parent: one process is busy, one idle."""
+    parent = subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True, env=environment())
+    try:
+        assert parent.stdout is not None
+        pids = json.loads(parent.stdout.readline())
+        assert len(pids) == 2
+        parent.kill()
+        until(lambda: all(gone(pid) for pid in pids), 5.0)
+    finally:
+        parent.kill()
+        parent.communicate(timeout=LONG)
+
+
+def test_a_process_whose_parent_is_already_another_leaves() -> None:
+    """The parent can end between its start and the child's wish to end with it."""
+    started = subprocess.Popen(
+        command("tailstack_service.compute.child", strange_units.FUNCTION, "1"),
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment(),
+    )  # fmt: skip
+    try:
+        assert started.wait(LONG) == 1
+    finally:
+        started.kill()
+        started.communicate(timeout=LONG)
