@@ -105,7 +105,9 @@ class SweepOptions(Options):
     trials: Annotated[int, Field(ge=1)] | None = Field(
         None, description="Trials at each point, for check verification; absent: to the solver's own precision."
     )
-    seed: Seed = Field(0, description="Seed of the sweep; each point has its own, derived from it.")
+    seed: Seed = Field(
+        0, description="Seed of every check: one for all points, which then differ by their designs alone."
+    )
 
     @model_validator(mode="after")
     def _trials_of_a_check(self) -> SweepOptions:
