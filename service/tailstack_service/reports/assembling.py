@@ -148,21 +148,22 @@ def _reproduction(
     if verification is not None:
         drawn = f" --seed {options.seed}"
         drawn += f" --trials {options.trials}" if options.trials is not None else ""
-        drawn += f" --precision {options.precision:g}" if options.precision is not None else ""
+        drawn += f" --precision {verification.precision_requested:g}" if verification.precision_requested else ""
     parts = "" if options.parts == ("score", "verification") else f" --parts {','.join(options.parts)}"
     commands = [
-        f"tailstack report design.json{parts}{drawn} --format json -o out",
-        "tailstack score design.json --json",
+        f"tailstack report design.yaml{parts}{drawn} --format json -o out",
+        "tailstack score design.yaml --json",
     ]
     if verification is not None:
-        commands.append(f"tailstack verify design.json{drawn} --json")
+        commands.append(f"tailstack verify design.yaml{drawn} --json")
     if optimisation is not None:
-        commands.append("tailstack optimise design.json --json")
+        commands.append("tailstack optimise design.yaml --json")
     return Reproduction(
         commands=tuple(commands),
         seed=None if verification is None else options.seed,
-        statement="design.json is the field `design` of this record (HTML: the last section; XLSX: the sheet Design). "
-        "The same version of tailstack gives the same digits, whatever the number of threads, workers or machines.",
+        statement="design.yaml is the field design of this record: the last section of this report, the sheet Design "
+        "of the spreadsheet. The same version of tailstack gives the same digits, whatever the number of threads, "
+        "workers or machines.",
     )
 
 

@@ -9,6 +9,7 @@ from tailstack.results import Check, Contributor, Finding, Score, TargetScore, V
 from .records import Headline
 
 STATED = ("requirement-failed", "requirement-inconclusive")  # findings that repeat the verdict
+IN_DOCUMENT = {"interface_1": "structure–connector", "interface_2": "connector–flange"}
 _ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
 
 
@@ -135,11 +136,16 @@ def _caution(score: Score, verification: Verification | None) -> str:
     )
 
 
+def contributor_name(name: str) -> str:
+    """A contributor as the design document calls it."""
+    return IN_DOCUMENT.get(name, name).replace("_", " ").replace(":", ", ")
+
+
 def named(line: Contributor) -> str:
     """A line of the budget in words, with its half-width."""
     component = "" if line.component == "all" else f" {line.component}"
     width = "" if line.half_width is None else f" (± {line.half_width:.3g} {line.unit})"
-    return line.name.replace("_", " ") + component + width
+    return contributor_name(line.name) + component + width
 
 
 def single_lines(contributors: Sequence[Contributor]) -> list[Contributor]:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Lock
 from typing import Any
 
 from tailstack.errors import Problem
@@ -26,8 +30,28 @@ def pdf_report(document: Document) -> bytes:
         detail = f"a library that WeasyPrint draws with is missing: {str(error).splitlines()[0][:200]}"
         raise PdfUnavailable(Problem("", "missing-library", detail, PACKAGES)) from None
     page = weasyprint.HTML(string=html_report(document, None), url_fetcher=_refuse)
-    content: bytes = page.write_pdf(pdf_identifier=False)
+    with _fixed_clock():
+        content: bytes = page.write_pdf()
     return content
+
+
+_clock = Lock()
+
+
+@contextmanager
+def _fixed_clock() -> Iterator[None]:
+    """fontTools writes the time into each font that it cuts down, unless the environment names one."""
+    name = "SOURCE_DATE_EPOCH"
+    with _clock:
+        before = os.environ.get(name)
+        os.environ[name] = "946684800"
+        try:
+            yield
+        finally:
+            if before is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = before
 
 
 def _refuse(url: str, *_arguments: Any, **_options: Any) -> Any:

@@ -29,7 +29,7 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
             Section("Certificate", certificate_blocks(found)),
             Section("What is not included", (not_included(found.provenance),)),
             Section("Reproduction", (Listing("tailstack optimise design.yaml --json"),)),
-            Section("The new design", (design_listing(found.design, "The new design as JSON"),), page=True),
+            Section("The new design", (design_listing(found.design, "The new design, as YAML"),), page=True),
         ),
         provenance=provenance_facts(found.provenance, sha256, found.schema),
     )
@@ -124,6 +124,7 @@ def certificate_blocks(found: Optimisation) -> tuple[Block, ...]:
 
 
 def design_listing(design: dict[str, object], caption: str) -> Listing:
-    import json
+    """A design as text that loads as the same design."""
+    from tailstack.design.loading import data_to_yaml
 
-    return Listing(json.dumps(design, indent=1, ensure_ascii=False), caption)
+    return Listing(data_to_yaml(design).rstrip("\n"), caption)

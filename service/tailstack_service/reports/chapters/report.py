@@ -20,7 +20,7 @@ def report_document(report: Report, sha256: str) -> Document:
     sections = [
         Section("The layout", (_layout(report),), page=True),
         Section("The error", _error(report)),
-        Section("The budget", budget_blocks(report.score), page=True),
+        Section("The budget", budget_blocks(report.score)),
         Section("Requirements and findings", _judged(report)),
     ]
     if report.optimisation is not None:
@@ -28,10 +28,10 @@ def report_document(report: Report, sha256: str) -> Document:
         sections.append(Section("The optimised design", blocks, page=True))
         sections.append(Section("Certificate of the optimum", certificate_blocks(report.optimisation)))
     sections += [
-        Section("Method and assumptions", _method(report), page=True),
+        Section("Method and assumptions", _method(report)),
         Section("What is not included", (not_included(report.provenance),)),
         Section("Reproduction", _reproduction(report)),
-        Section("The design", (design_listing(report.design, "The design document as JSON"),), page=True),
+        Section("The design", (design_listing(report.design, "The design document, as YAML"),), page=True),
     ]
     return Document(
         kind="Tolerance-budget report",
@@ -93,10 +93,7 @@ def _error(report: Report) -> tuple[Block, ...]:
 def _judged(report: Report) -> tuple[Block, ...]:
     verdicts = [] if report.verification is None else [report.verification.verdict]
     verdicts.append(report.score.verdict)
-    blocks: list[Block] = []
-    for verdict in verdicts:
-        if verdict.checks:
-            blocks.append(checks_table(verdict.checks, verdict.basis))
+    blocks: list[Block] = [checks_table(*verdicts)] if verdicts[0].checks else []
     findings = verdicts[0].findings
     if findings:
         blocks.append(findings_table(findings))

@@ -38,7 +38,7 @@ def score_document(score: Score, sha256: str) -> Document:
         figures=(headline_figure(headline, score),),
         sections=(
             Section("Error and requirements", error_blocks(score)),
-            Section("Budget", budget_blocks(score), page=True),
+            Section("Budget", budget_blocks(score)),
             Section("Method and assumptions", method_blocks(score)),
             Section("What is not included", (not_included(score.provenance),)),
             Section("Reproduction", (Paragraph(f"With the design of the hash named below: {command}"),)),
@@ -57,10 +57,9 @@ def key_numbers(headline: Headline) -> tuple[KeyNumber, ...]:
         return (*numbers, KeyNumber("Limit", "none", "no requirement is stated"))
     margin = headline.limit_mm - headline.value_mm
     numbers.append(KeyNumber("Limit", f"{headline.limit_mm:g} mm", f"{headline.requirement}, target {headline.target}"))
-    word = "left" if margin >= 0 else "too much"
-    numbers.append(
-        KeyNumber("Margin", f"{margin:+.3f} mm", f"{abs(margin) / headline.limit_mm:.0%} of the limit {word}")
-    )
+    word = "of the limit is left" if margin >= 0 else "beyond the limit"
+    value = f"{margin:+.3f} mm".replace("-", "−")
+    numbers.append(KeyNumber("Margin", value, f"{abs(margin) / headline.limit_mm:.0%} {word}"))
     return tuple(numbers)
 
 
@@ -79,7 +78,7 @@ def headline_figure(headline: Headline, score: Score) -> Figure:
 def error_blocks(score: Score) -> tuple[Block, ...]:
     blocks: list[Block] = [targets_table(score)]
     if score.verdict.checks:
-        blocks.append(checks_table(score.verdict.checks, score.verdict.basis))
+        blocks.append(checks_table(score.verdict))
     if score.verdict.findings:
         blocks.append(findings_table(score.verdict.findings))
     if score.views:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tailstack.results import (
-    Check,
     Finding,
     MetricEstimate,
     MetricScore,
@@ -13,12 +12,14 @@ from tailstack.results import (
     Score,
     TargetEstimate,
     TargetScore,
+    Verdict,
     Verification,
     ViewCheck,
 )
 
 from ...rendering.score import grouped
 from ..blocks import Bullets, Column, Facts, Row, Table
+from ..headline import contributor_name
 
 MOST_FINDINGS = 60
 
@@ -88,20 +89,22 @@ def _estimate_row(name: str, metric: TargetEstimate | MetricEstimate, depth: int
     )  # fmt: skip
 
 
-def checks_table(checks: Sequence[Check], basis: str) -> Table:
-    """Each requirement at each target."""
+def checks_table(*verdicts: Verdict) -> Table:
+    """Each requirement at each target, by each way it was judged."""
     rows = [
         Row((
-            check.requirement, check.target, check.error, check.risk.replace("_", " "), f"P{100 * check.quantile:g}",
-            check.value_mm, *check.interval_mm, check.limit_mm, check.yield_fraction, check.min_yield, check.status,
+            check.requirement, check.target, f"P{100 * check.quantile:g} {check.error}, {check.risk.replace('_', ' ')}",
+            verdict.basis, check.value_mm, *check.interval_mm, check.limit_mm, check.yield_fraction, check.min_yield,
+            check.status,
         ))
-        for check in checks
+        for verdict in verdicts
+        for check in verdict.checks
     ]  # fmt: skip
     return Table(
         name="Checks",
-        caption=f"Requirements, by {basis}",
+        caption="Requirements",
         columns=(
-            Column("Requirement"), Column("Target"), Column("Error"), Column("Risk"), Column("Quantile"),
+            Column("Requirement"), Column("Target"), Column("Quantile"), Column("By"),
             Column("Value", "mm", "fixed", 4), Column("From", "mm", "fixed", 4), Column("To", "mm", "fixed", 4),
             Column("Limit", "mm", "significant", 4), Column("Yield", "%", "percent", 2),
             Column("Required", "%", "percent", 2), Column("Status", kind="status"),
@@ -117,7 +120,7 @@ def budget_table(target: TargetScore, name: str = "Budget") -> Table:
     rows = []
     for total, components in grouped(target.contributors):
         for depth, entry in ((0, total), *((1, part) for part in components)):
-            label = entry.name.replace("_", " ") if depth == 0 else entry.component
+            label = contributor_name(entry.name) if depth == 0 else entry.component
             rows.append(Row(
                 (
                     label, entry.law, entry.half_width, entry.unit, entry.std, entry.sensitivity_mm_per_unit,

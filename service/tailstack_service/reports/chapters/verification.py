@@ -63,7 +63,7 @@ def drawn_by(check: Verification) -> str:
 def verification_blocks(check: Verification) -> tuple[Block, ...]:
     blocks: list[Block] = [estimates_table(check)]
     if check.verdict.checks:
-        blocks.append(checks_table(check.verdict.checks, check.verdict.basis))
+        blocks.append(checks_table(check.verdict))
     if check.verdict.findings:
         blocks.append(findings_table(check.verdict.findings))
     return tuple(blocks)

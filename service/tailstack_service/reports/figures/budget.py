@@ -9,7 +9,7 @@ from tailstack.results import Contributor
 from ...rendering.svg import INK, MUTED, box, line, printable, text
 from ...rendering.tables import fixed, percent
 from ..headline import named, single_lines
-from .frame import BAR, BAR_PALE, LIMIT_COLOUR, ROW, VALUE_COLOUR, WIDTH, Scale, marker, picture
+from .frame import BAR, BAR_PALE, LIMIT_COLOUR, ROW, VALUE_COLOUR, WIDTH, Scale, marker, picture, sides
 
 MOST = 12
 LABELS, TOP = 262, 30
@@ -45,7 +45,7 @@ def without_svg(
 ) -> str:
     """First-order P95 were each contributor perfect, largest gain first, with P95 as it is and the limit."""
     lines = sorted(single_lines(contributors), key=lambda entry: entry.p95_without_mm)[:MOST]
-    scale = Scale(0.0, 1.08 * max(p95_mm, limit_mm or 0.0, 1e-9), LABELS, WIDTH - 60)
+    scale = Scale(0.0, 1.08 * max(p95_mm, limit_mm or 0.0, 1e-9), LABELS, WIDTH - 80)
     bottom = TOP + 8 + ROW * len(lines)
     parts = scale.axis(bottom + 4, "first-order P95 at the target, mm", top=TOP + 4)
     for index, entry in enumerate(lines):
@@ -54,13 +54,10 @@ def without_svg(
         parts.append(box(scale.at(0), y + 3, scale.at(p95_mm), y + ROW - 3, f'fill="{BAR_PALE}"'))
         parts.append(box(scale.at(0), y + 3, scale.at(entry.p95_without_mm), y + ROW - 3, f'fill="{BAR}"'))
         parts.append(text(scale.at(0) + 6, y + 14, fixed(entry.p95_without_mm, 3), colour=INK))
-    parts += marker(scale, p95_mm, TOP, bottom + 4, f"P95 {p95_mm:.3f}", VALUE_COLOUR)
+    ours, theirs = sides(p95_mm, limit_mm)
+    parts += marker(scale, p95_mm, TOP, bottom + 4, f"P95 {p95_mm:.3f}", VALUE_COLOUR, ours)
     if limit_mm is not None:
-        # below the other words where both would meet
-        close = abs(scale.at(limit_mm) - scale.at(p95_mm)) < 170
-        parts += marker(
-            scale, limit_mm, TOP - (14 if close else 0), bottom + 4, f"limit {limit_mm:g}", LIMIT_COLOUR, "5 3"
-        )
+        parts += marker(scale, limit_mm, TOP, bottom + 4, f"limit {limit_mm:g}", LIMIT_COLOUR, theirs, "5 3")
     listed = "; ".join(f"without {named(entry)} {entry.p95_without_mm:.3f} mm" for entry in lines)
     words = f"P95 is {p95_mm:.3f} mm. {listed}."
     return picture(name, f"P95 at target {target} without each contributor", words, bottom + 44, parts)

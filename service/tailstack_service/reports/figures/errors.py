@@ -6,7 +6,7 @@ from math import log2
 
 from ...rendering.svg import FAINT, INK, MUTED, box, line, rounded, text
 from ..records import Convergence, ErrorDistribution
-from .frame import BAR, BAR_PALE, LAW_COLOUR, LIMIT_COLOUR, VALUE_COLOUR, WIDTH, Scale, marker, picture
+from .frame import BAR, BAR_PALE, LAW_COLOUR, LIMIT_COLOUR, VALUE_COLOUR, WIDTH, Scale, marker, picture, sides
 
 LEFT, RIGHT, TOP, HEIGHT = 62, WIDTH - 22, 44, 210
 
@@ -20,7 +20,7 @@ def distribution_svg(
 ) -> str:
     """Histogram of the sampled errors and the first-order law, with P95, its interval and the limit."""
     edges = shown.edges_mm
-    low, high = edges[0], max(edges[-1], 1.05 * (limit_mm or 0.0))
+    low, high = edges[0], max(edges[-1], 1.2 * (limit_mm or 0.0))
     scale = Scale(low, high, LEFT, RIGHT)
     width = edges[1] - edges[0]
     densities = [[share / width for share in shares] for shares in (shown.sampled, shown.first_order) if shares]
@@ -45,12 +45,10 @@ def distribution_svg(
     middle = [(scale.at(edges[k] + width / 2), up(share / width)) for k, share in enumerate(shown.first_order)]
     path = "M" + "L".join(f"{rounded(x)} {rounded(y)}" for x, y in middle)
     parts.append(f'<path d="{path}" fill="none" stroke="{LAW_COLOUR}" stroke-width="1.8"/>')
-    close = limit_mm is not None and abs(scale.at(limit_mm) - scale.at(p95_mm)) < 150
-    parts += marker(scale, p95_mm, TOP, bottom, f"P95 {p95_mm:.3f} mm", VALUE_COLOUR)
+    ours, theirs = sides(p95_mm, limit_mm)
+    parts += marker(scale, p95_mm, TOP, bottom, f"P95 {p95_mm:.3f} mm", VALUE_COLOUR, ours)
     if limit_mm is not None:
-        parts += marker(
-            scale, limit_mm, TOP - (14 if close else 0), bottom, f"limit {limit_mm:g} mm", LIMIT_COLOUR, "5 3"
-        )
+        parts += marker(scale, limit_mm, TOP, bottom, f"limit {limit_mm:g} mm", LIMIT_COLOUR, theirs, "5 3")
     y = bottom + 50
     parts += [line(LEFT, y - 4, LEFT + 22, y - 4, LAW_COLOUR, 1.8), text(LEFT + 28, y, "first-order law")]
     words = f"Error at target {shown.target}: the first-order law is drawn as a line"
@@ -73,20 +71,22 @@ def scale_svg(
 ) -> str:
     """The quantile with its interval on one scale with the limit; ``others`` are further numbers, in mm."""
     known = [p95_mm, interval_mm[1] or 0.0, limit_mm or 0.0, *(value for _, value in others)]
-    scale = Scale(0.0, 1.12 * max(*known, 1e-9), 22, RIGHT)
+    scale = Scale(0.0, 1.3 * max(*known, 1e-9), 22, RIGHT)
     y, bottom = 56.0, 96.0
     parts = scale.axis(bottom, "error at the tool, mm")
     if limit_mm is not None:
         parts.append(box(scale.at(0), y - 16, scale.at(limit_mm), y + 16, 'fill="#e4f1e8"'))
         parts.append(box(scale.at(limit_mm), y - 16, RIGHT, y + 16, 'fill="#f9e4e2"'))
-        parts += marker(scale, limit_mm, 22, bottom, f"limit {limit_mm:g} mm", LIMIT_COLOUR, "5 3")
+        side = "left" if limit_mm < p95_mm else "right"
+        parts += marker(scale, limit_mm, 22, bottom, f"limit {limit_mm:g} mm", LIMIT_COLOUR, side, "5 3")
     ends = (scale.at(interval_mm[0]), scale.at(interval_mm[1]) if interval_mm[1] is not None else float(RIGHT))
     parts.append(line(*(ends[0], y, ends[1], y), VALUE_COLOUR, 4))
     parts += [line(x, y - 8, x, y + 8, VALUE_COLOUR, 2) for x in ends]
     x = scale.at(p95_mm)
     parts.append(f'<circle cx="{rounded(x)}" cy="{rounded(y)}" r="5" fill="{VALUE_COLOUR}"/>')
-    right = x < (22 + RIGHT) / 2 and (limit_mm is None or limit_mm < p95_mm)
-    anchor, at = ("start", max(ends[1], x + 5) + 8) if right else ("end", min(ends[0], x - 5) - 8)
+    after, before = max(ends[1], x + 5) + 8, min(ends[0], x - 5) - 8
+    right = limit_mm is not None and limit_mm < p95_mm and after < RIGHT - 110
+    anchor, at = ("start", after) if right or before < 140 else ("end", before)
     parts.append(text(at, y + 4, f"{quantile} {p95_mm:.3f} mm", anchor=anchor, colour=VALUE_COLOUR, weight="bold"))
     for label, value in others:
         x = scale.at(value)

@@ -59,13 +59,17 @@ class Scale:
         return parts
 
 
+def sides(value: float, limit: float | None) -> tuple[str, str]:
+    """On which sides of their lines a value and its limit are named, so that neither crosses the other's line."""
+    return ("right", "left") if limit is not None and limit < value else ("left", "right")
+
+
 def marker(
-    scale: Scale, value: float, top: float, bottom: float, words: str, colour: str, dashes: str = ""
+    scale: Scale, value: float, top: float, bottom: float, words: str, colour: str, side: str, dashes: str = ""
 ) -> list[str]:
-    """A vertical line with its words on top, on the side where there is room."""
+    """A vertical line with its words on top, to the "left" or "right" of it."""
     x = scale.at(value)
-    near_end = x > (scale.left + scale.right) / 2
-    anchor, shift = ("end", -4) if near_end else ("start", 4)
+    anchor, shift = ("end", -4) if side == "left" else ("start", 4)
     return [
         line(x, top - 4, x, bottom, colour, 1.6, dashes),
         text(x + shift, top - 6, words, anchor=anchor, colour=colour, weight="bold"),
