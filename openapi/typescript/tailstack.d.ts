@@ -201,7 +201,7 @@ export interface paths {
         };
         /**
          * What happens to a job, as server-sent events
-         * @description Events state, progress and recomputed; id counts them from 1, data is one JSON object. The stream begins after Last-Event-ID (or after), heartbeats are comments, and it ends after the final state.
+         * @description The schema is that of one event. Events state, progress and recomputed; id counts them from 1, data is one JSON object. The stream begins after Last-Event-ID (or after), heartbeats are comments, and it ends after the final state.
          */
         get: operations["get_job_events"];
         put?: never;
@@ -1885,6 +1885,14 @@ export interface components {
             result_sha256: string | null;
             links: components["schemas"]["JobLinks"];
         };
+        JobEvent: {
+            /** @description Counts the events of a job from 1. */
+            id: string;
+            /** @enum {string} */
+            event: "state" | "progress" | "recomputed";
+            /** @description job (its id) and at (RFC 3339); with state: state, and result_sha256 or problem; with progress: units_done, units_expected, note, eta_seconds; with recomputed, after an upgrade of the solver: from and to. */
+            data: string;
+        };
         /**
          * JobLinks
          * @description Paths of what belongs to a job.  ``result`` and ``report`` are null until it has succeeded.
@@ -3493,7 +3501,64 @@ export interface components {
              */
             radius_mm: number;
         };
-        Sweep: Record<string, never>;
+        /**
+         * Sweep
+         * @description A grid of designs: every combination of the axes' values, the last axis running fastest.
+         */
+        Sweep: {
+            /**
+             * Schema
+             * @constant
+             */
+            schema: "tailstack/sweep/1";
+            /** Axes */
+            axes: components["schemas"]["SweepAxis"][];
+            /**
+             * Check
+             * @enum {string}
+             */
+            check: "score" | "verification";
+            /** Seed */
+            seed: number | null;
+            /** Trials */
+            trials: number | null;
+            /** Points */
+            points: components["schemas"]["SweepPoint"][];
+            provenance: components["schemas"]["Provenance"];
+        };
+        /**
+         * SweepAxis
+         * @description A number of the design that was varied.
+         */
+        SweepAxis: {
+            /** Pointer */
+            pointer: string;
+            /** Unit */
+            unit: string;
+            /** Base */
+            base: number | null;
+            /** Values */
+            values: number[];
+        };
+        /**
+         * SweepPoint
+         * @description One point of the grid.
+         */
+        SweepPoint: {
+            /** Values */
+            values: number[];
+            /**
+             * Status
+             * @enum {string}
+             */
+            status: "ok" | "refused";
+            /** Reason */
+            reason: string | null;
+            /** Targets */
+            targets: components["schemas"]["SweepTarget"][];
+            /** Verdict */
+            verdict: ("pass" | "fail" | "inconclusive" | "no requirement") | null;
+        };
         SweepRequest: {
             design: components["schemas"]["Design"];
             /**
@@ -3516,10 +3581,31 @@ export interface components {
             trials?: number | null;
             /**
              * Seed
-             * @description Seed of the sweep; each point has its own, derived from it.
+             * @description Seed of every check: one for all points, which then differ by their designs alone.
              * @default 0
              */
             seed?: number;
+        };
+        /**
+         * SweepTarget
+         * @description What was found at one target of one point: the TCP error.
+         */
+        SweepTarget: {
+            /** Name */
+            name: string;
+            /** P95 Mm */
+            p95_mm: number;
+            /** P95 Interval Mm */
+            p95_interval_mm: [
+                number,
+                number
+            ] | null;
+            /** Mean Norm Mm */
+            mean_norm_mm: number;
+            /** Bias Norm Mm */
+            bias_norm_mm: number;
+            /** Localisation P95 Mm */
+            localisation_p95_mm: number;
         };
         /**
          * Symmetry
@@ -4503,7 +4589,7 @@ export interface operations {
                 check?: "score" | "verification";
                 /** @description Only with a YAML body. Trials at each point, for check verification; absent: to the solver's own precision. */
                 trials?: number;
-                /** @description Only with a YAML body. Seed of the sweep; each point has its own, derived from it. */
+                /** @description Only with a YAML body. Seed of every check: one for all points, which then differ by their designs alone. */
                 seed?: number;
             };
             header?: {
@@ -4837,7 +4923,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/event-stream": string;
+                    "text/event-stream": components["schemas"]["JobEvent"];
                 };
             };
             /** @description The job has ended and the client has seen everything: stop asking. */

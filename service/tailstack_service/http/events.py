@@ -45,7 +45,8 @@ async def get_events(request: Request) -> Response:
         )  # fmt: skip
         raise TransportError("busy", problem, {"Retry-After": "5"})
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}  # nginx would hold events back
-    return _Seated(service, _stream(service, job, after), headers)
+    # who has seen more than there is has seen what there is: the stream of a later event alone would never end
+    return _Seated(service, _stream(service, job, min(after, job.last_event)), headers)
 
 
 class _Seated(StreamingResponse):
@@ -65,11 +66,13 @@ class _Seated(StreamingResponse):
 
 def _last_seen(request: Request) -> int:
     """Sequence of the last event the client saw: Last-Event-ID, or ?after= for what cannot set headers."""
-    text = request.headers.get("last-event-id", "").strip() or single(request, "after") or "0"
-    if not (text.isascii() and text.isdigit() and len(text) < 16):
-        detail = f"the id of an event is a whole number; got {text[:40]!r}"
-        raise RequestError(Problem("/after", "bad-parameter", detail, "send the id of the last event that was read"))
-    return int(text)
+    texts = [text for text in (request.headers.get("last-event-id", "").strip(), single(request, "after")) if text]
+    for text in texts:
+        if not (text.isascii() and text.isdigit() and len(text) < 16):
+            detail = f"the id of an event is a whole number; got {text[:40]!r}"
+            hint = "send the id of the last event that was read"
+            raise RequestError(Problem("/after", "bad-parameter", detail, hint))
+    return int(texts[0]) if texts else 0
 
 
 async def _stream(service: Service, job: Job, after: int) -> AsyncIterator[bytes]:

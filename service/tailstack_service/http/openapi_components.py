@@ -80,9 +80,24 @@ def schemas() -> dict[str, Any]:
         made.add(request_name(path), _with_design(options))
     made.add("ConversionRequest", ConversionOptions.model_json_schema())
     made.add("GateRequest", GateRequest.model_json_schema(by_alias=True))
+    made.add("JobEvent", _job_event())
     for record in (ProblemType, SchemaList, Health, Readiness, Version):
         made.add(record.__name__, TypeAdapter(record).json_schema(mode="serialization"))
     return dict(sorted(made.found.items()))
+
+
+def _job_event() -> dict[str, Any]:
+    words = (
+        "job (its id) and at (RFC 3339); with state: state, and result_sha256 or problem; with progress: units_done, "
+    )
+    words += "units_expected, note, eta_seconds; with recomputed, after an upgrade of the solver: from and to."
+    data = {"type": "string", "contentMediaType": "application/json", "description": words}
+    properties = {
+        "id": {"type": "string", "pattern": "^[0-9]+$", "description": "Counts the events of a job from 1."},
+        "event": {"type": "string", "enum": ["state", "progress", "recomputed"]},
+        "data": data,
+    }
+    return {"type": "object", "additionalProperties": False, "required": list(properties), "properties": properties}
 
 
 def request_name(path: str) -> str:
@@ -221,12 +236,12 @@ _JOB: dict[str, Any] = {
         "report": None,
     },
 }  # fmt: skip
-_EVENTS = (
-    "retry: 1000\n\n"
-    f'id: 2\nevent: state\ndata: {{"job": "{EXAMPLE_ID}", "at": "2026-01-31T12:00:00.120Z", "state": "running"}}\n\n'
-    f'id: 3\nevent: progress\ndata: {{"job": "{EXAMPLE_ID}", "at": "2026-01-31T12:00:01.000Z", "units_done": 4, '
-    '"units_expected": 10, "note": "524288 trials", "eta_seconds": 1.5}\n\n'
-)
+_JOB_EVENT = {
+    "id": "3",
+    "event": "progress",
+    "data": f'{{"job": "{EXAMPLE_ID}", "at": "2026-01-31T12:00:01.000Z", "units_done": 4, "units_expected": 10, '
+    '"note": "524288 trials", "eta_seconds": 1.5}',
+}
 _BEADS = "label,x_mm,y_mm,z_mm\nF1,0,0,0\nF2,40,0,5\nF3,0,35,-10\n"
 
 
@@ -254,5 +269,5 @@ def examples() -> dict[str, Any]:
         "summary": "A page of one",
         "value": {"schema": "tailstack/jobs/1", "jobs": [_JOB], "next": None},
     }
-    made["Events"] = {"summary": "A job begins and gets on", "value": _EVENTS}
+    made["JobEvent"] = {"summary": "A job gets on", "value": _JOB_EVENT}
     return made

@@ -253,11 +253,12 @@ def _get_job() -> dict[str, Any]:
 
 
 def _get_job_events() -> dict[str, Any]:
-    stream = _content("text/event-stream", {"type": "string"}, "Events")
+    stream = _content("text/event-stream", reference("schemas", "JobEvent"), "JobEvent")  # of each event
     return {
         "summary": "What happens to a job, as server-sent events",
-        "description": "Events state, progress and recomputed; id counts them from 1, data is one JSON object. The "
-        "stream begins after Last-Event-ID (or after), heartbeats are comments, and it ends after the final state.",
+        "description": "The schema is that of one event. Events state, progress and recomputed; id counts them from 1, "
+        "data is one JSON object. The stream begins after Last-Event-ID (or after), heartbeats are comments, and it "
+        "ends after the final state.",
         "tags": ["jobs"],
         "parameters": [_parameter("JobId"), _parameter("LastEventID"), _parameter("After")],
         "responses": {

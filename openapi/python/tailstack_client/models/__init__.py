@@ -103,8 +103,14 @@ from .second_order import SecondOrder
 from .second_order_status import SecondOrderStatus
 from .shadow_price import ShadowPrice
 from .sweep import Sweep
+from .sweep_axis import SweepAxis
+from .sweep_check import SweepCheck
+from .sweep_point import SweepPoint
+from .sweep_point_status import SweepPointStatus
+from .sweep_point_verdict_type_0 import SweepPointVerdictType0
 from .sweep_request import SweepRequest
 from .sweep_request_check import SweepRequestCheck
+from .sweep_target import SweepTarget
 from .target_estimate import TargetEstimate
 from .target_score import TargetScore
 from .validation import Validation
@@ -224,8 +230,14 @@ __all__ = (
     "SecondOrderStatus",
     "ShadowPrice",
     "Sweep",
+    "SweepAxis",
+    "SweepCheck",
+    "SweepPoint",
+    "SweepPointStatus",
+    "SweepPointVerdictType0",
     "SweepRequest",
     "SweepRequestCheck",
+    "SweepTarget",
     "TargetEstimate",
     "TargetScore",
     "Validation",

@@ -8,41 +8,136 @@ from attrs import field as _attrs_field
 
 from ..types import UNSET, Unset
 
+from ..models.sweep_check import check_sweep_check
+from ..models.sweep_check import SweepCheck
+from typing import cast
+from typing import Literal, cast
+
+if TYPE_CHECKING:
+    from ..models.provenance import Provenance
+    from ..models.sweep_axis import SweepAxis
+    from ..models.sweep_point import SweepPoint
+
 
 T = TypeVar("T", bound="Sweep")
 
 
 @_attrs_define
 class Sweep:
-    additional_properties: dict[str, Any] = _attrs_field(init=False, factory=dict)
+    """A grid of designs: every combination of the axes' values, the last axis running fastest.
+
+    Attributes:
+        schema (Literal['tailstack/sweep/1']):
+        axes (list[SweepAxis]):
+        check (SweepCheck):
+        seed (int | None):
+        trials (int | None):
+        points (list[SweepPoint]):
+        provenance (Provenance):
+    """
+
+    schema: Literal["tailstack/sweep/1"]
+    axes: list[SweepAxis]
+    check: SweepCheck
+    seed: int | None
+    trials: int | None
+    points: list[SweepPoint]
+    provenance: Provenance
 
     def to_dict(self) -> dict[str, Any]:
+        from ..models.provenance import Provenance  # noqa: PLC0415
+        from ..models.sweep_axis import SweepAxis  # noqa: PLC0415
+        from ..models.sweep_point import SweepPoint  # noqa: PLC0415
+
+        schema = self.schema
+
+        axes = []
+        for axes_item_data in self.axes:
+            axes_item = axes_item_data.to_dict()
+            axes.append(axes_item)
+
+        check: str = self.check
+
+        seed: int | None
+        seed = self.seed
+
+        trials: int | None
+        trials = self.trials
+
+        points = []
+        for points_item_data in self.points:
+            points_item = points_item_data.to_dict()
+            points.append(points_item)
+
+        provenance = self.provenance.to_dict()
 
         field_dict: dict[str, Any] = {}
-        field_dict.update(self.additional_properties)
+
+        field_dict.update(
+            {
+                "schema": schema,
+                "axes": axes,
+                "check": check,
+                "seed": seed,
+                "trials": trials,
+                "points": points,
+                "provenance": provenance,
+            }
+        )
 
         return field_dict
 
     @classmethod
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        from ..models.provenance import Provenance  # noqa: PLC0415
+        from ..models.sweep_axis import SweepAxis  # noqa: PLC0415
+        from ..models.sweep_point import SweepPoint  # noqa: PLC0415
+
         d = dict(src_dict)
-        sweep = cls()
+        schema = cast(Literal["tailstack/sweep/1"], d.pop("schema"))
+        if schema != "tailstack/sweep/1":
+            raise ValueError(f"schema must match const 'tailstack/sweep/1', got '{schema}'")
 
-        sweep.additional_properties = d
+        axes = []
+        _axes = d.pop("axes")
+        for axes_item_data in _axes:
+            axes_item = SweepAxis.from_dict(axes_item_data)
+
+            axes.append(axes_item)
+
+        check = check_sweep_check(d.pop("check"))
+
+        def _parse_seed(data: object) -> int | None:
+            if data is None:
+                return data
+            return cast(int | None, data)
+
+        seed = _parse_seed(d.pop("seed"))
+
+        def _parse_trials(data: object) -> int | None:
+            if data is None:
+                return data
+            return cast(int | None, data)
+
+        trials = _parse_trials(d.pop("trials"))
+
+        points = []
+        _points = d.pop("points")
+        for points_item_data in _points:
+            points_item = SweepPoint.from_dict(points_item_data)
+
+            points.append(points_item)
+
+        provenance = Provenance.from_dict(d.pop("provenance"))
+
+        sweep = cls(
+            schema=schema,
+            axes=axes,
+            check=check,
+            seed=seed,
+            trials=trials,
+            points=points,
+            provenance=provenance,
+        )
+
         return sweep
-
-    @property
-    def additional_keys(self) -> list[str]:
-        return list(self.additional_properties.keys())
-
-    def __getitem__(self, key: str) -> Any:
-        return self.additional_properties[key]
-
-    def __setitem__(self, key: str, value: Any) -> None:
-        self.additional_properties[key] = value
-
-    def __delitem__(self, key: str) -> None:
-        del self.additional_properties[key]
-
-    def __contains__(self, key: str) -> bool:
-        return key in self.additional_properties

@@ -33,7 +33,8 @@ class SweepRequest:
         check (SweepRequestCheck | Unset): What is computed at each point. Default: 'score'.
         trials (int | None | Unset): Trials at each point, for check verification; absent: to the solver's own
             precision.
-        seed (int | Unset): Seed of the sweep; each point has its own, derived from it. Default: 0.
+        seed (int | Unset): Seed of every check: one for all points, which then differ by their designs alone. Default:
+            0.
     """
 
     design: Design
