@@ -84,7 +84,8 @@ def _dump(url: URL, target: Path) -> None:
         raise _refused("no-pg-dump", detail, "install it: apt-get install postgresql-client")
     os.close(os.open(target, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
     # Nothing secret in the arguments: every user of the host can read them
-    address = url.set(drivername="postgresql", password=None).render_as_string()
+    public = URL.create("postgresql", url.username, None, url.host, url.port, url.database, url.query)
+    address = public.render_as_string(hide_password=False)
     environment = dict(os.environ)
     if url.password is not None:
         environment["PGPASSWORD"] = str(url.password)

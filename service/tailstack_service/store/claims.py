@@ -136,7 +136,7 @@ def _anything_to_claim(db: Database) -> bool:
 
 _ANYTHING = sa.select(
     sa.or_(
-        sa.exists().where(_UNIT.state == tables.READY),
+        sa.exists().where(tables.ready),
         sa.exists().where(_UNIT.state == tables.LEASED, _UNIT.lease_until < sa.bindparam("at")),
     )
 )

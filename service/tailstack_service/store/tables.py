@@ -146,3 +146,7 @@ usage = sa.Table(
     Column("units", Integer, nullable=False),
     Column("cpu_seconds", Double, nullable=False),
 )
+
+# The second condition is always true: for the first alone SQLite would walk the table instead of the partial index
+ready = sa.and_(units.c.state == READY, units.c.place > sa.literal_column("0"))
+leased = sa.and_(units.c.state == LEASED, units.c.lease_until > sa.literal_column("0"))

@@ -35,21 +35,20 @@ def renew(db: Database, worker_id: str, claims: Sequence[Claim], lease_seconds: 
     """
     if not claims:
         return []
-    names = sorted({(claim.job_id, claim.index) for claim in claims})
-    of_claims = sa.tuple_(_UNIT.job_id, _UNIT.number).in_(names)
-    columns = sa.select(_UNIT.job_id, _UNIT.number, _JOB.generation, _UNIT.token, _UNIT.state).join(
-        tables.jobs, _JOB.id == _UNIT.job_id
-    )
+    values = {
+        "of_jobs": sorted({claim.job_id for claim in claims}),
+        "of_numbers": sorted({claim.index for claim in claims}),
+        "by_worker": worker_id,
+    }
     with writing(db) as connection:
         # Never waits: a row that is held just now is being recorded, given back or taken, and is met again next time
-        free = columns.where(of_claims).with_for_update(of=tables.units, skip_locked=True)
-        held = {tuple(row) for row in connection.execute(free)}
-        known = held | {tuple(row) for row in connection.execute(columns.where(of_claims))}
+        held = {tuple(row) for row in connection.execute(_FREE, values)}
+        known = held | {tuple(row) for row in connection.execute(_KNOWN, values)}
         prolonged = [claim for claim in claims if (*_name(claim), "leased") in held]
         if prolonged:
             until = now(db, connection) + lease_seconds
-            values = [{"of_job": c.job_id, "of_number": c.index, "until": until} for c in prolonged]
-            connection.execute(_PROLONG, values)
+            changes = [{"of_job": c.job_id, "of_number": c.index, "until": until} for c in prolonged]
+            connection.execute(_PROLONG, changes)
     return [c for c in claims if (*_name(c), "leased") not in known and (*_name(c), "recorded") not in known]
 
 
@@ -57,6 +56,14 @@ def _name(claim: Claim) -> tuple[str, int, int, int]:
     return claim.job_id, claim.index, claim.generation, claim.token
 
 
+# Jobs and numbers apart, which finds more rows than were asked for: SQLite walks the table for a list of pairs
+_KNOWN = (
+    sa.select(_UNIT.job_id, _UNIT.number, _JOB.generation, _UNIT.token, _UNIT.state)
+    .join(tables.jobs, _JOB.id == _UNIT.job_id)
+    .where(_UNIT.job_id.in_(sa.bindparam("of_jobs", expanding=True)))
+    .where(_UNIT.number.in_(sa.bindparam("of_numbers", expanding=True)))
+)
+_FREE = _KNOWN.where(_UNIT.worker_id == sa.bindparam("by_worker")).with_for_update(of=tables.units, skip_locked=True)
 _PROLONG = (
     sa.update(tables.units)
     .where(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.number == sa.bindparam("of_number"))

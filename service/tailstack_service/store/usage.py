@@ -72,9 +72,9 @@ def figures(db: Database, *, fresh_seconds: float = 60.0) -> Figures:
     with reading(db) as connection:
         at = now(db, connection)
         by_state = {row[0]: row[1] for row in connection.execute(_COUNTS)}
-        ready = sa.select(sa.func.count(), sa.func.min(u.ready_at)).where(u.state == tables.READY)
+        ready = sa.select(sa.func.count(), sa.func.min(u.ready_at)).where(tables.ready)
         ready_units, oldest = connection.execute(ready).one()
-        leased = sa.select(sa.func.count()).where(u.state == tables.LEASED)
+        leased = sa.select(sa.func.count()).where(tables.leased)
         spent = sa.select(sa.func.coalesce(sa.func.sum(s.units), 0), sa.func.coalesce(sa.func.sum(s.cpu_seconds), 0.0))
         recorded, cpu_seconds = connection.execute(spent).one()
         alive = sa.select(sa.func.count()).where(w.seen_at > at - fresh_seconds)

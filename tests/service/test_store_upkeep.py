@@ -1,0 +1,439 @@
+"""Migrations, the check, backups that can be restored, and what a purge leaves."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from postgres import Server
+from store_scenes import Clock, claim, claim_one, find, finish, record, split, split_each, submit, url_of
+
+from tailstack.errors import Problem
+from tailstack_service.cli.main import main
+from tailstack_service.store import jobs, results, schema, tables, units, upkeep, usage
+from tailstack_service.store.database import Database, connect, open_database, writing
+from tailstack_service.store.errors import StoreError, StoreUnavailable
+
+DAY = 86_400.0
+
+
+@pytest.fixture
+def fresh(database_url: str, clock: Clock) -> Iterator[Database]:
+    """A database of this test alone, which it may damage."""
+    upkeep.migrate(database_url)
+    db = open_database(database_url, clock=clock)
+    try:
+        yield db
+    finally:
+        db.close()
+
+
+def wrong(db: Database) -> list[str]:
+    return [check.name for check in upkeep.check(db) if not check.ok]
+
+
+def execute(db: Database, statement: str) -> None:
+    with writing(db) as connection:
+        connection.exec_driver_sql(statement)
+
+
+def test_migrations_lead_to_the_tables_of_the_code(fresh: Database) -> None:
+    script = ScriptDirectory(str(schema.MIGRATIONS))
+    assert script.get_heads() == [schema.HEAD]
+    assert upkeep.schema_version(fresh) == schema.HEAD
+    with fresh.engine.connect() as connection:
+        context = MigrationContext.configure(connection, opts={"compare_type": True, "compare_server_default": True})
+        assert compare_metadata(context, tables.metadata) == []
+        found = sa.inspect(connection)
+        checks = {name: found.get_check_constraints(name) for name in ("jobs", "units")}
+        partial = {index["name"] for index in found.get_indexes("units")}
+    # What the comparison does not look at
+    assert {check["name"] for check in checks["jobs"]} == {"jobs_state", "jobs_result", "jobs_problem", "jobs_finished"}
+    assert {check["name"] for check in checks["units"]} == {"units_state"}
+    assert partial == {"units_ready", "units_leased", "units_open"}
+
+
+def test_migrating_again_changes_nothing(fresh: Database) -> None:
+    job = split(fresh, 2)
+    assert upkeep.migrate(url_of(fresh)) == (schema.HEAD, schema.HEAD)
+    assert find(fresh, job).units_done == 1
+
+
+def test_a_database_without_tables_is_refused_with_the_next_command(
+    postgres_url: str, tmp_path: Path, clock: Clock
+) -> None:
+    missing = f"sqlite:///{tmp_path / 'a.sqlite3'}"
+    with pytest.raises(StoreError, match=r"no database.*tailstack db migrate"):
+        open_database(missing)
+    assert not (tmp_path / "a.sqlite3").exists()
+    for migrate in (False, True):  # serve never changes a server's tables
+        with pytest.raises(StoreError, match=r"no tables.*tailstack db migrate"):
+            open_database(postgres_url, migrate=migrate)
+    open_database(missing, migrate=True).close()
+    open_database(missing).close()
+
+
+@pytest.mark.parametrize(
+    ("version", "words"), [("0000", "needs 0001.*db migrate"), ("0002", "knows 0001 at most.*newer")]
+)
+def test_another_version_is_refused(fresh: Database, version: str, words: str) -> None:
+    execute(fresh, f"UPDATE alembic_version SET version_num = '{version}'")
+    with pytest.raises(StoreError, match=words):
+        open_database(url_of(fresh))
+    assert wrong(fresh) == ["schema version"]
+    if version > schema.HEAD:
+        with pytest.raises(StoreError, match=words):
+            upkeep.migrate(url_of(fresh))
+        assert upkeep.schema_version(fresh) == version
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("mysql://u:secret@h/d", "mysql is not known"),
+        ("nonsense", "cannot be read"),
+        ("sqlite://", "a file is needed"),
+        ("sqlite:///:memory:", "a file is needed"),
+        ("sqlite:///a.sqlite3?mode=ro", "without further parameters"),
+    ],
+)
+def test_urls_that_cannot_be_used(url: str, words: str) -> None:
+    with pytest.raises(StoreError, match=words) as caught:
+        open_database(url, migrate=True)
+    assert "secret" not in str(caught.value)
+    assert "TAILSTACK_DATABASE" in str(caught.value)
+
+
+def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.sqlite3"
+    path.write_text("not a database, but long enough to be read as one")
+    with pytest.raises(StoreError, match="not a database"):
+        open_database(f"sqlite:///{path}", migrate=True)
+    assert path.read_text().startswith("not a database")
+
+
+def test_a_server_that_refuses_is_told_from_one_that_is_away(postgres_server: Server, postgres_url: str) -> None:
+    with pytest.raises(StoreUnavailable, match="refused"):
+        open_database("postgresql://u:p@127.0.0.1:1/d")
+    execute_as_owner = connect(postgres_url)
+    name = f"visitor_{postgres_url.rpartition('/')[2]}"
+    try:
+        execute(execute_as_owner, f"CREATE ROLE {name} LOGIN PASSWORD 'p'")
+        visitor = f"postgresql://{name}:p@127.0.0.1:{postgres_server.port}/{postgres_url.rpartition('/')[2]}"
+        with pytest.raises(StoreError, match=r"permission denied.*ALTER DATABASE"):
+            upkeep.migrate(visitor)
+        execute(execute_as_owner, f"DROP ROLE {name}")
+    finally:
+        execute_as_owner.close()
+
+
+def scene(db: Database, clock: Clock) -> dict[str, jobs.Job]:
+    """One job in each state, and one that is half done."""
+    made = {"done": submit(db)}
+    finish(db, b'{"answer":42}')
+    made["failed"] = submit(db)
+    assert record(db, claim_one(db), problem=b'{"type":"x"}')
+    made["cancelled"] = split(db, 2)
+    assert jobs.cancel(db, "acme", made["cancelled"].id)
+    made["running"], made["half"] = split_each(db, clock, 2, 3)
+    held = claim(db, limit=3)
+    assert record(db, held[0], result=b"x")
+    assert record(db, held[2], result=b"y")
+    made["queued"] = submit(db)
+    return {name: find(db, job) for name, job in made.items()}
+
+
+def test_a_sound_database_is_found_sound(fresh: Database, clock: Clock) -> None:
+    scene(fresh, clock)
+    checks = upkeep.check(fresh)
+    assert [check.name for check in checks if not check.ok] == []
+    assert len(checks) == (13 if fresh.dialect == "sqlite" else 11)
+
+
+# What is broken by hand, and the rule that must notice it.  {name} is the id of a job of the scene.
+DAMAGE = {
+    "results hash to their names": "UPDATE results SET body = {odd_body}",
+    "every unit belongs to a job": "UPDATE units SET job_id = '0' WHERE job_id = '{queued}'",
+    "every unfinished job has a unit to compute": "DELETE FROM units WHERE job_id = '{queued}'",
+    "no finished job has one": "UPDATE units SET state = 'ready' WHERE job_id = '{done}'",
+    "no finished job keeps payloads of units": "UPDATE units SET result = {odd_body} WHERE job_id = '{done}'",
+    "every recorded unit of an unfinished job has its payload": "UPDATE units SET result = NULL",
+    "units are counted right": "UPDATE jobs SET units_done = units_done + 1 WHERE id = '{half}'",
+    "every job has its request": "DELETE FROM requests WHERE job_id = '{half}'",
+    "every succeeded job has its result": "UPDATE jobs SET result_sha256 = '0' WHERE id = '{done}'",
+    "events are numbered without gaps": "DELETE FROM events WHERE job_id = '{half}' AND sequence = 2",
+}
+
+
+@pytest.mark.parametrize("rule", DAMAGE)
+def test_the_check_notices_what_is_broken(fresh: Database, clock: Clock, rule: str) -> None:
+    made = scene(fresh, clock)
+    odd_body = "x'00'" if fresh.dialect == "sqlite" else r"'\x00'"
+    statement = DAMAGE[rule].format(odd_body=odd_body, **{name: job.id for name, job in made.items()})
+    with fresh.engine.connect() as connection:
+        if fresh.dialect == "sqlite":
+            connection.connection.driver_connection.execute("PRAGMA foreign_keys=OFF")  # type: ignore[union-attr]
+        else:
+            connection.exec_driver_sql("SET session_replication_role = replica")  # foreign keys are not looked at
+        connection.exec_driver_sql(statement)
+        connection.commit()
+        connection.invalidate()
+    found = wrong(fresh)
+    assert rule in found
+    # One cause may break other rules as well, and SQLite's own check of references
+    allowed = {"foreign key check", "units are counted right", "every unfinished job has a unit to compute"}
+    assert set(found) - {rule} <= allowed
+
+
+def raise_if_wrong(db: Database) -> None:
+    names = wrong(db)
+    if names:
+        raise StoreError(Problem("", "damaged", ", ".join(names), "restore a backup"))
+
+
+def test_a_page_of_a_file_that_is_overwritten_is_noticed(tmp_path: Path, clock: Clock) -> None:
+    path = tmp_path / "a.sqlite3"
+    db = open_database(f"sqlite:///{path}", migrate=True, clock=clock)
+    split_each(db, clock, *[5] * 40)
+    db.close()
+    content = bytearray(path.read_bytes())
+    for page in range(20, len(content) // 4096):
+        content[page * 4096 : page * 4096 + 64] = b"\xff" * 64
+    path.write_bytes(content)
+    damaged = connect(f"sqlite:///{path}")
+    try:
+        with pytest.raises(StoreError, match="restore a backup"):
+            # SQLite may refuse to read at all, which is told in the same words
+            raise_if_wrong(damaged)
+    finally:
+        damaged.close()
+
+
+def test_a_backup_of_a_file_can_be_restored(tmp_path: Path, clock: Clock) -> None:
+    db = open_database(f"sqlite:///{tmp_path / 'a.sqlite3'}", migrate=True, clock=clock)
+    target = tmp_path / "backup.sqlite3"
+    try:
+        made = scene(db, clock)
+        upkeep.backup(url_of(db), target)
+        submit(db)  # goes on
+        with pytest.raises(StoreError, match="exists already"):
+            upkeep.backup(url_of(db), target)
+    finally:
+        db.close()
+    assert target.stat().st_mode & 0o777 == 0o600
+    assert sorted(path.name for path in tmp_path.iterdir() if "backup" in path.name) == ["backup.sqlite3"]
+    restored = tmp_path / "restored.sqlite3"
+    shutil.copy(target, restored)
+    check_restored(f"sqlite:///{restored}", made, clock)
+
+
+def test_a_backup_of_a_server_can_be_restored(
+    postgres_server: Server, postgres_url: str, tmp_path: Path, clock: Clock
+) -> None:
+    upkeep.migrate(postgres_url)
+    db = open_database(postgres_url, clock=clock)
+    target = tmp_path / "backup.dump"
+    try:
+        made = scene(db, clock)
+        words = upkeep.backup(postgres_url, target)
+        submit(db)
+        with pytest.raises(StoreError, match="exists already"):
+            upkeep.backup(postgres_url, target)
+    finally:
+        db.close()
+    assert "pg_restore" in words
+    assert target.stat().st_mode & 0o777 == 0o600
+    name = postgres_server.create_database()
+    try:
+        subprocess.run(
+            [postgres_server.binaries / "pg_restore", "--no-owner", "--exit-on-error", f"--dbname={name}",
+             "--host=127.0.0.1", f"--port={postgres_server.port}", "--username=tailstack", target],
+            check=True, timeout=60, env={**os.environ, "PGPASSWORD": postgres_server.password},
+        )  # fmt: skip
+        check_restored(postgres_server.url(name), made, clock)
+    finally:
+        postgres_server.drop_database(name)
+
+
+def check_restored(url: str, made: dict[str, jobs.Job], clock: Clock) -> None:
+    db = open_database(url, clock=clock)
+    try:
+        assert wrong(db) == []
+        assert {name: find(db, job) for name, job in made.items()} == made
+        assert len(jobs.page(db, "acme", limit=99).jobs) == len(made)
+        assert made["done"].result_sha256 is not None
+        kept = results.get(db, "acme", made["done"].result_sha256)
+        assert kept is not None
+        assert kept.body == b'{"answer":42}'
+        clock.advance(1_000)  # and it goes on where it was
+        while held := claim(db, limit=9):
+            for one in held:
+                assert record(db, one, **({"result": b"z"} if b"unit" in one.spec else {"answer": b"{}"}))
+        assert find(db, made["half"]).state == "succeeded"
+    finally:
+        db.close()
+
+
+def test_a_backup_is_refused_with_the_reason(
+    postgres_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "x"
+    with pytest.raises(StoreError, match="there is no database"):
+        upkeep.backup(f"sqlite:///{tmp_path / 'none.sqlite3'}", target)
+    with pytest.raises(StoreError, match="mkdir -p"):
+        upkeep.backup(postgres_url, tmp_path / "none" / "x")
+    wrong_password = postgres_url.replace(postgres_url.split(":")[2].partition("@")[0], "wrong-secret")
+    with pytest.raises(StoreError, match="password authentication failed") as caught:
+        upkeep.backup(wrong_password, target)
+    assert "wrong-secret" not in str(caught.value)
+    monkeypatch.setattr("tailstack_service.store.backup.find_program", lambda name: None)
+    with pytest.raises(StoreError, match="apt-get install postgresql-client"):
+        upkeep.backup(postgres_url, target)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_password_is_not_among_the_arguments(
+    postgres_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[list[str]] = []
+    run = subprocess.run
+
+    def spy(command: list[str], **options: object) -> object:
+        seen.append([str(word) for word in command])
+        return run(command, **options)  # type: ignore[call-overload]
+
+    monkeypatch.setattr("tailstack_service.store.backup.subprocess.run", spy)
+    upkeep.migrate(postgres_url)
+    upkeep.backup(postgres_url, tmp_path / "x")
+    password = postgres_url.split(":")[2].partition("@")[0]
+    assert any("pg_dump" in words[0] for words in seen)
+    assert not any(password in word for words in seen for word in words)
+
+
+def test_a_purge_deletes_what_is_old_and_nothing_else(store: Database, clock: Clock) -> None:
+    old = submit(store, idempotency_key="k")
+    shared = submit(store, tenant="other")
+    held = {one.job_id: one for one in claim(store, limit=2)}
+    assert record(store, held[old.id], answer=b'{"only":"old"}')
+    assert record(store, held[shared.id], answer=b'{"shared":1}')
+    unfinished = split(store, 2)
+    clock.advance(20 * DAY)
+    young = submit(store)
+    claimed = next(one for one in claim(store, limit=9) if one.job_id == young.id)
+    assert record(store, claimed, answer=b'{"shared":1}')
+    units.heartbeat(store, "w1", "host", 1, "1.0", "pool", 1)
+    assert upkeep.purge(store, 30.0) == upkeep.Purged(jobs=0, results=0, usage_rows=2, workers=0)
+    clock.advance(11 * DAY)
+
+    gone, kept = find(store, old).result_sha256, find(store, young).result_sha256
+    assert gone is not None
+    assert kept is not None
+    assert upkeep.purge(store, 30.0) == upkeep.Purged(jobs=2, results=1, usage_rows=1, workers=1)
+    assert jobs.find(store, "acme", old.id) is None
+    assert jobs.find(store, "other", shared.id) is None
+    assert results.get(store, "acme", gone) is None
+    assert results.get(store, "acme", kept) is not None
+    assert results.get(store, "other", kept) is None
+    assert find(store, unfinished).state == "running"
+    assert submit(store, idempotency_key="k").id != old.id  # a key lives as long as its job
+    assert wrong(store) == []
+    assert upkeep.purge(store, 30.0) == upkeep.Purged(0, 0, 0, 0)
+
+
+def test_a_purge_takes_many_jobs_in_several_transactions(store: Database, clock: Clock) -> None:
+    for number in range(230):
+        jobs.cancel(store, "acme", submit(store, b"%d" % number).id)
+    clock.advance(DAY + 1)
+    last = submit(store)
+    assert upkeep.purge(store, 1.0).jobs == 230
+    assert jobs.page(store, "acme", limit=9).jobs == (last,)
+
+
+def test_old_usage_becomes_one_sum(store: Database, clock: Clock) -> None:
+    for tenant in ("acme", "other"):
+        for _ in range(3):
+            submit(store, tenant=tenant)
+            assert record(store, claim_one(store), answer=b"{}", cpu_seconds=2.0)
+            clock.advance(60)
+    clock.advance(2 * DAY)
+    recent = clock.now
+    submit(store)
+    assert record(store, claim_one(store), answer=b"{}", cpu_seconds=5.0)
+    before = usage.figures(store)
+    assert upkeep.purge(store, 30.0).usage_rows == 6
+    after = usage.figures(store)
+    assert (after.recorded_units, after.cpu_seconds) == (7, pytest.approx(17.0))
+    assert (before.recorded_units, before.cpu_seconds) == (after.recorded_units, pytest.approx(after.cpu_seconds))
+    assert usage.cpu_seconds_since(store, "acme", recent - 3_600) == pytest.approx(5.0)
+    assert usage.cpu_seconds_since(store, "acme", 0.0) == pytest.approx(11.0)
+    assert upkeep.purge(store, 30.0).usage_rows == 0
+
+
+@pytest.fixture
+def command(
+    database_url: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """``tailstack`` on a database of this test: exit code, stdout, stderr."""
+    monkeypatch.setenv("TAILSTACK_DATABASE", database_url)
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        code = main(arguments)
+        found = capsys.readouterr()
+        return code, found.out, found.err
+
+    return call
+
+
+def test_the_commands_of_an_operator(
+    command: Callable[..., tuple[int, str, str]], database_url: str, tmp_path: Path
+) -> None:
+    code, out, err = command("db", "check")
+    assert code == 3, (out, err)
+    assert "tailstack db migrate" in out + err or "none" in out
+    code, out, err = command("db", "migrate")
+    assert (code, out) == (0, "")
+    assert f"created with schema version {schema.HEAD}" in err
+    assert "already at" in command("db", "migrate")[2]
+    code, out, err = command("db", "check")
+    assert code == 0, (out, err)
+    assert out.count("ok  ") == len(out.splitlines()) - 1
+    assert out.endswith(": sound\n")
+    target = tmp_path / "out" / "b"
+    target.parent.mkdir()
+    code, out, err = command("db", "backup", "-o", str(target))
+    assert (code, out) == (0, "")
+    assert "to restore it:" in err
+    assert target.exists()
+    assert command("db", "backup", "-o", str(target))[0] == 3
+    db = connect(database_url)
+    split(db, 2)
+    execute(db, "UPDATE jobs SET units_done = 7")
+    db.close()
+    code, out, err = command("db", "check")
+    assert code == 3
+    assert "FAIL  units are counted right: not so: 0" in out
+    password = database_url.split(":")[2].partition("@")[0] if "@" in database_url else None
+    assert password is None or password not in out + err
+
+
+def test_a_backup_of_a_file_needs_nothing_beside_it(tmp_path: Path, clock: Clock) -> None:
+    db = open_database(f"sqlite:///{tmp_path / 'a.sqlite3'}", migrate=True, clock=clock)
+    try:
+        split(db, 3)
+        upkeep.backup(url_of(db), tmp_path / "b")
+    finally:
+        db.close()
+    with closing(sqlite3.connect(f"file:{tmp_path / 'b'}?immutable=1", uri=True)) as copy:
+        assert copy.execute("PRAGMA journal_mode").fetchone() == ("delete",)
+        assert copy.execute("SELECT count(*) FROM units").fetchone() == (4,)
+    assert not (tmp_path / "b-wal").exists()
