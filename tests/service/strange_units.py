@@ -13,9 +13,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-from tailstack.errors import InfeasibleError, Problem
-from tailstack_service.documents import to_json
-from tailstack_service.problems import problem_document
 from tailstack_service.work.task import ADVANCE, Outcome, Task
 
 FUNCTION = f"{__name__}:perform"
@@ -39,6 +36,10 @@ def perform(task: Task) -> Outcome:
         return Outcome(time.process_time() - begun, answer=answer_of(task.request, [u.result for u in task.results]))
     _behave(asked)
     if asked["do"] == "refuse":
+        from tailstack.errors import InfeasibleError, Problem
+        from tailstack_service.documents import to_json
+        from tailstack_service.problems import problem_document
+
         error = InfeasibleError(Problem("", "no-room", "nothing fits", "allow more"))
         return Outcome(0.0, problem=to_json(problem_document(error, instance="")))
     result = hashlib.sha256(task.request + task.spec).hexdigest().encode()

@@ -17,7 +17,7 @@ from contextlib import suppress
 from typing import IO, Any
 
 from . import frames, warming
-from .engine import function_named
+from .engine import PERFORM, function_named
 
 BEGUN = "begun"
 WARM_UP_AFTER_SECONDS = 1.0  # idle: a service that has just started needs the processor for itself
@@ -50,7 +50,7 @@ def main(function: str, parent: int) -> None:
     tasks, outcomes = _private_streams()
     waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(tasks, waiting), name="tasks", daemon=True).start()
-    compute, warm = None, warming.steps()
+    compute, warm = None, warming.steps() if function == PERFORM else []
     for count in range(1, TASKS + 1):
         task = _next(waiting, warm)
         frames.send(outcomes, BEGUN)

@@ -1,0 +1,272 @@
+"""The worker in this process, on both databases: what it records, what it gives back, what it stops.
+
+Answers are compared with what ``strange_units`` computes outside any worker.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import sqlalchemy as sa
+from strange_units import expected_answer, request
+from worker_scenes import TENANT, VERSION, finished, job, prepared_database, submit, until, working
+
+from tailstack_service.store import jobs, results, tables, units
+from tailstack_service.store.database import Database, reading
+from tailstack_service.store.jobs import Job
+from tailstack_service.worker import loop
+
+pytestmark = pytest.mark.usefixtures("quiet")
+
+
+@pytest.fixture
+def quiet(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.DEBUG, logger="tailstack.worker")
+
+
+@pytest.fixture
+def db(database_url: str) -> Iterator[Database]:
+    with prepared_database(database_url) as db:
+        yield db
+
+
+def answer(db: Database, ended: Job) -> bytes:
+    assert ended.state == "succeeded", ended.problem
+    assert ended.result_sha256 is not None
+    found = results.get(db, TENANT, ended.result_sha256)
+    assert found is not None
+    return found.body
+
+
+def problem_of(ended: Job) -> dict[str, Any]:
+    assert ended.state == "failed"
+    assert ended.problem is not None
+    return ended.problem
+
+
+def told(caplog: pytest.LogCaptureFixture, action: str) -> list[logging.LogRecord]:
+    return [record for record in caplog.records if getattr(record, "action", "") == action]
+
+
+def unit_rows(db: Database, submitted: Job) -> list[Any]:
+    with reading(db) as connection:
+        query = sa.select(tables.units).where(tables.units.c.job_id == submitted.id).order_by(tables.units.c.number)
+        return list(connection.execute(query))
+
+
+def test_a_job_is_computed_and_recorded_once(db: Database) -> None:
+    asked = request(units=5)
+    submitted = submit(db, asked)
+    with working(db):
+        ended = finished(db, submitted)
+    assert answer(db, ended) == expected_answer(asked)
+    assert ended.units_done == 7  # a look, five units, a look
+    assert [row.attempts for row in unit_rows(db, submitted)] == [1] * 7
+
+
+def test_many_small_jobs_none_lost_none_doubled(db: Database, tmp_path: Path) -> None:
+    """Two workers on one database; every unit notes that it was begun."""
+    note = tmp_path / "note"
+    asked = [request(units=2, number=number, note=str(note)) for number in range(40)]
+    submitted = [submit(db, one) for one in asked]
+    with working(db, lease_seconds=30.0), working(db, lease_seconds=30.0):
+        ended = [finished(db, one) for one in submitted]
+    assert [answer(db, one) for one in ended] == [expected_answer(one) for one in asked]
+    assert len(note.read_text().splitlines()) == 40 * 4
+
+
+def test_a_refused_request_fails_with_its_own_problem(db: Database) -> None:
+    with working(db):
+        ended = finished(db, submit(db, request("refuse")))
+    assert problem_of(ended)["type"] == "/v1/problems/infeasible"
+
+
+def test_a_defect_fails_the_job_and_not_the_worker(db: Database, caplog: pytest.LogCaptureFixture) -> None:
+    with working(db):
+        bad, good = submit(db, request("raise"), request_id="r-77"), submit(db, request())
+        ended = finished(db, bad)
+        assert finished(db, good).state == "succeeded"
+    assert problem_of(ended)["type"] == "/v1/problems/internal-error"
+    assert "ArithmeticError" not in json.dumps(ended.problem)  # what went wrong inside is for the log
+    (line,) = told(caplog, "defect")
+    assert "ArithmeticError: a defect, for the test of it" in line.getMessage()
+    assert (line.job, line.request, line.unit) == (bad.id, "r-77", 1)  # type: ignore[attr-defined]
+
+
+def test_a_poison_unit_fails_its_job_and_no_other(db: Database, caplog: pytest.LogCaptureFixture) -> None:
+    with working(db, max_unit_deaths=3):
+        poison, good = submit(db, request("die", units=2)), submit(db, request(units=4))
+        ended = finished(db, poison)
+        assert finished(db, good).state == "succeeded"
+    assert problem_of(ended)["type"] == "/v1/problems/unit-lost"
+    assert "3 computing processes" in problem_of(ended)["detail"]
+    assert 3 <= len(told(caplog, "died")) <= 6  # three times of one unit, and of the other as often at most
+
+
+def test_an_outcome_that_a_unit_cannot_have_is_a_defect(db: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A solver that answers nothing at all: refused by the store, and said so."""
+    monkeypatch.setattr("strange_units.FUNCTION", "empty_units:perform")
+    with working(db):
+        ended = finished(db, submit(db, request()))
+    assert problem_of(ended)["type"] == "/v1/problems/internal-error"
+
+
+def test_a_cancelled_job_stops_computing_within_a_lease(db: Database) -> None:
+    with working(db, lease_seconds=1.5) as (_, engine):
+        submitted = submit(db, request("burn", units=2))
+        until(lambda: len(engine._children.seconds()) == 2)
+        before = set(engine.pids())
+        assert jobs.cancel(db, TENANT, submitted.id) is not None
+        until(lambda: not engine._children.seconds(), 1.5)
+        until(lambda: len(set(engine.pids()) - before) == 2)
+        assert finished(db, submit(db, request())).state == "succeeded"
+    assert job(db, submitted).state == "cancelled"
+
+
+def test_a_unit_that_takes_too_long_is_stopped(db: Database, caplog: pytest.LogCaptureFixture) -> None:
+    with working(db, max_job_seconds=2.0, lease_seconds=1.0) as (_, engine):
+        ended = finished(db, submit(db, request("sleep")), 10.0)
+        until(lambda: not engine._children.seconds())
+        assert finished(db, submit(db, request())).state == "succeeded"
+    assert problem_of(ended)["type"] == "/v1/problems/limit-exceeded"
+    assert "TAILSTACK_MAX_JOB_SECONDS" in problem_of(ended)["errors"][0]["hint"]
+    assert len(told(caplog, "too-long")) == 1
+
+
+def test_a_stop_gives_everything_back_at_once(db: Database) -> None:
+    asked = request("sleep", units=2, seconds=3.0)
+    submitted = submit(db, asked)
+    with working(db, lease_seconds=600.0) as (_, engine):
+        until(lambda: len(engine._children.seconds()) == 2)
+        assert len(units.workers(db)) == 1
+    assert units.workers(db) == []
+    rows = unit_rows(db, submitted)
+    assert [row.state for row in rows] == ["recorded", "ready", "ready"]
+    assert [row.deaths for row in rows] == [0, 0, 0]
+    with working(db, lease_seconds=600.0):
+        assert answer(db, finished(db, submitted)) == expected_answer(asked)
+
+
+def test_a_late_record_is_refused(db: Database, caplog: pytest.LogCaptureFixture) -> None:
+    """The unit was taken over while this worker thought that it had it; what it finds is not written."""
+    submitted = submit(db, request("sleep", seconds=0.7))
+    with working(db, lease_seconds=600.0) as (_, engine):  # so long that it does not look for its loss
+        until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())
+        with db.engine.connect() as connection:
+            held = tables.units.c.number == 1
+            connection.execute(sa.update(tables.units).where(held).values(token=tables.units.c.token + 1))
+            connection.commit()
+        until(lambda: told(caplog, "late"))
+        assert unit_rows(db, submitted)[1].state == "leased"
+        assert job(db, submitted).units_done == 1
+
+
+def test_an_upgrade_computes_anew_and_says_so(db: Database) -> None:
+    asked = request("sleep", units=3, seconds=0.3)
+    submitted = submit(db, asked)
+    with working(db, worker_processes=1, lease_seconds=600.0):
+        until(lambda: job(db, submitted).units_done >= 2)
+    assert not job(db, submitted).finished
+    with working(db, solver_version="2.0"):
+        ended = finished(db, submitted)
+    assert (ended.solver_version, ended.generation) == ("2.0", 2)
+    assert answer(db, ended) == expected_answer(asked)
+    (event,) = [e for e in jobs.events_after(db, TENANT, submitted.id, 0, 100) if e.name == "recomputed"]
+    assert event.data == {"from": VERSION, "to": "2.0"}
+
+
+def test_a_killed_process_is_counted_and_its_unit_computed_again(db: Database) -> None:
+    asked = request("sleep", seconds=0.5)
+    submitted = submit(db, asked)
+    with working(db, worker_processes=1) as (_, engine):
+        until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())
+        os.kill(engine.pids()[0], signal.SIGKILL)
+        assert answer(db, finished(db, submitted)) == expected_answer(asked)
+    assert [row.deaths for row in unit_rows(db, submitted)] == [0, 1, 0]
+    assert [row.attempts for row in unit_rows(db, submitted)] == [1, 2, 1]
+
+
+def test_short_units_are_taken_ahead_and_long_ones_are_not(db: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    claim = units.claim
+
+    def counting(*arguments: Any, **options: Any) -> list[Any]:
+        asked.append(options["limit"])
+        return claim(*arguments, **options)
+
+    monkeypatch.setattr(loop.units, "claim", counting)
+    with working(db):
+        finished(db, submit(db, request("burn", units=4, seconds=0.5)))
+        longest = max(asked)
+        finished(db, submit(db, request(units=150)))
+    assert longest == 2  # as many as there are processes
+    assert max(asked) == 2 * (1 + loop.AHEAD_UNITS)
+
+
+def test_the_database_may_go_away_while_units_are_computed(
+    db: Database, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Every statement fails for a second: what was computed meanwhile is recorded afterwards, by the same claims."""
+    from tailstack.errors import Problem
+    from tailstack_service.store.errors import StoreUnavailable
+
+    away = False
+    real = {name: getattr(units, name) for name in ("claim", "record", "renew", "heartbeat", "release")}
+
+    def replacing(name: str) -> Any:
+        def call(*arguments: Any, **options: Any) -> Any:
+            if away:
+                raise StoreUnavailable(Problem("", "store-unavailable", "gone", ""))
+            return real[name](*arguments, **options)
+
+        return call
+
+    for name in real:
+        monkeypatch.setattr(units, name, replacing(name))
+    submitted = submit(db, request("sleep", units=2, seconds=0.5))
+    with working(db, lease_seconds=1.0) as (_, engine):
+        until(lambda: len(engine._children.seconds()) == 2)
+        away = True
+        until(lambda: told(caplog, "store-unavailable"))
+        until(lambda: not engine._children.seconds())
+        away = False
+        ended = finished(db, submitted)
+    assert ended.state == "succeeded"
+    assert [row.attempts for row in unit_rows(db, submitted)] == [1, 1, 1, 1]
+
+
+def test_a_defect_of_the_second_thread_ends_the_worker(db: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without heartbeats a worker would compute in vain for ever."""
+
+    def broken(*_: Any, **__: Any) -> Any:
+        raise ArithmeticError("for the test of it")
+
+    held = submit(db, request("sleep"))
+    with working(db, lease_seconds=1.0, expected=ArithmeticError):
+        until(lambda: len(unit_rows(db, held)) == 2)
+        monkeypatch.setattr(units, "renew", broken)
+        until(lambda: units.workers(db) == [])
+    assert [row.state for row in unit_rows(db, held)] == ["recorded", "ready"]
+
+
+def test_a_lost_unit_is_stopped_and_left_alone(db: Database, caplog: pytest.LogCaptureFixture) -> None:
+    """Another worker has the unit by now: the computation ends, nothing is released or recorded."""
+    submitted = submit(db, request("burn"))
+    with working(db, lease_seconds=1.0) as (_, engine):
+        until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())
+        with db.engine.connect() as connection:
+            held = tables.units.c.number == 1
+            taken = {"token": tables.units.c.token + 1, "worker_id": "another", "lease_until": 1e11}
+            connection.execute(sa.update(tables.units).where(held).values(taken))
+            connection.commit()
+        until(lambda: not engine._children.seconds(), 5.0)
+        assert len(told(caplog, "lost")) == 1
+    row = unit_rows(db, submitted)[1]
+    assert (row.state, row.worker_id, row.deaths) == ("leased", "another", 0)

@@ -1,0 +1,156 @@
+"""Workers of the tests: in a thread of this process, or as processes; and the short ways to give them jobs."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import psutil
+import strange_units
+
+from tailstack_service.compute.interpreter import environment
+from tailstack_service.compute.pool import PoolEngine
+from tailstack_service.settings import Settings
+from tailstack_service.store import jobs
+from tailstack_service.store.database import Database, open_database
+from tailstack_service.store.jobs import Job
+from tailstack_service.worker.loop import Worker
+
+LONG = 60.0  # s, for what takes a few at most
+VERSION = "1.0"
+TENANT = "acme"
+QUICK: dict[str, Any] = {"lease_seconds": 1.0, "poll_seconds": 0.01, "worker_processes": 2}
+
+PROGRAM = """
+import os, sys
+from tailstack_service.logs import log_to_stderr
+from tailstack_service.settings import settings_from
+from tailstack_service.worker.process import run_worker
+import logging
+log_to_stderr(level=logging.DEBUG)
+sys.exit(run_worker(settings_from(os.environ), function=os.environ["FUNCTION"], solver_version=os.environ["VERSION"]))
+"""
+
+
+def until(condition: Callable[[], object], seconds: float = LONG) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def submit(db: Database, request: bytes, **changes: Any) -> Job:
+    given: dict[str, Any] = {
+        "tenant": TENANT, "kind": "verification", "design_name": "strange", "solver_version": VERSION,
+        "request_id": "request-1", "max_queued": 100_000,
+    }  # fmt: skip
+    return jobs.submit(db, request=request, **(given | changes))[0]
+
+
+def job(db: Database, submitted: Job) -> Job:
+    found = jobs.find(db, TENANT, submitted.id)
+    assert found is not None
+    return found
+
+
+def finished(db: Database, submitted: Job, seconds: float = LONG) -> Job:
+    """The job once it has ended."""
+    until(lambda: job(db, submitted).finished, seconds)
+    return job(db, submitted)
+
+
+@contextmanager
+def prepared_database(url: str) -> Iterator[Database]:
+    """The database with its tables, as an operator makes it."""
+    from tailstack_service.store.upkeep import migrate
+
+    migrate(url)
+    db = open_database(url)
+    try:
+        yield db
+    finally:
+        db.close()
+
+
+@contextmanager
+def working(
+    db: Database, *, solver_version: str = VERSION, expected: type[Exception] | None = None, **changes: Any
+) -> Iterator[tuple[Worker, PoolEngine]]:
+    """A worker in a thread of this process; ``expected`` is what its ``run`` has to raise in the end."""
+    settings = Settings(**(QUICK | changes))
+    engine = PoolEngine(settings.worker_processes, function=strange_units.FUNCTION)
+    worker = Worker(db, engine, settings, solver_version=solver_version)
+    raised: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            worker.run()
+        except BaseException as error:
+            raised.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield worker, engine
+    finally:
+        worker.stop()
+        thread.join(LONG)
+        assert not thread.is_alive()
+    if raised and type(raised[0]) is not expected:
+        raise raised[0]
+    assert bool(raised) == (expected is not None)
+
+
+@contextmanager
+def worker_process(
+    url: str, log: Path, *, function: str = strange_units.FUNCTION, version: str = VERSION, **changes: str
+) -> Iterator[subprocess.Popen[bytes]]:
+    """A worker as a process of its own, with the strange units; ``log`` gets its stderr."""
+    told = {"TAILSTACK_LEASE_SECONDS": "1", "TAILSTACK_POLL_SECONDS": "0.01", "TAILSTACK_WORKER_PROCESSES": "2"}
+    with started(
+        [sys.executable, "-c", PROGRAM], url, log, told | {"FUNCTION": function, "VERSION": version} | changes
+    ) as process:
+        yield process
+
+
+@contextmanager
+def started(command: list[str], url: str, log: Path, told: Mapping[str, str]) -> Iterator[subprocess.Popen[bytes]]:
+    """A process with these variables; whatever happens, nothing of it is left."""
+    kept = {name: value for name, value in environment().items() if not name.startswith("TAILSTACK_")}
+    with log.open("ab") as errors:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors,
+            env={**kept, "TAILSTACK_DATABASE": url, **told},
+        )  # fmt: skip
+    try:
+        yield process
+    finally:
+        end(process)
+
+
+def end(process: subprocess.Popen[bytes]) -> None:
+    """Kill a process and those that it started."""
+    family = []
+    with suppress(psutil.NoSuchProcess):
+        family = psutil.Process(process.pid).children(recursive=True)
+    with suppress(ProcessLookupError):
+        os.kill(process.pid, signal.SIGCONT)
+    process.kill()
+    process.wait(LONG)
+    for one in family:
+        with suppress(psutil.NoSuchProcess):
+            one.kill()
+
+
+def computing_processes(process: subprocess.Popen[bytes]) -> list[psutil.Process]:
+    with suppress(psutil.NoSuchProcess):
+        return psutil.Process(process.pid).children()
+    return []
