@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     size.add_argument("--trials", type=whole(1), metavar="N", help="number of trials")
     size.add_argument(
         "--precision",
-        type=_precision,
+        type=precision,
         metavar="REL",
         help="stop when the interval of P95 is within +-REL of it, e.g. 0.01",
     )
@@ -28,7 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--threads", type=whole(1, 1024), metavar="N", help="threads; the answer does not depend on it")
 
 
-def _precision(text: str) -> float:
+def precision(text: str) -> float:
+    """An argparse type: a relative half-width."""
     try:
         value = float(text)
     except ValueError:

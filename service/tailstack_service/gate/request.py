@@ -81,8 +81,9 @@ def admitted(
 ) -> dict[str, Any]:
     """A request, checked through and complete: what a job keeps and :func:`evaluate` takes.
 
-    data: the body as plain data.  today: used where the request names no day.  max_trials: more than a policy may ask
-    for.  Policy, waivers, baseline and every design are read strictly.  Raises RequestError, GateError, DesignError or LimitError, pointers into the body.
+    data: the body as plain data.  today: used where the request names no day.  max_trials: the most that a policy may
+    ask for.  Policy, waivers, baseline and every design are read strictly.  Raises RequestError, GateError,
+    DesignError or LimitError, pointers into the body.
     """
     request = _request(data, limits)
     if len(request.designs) > max_designs:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from tailstack.design.revision import FIELD
+from tailstack.results import Score
 
-from tailstack.results import Contributor, Score
-
+from ..rendering.score import single_lines
 from .case import Case, Remark
 from .numbers import yield_floor
 from .records import GateNumber
@@ -145,15 +145,6 @@ def to_blame(score: Score, target: str) -> str:
     if not lines or lines[0].variance_share <= 0:
         return ""
     first = lines[0]
-    component = "" if first.component == "all" else f" {first.component}"
+    component = "" if first.component == "all" else f".{first.component}"
     width = "" if first.half_width is None else f" (half-width {first.half_width:.3g} {first.unit})"
-    return f"{first.name}{component}{width}, {first.variance_share:.0%} of the variance"
-
-
-def single_lines(contributors: Sequence[Contributor]) -> list[Contributor]:
-    """Lines that do not overlap: components, and contributors without any; largest share first."""
-    counts: dict[str, int] = {}
-    for entry in contributors:
-        counts[entry.name] = counts.get(entry.name, 0) + 1
-    kept = [entry for entry in contributors if entry.component != "all" or counts[entry.name] == 1]
-    return sorted(kept, key=lambda entry: entry.variance_share, reverse=True)
+    return f"{FIELD.get(first.name, first.name)}{component}{width}, {first.variance_share:.0%} of the variance"

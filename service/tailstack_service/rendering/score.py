@@ -123,6 +123,15 @@ def grouped(contributors: Sequence[Contributor]) -> list[tuple[Contributor, list
     return sorted(groups, key=lambda group: group[0].variance_share, reverse=True)
 
 
+def single_lines(contributors: Sequence[Contributor]) -> list[Contributor]:
+    """Lines that do not overlap: components, and contributors without any; largest share first."""
+    counts: dict[str, int] = {}
+    for entry in contributors:
+        counts[entry.name] = counts.get(entry.name, 0) + 1
+    kept = [entry for entry in contributors if entry.component != "all" or counts[entry.name] == 1]
+    return sorted(kept, key=lambda entry: entry.variance_share, reverse=True)
+
+
 def _line(entry: Contributor, label: str) -> tuple[str, ...]:
     return (
         label,
@@ -178,4 +187,13 @@ def second_order_text(target: TargetScore) -> str:
     return wrapped(f"P95 {fixed(second.p95_mm, 4)} mm. {second.reason}", first="second order: ", indent="  ")
 
 
-__all__ = ["WIDTH", "budget_text", "grouped", "score_text", "targets_text", "views_text", "worst_target"]
+__all__ = [
+    "WIDTH",
+    "budget_text",
+    "grouped",
+    "score_text",
+    "single_lines",
+    "targets_text",
+    "views_text",
+    "worst_target",
+]

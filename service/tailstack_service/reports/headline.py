@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from tailstack.results import Check, Contributor, Finding, Score, TargetScore, Verification
 
+from ..rendering.score import single_lines
 from .records import Headline
 
 STATED = ("requirement-failed", "requirement-inconclusive")  # findings that repeat the verdict
@@ -146,12 +147,3 @@ def named(line: Contributor) -> str:
     component = "" if line.component == "all" else f" {line.component}"
     width = "" if line.half_width is None else f" (± {line.half_width:.3g} {line.unit})"
     return contributor_name(line.name) + component + width
-
-
-def single_lines(contributors: Sequence[Contributor]) -> list[Contributor]:
-    """Lines that do not overlap: components, and contributors without any; largest share first."""
-    counts: dict[str, int] = {}
-    for entry in contributors:
-        counts[entry.name] = counts.get(entry.name, 0) + 1
-    kept = [entry for entry in contributors if entry.component != "all" or counts[entry.name] == 1]
-    return sorted(kept, key=lambda entry: entry.variance_share, reverse=True)

@@ -1,0 +1,41 @@
+"""A gate's record in the formats that people and pipelines read; one table, one pure function each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..documents import to_json
+from .markdown import markdown_text
+from .records import GateRecord
+from .terminal import gate_text
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """One format of ``--format``."""
+
+    name: str
+    write: Callable[[GateRecord], bytes]
+
+
+def _json(record: GateRecord) -> bytes:
+    return to_json(record, indent=2) + b"\n"
+
+
+def _text(record: GateRecord) -> bytes:
+    return gate_text(record).encode()
+
+
+def _markdown(record: GateRecord) -> bytes:
+    return markdown_text(record).encode()
+
+
+FORMATS: dict[str, Format] = {
+    entry.name: entry
+    for entry in (
+        Format("text", _text),
+        Format("json", _json),
+        Format("markdown", _markdown),
+    )
+}

@@ -1,0 +1,80 @@
+"""A gate as text for a terminal: one block per design, compilers' way of naming places, the verdict last."""
+
+from __future__ import annotations
+
+from ..rendering.tables import coloured, fixed, number, shortened, table, wrapped
+from .records import GateFinding, GateNumber, GateRecord
+
+_ROLE = {"error": "fail", "warning": "warning", "pass": "pass", "fail": "fail", "inconclusive": "inconclusive"}
+
+
+def gate_text(record: GateRecord, *, colour: bool = False) -> str:
+    """Designs and their numbers, findings at their places, verdict and exit code."""
+    parts = [_designs(record, colour)]
+    counted = [finding for finding in record.findings if finding.suppressed_by is None]
+    accepted = [finding for finding in record.findings if finding.suppressed_by is not None]
+    if counted:
+        parts.append("\n".join(_finding(finding, colour) for finding in counted))
+    if accepted:
+        lines = [_finding(finding, colour) for finding in accepted]
+        parts.append("accepted by waivers\n" + "\n".join(lines))
+    parts.append(
+        coloured(f"verdict: {record.verdict}", _ROLE.get(record.verdict, "fail"), colour)
+        + f" (exit code {record.exit_code}; mode {record.mode}, seed {record.seed}, policy "
+        + f"{shortened(record.provenance.policy_name, 40)}, waivers judged by {record.provenance.today})"
+    )
+    return "\n\n".join(parts) + "\n"
+
+
+def place_of(finding: GateFinding) -> str:
+    """``file:line:column`` where they are known, else the pointer."""
+    if finding.line is not None:
+        return f"{finding.file}:{finding.line}:{finding.column or 1}"
+    return f"{finding.file}#{finding.pointer}" if finding.pointer else finding.file
+
+
+def _designs(record: GateRecord, colour: bool) -> str:
+    blocks = []
+    for design in record.designs:
+        basis = "" if design.basis == "none" else f"{design.basis}"
+        basis += f", {design.trials:,} trials" if design.trials is not None else ""
+        kind = f" [{design.design_class}]" if design.design_class else ""
+        verdict = coloured(design.verdict, _ROLE.get(design.verdict, "fail"), colour)
+        name = f" ({shortened(design.name, 50)})" if design.name else ""
+        blocks.append(f"{shortened(design.file, 60)}{name}{kind}: {verdict}" + (f" ({basis})" if basis else ""))
+        if design.numbers:
+            header = ("requirement", "target", "rule", "value", "interval", "limit", "unit", "status")
+            lines = table(header, _rows(design.numbers), left=3).splitlines()
+            blocks.append("\n".join("  " + line for line in lines))
+    return "\n".join(blocks)
+
+
+def _rows(numbers: tuple[GateNumber, ...]) -> list[tuple[str, ...]]:
+    """Everything that does not pass; of what passes, for each requirement the target nearest to its limit."""
+    rows = [_row(entry, entry.target) for entry in numbers if entry.status != "pass"]
+    for name in dict.fromkeys(entry.requirement for entry in numbers):
+        passing = [entry for entry in numbers if entry.requirement == name and entry.status == "pass"]
+        if passing:
+            sign = -1 if passing[0].unit == "fraction" else 1
+            nearest = max(passing, key=lambda entry: sign * entry.value / entry.limit)
+            others = f" (worst of {len(passing)})" if len(passing) > 1 else ""
+            rows.append(_row(nearest, nearest.target + others))
+    return rows
+
+
+def _row(entry: GateNumber, target: str) -> tuple[str, ...]:
+    ends = "-"
+    if entry.interval is not None:
+        ends = f"{fixed(entry.interval[0], 3)} .. {fixed(entry.interval[1], 3)}"
+    return (
+        entry.requirement, target, entry.rule, number(entry.value), ends, number(entry.limit), entry.unit, entry.status,
+    )  # fmt: skip
+
+
+def _finding(finding: GateFinding, colour: bool) -> str:
+    severity = coloured(finding.severity, _ROLE.get(finding.severity, "none"), colour)
+    text = f"{finding.message} [{finding.rule}]"
+    lines = wrapped(text, first=f"{shortened(place_of(finding), 70)}: {severity}: ", indent="  ")
+    if finding.suppressed_by is not None:
+        lines += "\n" + wrapped(finding.suppressed_by, first="  accepted by ", indent="  ")
+    return lines

@@ -1,0 +1,106 @@
+"""The chapters of a sweep."""
+
+from __future__ import annotations
+
+from tailstack.sweep_results import Sweep, SweepAxis
+
+from ..blocks import Block, Bullets, Column, Document, Figure, KeyNumber, Paragraph, Row, Section, Table
+from ..figures.sweep import curve_svg
+from .tables import not_included, provenance_facts
+
+MOST_CURVES = 5
+MOST_ROWS = 2000
+
+
+def sweep_document(sweep: Sweep, sha256: str) -> Document:
+    """Every point as a row; with one axis, P95 over it as a picture."""
+    found = [(target.p95_mm, point, target) for point in sweep.points for target in point.targets]
+    refused = [point for point in sweep.points if point.status == "refused"]
+    numbers = [KeyNumber("Points", f"{len(sweep.points):,}", f"{len(refused)} refused")]
+    figures: tuple[Figure, ...] = ()
+    sentence = "No point could be evaluated."
+    if found:
+        lowest, best, at = min(found, key=lambda entry: entry[0])
+        highest, worst, there = max(found, key=lambda entry: entry[0])
+        numbers.append(KeyNumber("Smallest P95", f"{lowest:.3f} mm", f"{at.name}, {_place(sweep, best.values)}"))
+        numbers.append(KeyNumber("Largest P95", f"{highest:.3f} mm", f"{there.name}, {_place(sweep, worst.values)}"))
+        sentence = f"P95 of the TCP error goes from {lowest:.3f} to {highest:.3f} mm over {len(sweep.points):,} points."
+        figures = _curve(sweep)
+    how = "by Monte Carlo" if sweep.check == "verification" else "to first order"
+    blocks: list[Block] = [_table(sweep)]
+    if refused:
+        blocks.append(Bullets(tuple(f"{_place(sweep, p.values)}: {p.reason}" for p in refused[:20])))
+    axes = ", ".join(f"{axis.pointer} ({len(axis.values)} values)" for axis in sweep.axes)
+    return Document(
+        kind="Sweep",
+        title=sweep.provenance.design_name,
+        tone="neutral",
+        status="sweep",
+        sentence=sentence,
+        numbers=tuple(numbers),
+        matters=(),
+        figures=figures,
+        sections=(
+            Section("Points", (Paragraph(f"Varied: {axes}; each point {how}."), *blocks)),
+            Section("What is not included", (not_included(sweep.provenance),)),
+        ),
+        provenance=provenance_facts(sweep.provenance, sha256, sweep.schema),
+    )
+
+
+def _place(sweep: Sweep, values: tuple[float, ...]) -> str:
+    return ", ".join(
+        f"{_short(axis)} = {value:g} {axis.unit}".strip() for axis, value in zip(sweep.axes, values, strict=True)
+    )
+
+
+def _short(axis: SweepAxis) -> str:
+    return "/".join(axis.pointer.split("/")[-2:])
+
+
+def _curve(sweep: Sweep) -> tuple[Figure, ...]:
+    if len(sweep.axes) != 1 or len(set(sweep.axes[0].values)) < 2:
+        return ()
+    largest: dict[str, float] = {}
+    for point in sweep.points:
+        for target in point.targets:
+            largest[target.name] = max(largest.get(target.name, 0.0), target.p95_mm)
+    shown = sorted(largest, key=lambda name: largest[name], reverse=True)[:MOST_CURVES]
+    series = []
+    for name in shown:
+        points = [(p.values[0], t.p95_mm) for p in sweep.points for t in p.targets if t.name == name]
+        series.append((name, sorted(points)))
+    if len({x for _, points in series for x, _ in points}) < 2:
+        return ()
+    axis = sweep.axes[0]
+    words = f"{axis.pointer}, {axis.unit}" if axis.unit else axis.pointer
+    return (Figure("curve", curve_svg(series, words), f"P95 of the TCP error over {axis.pointer}."),)
+
+
+def _table(sweep: Sweep) -> Table:
+    rows = []
+    for point in sweep.points:
+        for target in point.targets:
+            low, high = target.p95_interval_mm or (None, None)
+            cells = (target.name, target.p95_mm, low, high, target.mean_norm_mm, target.bias_norm_mm)
+            rows.append(Row((*point.values, *cells, target.localisation_p95_mm, point.verdict or "")))
+        if not point.targets:
+            rows.append(Row((*point.values, "", None, None, None, None, None, None, point.status)))
+    more = len(rows) - MOST_ROWS
+    return Table(
+        "Points",
+        "Every point of the grid",
+        (
+            *(Column(_short(axis), axis.unit, "significant", 6) for axis in sweep.axes),
+            Column("Target"),
+            Column("P95", "mm", "fixed", 4),
+            Column("P95 from", "mm", "fixed", 4),
+            Column("P95 to", "mm", "fixed", 4),
+            Column("Mean |e|", "mm", "fixed", 4),
+            Column("|bias|", "mm", "fixed", 4),
+            Column("P95 as localised", "mm", "fixed", 4),
+            Column("Verdict", kind="status"),
+        ),
+        tuple(rows[:MOST_ROWS]),
+        f"{more:,} more rows are in the record." if more > 0 else "",
+    )
