@@ -1,6 +1,7 @@
 """Whole jobs by the in-memory driver, against the library called in process: the same bytes.
 
-The driver computes each round's units in a shuffled order (the seeds are in the tests) and takes every look twice.
+The driver computes each round's units in a shuffled order (the seeds are in the tests) and takes every look twice,
+but for looks that take seconds.
 """
 
 from __future__ import annotations
@@ -91,9 +92,24 @@ def test_a_radial_check_that_does_not_hold_is_refused_as_in_process() -> None:
 )
 def test_an_optimisation_in_units_is_the_optimisation_in_process(request_: dict[str, Any]) -> None:
     options = {"seed": request_["seed"], "starts": request_["starts"]}
-    outcome, recorded = run_job("optimisation", request_, shuffle=3)
+    outcome, recorded = run_job("optimisation", request_, shuffle=3, twice="box" not in request_["design"]["optimise"])
     assert outcome.answer == to_json(optimise(load_design(request_["design"]), threads=2, **options))
     assert len(recorded) == (2 if "box" in request_["design"]["optimise"] else 0)
+
+
+def test_the_points_of_a_front_are_units() -> None:
+    """Two groups of starts, three points; the point of the tightest limit is out of reach."""
+    front = {"points": 3, "min_limit_mm": 0.1, "max_limit_mm": 2.0}
+    data = document(
+        6, box=BOX, rotation_bounds={"min_deg": 0.01, "max_deg": 0.5}, objective="pareto", front=front, starts=5
+    )
+    outcome, recorded = run_job("optimisation", {"design": data}, shuffle=8, twice=False)
+    assert outcome.answer == to_json(optimise(load_design(data), threads=2))
+    whats = [json.loads(unit.spec)["what"] for unit in sorted(recorded, key=lambda unit: unit.index)]
+    assert whats == ["starts"] * 2 + ["front"] * 3
+    statuses = [point["status"] for point in json.loads(outcome.answer or b"")["front"]]
+    assert statuses[0] == "out of reach"
+    assert statuses.count("verified") >= 1
 
 
 def test_an_infeasible_optimisation_is_refused_as_in_process() -> None:

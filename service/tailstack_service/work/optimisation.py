@@ -1,27 +1,33 @@
-"""An optimisation in units: some starts each; the last look settles, verifies and compares what they ended at.
+"""An optimisation in units: some starts each, and the points of a front; the last look settles, verifies, compares.
 
-``optimise`` is replayed with the recorded ends, so the document is that of one undisturbed process, byte for byte.
+``optimise`` is replayed with what is recorded, so the document is that of one undisturbed process, byte for byte.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from base64 import b64decode, b64encode
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from tailstack.errors import InfeasibleError, NotConvergedError, TailstackError
+from tailstack.montecarlo.shards import Pending
+from tailstack.optimisation.front import front_factors, front_point, without_dominated
 from tailstack.optimisation.optimising import Asked, ask, finish
 from tailstack.optimisation.program import Point
-from tailstack.optimisation.search import Prepared, Search, conclude, prepare_search, solve_start
+from tailstack.optimisation.search import Found, Prepared, Search, conclude, prepare_search, solve_start
 from tailstack.packed import pack, unpack
+from tailstack.results import FrontPoint
 
 from ..documents import to_json
 from .kinds import Done, More, Step
 from .requests import canonical, loaded_design
 from .task import UnitResult
 
+_FRONT_POINT = TypeAdapter(FrontPoint)
 Key = tuple[bytes, int | None, int | None]  # design, seed, starts
 
 # Building the programme costs as much as solving ten starts from it (0.4 s and 0.03 s at twelve fiducials), and every
@@ -30,35 +36,89 @@ STARTS_PER_UNIT = 4
 
 
 def advance(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
-    """First every start, at every number of fiducials; then the answer."""
+    """First every start, at every number of fiducials; then the points of a front; then the answer."""
     asked = _asked(*_key(request))
     held = {unit.spec: unit.result for unit in results}
-    specs = [_spec(position, first) for position in _searched(asked) for first in _groups(asked)]
-    missing = tuple(spec for spec in specs if spec not in held)
-    if missing:
+    try:
+        searches = {position: _ends(asked, held, position) for position in _searched(asked)}
+    except Pending as pending:
         starts = asked.starts * len(_searched(asked))
-        return More(missing, 0, f"solving from {starts} starts, then the best is settled and verified")
+        return More(pending.wanted, 0, f"solving from {starts} starts, then the best is settled and verified")
 
     def searched(position: int) -> Search:
         prepared = _prepared(*_key(request), position)
         if isinstance(prepared, TailstackError):
             raise prepared
-        if position not in _searched(asked):
-            points = [solve_start(prepared, k) for k in range(len(prepared.begun))]
-        else:
-            points = [point for first in _groups(asked) for point in _points(held[_spec(position, first)])]
+        points = searches.get(position)
+        if points is None:
+            points = [solve_start(prepared, number) for number in range(len(prepared.begun))]
         return conclude(prepared, (point for point in points))
 
-    return Done(to_json(finish(asked, searched, threads=1)))
+    def fronted(position: int, search: Search) -> tuple[FrontPoint, ...]:
+        prepared = _prepared(*_key(request), position)
+        assert isinstance(prepared, Prepared)  # or it had not been searched
+        specs = _front_specs(asked, position, search, prepared)
+        _all_there(specs, held)
+        return without_dominated([_FRONT_POINT.validate_json(held[spec]) for spec in specs])
+
+    try:
+        return Done(to_json(finish(asked, searched, threads=1, fronted=fronted)))
+    except Pending as pending:
+        return More(pending.wanted, 0, f"{len(pending.wanted)} points of the front")
 
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
-    """Where some starts end; nothing where the search is refused before it begins: the last look says why."""
+    """Where some starts end, or a point of the front.
+
+    Nothing where the search is refused before it begins: the last look says why.
+    """
     prepared = _prepared(*_key(request), spec["position"])
     if isinstance(prepared, TailstackError):
         return _bytes([])
+    if spec["what"] == "front":
+        asked = _asked(*_key(request))
+        search = Search(prepared.program, _found(prepared, spec), prepared.terms, prepared.estimator, 0, 0, (), "")
+        point = front_point(asked.request, search, spec["number"], spec["factor"], seed=asked.seed, threads=1)
+        return canonical(_FRONT_POINT.dump_python(point))
     numbers = range(spec["first"], min(spec["first"] + spec["count"], len(prepared.begun)))
     return _bytes([solve_start(prepared, number) for number in numbers])
+
+
+def _all_there(specs: list[bytes], held: Mapping[bytes, bytes]) -> None:
+    missing = [spec for spec in specs if spec not in held]
+    if missing:
+        raise Pending(missing)
+
+
+def _ends(asked: Asked, held: Mapping[bytes, bytes], position: int) -> list[Point]:
+    """Where the starts at one number of fiducials ended.  Raises Pending for those at all numbers."""
+    _all_there([_spec(place, first) for place in _searched(asked) for first in _groups(asked)], held)
+    return [point for first in _groups(asked) for point in _points(held[_spec(position, first)])]
+
+
+def _front_specs(asked: Asked, position: int, search: Search, prepared: Prepared) -> list[bytes]:
+    """The best layouts go into the spec: to find them again would take every start."""
+    found = []
+    for item in search.found:
+        starts = {id(begun.parameters): number for number, begun in enumerate(prepared.begun)}
+        led = {id(end.parameters): number for number, end in prepared.led.items()}
+        was_led = id(item.parameters) in led
+        number = (led if was_led else starts)[id(item.parameters)]
+        found.append({"start": number, "led": was_led, "point": b64encode(_bytes([item.point])).decode()})
+    return [
+        canonical({"what": "front", "position": position, "number": number, "factor": factor, "found": found})
+        for number, factor in enumerate(front_factors(asked.request, search))
+    ]
+
+
+def _found(prepared: Prepared, spec: dict[str, Any]) -> tuple[Found, ...]:
+    return tuple(
+        Found(
+            _points(b64decode(item["point"]))[0],
+            (prepared.led if item["led"] else prepared.begun)[item["start"]].parameters,
+        )
+        for item in spec["found"]
+    )
 
 
 def _searched(asked: Asked) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import inf
 from typing import Literal
@@ -11,7 +12,6 @@ import numpy as np
 from ..errors import InfeasibleError, NotConvergedError
 from ..results import FrontPoint
 from ..scoring import vector3
-from ..system import Array
 from .begin import begin
 from .problem import PlacementProblem, for_people
 from .program import Program
@@ -28,43 +28,59 @@ LOOSEST = 2.0  # the loosest, as a multiple of the requirement's
 def front_of(
     request: Request, search: Search, *, seed: int, threads: int | None, progress: Progress | None, stop: Stop | None
 ) -> tuple[FrontPoint, ...]:
-    """One point for each limit, ascending; those without a design say why.
-
-    Every limit is solved from each of the search's best layouts.  A design that keeps a tighter limit keeps a
-    looser one too, so a point that costs more than a tighter one is dominated and no point of the front.
-    """
-    problem = search.program.problem
-    factors = _factors(request, search)
-    trials = max(trials_for(problem) // 4, LEAST_TRIALS // 4)
+    """One point for each limit, ascending; those without a design say why."""
+    factors = front_factors(request, search)
     points: list[FrontPoint] = []
-    cheapest = inf
-    for k, factor in enumerate(factors):
+    for number, factor in enumerate(factors):
         if stop is not None and stop():
-            points.append(_empty(problem, float(factor), "not tried", "stopped on request"))
+            points.append(_empty(search.program.problem, factor, "not tried", "stopped on request"))
             continue
-        best, reason = None, ""
-        for item in search.found:
-            try:
-                found = verified(
-                    request, replace(search, found=(item,)), seed=seed + 1 + k, stage="front check", trials=trials,
-                    limits=float(factor), threads=threads, stop=stop,
-                )  # fmt: skip
-            except (InfeasibleError, NotConvergedError) as error:
-                reason = reason or error.problems[0].detail
-                continue
-            if best is None or found.settled.cost < best.settled.cost:
-                best = found
-        if best is None:
-            points.append(_empty(problem, float(factor), "out of reach", reason))
-        elif best.settled.cost >= cheapest:
-            note = f"a tighter limit is kept for {cheapest:.5g}"
-            points.append(replace(_point(problem, search, best, float(factor)), status="dominated", note=note))
-        else:
-            points.append(_point(problem, search, best, float(factor)))
-            cheapest = best.settled.cost
+        points.append(front_point(request, search, number, factor, seed=seed, threads=threads, stop=stop))
         if progress is not None:
-            progress("front", k + 1, len(factors), None if best is None else best.settled.cost)
-    return tuple(points)
+            progress("front", number + 1, len(factors), points[-1].cost)
+    return without_dominated(points)
+
+
+def front_point(
+    request: Request, search: Search, number: int, factor: float, *, seed: int, threads: int | None = None,
+    stop: Stop | None = None,
+) -> FrontPoint:  # fmt: skip
+    """The least cost at ``factor`` times the limit, solved from each of the search's best layouts."""
+    problem = search.program.problem
+    trials = max(trials_for(problem) // 4, LEAST_TRIALS // 4)
+    best, reason = None, ""
+    for item in search.found:
+        try:
+            found = verified(
+                request, replace(search, found=(item,)), seed=seed + 1 + number, stage="front check", trials=trials,
+                limits=factor, threads=threads, stop=stop,
+            )  # fmt: skip
+        except (InfeasibleError, NotConvergedError) as error:
+            reason = reason or error.problems[0].detail
+            continue
+        if best is None or found.settled.cost < best.settled.cost:
+            best = found
+    if best is None:
+        return _empty(problem, factor, "out of reach", reason)
+    return _point(problem, search, best, factor)
+
+
+def without_dominated(points: Sequence[FrontPoint]) -> tuple[FrontPoint, ...]:
+    """Points by ascending limit, each that costs no less than one before it marked as dominated.
+
+    A design that keeps a tighter limit keeps a looser one too, so such a point is none of the front.
+    """
+    kept: list[FrontPoint] = []
+    cheapest = inf
+    for point in points:
+        if point.status == "verified" and point.cost is not None:
+            if point.cost >= cheapest:
+                note = f"a tighter limit is kept for {cheapest:.5g}"
+                kept.append(replace(point, status="dominated", note=note))
+                continue
+            cheapest = point.cost
+        kept.append(point)
+    return tuple(kept)
 
 
 def _empty(
@@ -74,7 +90,7 @@ def _empty(
     return FrontPoint(factor, limit, status, note, None, None, None, (), (), (), ())
 
 
-def _factors(request: Request, search: Search) -> Array:
+def front_factors(request: Request, search: Search) -> tuple[float, ...]:
     """Multiples of the requirement's limit, evenly spaced in logarithm."""
     limit = search.program.problem.requirements[0].limit_mm
     front = request.wanted.front
@@ -82,7 +98,7 @@ def _factors(request: Request, search: Search) -> Array:
     high = front.max_limit_mm / limit if front is not None and front.max_limit_mm is not None else LOOSEST
     if low is None:
         low = min(ABOVE_LEAST * _least_ratio(search.program, search), 0.99 * high)
-    return np.geomspace(low, high, front.points if front is not None else 9)
+    return tuple(float(factor) for factor in np.geomspace(low, high, front.points if front is not None else 9))
 
 
 def _least_ratio(program: Program, search: Search) -> float:

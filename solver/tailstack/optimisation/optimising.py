@@ -91,10 +91,14 @@ def ask(design: Design, *, seed: int | None = None, starts: int | None = None) -
 
 def finish(
     asked: Asked, searched: Callable[[int], Search], *, threads: int | None = None, progress: Progress | None = None,
-    stop: Stop | None = None,
+    stop: Stop | None = None, fronted: Callable[[int, Search], tuple[FrontPoint, ...]] | None = None,
 ) -> Optimisation:  # fmt: skip
-    """From the searches at every number of fiducials to the answer; ``searched(position)`` gives one, or raises what
-    ``search`` raises.  Raises InfeasibleError, IllPosedError, NotConvergedError."""
+    """From the searches at every number of fiducials to the answer.
+
+    ``searched(position)`` gives one, or raises what ``search`` raises; ``fronted(position, search)`` gives the front
+    that starts at the chosen one, where it is not to be computed here.
+    Raises InfeasibleError, IllPosedError, NotConvergedError.
+    """
     request, seed = asked.request, asked.seed
     with _placed(request.design):
         searches, tried = _search_counts(asked, searched, stop)
@@ -104,7 +108,9 @@ def finish(
             replace(item, note=f"{item.note}; chosen") if item.fiducials == chosen else item for item in tried
         )
         front: tuple[FrontPoint, ...] = ()
-        if request.wanted.wanted == "pareto":
+        if request.wanted.wanted == "pareto" and fronted is not None:
+            front = fronted(asked.counts.index(chosen), found)
+        elif request.wanted.wanted == "pareto":
             front = front_of(request, found, seed=seed, threads=threads, progress=progress, stop=stop)
         best = for_people(found.program, found.found[0].point.objective)
         value = None
