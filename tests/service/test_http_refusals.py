@@ -97,7 +97,9 @@ def test_a_bare_design_is_told_to_be_wrapped(client: httpx.Client) -> None:
 def test_a_bad_field_is_pointed_at_in_the_body_that_was_sent(
     client: httpx.Client, path: str, where: str, value: Any, code: str
 ) -> None:
-    document = check_problem(client.post(path, json={**OPTIONS.get(path, {}), "design": changed(where, value)}), 422, "invalid-design")
+    document = check_problem(
+        client.post(path, json={**OPTIONS.get(path, {}), "design": changed(where, value)}), 422, "invalid-design"
+    )
     assert (document["errors"][0]["pointer"], document["errors"][0]["code"]) == ("/design/" + where, code)
 
 
@@ -282,9 +284,7 @@ def test_bodies_over_the_limit_are_413(bounded: httpx.Client) -> None:
 
 def test_an_announced_flood_is_refused_unread(bounded: httpx.Client) -> None:
     address = (bounded.base_url.host, bounded.base_url.port)
-    head = (
-        b"POST /v1/scores HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 99999999999\r\n\r\n"
-    )
+    head = b"POST /v1/scores HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 99999999999\r\n\r\n"
     with socket.create_connection(address, timeout=10) as connection:
         connection.sendall(head)
         status, rest = read_answer(connection)
@@ -313,4 +313,3 @@ def test_too_many_trials_and_starts(bounded: httpx.Client) -> None:
     response = bounded.post("/v1/optimisations", json={"design": small_design(optimise=optimise)})
     check_limit(response, 422, "2", "9", "TAILSTACK_MAX_STARTS")
     assert response.json()["errors"][0]["pointer"] == "/design/optimise/starts"
-

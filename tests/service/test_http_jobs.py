@@ -1,0 +1,453 @@
+"""Jobs over HTTP with a worker beside the service: posted, waited for, followed, cancelled; results and their names."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import pytest
+from jsonschema import Draft202012Validator
+from service_scenes import check_problem, client_with, limited, small_design
+
+from tailstack import load_design, verify
+from tailstack.design.loading import data_to_yaml
+from tailstack_service.cli.remote import Event, Service, parsed
+from tailstack_service.documents import json_schema, to_json
+from tailstack_service.settings import Settings
+
+ENDLESS = {"design": small_design(), "trials": 1_000_000_000}  # minutes of computing
+QUICK = {"design": small_design(), "trials": 3000, "seed": 5}
+UNKNOWN = "01k4z8t5r2w7x3y9v6n1m0q8pc"
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[httpx.Client]:
+    settings = Settings(max_trials=1_000_000_000, max_wait_seconds=90.0, worker_processes=1, lease_seconds=1.0)
+    with client_with(settings, worker=True) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def idle() -> Iterator[httpx.Client]:
+    """A service without a worker: its jobs stay queued."""
+    with client_with(Settings(max_queued_jobs=4, max_wait_seconds=0.3, max_streams=2)) as client:
+        yield client
+
+
+def done(client: httpx.Client, path: str, body: dict[str, Any], **headers: str) -> httpx.Response:
+    """A job that is waited for."""
+    return client.post(path, json=body, headers={"Prefer": "wait=90", **headers})
+
+
+def ended(client: httpx.Client, job_id: str) -> dict[str, Any]:
+    deadline = time.monotonic() + 60
+    while (job := client.get(f"/v1/jobs/{job_id}").json())["finished_at"] is None:
+        assert time.monotonic() < deadline, job
+        time.sleep(0.02)
+    return dict(job)
+
+
+def check_job(job: dict[str, Any]) -> dict[str, Any]:
+    Draft202012Validator(json_schema("job")).validate(job)
+    return job
+
+
+# --- posted and waited for ------------------------------------------------------------------------
+
+
+def test_a_job_from_acceptance_to_its_result(client: httpx.Client) -> None:
+    accepted = client.post("/v1/verifications", json=QUICK)
+    assert accepted.status_code == 202
+    job = check_job(accepted.json())
+    assert accepted.headers["location"] == job["links"]["self"] == f"/v1/jobs/{job['id']}"
+    assert int(accepted.headers["retry-after"]) >= 1
+    assert (job["kind"], job["design_name"], job["result_sha256"]) == ("verification", small_design()["name"], None)
+    finished = check_job(ended(client, job["id"]))
+    assert (finished["state"], finished["progress"]["fraction"], finished["problem"]) == ("succeeded", 1.0, None)
+    assert finished["created_at"] <= finished["started_at"] <= finished["finished_at"]
+    redirect = client.get(f"/v1/jobs/{job['id']}/result")
+    assert (redirect.status_code, redirect.headers["location"]) == (303, finished["links"]["result"])
+    result = client.get(redirect.headers["location"])
+    assert hashlib.sha256(result.content).hexdigest() == finished["result_sha256"]
+    assert result.content == to_json(verify(load_design(QUICK["design"]), trials=3000, seed=5))
+
+
+def test_waiting_gives_the_result_itself(client: httpx.Client) -> None:
+    response = done(client, "/v1/verifications", QUICK)
+    assert response.status_code == 200
+    assert response.headers["preference-applied"] == "wait=90"
+    sha256 = hashlib.sha256(response.content).hexdigest()
+    assert response.headers["content-location"] == f"/v1/results/{sha256}"
+    assert response.headers["etag"] == f'"{sha256}"'
+    Draft202012Validator(json_schema("verification")).validate(response.json())
+    assert client.get(response.headers["location"]).json()["result_sha256"] == sha256
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "answer"),
+    [
+        ("/v1/optimisations", {"design": small_design(), "starts": 1, "seed": 1}, "optimisation"),
+        (
+            "/v1/sweeps",
+            {"design": small_design(), "axes": [{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.4]}]},
+            "sweep",
+        ),
+        ("/v1/gates", {"designs": [{"file": "a.yaml", "design": small_design()}], "mode": "verify"}, "gate"),
+        ("/v1/reports", {"design": small_design(), "trials": 3000}, "report"),
+    ],
+)
+def test_every_kind_of_job_comes_to_its_published_answer(
+    client: httpx.Client, path: str, body: dict[str, Any], answer: str
+) -> None:
+    response = done(client, path, body)
+    assert response.status_code == 200, response.text
+    Draft202012Validator(json_schema(answer)).validate(response.json())
+    assert client.get(response.headers["location"]).json()["kind"] == answer
+
+
+def test_an_analytic_gate_is_answered_at_once(idle: httpx.Client) -> None:
+    body = {"designs": [{"file": "a.yaml", "design": small_design()}], "mode": "analytic"}
+    response = idle.post("/v1/gates", json=body)
+    assert response.status_code == 200, response.text
+    by_yaml = idle.post(
+        "/v1/gates?mode=analytic", content=data_to_yaml(small_design()), headers={"Content-Type": "application/yaml"}
+    )
+    assert by_yaml.json()["verdict"] == response.json()["verdict"]
+
+
+def test_a_design_as_yaml_with_options_in_the_query(client: httpx.Client) -> None:
+    response = client.post(
+        "/v1/verifications?trials=3000&seed=5&method=plain",
+        content=data_to_yaml(small_design()),
+        headers={"Content-Type": "application/yaml", "Prefer": "wait=90"},
+    )
+    assert response.content == done(client, "/v1/verifications", QUICK).content
+
+
+def test_a_sweep_as_yaml(client: httpx.Client) -> None:
+    body = {"design": small_design(), "axes": [{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2, 0.3]}]}
+    response = client.post(
+        "/v1/sweeps?set=/views/0/fiducial_noise_px=0.1,0.2,0.3",
+        content=data_to_yaml(small_design()),
+        headers={"Content-Type": "application/yaml", "Prefer": "wait=90"},
+    )
+    assert response.status_code == 200, response.text
+    assert response.content == done(client, "/v1/sweeps", body).content
+
+
+def test_a_job_that_fails_answers_with_its_own_problem(client: httpx.Client) -> None:
+    body = {"design": limited(0.15), "starts": 1}  # no contradiction in itself; only the search finds that nothing can
+    response = done(client, "/v1/optimisations", body)
+    assert response.status_code == 422, response.text
+    waited = check_problem(response, 422, "infeasible")
+    job = ended(client, response.headers["location"].rpartition("/")[2])
+    assert (job["state"], job["problem"]["type"]) == ("failed", "/v1/problems/infeasible")
+    assert check_problem(client.get(job["links"]["self"] + "/result"), 422, "infeasible")["errors"] == waited["errors"]
+
+
+def test_who_cannot_wait_long_enough_gets_the_job(idle: httpx.Client) -> None:
+    begun = time.monotonic()
+    response = idle.post("/v1/verifications", json=QUICK, headers={"Prefer": "respond-async, wait=60"})
+    assert time.monotonic() - begun < 20
+    assert (response.status_code, response.headers["preference-applied"]) == (202, "wait=0")
+    idle.post(response.json()["links"]["cancel"])
+
+
+@pytest.mark.parametrize("said", ["wait=soon", "wait=-1", "wait", "handling=lenient", ";;==", "wait=1.5"])
+def test_a_preference_that_cannot_be_read_is_none(idle: httpx.Client, said: str) -> None:
+    response = idle.post("/v1/verifications", json=QUICK, headers={"Prefer": said})
+    assert response.status_code == 202
+    assert "preference-applied" not in response.headers
+    idle.post(response.json()["links"]["cancel"])
+
+
+# --- refused before acceptance --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("axis", "pointer", "code"),
+    [
+        ({"pointer": "/views/9/fiducial_noise_px", "values": [1]}, "/axes/0/pointer", "not-found"),
+        ({"pointer": "/views/0/nothing", "values": [1]}, "/axes/0/pointer", "not-found"),
+        ({"pointer": "/name", "values": [1]}, "/axes/0/pointer", "not-a-number"),
+        ({"pointer": "/views/0", "values": [1]}, "/axes/0/pointer", "not-a-number"),
+        ({"pointer": "/views/0/fiducial_noise_px", "values": [0.1, -1]}, "/axes/0", "not-valid"),
+        ({"pointer": "/views/0/fiducial_noise_px", "start": 0.1, "stop": 0.2}, "/axes/0", "one-of"),
+        ({"pointer": "/views/0/fiducial_noise_px", "values": [], "count": 2}, "/axes/0/values", "too-short"),
+        ({"pointer": "/views/0/fiducial_noise_px", "values": [0.1], "count": 2}, "/axes/0", "one-of"),
+        ({"pointer": "/views/0/fiducial_noise_px", "start": 0, "stop": 1, "count": 2001}, "/axes", "too-many"),
+    ],
+)
+def test_axes_of_a_sweep_are_checked(idle: httpx.Client, axis: dict[str, Any], pointer: str, code: str) -> None:
+    response = idle.post("/v1/sweeps", json={"design": small_design(), "axes": [axis]})
+    entry = check_problem(response, 422, "limit-exceeded" if code == "too-many" else "invalid-request")["errors"][0]
+    assert (entry["pointer"], entry["code"]) == (pointer, code)
+
+
+def test_the_points_of_a_sweep_are_the_product_of_its_axes(idle: httpx.Client) -> None:
+    noise = [{"pointer": f"/views/{k}/fiducial_noise_px", "start": 0.1, "stop": 0.5, "count": 45} for k in (0, 1)]
+    response = idle.post("/v1/sweeps", json={"design": small_design(), "axes": noise})
+    entry = check_problem(response, 422, "limit-exceeded")["errors"][0]
+    assert "45 × 45 = 2025" in entry["detail"]
+    assert "TAILSTACK_MAX_SWEEP_POINTS" in entry["hint"]
+
+
+def test_the_queue_of_a_tenant_is_bounded(idle: httpx.Client) -> None:
+    jobs = [idle.post("/v1/verifications", json={**QUICK, "seed": seed}) for seed in range(4)]
+    refused = idle.post("/v1/verifications", json=QUICK)
+    check_problem(refused, 429, "queue-full")
+    assert int(refused.headers["retry-after"]) > 0
+    for job in jobs:
+        assert idle.post(job.json()["links"]["cancel"]).status_code == 202
+    again = idle.post("/v1/verifications", json=QUICK)
+    assert again.status_code == 202
+    idle.post(again.json()["links"]["cancel"])
+
+
+def test_a_tenant_has_so_many_cpu_seconds_an_hour() -> None:
+    settings = Settings(cpu_seconds_per_hour=1e-6, worker_processes=1, max_wait_seconds=90.0)
+    with client_with(settings, worker=True) as client:
+        assert done(client, "/v1/verifications", QUICK).status_code == 200
+        refused = client.post("/v1/verifications", json=QUICK)
+        check_problem(refused, 429, "cpu-budget")
+        assert int(refused.headers["retry-after"]) > 0
+        assert client.post("/v1/scores", json={"design": small_design()}).status_code == 200
+
+
+# --- idempotency ----------------------------------------------------------------------------------
+
+
+def test_one_key_is_one_job(idle: httpx.Client) -> None:
+    key = {"Idempotency-Key": "9b2f4d0c-order-17"}
+    first, again = (idle.post("/v1/verifications", json=QUICK, headers=key) for _ in range(2))
+    reordered = json.dumps(dict(reversed(QUICK.items()))).encode()
+    third = idle.post(
+        "/v1/verifications", content=reordered, headers={**key, "Content-Type": "application/json; charset=utf-8"}
+    )
+    assert {response.json()["id"] for response in (first, again, third)} == {first.json()["id"]}
+    assert "idempotency-replayed" not in first.headers
+    assert again.headers["idempotency-replayed"] == third.headers["idempotency-replayed"] == "true"
+    other = idle.post("/v1/verifications", json={**QUICK, "seed": 6}, headers=key)
+    check_problem(other, 422, "idempotency-conflict")
+    check_problem(
+        idle.post("/v1/optimisations", json={"design": small_design()}, headers=key), 422, "idempotency-conflict"
+    )
+    idle.post(first.json()["links"]["cancel"])
+
+
+def test_a_repeated_request_waits_for_the_first_one(client: httpx.Client) -> None:
+    key = {"Idempotency-Key": "k" * 255}
+    accepted = client.post("/v1/verifications", json=QUICK, headers=key)
+    replayed = done(client, "/v1/verifications", QUICK, **key)
+    assert (replayed.status_code, replayed.headers["idempotency-replayed"]) == (200, "true")
+    assert replayed.headers["location"] == accepted.headers["location"]
+
+
+@pytest.mark.parametrize("key", [b"", b"a b", b"x" * 256, "é".encode(), b"a\tb"])
+def test_keys_that_are_none(idle: httpx.Client, key: bytes) -> None:
+    response = idle.post("/v1/verifications", json=QUICK, headers=[(b"Idempotency-Key", key)])
+    assert check_problem(response, 422, "invalid-request")["errors"][0]["code"] == "bad-header"
+
+
+# --- looked at ------------------------------------------------------------------------------------
+
+
+def test_a_record_is_read_again_only_when_it_has_changed(client: httpx.Client) -> None:
+    job = ended(client, done(client, "/v1/verifications", QUICK).headers["location"].rpartition("/")[2])
+    record = client.get(job["links"]["self"])
+    tag = record.headers["etag"]
+    for sent in (tag, f"W/{tag}", f'"other", {tag}', "*"):
+        unchanged = client.get(job["links"]["self"], headers={"If-None-Match": sent})
+        assert (unchanged.status_code, unchanged.content, unchanged.headers["etag"]) == (304, b"", tag)
+    assert client.get(job["links"]["self"], headers={"If-None-Match": '"other"'}).status_code == 200
+    result = client.get(job["links"]["result"])
+    assert "immutable" in result.headers["cache-control"]
+    unchanged = client.get(job["links"]["result"], headers={"If-None-Match": result.headers["etag"]})
+    assert (unchanged.status_code, unchanged.content) == (304, b"")
+
+
+def test_a_running_job_tells_how_far_it_is_and_ends_when_it_is_cancelled(client: httpx.Client) -> None:
+    job = client.post("/v1/verifications", json=ENDLESS).json()
+    deadline = time.monotonic() + 60
+    while (record := client.get(job["links"]["self"]).json())["progress"]["units_done"] < 3:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    assert record["state"] == "running"
+    assert 0 < record["progress"]["fraction"] < 1
+    assert record["progress"]["eta_seconds"] > 0
+    check_job(record)
+    waiting = client.get(job["links"]["self"] + "/result")
+    check_problem(waiting, 409, "not-finished")
+    assert int(waiting.headers["retry-after"]) >= 1
+    for _ in range(2):  # the second time nothing is left to do
+        cancelled = client.post(job["links"]["cancel"])
+        assert (cancelled.status_code, cancelled.json()["state"]) == (202, "cancelled")
+    check_problem(client.get(job["links"]["self"] + "/result"), 409, "cancelled")
+    begun = time.monotonic()
+    assert done(client, "/v1/verifications", {**QUICK, "seed": 99}).status_code == 200
+    assert time.monotonic() - begun < 10  # the only computing process is free again
+
+
+def test_what_has_ended_cannot_be_cancelled(client: httpx.Client) -> None:
+    path = done(client, "/v1/verifications", QUICK).headers["location"]
+    check_problem(client.post(path + "/cancel"), 409, "finished")
+
+
+def test_pages_lead_to_every_job_once(idle: httpx.Client) -> None:
+    made = []
+    for seed in range(5):
+        job = idle.post("/v1/verifications", json={**QUICK, "seed": 50 + seed}).json()
+        made.append(job["id"])
+        idle.post(job["links"]["cancel"])
+    seen, path, pages = [], "/v1/jobs?limit=2&state=cancelled&kind=verification", 0
+    while path:
+        page = idle.get(path)
+        Draft202012Validator(json_schema("jobs")).validate(page.json())
+        seen += [job["id"] for job in page.json()["jobs"]]
+        assert len(page.json()["jobs"]) <= 2
+        path, pages = page.json()["next"], pages + 1
+        assert page.headers.get("link") == (f'<{path}>; rel="next"' if path else None)
+    assert pages >= 3
+    assert seen[:5] == made[::-1]
+    assert len(set(seen)) == len(seen)
+    assert idle.get("/v1/jobs?kind=optimisation").json() == {"schema": "tailstack/jobs/1", "jobs": [], "next": None}
+
+
+@pytest.mark.parametrize(
+    ("query", "pointer"),
+    [
+        ("limit=0", "/limit"), ("limit=201", "/limit"), ("limit=x", "/limit"), ("state=lost", "/state"),
+        ("kind=score", "/kind"), ("cursor=abc", "/cursor"), ("limit=1&limit=2", "/limit"), ("colour=red", ""),
+    ],
+)  # fmt: skip
+def test_bad_questions_about_jobs(idle: httpx.Client, query: str, pointer: str) -> None:
+    document = check_problem(idle.get(f"/v1/jobs?{query}"), 422, "invalid-request")
+    assert document["errors"][0]["pointer"] == pointer
+
+
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        ("GET", "/v1/jobs/{}"), ("GET", "/v1/jobs/{}/events"), ("POST", "/v1/jobs/{}/cancel"),
+        ("GET", "/v1/jobs/{}/result"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("name", [UNKNOWN, "x", "%00", "..%2f..", "é" * 30, UNKNOWN.upper()])
+def test_unknown_jobs_are_404(idle: httpx.Client, method: str, path: str, name: str) -> None:
+    check_problem(idle.request(method, path.format(name)), 404, "not-found")
+
+
+@pytest.mark.parametrize("name", ["0" * 64, "x", "%00", "A" * 64])
+def test_unknown_results_are_404(idle: httpx.Client, name: str) -> None:
+    for path in (f"/v1/results/{name}", f"/v1/results/{name}/report"):
+        check_problem(idle.get(path), 404, "not-found")
+
+
+# --- events ---------------------------------------------------------------------------------------
+
+
+def events_of(client: httpx.Client, job_id: str, **headers: str) -> list[Event]:
+    """Every event of a stream that ends by itself."""
+    with client.stream("GET", f"/v1/jobs/{job_id}/events", headers=headers, timeout=60) as response:
+        assert response.status_code == 200
+        assert response.headers["content-type"] == "text/event-stream"
+        return list(parsed(Lines(response)))
+
+
+class Lines:
+    """The lines of a streamed response, as of a file."""
+
+    def __init__(self, response: httpx.Response) -> None:
+        self._lines = response.iter_lines()
+
+    def readline(self, _limit: int) -> bytes:
+        return next((f"{line}\n".encode() for line in self._lines), b"")
+
+
+def test_events_tell_the_whole_life_of_a_job(client: httpx.Client) -> None:
+    job = client.post("/v1/verifications", json={**QUICK, "trials": 400_000}).json()
+    events = events_of(client, job["id"])
+    assert [event.id for event in events] == [str(k) for k in range(1, len(events) + 1)]
+    states = [event.data["state"] for event in events if event.name == "state"]
+    assert (states[0], states[-1]) == ("queued", "succeeded")
+    assert all(event.data["job"] == job["id"] for event in events)
+    done_so_far = [event.data["units_done"] for event in events if event.name == "progress"]
+    assert done_so_far == sorted(done_so_far)
+    assert len(done_so_far) >= 2
+    assert events[-1].data["result_sha256"] == client.get(f"/v1/jobs/{job['id']}").json()["result_sha256"]
+
+
+def test_a_stream_goes_on_where_it_was_left(client: httpx.Client) -> None:
+    job = client.post("/v1/verifications", json={**QUICK, "seed": 12}).json()
+    events = events_of(client, job["id"])
+    assert events_of(client, job["id"], **{"Last-Event-ID": "2"}) == events[2:]
+    with client.stream("GET", f"/v1/jobs/{job['id']}/events?after=2") as response:
+        assert list(parsed(Lines(response))) == events[2:]
+    seen = client.get(f"/v1/jobs/{job['id']}/events", headers={"Last-Event-ID": events[-1].id})
+    assert (seen.status_code, seen.content) == (204, b"")
+
+
+@pytest.mark.parametrize("last", ["x", "-1", "1.5", "9" * 16])
+def test_an_event_id_that_is_none_is_refused(idle: httpx.Client, last: str) -> None:
+    job = idle.post("/v1/verifications", json={**QUICK, "seed": 70}, headers={"Idempotency-Key": "events"}).json()
+    response = idle.get(f"/v1/jobs/{job['id']}/events", headers={"Last-Event-ID": last})
+    check_problem(response, 422, "invalid-request")
+    idle.post(job["links"]["cancel"])
+
+
+def test_streams_are_bounded_and_places_come_back(idle: httpx.Client) -> None:
+    job = idle.post("/v1/verifications", json={**QUICK, "seed": 71}).json()
+    path = f"/v1/jobs/{job['id']}/events"
+    with idle.stream("GET", path) as first, idle.stream("GET", path) as second:
+        told = [stream.iter_lines() for stream in (first, second)]  # kept: one that is dropped closes its stream
+        assert [next(lines) for lines in told] == ["retry: 1000"] * 2
+        busy = idle.get(path)
+        check_problem(busy, 503, "busy")
+        assert int(busy.headers["retry-after"]) > 0
+    deadline = time.monotonic() + 20  # the service notices when it next has something to say
+    idle.post(job["links"]["cancel"])
+    while (response := idle.get(path)).status_code != 200:
+        assert time.monotonic() < deadline, response.text
+        time.sleep(0.05)
+    assert '"state": "cancelled"' in response.text
+
+
+def test_the_client_of_the_command_line_reads_the_same(client: httpx.Client) -> None:
+    job = client.post("/v1/verifications", json={**QUICK, "seed": 13}).json()
+    service = Service(str(client.base_url), key="")
+    followed = list(service.events(job["id"]))
+    assert followed == events_of(client, job["id"])
+
+
+# --- reports --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("form", "media", "head"),
+    [
+        ("html", "text/html", b"<!doctype html"),
+        ("xlsx", "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet", b"PK\x03\x04"),
+        ("json", "application/json", b"{"),
+        ("pdf", "application/pdf", b"%PDF-"),
+    ],
+)
+def test_a_result_as_a_report(client: httpx.Client, form: str, media: str, head: bytes) -> None:
+    job = ended(client, done(client, "/v1/verifications", QUICK).headers["location"].rpartition("/")[2])
+    report = client.get(f"{job['links']['report']}?format={form}")
+    if form == "pdf" and report.status_code == 501:
+        assert check_problem(report, 501, "pdf-unavailable")["errors"][0]["hint"]
+        return
+    assert report.status_code == 200, report.text
+    assert report.headers["content-type"].startswith(media)
+    assert report.content[: len(head)].lower() == head.lower()
+    assert f".{form}" in report.headers["content-disposition"]
+
+
+def test_a_report_in_an_unknown_format(client: httpx.Client) -> None:
+    job = ended(client, done(client, "/v1/verifications", QUICK).headers["location"].rpartition("/")[2])
+    response = client.get(f"{job['links']['report']}?format=docx")
+    assert check_problem(response, 422, "invalid-request")["errors"][0]["pointer"] == "/format"
