@@ -47,3 +47,15 @@ def test_schemas_and_openapi_come_out_of_it(unpacked: Path) -> None:
 def test_the_command_is_declared(unpacked: Path) -> None:
     entry = next(unpacked.glob("tailstack-*.dist-info/entry_points.txt")).read_text()
     assert "tailstack = tailstack_service.cli.main:main" in entry
+
+
+def test_the_database_is_made_from_it(unpacked: Path, tmp_path: Path) -> None:
+    """The migrations are files, not imported by anything."""
+    environment = {**os.environ, "PYTHONPATH": str(unpacked), "TAILSTACK_DATABASE": f"sqlite:///{tmp_path / 'jobs'}"}
+    for action in ("migrate", "check"):
+        done = subprocess.run(
+            [sys.executable, "-P", "-m", "tailstack_service.cli.main", "db", action], capture_output=True, text=True,
+            timeout=120, cwd=tmp_path, env=environment,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    assert done.stdout.endswith(": sound\n")
