@@ -1,0 +1,342 @@
+"""Who may ask: API keys, JSON Web Tokens, scopes, tenants; and what web pages cannot do to a service without them."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import httpx
+import jwt
+import pytest
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
+from service_scenes import check_problem, client_with, small_design
+
+from tailstack_service.http import access
+from tailstack_service.http.access import Access, Tokens
+from tailstack_service.problems import RequestError, TransportError
+from tailstack_service.settings import Settings
+from tailstack_service.store.database import Database, open_database
+from tailstack_service.store.keys import create_key, revoke
+
+BODY = {"design": small_design()}
+ISSUER = "https://login.example.org/"
+
+
+@dataclass(frozen=True, slots=True)
+class Guarded:
+    """A service that asks who is there, and its database."""
+
+    client: httpx.Client
+    db: Database
+    private_key: str
+
+    def key(self, *scopes: str, tenant: str = "metrology") -> str:
+        _, secret = create_key(self.db, tenant=tenant, name="test", scopes=scopes, days=1.0)
+        return secret
+
+    def token(self, algorithm: str = "RS256", key: Any = None, **changes: Any) -> str:
+        claims = {
+            "iss": ISSUER,
+            "aud": "tailstack",
+            "exp": time.time() + 600,
+            "sub": "metrology",
+            "scope": "compute read",
+        }
+        claims = {name: value for name, value in {**claims, **changes}.items() if value is not None}
+        return jwt.encode(claims, key or self.private_key, algorithm=algorithm)
+
+
+def pem_of(key: Any) -> tuple[str, bytes]:
+    """Private and public half as PEM."""
+    private = key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
+    public = key.public_key().public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
+    return private.decode(), public
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+    folder = tmp_path_factory.mktemp("guarded")
+    private, public = pem_of(rsa.generate_private_key(65537, 2048))
+    (folder / "public.pem").write_bytes(public)
+    settings = Settings(
+        database=f"sqlite:///{folder / 'jobs.sqlite3'}", auth="required", jwt_key_file=str(folder / "public.pem"),
+        jwt_issuer=ISSUER, max_queued_jobs=100,
+    )  # fmt: skip
+    with client_with(settings) as client:
+        db = open_database(settings.database_url)
+        try:
+            yield Guarded(client, db, private)
+        finally:
+            db.close()
+
+
+def bearer(credential: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {credential}"}
+
+
+# --- keys -----------------------------------------------------------------------------------------
+
+
+def test_a_key_lets_in_and_its_scopes_say_where(guarded: Guarded) -> None:
+    client = guarded.client
+    both, compute, read, metrics = (
+        bearer(guarded.key(*scopes)) for scopes in (("read", "compute"), ("compute",), ("read",), ("metrics",))
+    )
+    assert client.post("/v1/scores", json=BODY, headers=compute).status_code == 200
+    accepted = client.post("/v1/verifications", json=BODY, headers=both)
+    assert accepted.status_code == 202
+    path = accepted.headers["location"]
+    assert client.get(path, headers=read).status_code == 200
+    assert client.get("/metrics", headers=metrics).status_code == 200
+    for method, target, headers, missing in (
+        ("GET", path, compute, "read"), ("GET", "/v1/jobs", compute, "read"), ("GET", "/metrics", both, "metrics"),
+        ("POST", "/v1/scores", read, "compute"), ("POST", path + "/cancel", read, "compute"),
+    ):  # fmt: skip
+        response = client.request(method, target, headers=headers, json=BODY if target == "/v1/scores" else None)
+        entry = check_problem(response, 403, "forbidden")["errors"][0]
+        assert missing in entry["detail"]
+        assert f'scope="{missing}"' in response.headers["www-authenticate"]
+    assert client.post(path + "/cancel", headers=compute).status_code == 202
+
+
+@pytest.mark.parametrize("header", [None, "", "Bearer", "Basic dTpw", "tsk_x", "Bearer tsk_", "Bearer x y",
+                                    "Bearer " + "x" * 9000, "Bearer tsk_000000000000_" + "a" * 43])  # fmt: skip
+def test_without_a_credential_of_ours_nothing_is_answered(guarded: Guarded, header: str | None) -> None:
+    headers = {} if header is None else {"Authorization": header}
+    for method, path in (
+        ("POST", "/v1/scores"),
+        ("GET", "/v1/jobs"),
+        ("GET", "/metrics"),
+        ("GET", "/v1/jobs/x/events"),
+    ):
+        response = guarded.client.request(method, path, headers=headers)
+        check_problem(response, 401, "unauthenticated")
+        assert response.headers["www-authenticate"].startswith("Bearer realm=")
+
+
+@pytest.mark.parametrize("path", ["/health/live", "/health/ready", "/version", "/openapi.json", "/v1/schemas",
+                                  "/v1/schemas/design", "/v1/problems/busy"])  # fmt: skip
+def test_what_anybody_may_read(guarded: Guarded, path: str) -> None:
+    assert guarded.client.get(path).status_code == 200
+
+
+def test_a_revoked_key_is_refused_within_seconds(guarded: Guarded, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(access, "KEY_SECONDS", 0.3)
+    secret = guarded.key("read")
+    assert guarded.client.get("/v1/jobs", headers=bearer(secret)).status_code == 200
+    revoke(guarded.db, secret.split("_")[1])
+    deadline = time.monotonic() + 5
+    while guarded.client.get("/v1/jobs", headers=bearer(secret)).status_code == 200:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    check_problem(guarded.client.get("/v1/jobs", headers=bearer(secret)), 401, "unauthenticated")
+
+
+def test_another_tenants_job_is_as_unknown_as_none(guarded: Guarded) -> None:
+    mine, theirs = (bearer(guarded.key("read", "compute", tenant=tenant)) for tenant in ("a", "b"))
+    path = guarded.client.post("/v1/verifications", json=BODY, headers=mine).headers["location"]
+    nobody = "/v1/jobs/" + path.rpartition("/")[2][::-1].translate(str.maketrans("89abcdefghjkmnpqrstvwxyz", "7" * 24))
+    for method, suffix in (("GET", ""), ("GET", "/events"), ("GET", "/result"), ("POST", "/cancel")):
+        answers = []
+        for target in (path, nobody):
+            response = guarded.client.request(method, target + suffix, headers={**theirs, "X-Request-ID": "same"})
+            check_problem(response, 404, "not-found")
+            answers.append(response.text.replace(target.rpartition("/")[2], "ID"))
+        assert answers[0] == answers[1]
+    assert guarded.client.get("/v1/jobs", headers=theirs).json()["jobs"] == []
+    assert guarded.client.get(path, headers=mine).json()["state"] == "queued"
+
+
+def test_no_credential_is_ever_told_again(
+    guarded: Guarded, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import logging
+
+    monkeypatch.setattr(logging.getLogger("tailstack"), "propagate", True)
+    caplog.set_level(logging.DEBUG)
+    secret, token = guarded.key("read"), guarded.token(aud="another")
+    answers = [
+        guarded.client.get("/v1/jobs", headers=bearer(secret)),
+        guarded.client.get("/metrics", headers=bearer(secret)),
+        guarded.client.get("/v1/jobs", headers=bearer(token)),
+        guarded.client.get("/v1/jobs", headers=bearer(secret[:-1] + "_")),
+    ]
+    told = caplog.text + "".join(answer.text + str(answer.headers) for answer in answers)
+    assert any(record.name == "tailstack.service" for record in caplog.records)
+    for part in (secret.split("_", 2)[2], token, token.split(".")[1]):
+        assert part not in told
+        assert part not in "".join(str(record.__dict__) for record in caplog.records)
+
+
+# --- tokens ---------------------------------------------------------------------------------------
+
+
+def test_a_token_lets_in_as_its_tenant(guarded: Guarded) -> None:
+    accepted = guarded.client.post("/v1/verifications", json=BODY, headers=bearer(guarded.token(tenant="imaging")))
+    assert accepted.status_code == 202
+    path = accepted.headers["location"]
+    assert guarded.client.get(path, headers=bearer(guarded.token(tenant="imaging"))).status_code == 200
+    assert guarded.client.get(path, headers=bearer(guarded.token(sub="imaging"))).status_code == 200
+    assert guarded.client.get(path, headers=bearer(guarded.token())).status_code == 404
+    listed = guarded.token(scope=None, scopes=["read"], tenant="imaging")
+    assert guarded.client.get(path, headers=bearer(listed)).status_code == 200
+    check_problem(guarded.client.post("/v1/scores", json=BODY, headers=bearer(listed)), 403, "forbidden")
+    check_problem(guarded.client.get(path, headers=bearer(guarded.token(scope=None))), 403, "forbidden")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"exp": 1}, {"exp": None}, {"iss": "https://elsewhere.example.org/"}, {"iss": None}, {"aud": "another"},
+        {"aud": None}, {"sub": None}, {"sub": "x" * 200}, {"tenant": 7}, {"tenant": ""}, {"nbf": 4e9},
+        {"tenant": "a\nb"},
+    ],
+)  # fmt: skip
+def test_tokens_that_are_not_accepted(guarded: Guarded, changes: dict[str, Any]) -> None:
+    response = guarded.client.get("/v1/jobs", headers=bearer(guarded.token(**changes)))
+    check_problem(response, 401, "unauthenticated")
+
+
+def test_only_the_one_algorithm_and_the_one_key(guarded: Guarded, tmp_path: Path) -> None:
+    other, _ = pem_of(rsa.generate_private_key(65537, 2048))
+    _, public = pem_of(serialization.load_pem_private_key(guarded.private_key.encode(), None))
+    head = {"alg": "HS256", "typ": "JWT"}
+    # the classic confusion: the public key, which everybody knows, used as a shared secret; and no signature at all
+    import base64
+    import hashlib
+    import hmac
+
+    def part(data: Any) -> bytes:
+        return base64.urlsafe_b64encode(json.dumps(data).encode()).rstrip(b"=")
+
+    claims = {"iss": ISSUER, "aud": "tailstack", "exp": time.time() + 600, "sub": "x", "scope": "read"}
+    signed = part(head) + b"." + part(claims)
+    forged = signed + b"." + base64.urlsafe_b64encode(hmac.digest(public, signed, hashlib.sha256)).rstrip(b"=")
+    unsigned = part({"alg": "none"}) + b"." + part(claims) + b"."
+    for token in (guarded.token(key=other), guarded.token("RS512"), forged.decode(), unsigned.decode(), "a.b.c"):
+        check_problem(guarded.client.get("/v1/jobs", headers=bearer(token)), 401, "unauthenticated")
+
+
+def tokens_with(tmp_path: Path, content: bytes, algorithm: str, **changes: str) -> Tokens:
+    path = tmp_path / "key"
+    path.write_bytes(content)
+    settings = Settings(auth="required", jwt_key_file=str(path), jwt_issuer=ISSUER, jwt_algorithm=algorithm)
+    return Tokens(replace(settings, **changes))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "key"),
+    [("ES256", ec.generate_private_key(ec.SECP256R1())), ("EdDSA", ed25519.Ed25519PrivateKey.generate())],
+)
+def test_other_algorithms_by_setting(guarded: Guarded, tmp_path: Path, algorithm: str, key: Any) -> None:
+    private, public = pem_of(key)
+    tokens = tokens_with(tmp_path, public, algorithm)
+    assert tokens.caller(guarded.token(algorithm, private)).tenant == "metrology"
+    with pytest.raises(TransportError):
+        tokens.caller(guarded.token())
+
+
+def test_a_shared_secret_is_long(guarded: Guarded, tmp_path: Path) -> None:
+    tokens = tokens_with(tmp_path, b"0123456789abcdef" * 2 + b"\n", "HS256")
+    assert tokens.caller(guarded.token("HS256", "0123456789abcdef" * 2)).scopes == {"compute", "read"}
+    with pytest.raises(RequestError, match="at least 32"):
+        tokens_with(tmp_path, b"0123456789abcdef" + b"\n" * 40, "HS256")
+
+
+def test_a_file_of_several_keys(guarded: Guarded, tmp_path: Path) -> None:
+    keys = {name: rsa.generate_private_key(65537, 2048) for name in ("old", "new")}
+    entries = [
+        {**json.loads(jwt.algorithms.RSAAlgorithm.to_jwk(key.public_key())), "kid": name, "use": "sig", "alg": "RS256"}
+        for name, key in keys.items()
+    ]
+    tokens = tokens_with(tmp_path, json.dumps({"keys": entries}).encode(), "RS256")
+    claims = {"iss": ISSUER, "aud": "tailstack", "exp": time.time() + 600, "sub": "x"}
+    for name, key in keys.items():
+        assert tokens.caller(jwt.encode(claims, key, "RS256", headers={"kid": name})).tenant == "x"
+    for wrong in ({"kid": "lost"}, {}, {"kid": "old"}):
+        with pytest.raises(TransportError):
+            tokens.caller(jwt.encode(claims, keys["new"], "RS256", headers=wrong))
+
+
+@pytest.mark.parametrize(
+    ("content", "algorithm", "changes"),
+    [
+        (b"not a key", "RS256", {}), (b"{}", "RS256", {}), (b'{"keys": []}', "RS256", {}), (b"", "ES256", {}),
+        (b"x" * 40, "HS256", {"jwt_issuer": ""}), (b"x" * 40, "HS256", {"jwt_audience": ""}),
+        (b"x" * 40, "HS256", {"jwt_key_file": "/nowhere/key"}),
+    ],
+)  # fmt: skip
+def test_settings_that_cannot_work_are_refused_at_the_start(
+    tmp_path: Path, content: bytes, algorithm: str, changes: dict[str, str]
+) -> None:
+    with pytest.raises(RequestError, match="TAILSTACK_JWT_"):
+        tokens_with(tmp_path, content, algorithm, **changes)
+
+
+# --- without authentication -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[httpx.Client]:
+    with client_with(Settings(allowed_hosts="design-host, cad.example.org")) as client:
+        yield client
+
+
+@pytest.mark.parametrize("host", ["evil.example.org", "127.0.0.1.evil.example.org", "192.0.2.1:8321", "", "[::2]",
+                                  "a b", "localhost.evil", "[", "0.0.0.0"])  # fmt: skip
+def test_a_name_that_is_not_this_machine_is_refused(client: httpx.Client, host: str) -> None:
+    for method, path in (("GET", "/v1/jobs"), ("GET", "/version"), ("POST", "/v1/scores"), ("GET", "/nowhere")):
+        check_problem(client.request(method, path, headers={"Host": host}), 421, "wrong-host")
+
+
+@pytest.mark.parametrize("host", ["localhost", "LOCALHOST:1", "127.0.0.1", "127.1.2.3:80", "[::1]:8321", "localhost.",
+                                  "design-host", "CAD.example.org:8321"])  # fmt: skip
+def test_names_of_this_machine(client: httpx.Client, host: str) -> None:
+    assert client.get("/v1/jobs", headers={"Host": host}).status_code == 200
+
+
+def test_pages_of_other_sites_change_nothing(client: httpx.Client) -> None:
+    own = f"http://{client.base_url.host}:{client.base_url.port}"
+    for origin in ("https://evil.example.org", "null", "http://localhost:1", "http://127.0.0.1", own + ".evil.org"):
+        check_problem(client.post("/v1/scores", json=BODY, headers={"Origin": origin}), 403, "forbidden")
+        assert client.get("/v1/jobs", headers={"Origin": origin}).status_code == 200  # which no page can read: no CORS
+    assert client.post("/v1/scores", json=BODY, headers={"Origin": own}).status_code == 200
+
+
+def test_a_credential_that_is_not_needed_is_not_looked_at(client: httpx.Client) -> None:
+    assert client.get("/v1/jobs", headers=bearer("whatever")).status_code == 200
+
+
+def test_a_key_is_looked_up_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    import asyncio
+
+    from starlette.requests import Request
+
+    from tailstack_service.store.keys import Key
+
+    asked: list[str] = []
+
+    async def find(presented: str) -> Key:
+        asked.append(presented)
+        return Key("0", "a", "n", ("read",), 0.0, 1.0, None)
+
+    guard = Access(Settings(auth="required"), find)
+    scope = {"type": "http", "headers": [(b"authorization", b"bearer tsk_1")]}
+
+    async def story() -> None:
+        for _ in range(5):
+            assert (await guard.admit(Request(scope), "read")).tenant == "a"
+
+    asyncio.run(story())
+    assert asked == ["tsk_1"]
+    later = time.monotonic() + access.KEY_SECONDS
+    monkeypatch.setattr(time, "monotonic", lambda: later)
+    asyncio.run(story())
+    assert len(asked) == 2
