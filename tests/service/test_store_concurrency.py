@@ -19,8 +19,8 @@ from postgres import Server
 from service_scenes import ROOT
 from store_scenes import LEASE, Clock, claim, find, record, specs, split, submit, url_of
 
-from tailstack_service.store import database, jobs, units, upkeep
-from tailstack_service.store.database import Database, open_database, writing
+from tailstack_service.store import database, jobs, results, units, upkeep
+from tailstack_service.store.database import Database, open_database, reading, writing
 from tailstack_service.store.errors import StoreUnavailable
 from tailstack_service.store.schema import HEAD, migrate
 from tailstack_service.work.task import ADVANCE
@@ -110,8 +110,6 @@ def test_processes_share_the_work_and_record_each_unit_once(store: Database) -> 
 
 
 def answer_of(db: Database, job: jobs.Job) -> bytes:
-    from tailstack_service.store import results
-
     assert job.result_sha256 is not None, job
     kept = results.get(db, job.tenant, job.result_sha256)
     assert kept is not None
@@ -190,6 +188,29 @@ def test_all_that_is_written_at_once_makes_no_deadlock(store: Database) -> None:
         total = sum(pool.map(play, range(8)), Counter())
     assert min(total["claims"], total["records"], total["cancels"]) > 10, total
     check_sound(store)
+
+
+def test_a_purge_leaves_a_result_that_a_job_is_just_coming_to(migrated_database: str, clock: Clock) -> None:
+    """Two jobs, one answer: the first job is purged while the second is being recorded."""
+    db = open_database(migrated_database, clock=clock)
+    try:
+        with writing(db) as connection:
+            name = results.keep(db, connection, "verification", b'{"orphan":1}', clock.now)
+        with ThreadPoolExecutor(1) as pool:
+            with writing(db) as connection:
+                assert results.keep(db, connection, "verification", b'{"orphan":1}', clock.now) == name
+                assert pool.submit(upkeep.purge, db, 1e4).result(20).results == 0
+            assert kept_results(db, name) == 1
+            assert pool.submit(upkeep.purge, db, 1e4).result(20).results >= 1
+        assert kept_results(db, name) == 0
+    finally:
+        db.close()
+
+
+def kept_results(db: Database, name: str) -> int:
+    with reading(db) as connection:
+        found: int = connection.exec_driver_sql(f"SELECT count(*) FROM results WHERE sha256 = '{name}'").scalar_one()
+    return found
 
 
 def test_readers_do_not_wait_for_a_writer(store: Database) -> None:
