@@ -14,9 +14,9 @@ from math import fabs, sqrt
 import numpy as np
 from numba import njit
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from ..system import Array
+from .sobol import scrambled_sobol
 from .spectrum import principal_axes
 
 RANDOMISATIONS = 16
@@ -31,8 +31,7 @@ def sobol_points(normals: int, uniforms: int, log2_count: int, salt: int = 0) ->
     """
     dimension = max(normals + uniforms, 1)
     blocks = [
-        qmc.Sobol(dimension, scramble=True, rng=np.random.default_rng([_SEED, salt, i])).random_base2(log2_count)
-        for i in range(RANDOMISATIONS)
+        scrambled_sobol(dimension, log2_count, np.random.default_rng([_SEED, salt, i])) for i in range(RANDOMISATIONS)
     ]
     points = np.concatenate(blocks)
     # Scrambled points lie on a grid of 2^-64 or coarser that contains 0.
