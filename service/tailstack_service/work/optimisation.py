@@ -48,7 +48,7 @@ def advance(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
     def searched(position: int) -> Search:
         prepared = _prepared(*_key(request), position)
         if isinstance(prepared, TailstackError):
-            raise prepared
+            raise type(prepared)(prepared.problems)
         points = searches.get(position)
         if points is None:
             points = [solve_start(prepared, number) for number in range(len(prepared.begun))]
@@ -150,7 +150,7 @@ def _prepared(design: bytes, seed: int | None, starts: int | None, position: int
     try:
         return prepare_search(asked.problems[position], starts=asked.starts, seed=asked.seed, threads=1)
     except (InfeasibleError, NotConvergedError) as refused:
-        return refused
+        return refused.with_traceback(None)  # its frames hold the programme
 
 
 def _bytes(points: list[Point]) -> bytes:
