@@ -30,13 +30,13 @@ TENANT = "acme"
 QUICK: dict[str, Any] = {"lease_seconds": 1.0, "poll_seconds": 0.01, "worker_processes": 2}
 
 PROGRAM = """
-import os, sys
+import logging
+import os
 from tailstack_service.logs import log_to_stderr
 from tailstack_service.settings import settings_from
 from tailstack_service.worker.process import run_worker
-import logging
 log_to_stderr(level=logging.DEBUG)
-sys.exit(run_worker(settings_from(os.environ), function=os.environ["FUNCTION"], solver_version=os.environ["VERSION"]))
+run_worker(settings_from(os.environ), function=os.environ["FUNCTION"], solver_version=os.environ["VERSION"])
 """
 
 

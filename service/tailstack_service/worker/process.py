@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from dataclasses import fields
 from types import FrameType
@@ -50,7 +51,9 @@ def run_worker(
         print(f"worker {worker.id}: {with_what} on {where}", file=sys.stderr, flush=True)
         tidying = Tidying(db, settings.keep_days)
         try:
-            worker.run()
+            # Not in this thread: it would not hear a signal while it waits inside a driver of the database
+            with ThreadPoolExecutor(1, "tailstack-worker") as thread:
+                thread.submit(worker.run).result()
         finally:
             tidying.end()
     return stop.signal

@@ -1,0 +1,249 @@
+"""``tailstack worker`` as a process: signals, kills, freezes, its parent's end, a database that restarts."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import psutil
+import pytest
+from postgres import Server
+from strange_units import expected_answer, request
+from worker_scenes import (
+    LONG,
+    TENANT,
+    computing_processes,
+    finished,
+    job,
+    prepared_database,
+    started,
+    submit,
+    until,
+    worker_process,
+)
+
+from tailstack_service.compute.interpreter import command, environment
+from tailstack_service.store import results, units
+from tailstack_service.store.database import Database
+from tailstack_service.store.jobs import Job
+
+COMMAND = command("tailstack_service.cli.main", "worker")
+
+
+def computed(db: Database, submitted: Job, asked: bytes) -> bool:
+    ended = finished(db, submitted)
+    assert ended.state == "succeeded", ended.problem
+    assert ended.result_sha256 is not None
+    kept = results.get(db, TENANT, ended.result_sha256)
+    return kept is not None and kept.body == expected_answer(asked)
+
+
+def at_work(db: Database) -> bool:
+    return len(units.workers(db)) == 1
+
+
+@pytest.mark.parametrize(("sign", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
+def test_a_stop_is_clean_and_leaves_no_process(
+    database_url: str, tmp_path: Path, sign: signal.Signals, code: int
+) -> None:
+    log = tmp_path / "log"
+    with (
+        prepared_database(database_url) as db,
+        started([*COMMAND, "--processes", "3"], database_url, log, {}) as worker,
+    ):
+        until(lambda: at_work(db))
+        beside = computing_processes(worker)
+        assert len(beside) == 3
+        worker.send_signal(sign)
+        assert worker.wait(LONG) == code
+        assert units.workers(db) == []
+        assert psutil.wait_procs(beside, timeout=5.0)[1] == []
+    told = log.read_text()
+    assert f"{socket.gethostname()}-{worker.pid}-" in told
+    assert ": 3 processes on " in told
+    password = urlsplit(database_url).password
+    assert password is None or password not in told
+    assert "Traceback" not in told
+
+
+def test_what_was_under_way_is_given_back_by_a_stop(database_url: str, tmp_path: Path) -> None:
+    with prepared_database(database_url) as db:
+        asked = request("sleep", units=2, seconds=2.0)
+        submitted = submit(db, asked)
+        with worker_process(database_url, tmp_path / "log", TAILSTACK_LEASE_SECONDS="600") as worker:
+            until(lambda: (tmp_path / "log").read_text().count("action=begun") == 3)
+            worker.terminate()
+            assert worker.wait(LONG) == 0
+        with worker_process(database_url, tmp_path / "log", TAILSTACK_LEASE_SECONDS="600"):
+            assert computed(db, submitted, asked)
+
+
+def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
+    """The first cannot be acted on: another process holds the only write lock of the file."""
+    url = f"sqlite:///{tmp_path / 'held.sqlite3'}"
+    with prepared_database(url) as db, worker_process(url, tmp_path / "log") as worker:
+        submit(db, request("burn"))
+        until(lambda: at_work(db))
+        until(lambda: len(computing_processes(worker)) == 2)
+        beside = computing_processes(worker)
+        raw = db.engine.raw_connection()
+        try:
+            raw.cursor().execute("BEGIN IMMEDIATE")
+            worker.terminate()
+            time.sleep(1.5)
+            assert worker.poll() is None
+            until(lambda: worker.send_signal(signal.SIGTERM) or time.sleep(0.2) or worker.poll() is not None, 5.0)
+            assert worker.returncode == 128 + signal.SIGTERM
+        finally:
+            raw.cursor().execute("ROLLBACK")
+            raw.close()
+        assert psutil.wait_procs(beside, timeout=5.0)[1] == []
+
+
+def test_kill_9_of_a_worker_costs_only_time(database_url: str, tmp_path: Path) -> None:
+    with prepared_database(database_url) as db:
+        asked = request("sleep", units=6, seconds=0.4)
+        submitted = submit(db, asked)
+        with worker_process(database_url, tmp_path / "log") as first:
+            until(lambda: job(db, submitted).units_done >= 3)
+            beside = computing_processes(first)
+            first.kill()
+            first.wait(LONG)
+            assert psutil.wait_procs(beside, timeout=5.0)[1] == []
+        with worker_process(database_url, tmp_path / "log"):
+            assert computed(db, submitted, asked)
+
+
+def test_a_frozen_worker_cannot_record(database_url: str, tmp_path: Path) -> None:
+    """Frozen for longer than its lease while another takes over; when it wakes, what it has comes too late."""
+    with prepared_database(database_url) as db:
+        asked = request("sleep", seconds=1.0)
+        with worker_process(database_url, tmp_path / "frozen", TAILSTACK_WORKER_PROCESSES="1") as frozen:
+            until(lambda: at_work(db))
+            submitted = submit(db, asked)
+            until(lambda: job(db, submitted).units_done == 1)
+            until(lambda: (tmp_path / "frozen").read_text().count("action=begun") == 2)
+            os.kill(frozen.pid, signal.SIGSTOP)
+            with worker_process(database_url, tmp_path / "other"):
+                assert computed(db, submitted, asked)
+                os.kill(frozen.pid, signal.SIGCONT)
+                until(lambda: {"late", "lost"} & set(words((tmp_path / "frozen").read_text())))
+        assert job(db, submitted).units_done == 3
+
+
+def words(log: str) -> list[str]:
+    return [word.removeprefix("action=") for word in log.split() if word.startswith("action=")]
+
+
+def test_a_database_restart_is_waited_for(postgres_server: Server, postgres_url: str, tmp_path: Path) -> None:
+    """Immediate shutdown, as after a power cut, while units are computed; away for longer than a lease."""
+    with prepared_database(postgres_url) as db, worker_process(postgres_url, tmp_path / "log") as worker:
+        asked = request("sleep", units=8, seconds=0.3)
+        submitted = submit(db, asked)
+        until(lambda: job(db, submitted).units_done >= 3)
+        postgres_server.stop()
+        try:
+            time.sleep(1.5)
+            assert worker.poll() is None
+        finally:
+            postgres_server.start()
+        assert computed(db, submitted, asked)
+        assert worker.poll() is None
+    assert "action=store-unavailable" in (tmp_path / "log").read_text()
+
+
+def test_a_database_that_is_not_up_yet_is_waited_for(
+    postgres_server: Server, postgres_url: str, tmp_path: Path
+) -> None:
+    with prepared_database(postgres_url) as db:
+        postgres_server.stop()
+        try:
+            with started(COMMAND, postgres_url, tmp_path / "log", {}) as worker:
+                until(lambda: "waiting for the database" in (tmp_path / "log").read_text())
+                postgres_server.start()
+                until(lambda: at_work(db))
+                worker.terminate()
+                assert worker.wait(LONG) == 0
+        finally:
+            postgres_server.restart()
+
+
+def test_a_database_without_tables_is_refused(postgres_url: str, tmp_path: Path) -> None:
+    with started(COMMAND, postgres_url, tmp_path / "log", {}) as worker:
+        assert worker.wait(LONG) == 3
+    assert "tailstack db migrate" in (tmp_path / "log").read_text()
+
+
+def test_the_health_check_sees_a_worker_of_this_host(database_url: str, tmp_path: Path) -> None:
+    def check() -> tuple[int, str]:
+        told = {**environment(), "TAILSTACK_DATABASE": database_url}
+        done = subprocess.run([*COMMAND, "--check"], env=told, capture_output=True, text=True, timeout=LONG)
+        return done.returncode, done.stdout
+
+    with prepared_database(database_url) as db:
+        assert check() == (3, "no worker of this host is alive\n")
+        units.heartbeat(db, "elsewhere", "another-host", 1, "1.0", "pool", 2)
+        assert check()[0] == 3
+        with worker_process(database_url, tmp_path / "log") as worker:
+            until(lambda: len(units.workers(db)) == 2)
+            code, said = check()
+            assert code == 0
+            assert f"-{worker.pid}-" in said
+
+
+PARENT = """
+import os, sys, time
+from tailstack_service.settings import settings_from
+from tailstack_service.worker.process import start_worker_process
+child = start_worker_process(settings_from(os.environ))
+print(child.pid, flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGTERM])
+def test_a_worker_ends_with_the_process_that_started_it(tmp_path: Path, sign: signal.Signals) -> None:
+    url = f"sqlite:///{tmp_path / 'x.sqlite3'}"
+    with prepared_database(url) as db:
+        parent = subprocess.Popen(
+            [sys.executable, "-c", PARENT], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            env={**environment(), "TAILSTACK_DATABASE": url, "TAILSTACK_WORKER_PROCESSES": "1"},
+        )  # fmt: skip
+        try:
+            assert parent.stdout is not None
+            worker = psutil.Process(int(parent.stdout.readline()))
+            until(lambda: at_work(db))
+            family = [worker, *worker.children()]
+            assert len(family) == 2
+            os.kill(worker.pid, signal.SIGINT)  # a Ctrl-C in the terminal is for the parent to act on
+            time.sleep(0.3)
+            assert worker.is_running()
+            parent.send_signal(sign)
+            assert psutil.wait_procs(family, timeout=10.0)[1] == []
+            assert units.workers(db) == []  # it had time to give back what it had
+        finally:
+            parent.kill()
+            parent.communicate(timeout=LONG)
+
+
+def test_old_jobs_are_deleted_in_the_background(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from tailstack_service.store import jobs
+    from tailstack_service.worker.tidying import Tidying
+
+    url = f"sqlite:///{tmp_path / 'x.sqlite3'}"
+    with prepared_database(url) as db:
+        submitted = submit(db, request())
+        jobs.cancel(db, TENANT, submitted.id)
+        kept = submit(db, request())
+        tidying = Tidying(db, 1e-9, seconds=0.02)
+        try:
+            until(lambda: jobs.find(db, TENANT, submitted.id) is None)
+        finally:
+            tidying.end()
+        assert jobs.find(db, TENANT, kept.id) is not None
