@@ -59,7 +59,13 @@ def _answer(data: dict[str, Any], settings: Settings) -> Any:
     from ..gate.request import admitted, evaluate
 
     today = datetime.now(UTC).date()
-    complete = admitted(data, today=today, limits=limits_of(settings), max_designs=settings.max_gate_designs)
+    complete = admitted(
+        data,
+        today=today,
+        limits=limits_of(settings),
+        max_designs=settings.max_gate_designs,
+        max_trials=settings.max_trials,
+    )
     if complete["mode"] == "analytic":
         return evaluate(complete)
     count = len(complete["designs"])

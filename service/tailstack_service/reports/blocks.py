@@ -16,8 +16,8 @@ class Column:
 
     title: str
     unit: str = ""  # mm, px, deg, %, ... shown in the header
-    kind: Literal["text", "fixed", "significant", "percent", "whole", "status"] = "text"
-    digits: int = 3  # decimals of fixed and percent, digits of significant
+    kind: Literal["text", "fixed", "significant", "percent", "whole", "given", "status"] = "text"
+    digits: int = 3  # decimals of fixed and percent, digits of significant; given: as many as it has
 
     @property
     def numeric(self) -> bool:

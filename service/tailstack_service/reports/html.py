@@ -47,6 +47,8 @@ def shown(cell: Cell, column: Column) -> str:
         if 0 < 100 * cell < smallest / 2:
             return f"< {smallest:g}"
         return f"{100 * cell:.{column.digits}f}"
+    if column.kind == "given":
+        return f"{cell:g}".replace("-", "−")
     if column.kind == "whole":
         return f"{cell:,.0f}"
     return number(float(cell), column.digits).replace("-", "−")

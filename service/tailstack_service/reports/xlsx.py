@@ -69,7 +69,7 @@ class _Formats:
     def of(self, column: Column, depth: int) -> Any:
         kind = {
             "fixed": "0." + "0" * column.digits, "percent": "0." + "0" * column.digits + "%", "whole": "#,##0",
-            "significant": "General",
+            "significant": "General", "given": "General",
         }.get(column.kind, "@")  # fmt: skip
         key = (kind, depth, column.numeric)
         if key not in self._known:

@@ -23,7 +23,7 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
         title=f"{record.provenance.policy_name}: gate of {_counted(len(record.designs), 'design')}",
         tone=tone_of(record.verdict),
         status=record.verdict,
-        sentence=f"{passed} of {_counted(len(record.designs), 'design')} pass; {_counted(errors, 'error')} and "
+        sentence=f"{passed} of {len(record.designs)} designs pass; {_counted(errors, 'error')} and "
         f"{_counted(warnings, 'warning')} count, {len(accepted)} accepted by waivers. Exit code {record.exit_code}.",
         numbers=(
             KeyNumber(

@@ -91,7 +91,7 @@ def _table(sweep: Sweep) -> Table:
         "Points",
         "Every point of the grid",
         (
-            *(Column(_short(axis), axis.unit, "significant", 6) for axis in sweep.axes),
+            *(Column(_short(axis), axis.unit, "given") for axis in sweep.axes),
             Column("Target"),
             Column("P95", "mm", "fixed", 4),
             Column("P95 from", "mm", "fixed", 4),

@@ -1,0 +1,396 @@
+"""Reports: the record, and what is made of it for people.  The spreadsheet is read back by another library."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import re
+import sys
+import zlib
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import openpyxl
+import pytest
+from jsonschema import Draft202012Validator
+from service_scenes import limited, small_design
+from work_driver import run_job
+
+from tailstack import load_design, score, verify
+from tailstack.results import Score
+from tailstack.sweeping import read_axes, sweep
+from tailstack_service.documents import json_schema, to_json
+from tailstack_service.gate.request import admitted, evaluate
+from tailstack_service.reports import html as html_module
+from tailstack_service.reports import render
+from tailstack_service.reports.assembling import ReportOptions, compute_report
+from tailstack_service.reports.errors import PdfUnavailable
+from tailstack_service.reports.records import Report
+
+HOSTILE = "<script>alert(1)</script>\"&'"
+FORMULA = '=HYPERLINK("http://127.0.0.1","x")'
+DIGITS = 1e-15  # a cell holds sixteen digits
+VOID = {"meta", "br", "img", "link", "input", "hr"}
+
+
+@pytest.fixture(scope="module")
+def report() -> Report:
+    return compute_report(load_design(limited(0.9)), ReportOptions(trials=20_000, seed=3))
+
+
+@pytest.fixture(scope="module")
+def body(report: Report) -> bytes:
+    return to_json(report)
+
+
+def hostile_design() -> dict[str, Any]:
+    """Names from a stranger: markup where text is expected, and formulas."""
+    design = limited(0.9, name=HOSTILE)
+    design["targets"][0]["name"] = FORMULA
+    design["requirements"][0]["name"] = HOSTILE
+    design["views"][0]["name"] = "</svg><script>x"
+    design["fiducials"]["points"][0]["label"] = '"><img src=x onerror=alert(1)>'
+    design["description"] = "</pre></script><script>alert(2)</script>"
+    return design
+
+
+class Page(HTMLParser):
+    """What a reader of HTML finds: elements in their order, texts, and whether every element is closed."""
+
+    def __init__(self, content: bytes) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.texts: list[str] = []
+        self.record = ""
+        self.feed(content.decode())
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] == "script":
+            self.record += data
+        else:
+            self.texts.append(data)
+
+    def of(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+# --- the record -----------------------------------------------------------------------------------
+
+
+def test_the_record_validates_and_a_job_gives_the_same(report: Report, body: bytes) -> None:
+    Draft202012Validator(json_schema("report")).validate(json.loads(body))
+    request = {
+        "design": limited(0.9),
+        "parts": ["score", "verification"],
+        "trials": 20_000,
+        "precision": None,
+        "seed": 3,
+    }
+    outcome, recorded = run_job("report", request, shuffle=1)
+    assert outcome.answer == body
+    assert {json.loads(unit.spec)["of"] for unit in recorded} == {"verification"}
+
+
+def test_its_parts_are_what_the_verbs_answer(report: Report) -> None:
+    design = load_design(limited(0.9))
+    assert report.score == score(design)
+    assert report.verification == verify(design, trials=20_000, seed=3)
+    assert report.optimisation is None
+    assert load_design(report.design).sha256 == design.sha256 == report.provenance.design_sha256
+
+
+def test_the_headline_says_the_verdict_with_its_numbers(report: Report) -> None:
+    check = report.verification
+    assert check is not None
+    low, high = check.targets[0].p95_interval_mm
+    assert report.headline.status == ("pass" if high <= 0.9 else "fail" if low > 0.9 else "inconclusive")
+    for number in (f"{check.targets[0].p95_mm:.3f}", f"{low:.3f}", f"{high:.3f}", "0.9"):
+        assert number in report.headline.sentence
+    assert 1 <= len(report.headline.matters) <= 3
+
+
+def test_sampled_and_first_order_shares_are_of_one_distribution(report: Report) -> None:
+    """sampled: no bin differs by more than five standard errors plus what first order errs by."""
+    (shown,) = report.distributions
+    assert shown.sampled is not None
+    assert shown.trials == 20_000
+    drawn, law = np.array(shown.sampled), np.array(shown.first_order)
+    assert law.sum() == pytest.approx(1.0, abs=0.02)
+    assert drawn.sum() == pytest.approx(1.0, abs=0.02)
+    assert np.all(np.abs(drawn - law) < 5 * np.sqrt(law / shown.trials + 1e-9) + 0.002)
+    p95 = float(np.interp(0.95, np.cumsum(law), shown.edges_mm[1:]))
+    assert p95 == pytest.approx(report.score.targets[0].p95_mm, rel=0.02)
+
+
+def test_convergence_ends_at_the_check(report: Report) -> None:
+    (shown,) = report.convergence
+    assert report.verification is not None
+    last = shown.points[-1]
+    assert [point.trials for point in shown.points] == [2**k for k in range(7, 15)]
+    assert last.interval_mm[0] < report.verification.targets[0].p95_mm < last.interval_mm[1]
+    widths = [point.interval_mm[1] - point.interval_mm[0] for point in shown.points]
+    assert widths[-1] < widths[0] / 4
+
+
+def test_a_report_without_a_check_says_what_it_rests_on() -> None:
+    report = compute_report(load_design(limited(0.9)), ReportOptions(parts=("score",)))
+    assert report.verification is None
+    assert report.headline.basis == "first order"
+    assert report.distributions[0].sampled is None
+    page = Page(render("report", to_json(report), "html")[0])
+    assert "first order" in "".join(page.texts)
+
+
+# --- HTML -----------------------------------------------------------------------------------------
+
+
+def test_html_asks_nothing_of_any_network(body: bytes) -> None:
+    content, media = render("report", body, "html")
+    assert media == "text/html; charset=utf-8"
+    page = Page(content)
+    assert not page.open
+    for tag, attributes in page.elements:
+        assert tag not in ("link", "img", "iframe", "object", "embed", "base", "form", "use", "image")
+        for name, value in attributes.items():
+            assert not name.startswith("on")
+            if name in ("src", "href", "xlink:href", "action", "data", "srcset", "poster"):
+                assert value is not None
+                assert value.startswith("#")
+    assert b"@import" not in content
+    assert b"url(" not in content
+    policy = next(m for m in page.of("meta") if m.get("http-equiv") == "Content-Security-Policy")["content"]
+    assert policy is not None
+    assert policy.startswith("default-src 'none'")
+
+
+def test_html_can_be_read_without_seeing_it(body: bytes) -> None:
+    page = Page(render("report", body, "html")[0])
+    assert page.of("html")[0]["lang"] == "en"
+    levels = [int(tag[1]) for tag, _ in page.elements if re.fullmatch(r"h[1-6]", tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(after <= before + 1 for before, after in pairwise(levels))
+    assert all(th.get("scope") in ("col", "row") for th in page.of("th"))
+    assert len(page.of("table")) == len(page.of("caption")) > 4
+    ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    for svg in page.of("svg"):
+        assert svg["role"] == "img"
+        assert set((svg["aria-labelledby"] or "").split()) <= set(ids)
+    for _, attributes in page.elements:
+        if "href" in attributes:
+            assert (attributes["href"] or "")[1:] in ids
+
+
+def test_the_record_inside_is_the_record(body: bytes) -> None:
+    page = Page(render("report", body, "html")[0])
+    assert json.loads(page.record) == json.loads(body)
+    assert hashlib.sha256(body).hexdigest() in "".join(page.texts)
+
+
+def test_html_shows_names_and_never_runs_them() -> None:
+    report = compute_report(load_design(hostile_design()), ReportOptions(trials=2_000))
+    page = Page(render("report", to_json(report), "html")[0])
+    scripts = page.of("script")
+    assert scripts == [{"type": "application/json", "id": "tailstack-record"}]
+    assert not page.of("img")
+    assert HOSTILE in "".join(page.texts)
+    assert json.loads(page.record)["design"]["description"] == hostile_design()["description"]
+
+
+CSS = (Path(html_module.__file__).parent / "templates" / "report.css").read_text(encoding="utf-8")
+
+
+def luminance(colour: str) -> float:
+    """published: WCAG 2.2, relative luminance."""
+    channels = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+@pytest.mark.parametrize("colour", sorted(set(re.findall(r"(?<![-\w])color: (#[0-9a-f]{6})", CSS))))
+def test_text_stands_out_from_the_darkest_ground(colour: str) -> None:
+    """published: WCAG 2.2, 1.4.3, a contrast of at least 4.5."""
+    ground = min(luminance(found) for found in re.findall(r"background: (#[0-9a-f]{6})", CSS))
+    assert (ground + 0.05) / (luminance(colour) + 0.05) >= 4.5
+
+
+# --- spreadsheet ----------------------------------------------------------------------------------
+
+
+def test_the_spreadsheet_holds_the_numbers_with_their_units(report: Report, body: bytes) -> None:
+    """independent: read back by openpyxl."""
+    content, _ = render("report", body, "xlsx")
+    book = openpyxl.load_workbook(io.BytesIO(content))
+    assert book.sheetnames[0] == "Provenance"
+    front = [str(cell.value) for row in book["Provenance"].iter_rows() for cell in row if cell.value is not None]
+    assert report.provenance.design_sha256 in front
+    assert hashlib.sha256(body).hexdigest() in front
+    assert report.headline.sentence in front
+
+    heads, rows = sheet(book["Targets"])
+    assert "P95, mm" in heads
+    assert rows[0][heads.index("P95, mm")] == pytest.approx(report.score.targets[0].p95_mm, rel=DIGITS)
+    heads, rows = sheet(book["Budget"])
+    shares = [row[heads.index("Share of variance")] for row in rows]
+    wanted = [line.variance_share for line in report.score.targets[0].contributors]
+    assert sorted(shares) == pytest.approx(sorted(wanted), rel=DIGITS, abs=0)
+    without = [row[heads.index("P95 without, mm")] for row in rows]
+    wanted = [line.p95_without_mm for line in report.score.targets[0].contributors]
+    assert sorted(without) == pytest.approx(sorted(wanted), rel=DIGITS, abs=0)
+    heads, rows = sheet(book["Monte Carlo"])
+    assert report.verification is not None
+    target = report.verification.targets[0]
+    found = [rows[0][heads.index(name)] for name in ("P95 from, mm", "P95, mm", "P95 to, mm")]
+    low, high = target.p95_interval_mm
+    assert found == pytest.approx([low, target.p95_mm, high], rel=DIGITS)
+
+
+def sheet(page: Any) -> tuple[list[str], list[list[Any]]]:
+    """Headers (second row) and the rows below them, up to the first empty one."""
+    rows = [[cell.value for cell in row] for row in page.iter_rows(min_row=2)]
+    heads = [str(value) for value in rows[0] if value is not None]
+    body = []
+    for row in rows[1:]:
+        if row[0] is None:
+            break
+        body.append(row[: len(heads)])
+    return heads, body
+
+
+def test_the_design_in_the_spreadsheet_is_the_design(report: Report, body: bytes) -> None:
+    book = openpyxl.load_workbook(io.BytesIO(render("report", body, "xlsx")[0]))
+    lines = [str(row[0].value or "") for row in book["Design"].iter_rows(min_row=2)]
+    assert load_design("\n".join(lines) + "\n").sha256 == report.provenance.design_sha256
+
+
+def test_no_text_becomes_a_formula() -> None:
+    report = compute_report(load_design(hostile_design()), ReportOptions(parts=("score",)))
+    book = openpyxl.load_workbook(io.BytesIO(render("report", to_json(report), "xlsx")[0]))
+    cells = [cell for page in book for row in page.iter_rows() for cell in row]
+    assert not [cell for cell in cells if cell.data_type == "f"]
+    found = [cell for cell in cells if cell.value == FORMULA]
+    assert found
+    assert all(cell.data_type == "s" and cell.quotePrefix for cell in found)
+
+
+# --- PDF ------------------------------------------------------------------------------------------
+
+
+def test_the_pdf_is_a_document_with_its_title(body: bytes) -> None:
+    content, media = render("report", body, "pdf")
+    assert media == "application/pdf"
+    assert content.startswith(b"%PDF-")
+    assert content.rstrip().endswith(b"%%EOF")
+    streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", content, re.DOTALL)
+    inside = b"".join(zlib.decompress(stream) for stream in streams if stream[:1] == b"x")
+    title = "Tolerance-budget report: eight beads, two seats"
+    assert any(title.encode(codec) in content + inside for codec in ("latin-1", "utf-16-be"))
+
+
+@pytest.mark.parametrize(
+    ("failure", "code", "word"),
+    [
+        (ImportError("No module named 'weasyprint'"), "missing-package", "pip install"),
+        (OSError("cannot load library 'libpango-1.0-0'"), "missing-library", "libpango-1.0-0"),
+    ],
+)
+def test_missing_libraries_are_named(
+    body: bytes, monkeypatch: pytest.MonkeyPatch, failure: Exception, code: str, word: str
+) -> None:
+    class Absent:
+        def find_spec(self, name: str, *_: Any) -> None:
+            if name == "weasyprint":
+                raise failure
+
+    for name in [name for name in sys.modules if name.partition(".")[0] == "weasyprint"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr(sys, "meta_path", [Absent(), *sys.meta_path])
+    with pytest.raises(PdfUnavailable) as refused:
+        render("report", body, "pdf")
+    (problem,) = refused.value.problems
+    assert problem.code == code
+    assert word in problem.hint
+
+
+# --- every kind of result -------------------------------------------------------------------------
+
+
+def results() -> dict[str, bytes]:
+    """One result of every kind that has chapters."""
+    from datetime import date
+
+    from tailstack import optimise
+
+    design = load_design(limited(0.9))
+    axis = {"pointer": "/views/0/fiducial_noise_px", "values": [0.2, 0.3, 0.4]}
+    gate = admitted(
+        {"designs": [{"file": "a.yaml", "design": limited(0.9)}, {"file": "b.yaml", "design": limited(5.0)}]},
+        today=date(2026, 11, 21),
+    )
+    pairs = {
+        "score": score(design),
+        "verification": verify(design, trials=4_000),
+        "optimisation": optimise(load_design(small_design()), starts=1),
+        "sweep": sweep(design, read_axes(design, [axis])),
+        "gate": evaluate(gate),
+        "report": compute_report(design, ReportOptions(trials=4_000)),
+    }
+    return {name: to_json(record) for name, record in pairs.items()}
+
+
+@pytest.fixture(scope="module")
+def every_kind() -> dict[str, bytes]:
+    return results()
+
+
+@pytest.mark.parametrize("kind", ["score", "verification", "optimisation", "sweep", "gate", "report"])
+@pytest.mark.parametrize("form", ["html", "xlsx", "pdf", "json"])
+def test_every_kind_in_every_format_twice_the_same(every_kind: dict[str, bytes], kind: str, form: str) -> None:
+    first, media = render(kind, every_kind[kind], form)
+    assert (first, media) == render(kind, every_kind[kind], form)
+    assert len(first) < 4_000_000
+    if form == "html":
+        page = Page(first)
+        assert not page.open
+        assert json.loads(page.record) == json.loads(every_kind[kind])
+        assert page.of("svg") or kind == "gate"
+    if form == "json":
+        assert first == every_kind[kind]
+    if form == "xlsx":
+        assert openpyxl.load_workbook(io.BytesIO(first)).sheetnames[0] == "Provenance"
+
+
+def test_what_has_no_chapters_is_refused(body: bytes) -> None:
+    with pytest.raises(ValueError, match="no report is made of 'validation'"):
+        render("validation", body, "html")
+    with pytest.raises(ValueError, match="no format"):
+        render("report", body, "docx")
+
+
+def test_a_score_out_of_its_range_still_becomes_a_report() -> None:
+    design = limited(9.0)
+    for view in design["views"]:
+        view["fiducial_noise_px"] = view["target_noise_px"] = 60.0
+    record = score(load_design(design))
+    assert isinstance(record, Score)
+    assert record.validity.status == "not valid"
+    texts = "".join(Page(render("score", to_json(record), "html")[0]).texts)
+    assert "unknown" in texts
