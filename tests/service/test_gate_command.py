@@ -1,0 +1,185 @@
+"""tailstack gate and tailstack report on the command line: files, patterns, formats, exit codes, refusals."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from service_scenes import coplanar_design, limited, write_json
+
+from tailstack.design.loading import data_to_yaml
+from tailstack_service.cli.main import main
+from tailstack_service.documents import from_plain
+from tailstack_service.gate.markdown import markdown_text
+from tailstack_service.gate.rules import RULES
+
+PASSING, FAILING = 1.4, 0.3  # limits in mm; P95 of the small design is about 0.65 mm
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A design repository: two designs that pass, one that fails, a policy."""
+    monkeypatch.chdir(tmp_path)
+    for name, limit in (("one", PASSING), ("two", PASSING), ("bad", FAILING)):
+        (tmp_path / f"{name}.yaml").write_text(data_to_yaml(limited(limit)), encoding="utf-8")
+    (tmp_path / "policy.yaml").write_text(
+        "schema: tailstack/policy/1\nname: guides\nrules:\n  overlap: {severity: 'off'}\n", encoding="utf-8"
+    )
+    return tmp_path
+
+
+def waivers_file(folder: Path, days: int, **changes: Any) -> Path:
+    expires = (datetime.now(UTC).date() + timedelta(days=days)).isoformat()
+    entry = {"rule": "p95", "owner": "J. Doe", "reason": "rework", "max_value": 1.0, "expires": expires, **changes}
+    return write_json(folder / "waivers.json", {"schema": "tailstack/waivers/1", "waivers": [entry]})
+
+
+def gate(*arguments: str) -> int:
+    return main(["gate", *arguments, "--policy", "policy.yaml", "--mode", "analytic"])
+
+
+def test_designs_by_name_and_by_pattern(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert gate("one.yaml", "t*.yaml", "one.yaml") == 0
+    text = capsys.readouterr().out
+    assert [text.count(f"{name}.yaml") for name in ("one", "two", "bad")] == [1, 1, 0]
+    assert text.splitlines()[-1].startswith("verdict: pass (exit code 0")
+
+
+def test_a_failure_is_told_at_its_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert gate("[bo]*.yaml") == 1
+    text = capsys.readouterr().out
+    lines = (folder / "bad.yaml").read_text().splitlines()
+    line = next(k for k, words in enumerate(lines, 1) if "limit_mm" in words)
+    assert f"bad.yaml:{line}:" in text
+
+
+def test_several_formats_in_one_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert gate("bad.yaml", "--format", "json=gate.json", "--format", "markdown=gate.md", "--format", "text") == 1
+    record = from_plain("gate", json.loads((folder / "gate.json").read_text()))
+    assert (record.verdict, record.exit_code) == ("fail", 1)
+    assert "| error | p95 | bad.yaml:" in (folder / "gate.md").read_text()
+    assert "verdict: fail" in capsys.readouterr().out
+
+
+def test_json_on_stdout_is_nothing_but_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert gate("one.yaml", "--format", "json") == 0
+    assert json.loads(capsys.readouterr().out)["schema"] == "tailstack/gate/1"
+
+
+def test_a_baseline_written_by_one_run_is_read_by_the_next(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert gate("one.yaml", "--format", "json=base.json") == 0
+    noisy = limited(PASSING)
+    for view in noisy["views"]:
+        view["fiducial_noise_px"] *= 2
+        view["target_noise_px"] *= 2
+    (folder / "one.yaml").write_text(data_to_yaml(noisy), encoding="utf-8")
+    assert gate("one.yaml", "--baseline", "base.json") == 1
+    assert "[regression]" in capsys.readouterr().out
+    assert gate("one.yaml", "--baseline", "base.json", "--max-regression", "500") == 0
+
+
+def test_waivers_in_force_and_expired(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    waivers_file(folder, 30)
+    assert gate("bad.yaml", "--waivers", "waivers.json") == 0
+    assert "accepted by waivers.json:1, J. Doe" in capsys.readouterr().out
+    waivers_file(folder, -1)
+    assert gate("one.yaml", "--waivers", "waivers.json") == 1
+    assert "expired on" in capsys.readouterr().out
+
+
+def test_one_bad_document_does_not_hide_the_others(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "broken.yaml").write_text("schema: tailstack/design/1\nname: x\n", encoding="utf-8")
+    write_json(folder / "flat.json", coplanar_design())
+    assert gate("flat.json", "one.yaml") == 3
+    assert gate("broken.yaml", "flat.json", "bad.yaml", "absent.yaml") == 2
+    text = capsys.readouterr().out
+    assert "[invalid-design]" in text
+    assert "[not-evaluated]" in text
+    assert "[p95]" in text
+    assert "no such file: absent.yaml" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nothing*.yaml"], "no file matches"),
+        ([], "no design was given"),
+        (["one.yaml", "--format", "text", "--format", "json"], "two formats would be written to stdout"),
+        (["one.yaml", "--format", "json=missing/gate.json"], "cannot write"),
+        (["one.yaml", "--format", "xml"], "expected text, json, markdown"),
+        (["one.yaml", "--max-regression", "-1"], "0 or more per cent"),
+        (["one.yaml", "--waivers", "policy.yaml"], "tailstack/waivers/1"),
+        (["one.yaml", "--baseline", "one.yaml"], "tailstack/gate/1"),
+        (["--explain", "p59"], "did you mean p95?"),
+    ],
+)
+def test_usage_is_refused_with_2_and_the_reason(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    assert gate(*arguments) == 2
+    shown = capsys.readouterr()
+    assert words in shown.err
+    assert shown.out == ""
+
+
+def test_a_policy_is_refused_at_its_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "policy.yaml").write_text("schema: tailstack/policy/1\nrules:\n  p95: {limit: 2.0}\n", encoding="utf-8")
+    assert gate("one.yaml") == 2
+    assert "policy.yaml:3:9: /rules/p95/limit: unknown field" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_every_rule_can_be_explained(rule: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["gate", "--explain", rule]) == 0
+    assert capsys.readouterr().out.startswith(f"{rule}: ")
+
+
+def test_markdown_shows_names_as_they_stand(folder: Path) -> None:
+    hostile = limited(FAILING, name="x")
+    hostile["requirements"][0]["name"] = "<img src=x>|`a`[l](http://h)@team"
+    (folder / "h.yaml").write_text(data_to_yaml(hostile), encoding="utf-8")
+    gate("h.yaml", "--format", "json=h.json")
+    text = markdown_text(from_plain("gate", json.loads((folder / "h.json").read_text())))
+    row = next(line for line in text.splitlines() if line.startswith("| error | p95"))
+    assert "\\<img src=x\\>\\|\\`a\\`\\[l\\]\\(http://h\\)\\@team" in row
+
+
+# --- report ---------------------------------------------------------------------------------------
+
+
+def test_a_report_of_a_design_and_of_its_record(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", "bad.yaml", "--format", "json,html,xlsx", "-o", "out", "--trials", "4000"]) == 1
+    written = capsys.readouterr().out.split()
+    assert written == [str(Path("out") / name) for name in ("bad.report.json", "bad.html", "bad.xlsx")]
+    assert main(["report", "out/bad.report.json", "--format", "html", "-o", "again"]) == 1
+    assert (folder / "again" / "bad.html").read_bytes() == (folder / "out" / "bad.html").read_bytes()
+
+
+def test_a_report_of_what_another_verb_wrote(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["score", "one.yaml", "--json"]) == 0
+    (folder / "score.json").write_text(capsys.readouterr().out, encoding="utf-8")
+    assert main(["report", "score.json", "-o", "."]) == 0
+    assert "First-order score" in (folder / "score.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["one.yaml", "--format", "docx"], "expected html, pdf, xlsx, json"),
+        (["one.yaml", "-o", "one.yaml"], "is not a directory"),
+        (["absent.yaml"], "no such file"),
+        (["half.json"], "not a whole tailstack/score/1"),
+        (["other.json"], "no report is made of 'tailstack/validation/1'"),
+        (["half.json", "--seed", "3"], "a result is rendered as it is"),
+    ],
+)
+def test_what_cannot_be_reported_is_refused_with_2(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    write_json(folder / "half.json", {"schema": "tailstack/score/1", "targets": []})
+    write_json(folder / "other.json", {"schema": "tailstack/validation/1"})
+    assert main(["report", *arguments]) == 2
+    assert words in capsys.readouterr().err
