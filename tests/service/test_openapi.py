@@ -10,19 +10,39 @@ import httpx
 import pytest
 from jsonschema import Draft202012Validator
 from openapi_spec_validator import OpenAPIV31SpecValidator
-from service_scenes import ROOT, client_with
+from service_scenes import ROOT, client_with, small_design
 
 from tailstack_service.documents import json_schema, schema_names
 from tailstack_service.http.openapi import openapi_json
+from tailstack_service.settings import Settings
 
 DOCUMENT = json.loads(openapi_json())
 OPERATIONS = [(path, method) for path, methods in DOCUMENT["paths"].items() for method in methods]
 
 
+# What a body that is not JSON cannot say
+QUERY = {
+    ("/v1/sweeps", "application/yaml"): "?set=/views/0/fiducial_noise_px=0.1,0.2",
+    ("/v1/conversions", "text/plain"): "?from=csv",
+}
+QUICK = {"design": small_design(), "trials": 1000}
+
+
 @pytest.fixture(scope="module")
 def client() -> Iterator[httpx.Client]:
-    with client_with() as client:
+    with client_with(Settings(worker_processes=1), worker=True) as client:
         yield client
+
+
+@pytest.fixture(scope="module")
+def names(client: httpx.Client) -> dict[str, str]:
+    """Path parameters that lead to something: a job that has succeeded, and its result."""
+    response = client.post("/v1/verifications", json=QUICK, headers={"Prefer": "wait=60"})
+    assert response.status_code == 200, response.text
+    return {
+        "id": response.headers["location"].rpartition("/")[2],
+        "sha256": response.headers["content-location"].rpartition("/")[2],
+    }
 
 
 def test_committed_document_is_the_generated_one() -> None:
@@ -66,27 +86,66 @@ def examples_of(path: str, method: str) -> Iterator[tuple[str, Any]]:
             yield media, resolved(example)["value"]
 
 
-def address_of(path: str, method: str) -> str:
-    """The path with the examples of its parameters filled in."""
-    for parameter in DOCUMENT["paths"][path][method].get("parameters", ()):
+def parameters_of(path: str, method: str) -> list[dict[str, Any]]:
+    return [resolved(entry) for entry in DOCUMENT["paths"][path][method].get("parameters", ())]
+
+
+def address_of(path: str, method: str, names: dict[str, str]) -> str:
+    """The path with its parameters filled in: with ``names``, otherwise with their examples."""
+    for parameter in parameters_of(path, method):
         if parameter["in"] == "path":
-            path = path.replace("{" + parameter["name"] + "}", parameter["example"])
+            path = path.replace("{" + parameter["name"] + "}", names.get(parameter["name"], parameter.get("example")))
     return path
 
 
+def check_documented(operation: dict[str, Any], response: httpx.Response) -> None:
+    """Status, headers, media type and body are what the document says."""
+    described = resolved(operation["responses"][str(response.status_code)])
+    for name in described["headers"]:
+        if name in ("X-Request-ID", "ETag", "Location", "Cache-Control", "Content-Disposition", "Content-Location"):
+            known_by_its_absence = name in ("ETag", "Location", "Cache-Control", "Content-Location")
+            assert name.lower() in response.headers or (known_by_its_absence and response.status_code == 200), name
+    if "content" not in described:
+        assert response.content == b""
+        return
+    media = response.headers["content-type"]
+    assert media in described["content"], media
+    if media.endswith("json"):
+        component_validator(described["content"][media]["schema"]).validate(response.json())
+
+
 @pytest.mark.parametrize(("path", "method"), OPERATIONS)
-def test_every_example_is_answered_as_documented(client: httpx.Client, path: str, method: str) -> None:
+def test_every_example_is_answered_as_documented(
+    client: httpx.Client, names: dict[str, str], path: str, method: str
+) -> None:
     operation = DOCUMENT["paths"][path][method]
+    wished = {"Prefer": "wait=60"} if any(p["name"] == "Prefer" for p in parameters_of(path, method)) else {}
     for media, value in examples_of(path, method):
-        content = value if value is None or isinstance(value, str) else json.dumps(value)
+        content = value if value is None or isinstance(value, str) else json.dumps(value)  # JSON is YAML too
         if media.endswith("json"):
             component_validator(operation["requestBody"]["content"][media]["schema"]).validate(value)
-        headers = {"Content-Type": media} if media else {}
-        response = client.request(method, address_of(path, method), content=content, headers=headers)
-        assert response.status_code == 200, response.text
-        described = operation["responses"]["200"]["content"]
-        assert list(described) == [response.headers["content-type"]]
-        component_validator(next(iter(described.values()))["schema"]).validate(response.json())
+        at_once = not wished or '"analytic"' in str(content)
+        sent = {"Content-Type": media} if media else {}
+        address = address_of(path, method, names) + QUERY.get((path, media), "")
+        for headers in (sent, {**sent, **wished})[: 2 if wished else 1]:
+            response = client.request(method, address, content=content, headers=headers)
+            assert response.status_code in (409, 303) if "cancel" in path or "{id}/result" in path else (200, 202), (
+                response.text
+            )
+            if headers == sent and not at_once:
+                assert response.status_code == 202
+                assert client.post(response.json()["links"]["cancel"]).status_code in (202, 409)
+            elif wished:
+                assert response.status_code == 200, response.text
+            check_documented(operation, response)
+
+
+@pytest.mark.parametrize(("path", "method"), [entry for entry in OPERATIONS if "{" in entry[0]])
+def test_names_that_lead_nowhere_are_answered_as_documented(client: httpx.Client, path: str, method: str) -> None:
+    nowhere = {"name": "nothing", "slug": "nothing"}
+    response = client.request(method, address_of(path, method, nowhere))
+    assert response.status_code == 404
+    check_documented(DOCUMENT["paths"][path][method], response)
 
 
 @pytest.mark.parametrize(("path", "method"), OPERATIONS)
@@ -94,10 +153,40 @@ def test_every_operation_is_described(path: str, method: str) -> None:
     operation = DOCUMENT["paths"][path][method]
     assert operation["summary"]
     assert operation["operationId"]
-    if method == "post":
-        assert {"400", "413", "415", "422", "500", "503"} <= set(operation["responses"])
-        for status in ("400", "422", "503"):
+    assert "security" in operation
+    statuses = set(operation["responses"])
+    assert {"421", "500"} <= statuses
+    if "requestBody" in operation:
+        assert {"400", "413", "415", "422", "500", "503"} <= statuses
+    if operation["security"]:
+        assert {"401", "403"} <= statuses
+    for status in statuses - {"200", "202", "204", "303", "304"}:
+        if path != "/health/ready":
             assert list(resolved(operation["responses"][status])["content"]) == ["application/problem+json"]
+    for parameter in parameters_of(path, method):
+        assert parameter["description"]
+
+
+def test_every_route_is_in_the_document() -> None:
+    from tailstack_service.http.routes import ROUTES
+
+    assert sorted(OPERATIONS) == sorted((route.path, route.method.lower()) for route in ROUTES)
+
+
+def test_small_examples_of_answers_are_valid() -> None:
+    checked = 0
+    for path, method in OPERATIONS:
+        for response in DOCUMENT["paths"][path][method]["responses"].values():
+            for media, content in resolved(response).get("content", {}).items():
+                for example in content.get("examples", {}).values():
+                    if media.endswith("json"):
+                        component_validator(content["schema"]).validate(resolved(example)["value"])
+                        checked += 1
+    assert checked >= 5
+
+
+def test_no_keyword_of_a_later_openapi_is_used() -> None:
+    assert "itemSchema" not in json.dumps(DOCUMENT)
 
 
 def test_operation_ids_are_unique() -> None:

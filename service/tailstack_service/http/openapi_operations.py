@@ -196,8 +196,7 @@ def _conversion() -> dict[str, Any]:
     body = _content(JSON, reference("schemas", "ConversionRequest"), "ConversionRequest")
     body |= _content(YAML, reference("schemas", "Design"), "DesignAsYaml")
     for media in RAW:
-        body |= {media: {"schema": {"type": "string"}}}
-    body["text/csv"]["examples"] = {"example": reference("examples", "Csv")}
+        body |= _content(media, {"type": "string"}, "Csv")
     return {
         "summary": "Fiducial files and designs into one another",
         "description": "In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.",
