@@ -4272,7 +4272,7 @@ export interface components {
         IdempotencyKey: string;
         /** @description The ETag of what the client has: 304 if it is still that. */
         IfNoneMatch: string;
-        /** @description Id of the last event that was read; the stream goes on after it. */
+        /** @description Id of the last event that was read; the stream goes on after it. Empty: none was. */
         LastEventID: string;
         /** @description The same as Last-Event-ID, for clients that cannot set headers. */
         After: number;
@@ -4901,7 +4901,7 @@ export interface operations {
                 after?: components["parameters"]["After"];
             };
             header?: {
-                /** @description Id of the last event that was read; the stream goes on after it. */
+                /** @description Id of the last event that was read; the stream goes on after it. Empty: none was. */
                 "Last-Event-ID"?: components["parameters"]["LastEventID"];
             };
             path: {

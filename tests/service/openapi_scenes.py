@@ -51,6 +51,7 @@ def light(body: dict[str, Any]) -> dict[str, Any]:
     body = copy.deepcopy(body)
     if "mode" in body:
         body["mode"] = "verify"
+        body["policy"] = {"schema": "tailstack/policy/1", "verification": {"max_trials": 2000, "precision": 0.2}}
     if body.pop("precision", None) is not None or "trials" in body:
         body["trials"] = 1000
     if "starts" in body:

@@ -138,8 +138,8 @@ PARAMETERS: dict[str, Any] = {
     },
     "LastEventID": {
         "name": "Last-Event-ID", "in": "header", "required": False,
-        "schema": {"type": "string", "pattern": "^[0-9]{1,15}$"},
-        "description": "Id of the last event that was read; the stream goes on after it.",
+        "schema": {"type": "string", "pattern": "^[0-9]{0,15}$"},
+        "description": "Id of the last event that was read; the stream goes on after it. Empty: none was.",
     },
     "After": {
         "name": "after", "in": "query", "required": False,
