@@ -144,8 +144,9 @@ def budget(model: LinearModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contri
     by_variance = _by_variance(sources, numbers)
     by_half_width = _by_half_width(model, sources, by_variance, numbers, at.worst.signs)
     rows = []
+    signs = at.worst.signs
     for k, line in enumerate(lines):
-        if any((line.block.contributor, j) in at.worst.signs for j in (line.sources if at.worst.signs else ())):
+        if signs and any((line.block.contributor, j) in signs for j in line.sources):
             without_mm = _without_bounded(model, at, line, total.p)
         elif k in without:
             without_mm = without[k]

@@ -29,19 +29,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import hypot, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from ..system import Array
 from .declared import LinearLaw, lattice_columns, law_cdf_coarse, law_quantile_coarse
-from .gaussian import law_on_axes, probability_iv
-from .quantile import norm_quantile_jit, normal_quantile_jit, quantile_on_axes
+from .gaussian import probability_iv
+from .quantile import norm_quantile_jit, normal_quantile_jit
 from .sampling import RANDOMISATIONS, sobol_rows
 from .spectrum import principal_axes
+from .unit_kernels import (
+    drawn_together,
+    gaussian_meets,
+    gaussian_quantiles,
+    position_of,
+    rank_average,
+    solve_within,
+    survey,
+)
 
 _CORRECTED = 12
 _PILOT = 32
@@ -69,109 +78,6 @@ class UnitRisk:
     p95_standard_error_mm: float
     units: int
     solved: int  # units whose quantile or probability had to be computed
-
-
-@njit(cache=True, error_model="numpy")
-def _survey(
-    mean: Array, root: Array, z: Array, h: Array, u: Array, covariance: Array, along: float, top: float, normal: float
-) -> tuple[Array, Array, Array, Array, Array, bool]:
-    """(d (n, 3), |d|, low, high, closed form of R(d), whether there is one) for n units.
-
-    Units ``d = mean + root z + u h``, z (k, n) and u (K, n) transposed so that loops run along the units.  low, high:
-    bounds of R(d); along < 0: only 0 is known from below, else the normal quantile s(d) is measured in; covariance
-    (3, 3) of the shot, top: the quantile of |shot|, normal: ndtri(p).
-    """
-    n = max(z.shape[1], u.shape[1])
-    x = np.empty((3, n))
-    x[0] = mean[0]
-    x[1] = mean[1]
-    x[2] = mean[2]
-    first, second, third = x[0], x[1], x[2]
-    for j in range(z.shape[0]):
-        for i in range(n):
-            first[i] += root[0, j] * z[j, i]
-            second[i] += root[1, j] * z[j, i]
-            third[i] += root[2, j] * z[j, i]
-    for j in range(u.shape[0]):
-        for i in range(n):
-            first[i] += u[j, i] * h[j, 0]
-            second[i] += u[j, i] * h[j, 1]
-            third[i] += u[j, i] * h[j, 2]
-    S = covariance
-    T = np.zeros((3, 3))
-    trace = 0.0
-    square = 0.0
-    cube = 0.0
-    for a in range(3):
-        trace += S[a, a]
-        for b in range(3):
-            for c in range(3):
-                T[a, b] += S[a, c] * S[c, b]
-    for a in range(3):
-        square += T[a, a]
-        for b in range(3):
-            cube += T[a, b] * S[b, a]
-    d = np.empty((n, 3))
-    size = np.empty(n)
-    low = np.empty(n)
-    high = np.empty(n)
-    guess = np.empty(n)
-    for i in range(n):
-        p, q, r = first[i], second[i], third[i]
-        length2 = p * p + q * q + r * r
-        spread = S[0, 0] * p * p + S[1, 1] * q * q + S[2, 2] * r * r
-        spread += 2.0 * (S[0, 1] * p * q + S[0, 2] * p * r + S[1, 2] * q * r)
-        wider = T[0, 0] * p * p + T[1, 1] * q * q + T[2, 2] * r * r
-        wider += 2.0 * (T[0, 1] * p * q + T[0, 2] * p * r + T[1, 2] * q * r)
-        length = sqrt(length2)
-        size[i] = length
-        least = length + along * sqrt(max(spread, 0.0)) / length if along >= 0.0 and length > 0.0 else 0.0
-        low[i] = least
-        high[i] = max(length + top, least)
-        # Pearson's quantile of ``approximation.py``
-        c2 = square + 2.0 * spread
-        scale = sqrt(c2)
-        gamma = (cube + 3.0 * wider) / (c2 * scale)
-        b = sqrt(2.0) / 3.0 * normal - gamma * (2.0 / 9.0)
-        w = gamma * b
-        guess[i] = sqrt(max(trace + length2 + scale * b * (3.0 + 3.0 * w + w * w), 0.0))
-    for i in range(n):
-        d[i, 0] = first[i]
-        d[i, 1] = second[i]
-        d[i, 2] = third[i]
-    return d, size, low, high, guess, square > 0.0
-
-
-@njit(cache=True, error_model="numpy")
-def _turned(d: Array, axes: Array, out: Array) -> None:
-    """out = axes' d, as ``principal_axes`` turns a mean."""
-    for a in range(3):
-        out[a] = 0.0
-        for k in range(3):
-            out[a] += axes[k, a] * d[k]
-
-
-@njit(cache=True, error_model="numpy")
-def _gaussian_quantiles(p: float, d: Array, covariance: Array) -> Array:
-    """(n,) p-quantile of |d + shot| for each row of d (n, 3); NaN: not converged.  The axes are found once for all."""
-    out = np.empty(d.shape[0])
-    m = np.zeros(3)
-    variances, _, axes = principal_axes(m, covariance)
-    for i in range(d.shape[0]):
-        _turned(d[i], axes, m)
-        out[i] = quantile_on_axes(p, variances, m)
-    return out
-
-
-@njit(cache=True, error_model="numpy")
-def _gaussian_meets(p: float, limit: float, d: Array, covariance: Array) -> NDArray[np.bool_]:
-    out = np.empty(d.shape[0], dtype=np.bool_)
-    m = np.zeros(3)
-    variances, _, axes = principal_axes(m, covariance)
-    for i in range(d.shape[0]):
-        _turned(d[i], axes, m)
-        out[i] = law_on_axes(variances, m, limit)[0] >= p
-    return out
 
 
 def _spread(units: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -248,7 +154,7 @@ def _sample(installation: LinearLaw, root: Array, shot: LinearLaw, p: float, log
     covariance = shot.total_covariance
     top = float(norm_quantile_jit(np.zeros(3), covariance, p))
     along = float(normal_quantile_jit(p)) if p > 0.5 else -1.0
-    d, size, low, high, guess, formed = _survey(
+    d, size, low, high, guess, formed = survey(
         installation.mean, root, z, h, u, covariance, along, top, float(ndtri(p))
     )
     return _Units(p, d, blocks, size, covariance, low, high, guess if formed else None, _shape_matters(shot))
@@ -279,54 +185,30 @@ def _narrowed(units: _Units) -> _Units:
     S, n, guess = units.covariance, units.size.size, units.guess
     if guess is None:
         return units
-    ranks = np.linspace(0, n - 1, min(n, _PILOT)).astype(np.int64)
+    ranks = _evenly(n, _PILOT)
     pilot = np.argpartition(guess, ranks)[ranks]
-    difference = _gaussian_quantiles(units.p, units.d[pilot], S) - guess[pilot]
+    difference = gaussian_quantiles(units.p, units.d[pilot], S) - guess[pilot]
     least, most = float(difference.min()), float(difference.max())
-    low = np.maximum(units.low, guess + 2 * least - most)
-    return replace(units, low=low, high=np.maximum(np.minimum(units.high, guess + 2 * most - least), low))
+    low, high = drawn_together(units.low, units.high, guess, 2 * least - most, 2 * most - least)
+    return replace(units, low=low, high=high)
 
 
-def _solved_between(units: _Units, first: int, last: int) -> tuple[Array, NDArray[np.int64], int]:
-    """(R (n,), its order (n,), number of units solved): exact for the ranks first ... last, counted from 0.
+@lru_cache(maxsize=4)
+def _evenly(n: int, count: int) -> NDArray[np.int64]:
+    """At most ``count`` of n ranks, evenly spaced."""
+    ranks = np.linspace(0, n - 1, min(n, count)).astype(np.int64)
+    ranks.setflags(write=False)
+    return ranks
+
+
+def _solved_between(units: _Units, first: int, last: int) -> tuple[Array, int]:
+    """(R (n,), number of units solved): exact for the ranks first ... last, counted from 0.
 
     The order statistics of R lie between those of its bounds; only units that may reach across need solving.
     """
     low, high = units.low, units.high
     floor, ceiling = np.partition(low, first)[first], np.partition(high, last)[last]
-    own = 0.5 * (low + high)
-    between = np.flatnonzero((low <= ceiling) & (high >= floor) & (low < high))
-    own[between] = _gaussian_quantiles(units.p, units.d[between], units.covariance)
-    return own, np.argsort(own), between.size
-
-
-@njit(cache=True, error_model="numpy")
-def _rank_average(ranked: Array, position: float, width: int) -> float:
-    """Mean of the ascending values (n,) about a position, ranks from 0, weights a triangle of this half-width.
-
-    Continuous and monotone in the position; half-width 1 is linear interpolation.
-    """
-    total = 0.0
-    weights = 0.0
-    for k in range(max(int(position) - width, 0), min(int(position) + width + 1, ranked.size - 1) + 1):
-        weight = max(width - abs(k - position), 0.0)
-        total += weight * ranked[k]
-        weights += weight
-    return total / weights
-
-
-@njit(cache=True, error_model="numpy")
-def _position_of(level: float, ranked: Array, width: int) -> float:
-    """Where the average over ranks equals the level; the nearest end if nowhere.  By bisection."""
-    low = 0.0
-    high = ranked.size - 1.0
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        if _rank_average(ranked, middle, width) < level:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
+    return solve_within(units.p, units.d, units.covariance, low, high, floor, ceiling)  # type: ignore[no-any-return]
 
 
 def unit_quantile(
@@ -343,11 +225,12 @@ def unit_quantile(
     width = max(min(n // _WINDOW, int(0.5 * n * min(fraction, 1 - fraction))), 1)
     distance = law_quantile_coarse(installation, fraction)
     by_size = np.argsort(units.size)
-    position = _position_of(distance.quantile_mm, units.size[by_size], width)
+    position = position_of(distance.quantile_mm, units.size[by_size], width)
     first, last = max(int(position) - 2 * width, 0), min(int(position) + 2 * width + 1, n - 1)
-    own, order, _ = _solved_between(units, first, last)
+    own, _ = _solved_between(units, first, last)
+    order = np.argsort(own)
     ranked = own[order]
-    value, shift, error, density = _rank_average(ranked, position, width), 0.0, 0.0, 0.0
+    value, shift, error, density = rank_average(ranked, position, width), 0.0, 0.0, 0.0
     rank = np.empty(n)
     rank[order] = np.arange(n)
     if units.mixed:
@@ -356,7 +239,7 @@ def unit_quantile(
         shift, error = _correction(units.p, shot, units.d[near], own[near], weight[near])
     if units.blocks > 1:
         a, b = max(position - width, 0.0), min(position + width, n - 1.0)
-        slope = (_rank_average(ranked, b, width) - _rank_average(ranked, a, width)) * n / (b - a)
+        slope = (rank_average(ranked, b, width) - rank_average(ranked, a, width)) * n / (b - a)
         density = 1 / slope if slope > 0 else 0.0
         # The indicators R <= value and |d| <= y, each a ramp across the window.
         size_rank = np.empty(n)
@@ -408,12 +291,12 @@ def _yield(
     level, doubt = limit, 0.0
     if units.mixed:
         near = _spread(np.flatnonzero((units.low <= limit) & (units.high >= limit)))
-        own = _gaussian_quantiles(units.p, units.d[near], units.covariance)
+        own = gaussian_quantiles(units.p, units.d[near], units.covariance)
         shift, doubt = _correction(units.p, shot, units.d[near], own)
         level -= shift
     good = narrow.high <= level
     between = np.flatnonzero((narrow.low <= level) & ~good)
-    good[between] = _gaussian_meets(units.p, level, units.d[between], units.covariance)
+    good[between] = gaussian_meets(units.p, level, units.d[between], units.covariance)
     excess = good - _control(installation, units, 0.5 * (narrow.low + narrow.high), level)
     # Units within the correction's own spread of the level, counted by their lower bound.
     unsure = float(((narrow.low > level - doubt) & (narrow.low <= level + doubt)).mean()) / 2 if doubt else 0.0
@@ -430,12 +313,12 @@ def _percentile(installation: LinearLaw, shot: LinearLaw, units: _Units) -> tupl
         control = np.asarray((units.size <= law_quantile_coarse(installation, 0.95).quantile_mm) - 0.95)
     position = min(max((0.95 + float(control.mean())) * n - 0.5, 0.0), n - 1.0)  # Hazen's, counted from 0
     first = max(min(int(position), n - 2), 0)
-    own, order, solved = _solved_between(units, first, min(first + 1, n - 1))
-    ranked = own[order]
-    value = float(_rank_average(ranked, position, 1))
+    own, solved = _solved_between(units, first, min(first + 1, n - 1))
+    ranked = np.sort(own)
+    value = float(rank_average(ranked, position, 1))
     shift, error = 0.0, 0.0
     if units.mixed:
-        near = _spread(order[max(first - 40, 0) : first + 40])
+        near = _spread(np.argsort(own)[max(first - 40, 0) : first + 40])
         shift, error = _correction(units.p, shot, units.d[near], own[near])
     if units.blocks > 1:
         a, b = max(first - n // 50, 0), min(first + n // 50, n - 1)
