@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
-from tailstack.design.reading import DEFAULT_LIMITS, Limits, decode, plain_data, read_text
+from tailstack.design.reading import DEFAULT_LIMITS, Limits, _careful_copy, decode, plain_data, read_text
 from tailstack.errors import DesignError, LimitError
 
 
@@ -128,3 +129,43 @@ def test_limits_are_stated():
         read("a: " + "x" * 2000, limits=Limits(document_bytes=1000))
     with pytest.raises(LimitError, match="more than 10 values"):
         read("[" + "1," * 20 + "]", limits=Limits(nodes=10))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        {"a": [1, 2.5, None, True, "text", {"b": []}], "c": {}},
+        {"a": (1, 2.0), "b": 2**63},
+        {"a": np.float64(1.5), "b": np.arange(3)},
+        {"a": 10**30, "b": [-(10**30)]},
+        [],
+        "text",
+        3,
+    ],
+)
+def test_a_quick_copy_is_the_careful_one(data):
+    """independent: the copy value by value, which the quick one falls back on; nothing is shared with the caller."""
+    copied = plain_data(data, DEFAULT_LIMITS)
+    assert copied == _careful_copy(data, DEFAULT_LIMITS)
+    if isinstance(data, dict):
+        assert copied is not data
+        assert all(copied[key] is not value for key, value in data.items() if isinstance(value, list | dict))
+
+
+@pytest.mark.parametrize(
+    ("data", "code"),
+    [
+        ({"a": {1: 2}}, "bad-key"),
+        ({"x" * 200: 1}, "bad-key"),
+        ({"a": "\ud800"}, "not-text"),
+        ({"\udfff": 1}, "not-text"),
+        ({"a": ["\ud800", "\udc00"]}, "not-text"),
+        ({"a": object()}, "unsupported-value"),
+        ([[[[[[0]]]]]], "too-complex"),
+        (list(range(40)), "too-complex"),
+    ],
+)
+def test_what_is_unusual_is_refused_with_its_reason(data, code):
+    with pytest.raises((DesignError, LimitError)) as caught:
+        plain_data(data, Limits(nodes=30, depth=4))
+    assert caught.value.problems[0].code == code

@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tailstack.geometry.rotation import (
+    cross,
+    displacement,
     rigid_inverse,
     rigid_transform,
     rigidity_defect,
@@ -23,6 +25,7 @@ from tailstack.geometry.rotation import (
     torsor_derivatives,
     torsor_transform,
     transform_points,
+    unit,
 )
 from tailstack.system import RotationForm
 
@@ -112,3 +115,25 @@ def test_rigidity_defect_sees_scale_and_reflection():
     assert rigidity_defect(1.01 * np.eye(3)) == pytest.approx(0.0201)
     assert rigidity_defect(np.diag([1.0, 1.0, -1.0])) == np.inf
     assert rigid_transform(np.eye(3), np.ones(3))[2, 3] == 1.0
+
+
+@pytest.mark.parametrize("form", list(RotationForm))
+def test_a_single_displacement_is_that_of_the_batch(form):
+    """independent: the batch functions turn their angles by stacked matrices; to the last digit."""
+    rng = np.random.default_rng(5)
+    for scale in (0.0, 1e-6, 0.1, 2.0):
+        torsor, pivot, point = scale * rng.normal(size=6), 50 * rng.normal(size=3), 50 * rng.normal(size=3)
+        at = displacement(torsor, pivot, form)
+        matrix = torsor_transform(torsor, pivot, form)
+        np.testing.assert_allclose(at.matrix(), matrix, rtol=1e-14, atol=1e-14)
+        np.testing.assert_allclose(at.moved(point), matrix[:3, :3] @ point + matrix[:3, 3], rtol=1e-14, atol=1e-13)
+        slopes = torsor_derivatives(torsor, pivot, point, form)
+        np.testing.assert_allclose(at.by_torsor(point), slopes, rtol=1e-14, atol=1e-13)
+
+
+def test_cross_and_unit_are_numpys():
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        a, b = rng.normal(size=3), rng.normal(size=3)
+        assert np.array_equal(cross(a, b), np.cross(a, b))
+        assert np.array_equal(unit(a), a / np.linalg.norm(a))
