@@ -149,6 +149,18 @@ def test_convergence_ends_at_the_check(report: Report) -> None:
     assert widths[-1] < widths[0] / 4
 
 
+def test_a_job_with_an_optimisation_gives_what_is_computed_here() -> None:
+    design = small_design()
+    design["optimise"] |= {"starts": 2, "seed": 5}
+    parts = ("score", "verification", "optimisation")
+    here = compute_report(load_design(design), ReportOptions(parts, trials=4_000))
+    assert here.optimisation is not None
+    assert f"{here.optimisation.p95_after_mm:.3f}" in "".join(here.headline.matters)
+    outcome, recorded = run_job("report", {"design": design, "parts": list(parts), "trials": 4_000, "seed": 0})
+    assert outcome.answer == to_json(here)
+    assert {json.loads(unit.spec)["of"] for unit in recorded} == {"verification", "optimisation"}
+
+
 def test_a_report_without_a_check_says_what_it_rests_on() -> None:
     report = compute_report(load_design(limited(0.9)), ReportOptions(parts=("score",)))
     assert report.verification is None

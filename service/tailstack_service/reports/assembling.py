@@ -74,7 +74,7 @@ def assemble(
     return Report(
         schema="tailstack/report/1",
         title=design.name,
-        headline=headline_of(scored, verification),
+        headline=headline_of(scored, verification, optimisation),
         score=scored,
         verification=verification,
         optimisation=optimisation,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tailstack.results import Check, Contributor, Finding, Score, TargetScore, Verification
+from tailstack.results import Check, Contributor, Finding, Optimisation, Score, TargetScore, Verification
 
 from ..rendering.score import single_lines
 from .records import Headline
@@ -14,7 +14,7 @@ IN_DOCUMENT = {"interface_1": "structure–connector", "interface_2": "connector
 _ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
 
 
-def headline_of(score: Score, verification: Verification | None) -> Headline:
+def headline_of(score: Score, verification: Verification | None, optimisation: Optimisation | None = None) -> Headline:
     """What the report opens with; Monte Carlo speaks where it was drawn."""
     verdict = score.verdict if verification is None else verification.verdict
     decisive = decisive_check(verdict.checks)
@@ -36,7 +36,7 @@ def headline_of(score: Score, verification: Verification | None) -> Headline:
         value_mm=value,
         interval_mm=interval,
         limit_mm=limit,
-        matters=tuple(what_matters(score, verification, target, decisive)),
+        matters=tuple(what_matters(score, verification, optimisation, target, decisive)),
     )
 
 
@@ -81,7 +81,13 @@ def _largest(score: Score, verification: Verification | None) -> tuple[str, floa
     return first.name, first.p95_mm, (first.p95_mm / (1 + percent / 100), first.p95_mm * (1 + percent / 100))
 
 
-def what_matters(score: Score, verification: Verification | None, target: str, decisive: Check | None) -> list[str]:
+def what_matters(
+    score: Score,
+    verification: Verification | None,
+    optimisation: Optimisation | None,
+    target: str,
+    decisive: Check | None,
+) -> list[str]:
     """At most three sentences: what dominates, what the margin is worth, what to be careful about."""
     found = next((entry for entry in score.targets if entry.name == target), score.targets[0])
     sentences = []
@@ -90,6 +96,8 @@ def what_matters(score: Score, verification: Verification | None, target: str, d
         sentences.append(_dominant(lines[0], found))
     if decisive is not None and decisive.yield_fraction is None:
         sentences.append(_margin(decisive, lines))
+    if optimisation is not None:
+        sentences.append(_optimised(optimisation))
     sentences.append(_caution(score, verification))
     return sentences[:3]
 
@@ -119,6 +127,13 @@ def _margin(check: Check, lines: Sequence[Contributor]) -> str:
         return first + "."
     gain, line = max(steps, key=lambda step: step[0])
     return f"{first}; a tenth less of {named(line)} is worth {gain:.3f} mm of P95."
+
+
+def _optimised(found: Optimisation) -> str:
+    cost = (
+        "" if found.cost_before is None else f" at a cost of {found.cost_after:.4g} instead of {found.cost_before:.4g}"
+    )
+    return f"The optimised design has a P95 of {found.p95_after_mm:.3f} mm{cost}; it is described below."
 
 
 def _caution(score: Score, verification: Verification | None) -> str:

@@ -8,20 +8,23 @@ from ..blocks import Block, Bullets, Column, Document, Facts, Figure, KeyNumber,
 from .tables import not_included, provenance_facts
 from .verification import sampling_blocks, verification_blocks
 
+MOST_BINDING = 3  # said on the first page
+
 
 def optimisation_document(found: Optimisation, sha256: str) -> Document:
     """An optimisation by itself: the new design is in its record, the old one is not."""
     check = found.certificate.verification
-    binding = f"What binds: {', '.join(found.binding)}." if found.binding else "Nothing binds."
+    more = len(found.binding) - MOST_BINDING
+    listed = "; ".join(found.binding[:MOST_BINDING]) + (f"; and {more} more" if more > 0 else "")
+    binding = f"What binds: {listed}." if found.binding else "Nothing binds."
     return Document(
         kind="Optimised design",
         title=found.provenance.design_name,
         tone="pass",
         status=found.status,
-        sentence=f"{found.objective}: the new design was checked by Monte Carlo with a fresh seed; "
-        f"its P95 is {found.p95_after_mm:.3f} mm.",
+        sentence=optimised_sentence(found),
         numbers=optimisation_numbers(found),
-        matters=tuple([binding, *(price.sentence for price in found.shadow_prices)][:3]),
+        matters=(binding, *(sentence_of(price.sentence) for price in found.shadow_prices[:2])),
         figures=(new_layout(found),),
         sections=(
             Section("What changed", change_blocks(found), page=True),
@@ -33,6 +36,20 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
         ),
         provenance=provenance_facts(found.provenance, sha256, found.schema),
     )
+
+
+def optimised_sentence(found: Optimisation) -> str:
+    """What was sought and what was reached."""
+    low, high = max(target.p95_interval_mm for target in found.certificate.verification.targets)
+    return (
+        f"{sentence_of(found.objective)} The new design was checked by Monte Carlo with a fresh seed: P95 "
+        f"{low:.3f} to {high:.3f} mm."
+    )
+
+
+def sentence_of(words: str) -> str:
+    """Words that begin with a capital and end with a full stop."""
+    return words[:1].upper() + words[1:].rstrip(".") + "."
 
 
 def optimisation_numbers(found: Optimisation) -> tuple[KeyNumber, ...]:

@@ -8,9 +8,23 @@ from ...rendering.layout_picture import layout_svg, single_layout_svg
 from ..blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section, tone_of
 from ..figures.errors import convergence_svg, distribution_svg
 from ..records import Report
-from .optimisation import certificate_blocks, change_blocks, design_listing, optimisation_numbers
+from .optimisation import (
+    certificate_blocks,
+    change_blocks,
+    design_listing,
+    optimisation_numbers,
+    optimised_sentence,
+)
 from .score import budget_blocks, error_blocks, headline_figure, key_numbers, method_blocks
-from .tables import checks_table, findings_table, not_included, provenance_facts, targets_table, views_table
+from .tables import (
+    checks_table,
+    estimates_table,
+    findings_table,
+    not_included,
+    provenance_facts,
+    targets_table,
+    views_table,
+)
 from .verification import sampling_blocks, verification_blocks
 
 
@@ -26,7 +40,8 @@ def report_document(report: Report, sha256: str) -> Document:
     if report.optimisation is not None:
         blocks = (*_optimised_layout(report), *change_blocks(report.optimisation))
         sections.append(Section("The optimised design", blocks, page=True))
-        sections.append(Section("Certificate of the optimum", certificate_blocks(report.optimisation)))
+        check = estimates_table(report.optimisation.certificate.verification)
+        sections.append(Section("Certificate of the optimum", (check, *certificate_blocks(report.optimisation))))
     sections += [
         Section("Method and assumptions", _method(report)),
         Section("What is not included", (not_included(report.provenance),)),
@@ -62,9 +77,12 @@ def _optimised_layout(report: Report) -> tuple[Block, ...]:
     found = report.optimisation
     before = compile_design(load_design(report.design, allow_files=False))
     after = compile_design(load_design(found.design, allow_files=False))
-    words = ", ".join(f"{n.label} {n.value} ({n.detail})" for n in optimisation_numbers(found))
+    numbers = "; ".join(f"{n.label} {n.value} ({n.detail})" for n in optimisation_numbers(found)[:2])
     svg = layout_svg(before, after, f"{report.title}: layout before and after optimisation")
-    return (Paragraph(f"{found.objective}. {words}."), Figure("layout-optimised", svg, "Before above after."))
+    return (
+        Paragraph(f"{optimised_sentence(found)} {numbers}."),
+        Figure("layout-optimised", svg, "Before above after."),
+    )
 
 
 def _error(report: Report) -> tuple[Block, ...]:
