@@ -20,7 +20,6 @@ from tailstack.results import Finding, Optimisation, Score, Verification, ViewCh
 from tailstack.sweep_results import Sweep
 
 from .gate.records import GateRecord
-from .gate.schemas import policy_json_schema, waivers_json_schema
 from .job_document import JobDocument, JobPage
 from .problems import ProblemDocument
 from .reports.records import Report
@@ -95,12 +94,15 @@ RECORDS: dict[str, type] = {
 }
 
 
-_ADAPTERS: dict[type, TypeAdapter[Any]] = {kind: TypeAdapter(kind) for kind in RECORDS.values()}
+@cache
+def _adapter(kind: type) -> TypeAdapter[Any]:
+    """Made when first needed: all of them together take a noticeable part of a start."""
+    return TypeAdapter(kind)
 
 
 def plain(record: Any) -> Any:
     """A record as JSON's own types (tuples stay tuples)."""
-    return _ADAPTERS[type(record)].dump_python(record)
+    return _adapter(type(record)).dump_python(record)
 
 
 def to_json(record: Any, *, indent: int | None = None) -> bytes:
@@ -112,16 +114,16 @@ def to_json(record: Any, *, indent: int | None = None) -> bytes:
 
 def read_record(name: str, content: bytes) -> Any:
     """The record of a published document: what :func:`to_json` wrote.  Raises pydantic's ValidationError."""
-    return _ADAPTERS[RECORDS[name]].validate_json(content)
+    return _adapter(RECORDS[name]).validate_json(content)
 
 
 def from_plain(name: str, data: Any) -> Any:
     """The record of a published document given as plain data.  Raises pydantic's ValidationError."""
-    return _ADAPTERS[RECORDS[name]].validate_python(data)
+    return _adapter(RECORDS[name]).validate_python(data)
 
 
 def _record_schema(name: str) -> dict[str, Any]:
-    schema = _ADAPTERS[RECORDS[name]].json_schema(mode="serialization")
+    schema = _adapter(RECORDS[name]).json_schema(mode="serialization")
     _require_all(schema)
     for definition in schema.get("$defs", {}).values():
         _require_all(definition)
@@ -189,6 +191,8 @@ def schema_names() -> dict[str, str]:
 
 @cache
 def _schema_text(name: str) -> str:
+    from .gate.schemas import policy_json_schema, waivers_json_schema
+
     makers: dict[str, Callable[[], dict[str, Any]]] = {
         "design": design_json_schema,
         "presets": _preset_schema,

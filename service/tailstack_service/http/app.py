@@ -8,6 +8,7 @@ import os
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
+from functools import cache
 from typing import Any
 
 from fastapi import FastAPI
@@ -27,7 +28,6 @@ from .bodies import BodyTooLarge, Placed
 from .computing import Lane
 from .metrics import Metrics
 from .middleware import RequestLog
-from .openapi import describe
 from .routes import ROUTES, Route
 from .service import Service
 from .storage import Storage
@@ -71,11 +71,18 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
             route.path, _admitting(route), methods=[route.method], response_class=Response,
             operation_id=route.operation_id, name=route.operation_id,
         )  # fmt: skip
-    describe(app)
+    app.openapi = _description  # type: ignore[method-assign]
     for kind, handler in ((TailstackError, _refused), (Placed, _refused), (HTTPException, _not_routed)):
         app.add_exception_handler(kind, handler)  # type: ignore[arg-type]
     app.add_middleware(RequestLog, service=service)
     return app
+
+
+@cache
+def _description() -> dict[str, Any]:
+    from .openapi import document
+
+    return document()
 
 
 def _admitting(route: Route) -> Callable[[Request], Awaitable[Response]]:

@@ -8,8 +8,6 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from fastapi import FastAPI
-
 from tailstack import __version__
 
 from . import openapi_components as components
@@ -37,17 +35,6 @@ BEARER = {
     "description": "An API key (tsk_...) or a JSON Web Token, where the service requires it. Scopes: compute, read, "
     "metrics.",
 }
-
-
-def describe(app: FastAPI) -> None:
-    """Let the application serve this document."""
-
-    def cached() -> dict[str, Any]:
-        if app.openapi_schema is None:
-            app.openapi_schema = document()
-        return app.openapi_schema
-
-    app.openapi = cached  # type: ignore[method-assign]
 
 
 def document() -> dict[str, Any]:
