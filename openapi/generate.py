@@ -48,7 +48,8 @@ packages = ["{package}"]
 def client_document(document: dict[str, Any]) -> dict[str, Any]:
     """The document as the Python client is made from: the overlay that openapi/README.md explains.
 
-    The design stays a mapping; bodies are JSON; event streams are left out; classes are called what the schemas are.
+    The design stays a mapping; bodies are JSON, with no options in the query; event streams are left out; classes are
+    called what the schemas are.
     """
     document = copy.deepcopy(document)
     schemas = document["components"]["schemas"]
@@ -63,6 +64,9 @@ def client_document(document: dict[str, Any]) -> dict[str, Any]:
             content = item[method].get("requestBody", {}).get("content", {})
             for media in [m for m in content if m != "application/json"]:
                 del content[media]
+            if content:  # what stands in the query belongs to the bodies that were just left out
+                kept = [entry for entry in item[method].get("parameters", ()) if entry.get("in") != "query"]
+                item[method]["parameters"] = kept
             answers = item[method]["responses"].values()
             if any(STREAMS in answer.get("content", {}) for answer in answers):
                 del item[method]

@@ -17,14 +17,6 @@ from .conversion_request_format import ConversionRequestFormat
 from .conversion_request_to import ConversionRequestTo
 from .converted_point import ConvertedPoint
 from .count_tried import CountTried
-from .create_conversion_from import CreateConversionFrom
-from .create_conversion_to import CreateConversionTo
-from .create_gate_fail_level import CreateGateFailLevel
-from .create_gate_mode import CreateGateMode
-from .create_gate_on_inconclusive import CreateGateOnInconclusive
-from .create_report_part_item import CreateReportPartItem
-from .create_sweep_check import CreateSweepCheck
-from .create_verification_method import CreateVerificationMethod
 from .design import Design
 from .error_distribution import ErrorDistribution
 from .exceedance import Exceedance
@@ -144,14 +136,6 @@ __all__ = (
     "ConversionRequestTo",
     "ConvertedPoint",
     "CountTried",
-    "CreateConversionFrom",
-    "CreateConversionTo",
-    "CreateGateFailLevel",
-    "CreateGateMode",
-    "CreateGateOnInconclusive",
-    "CreateReportPartItem",
-    "CreateSweepCheck",
-    "CreateVerificationMethod",
     "Design",
     "ErrorDistribution",
     "Exceedance",

@@ -10,43 +10,19 @@ from ... import errors
 
 from ...models.conversion import Conversion
 from ...models.conversion_request import ConversionRequest
-from ...models.create_conversion_from import check_create_conversion_from
-from ...models.create_conversion_from import CreateConversionFrom
-from ...models.create_conversion_to import check_create_conversion_to
-from ...models.create_conversion_to import CreateConversionTo
 from ...models.problem import Problem
-from ...types import UNSET, Unset
 from typing import cast
 
 
 def _get_kwargs(
     *,
     body: ConversionRequest,
-    from_: CreateConversionFrom | Unset = UNSET,
-    to: CreateConversionTo | Unset = "yaml",
 ) -> dict[str, Any]:
     headers: dict[str, Any] = {}
-
-    params: dict[str, Any] = {}
-
-    json_from_: str | Unset = UNSET
-    if not isinstance(from_, Unset):
-        json_from_ = from_
-
-    params["from"] = json_from_
-
-    json_to: str | Unset = UNSET
-    if not isinstance(to, Unset):
-        json_to = to
-
-    params["to"] = json_to
-
-    params = {k: v for k, v in params.items() if v is not UNSET and v is not None}
 
     _kwargs: dict[str, Any] = {
         "method": "post",
         "url": "/v1/conversions",
-        "params": params,
     }
 
     _kwargs["json"] = body.to_dict()
@@ -134,16 +110,12 @@ def sync_detailed(
     *,
     client: AuthenticatedClient,
     body: ConversionRequest,
-    from_: CreateConversionFrom | Unset = UNSET,
-    to: CreateConversionTo | Unset = "yaml",
 ) -> Response[Conversion | Problem]:
     """Fiducial files and designs into one another
 
      In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
 
     Args:
-        from_ (CreateConversionFrom | Unset):
-        to (CreateConversionTo | Unset):  Default: 'yaml'.
         body (ConversionRequest): The content and what to make of it.
 
     Raises:
@@ -156,8 +128,6 @@ def sync_detailed(
 
     kwargs = _get_kwargs(
         body=body,
-        from_=from_,
-        to=to,
     )
 
     response = client.get_httpx_client().request(
@@ -171,16 +141,12 @@ def sync(
     *,
     client: AuthenticatedClient,
     body: ConversionRequest,
-    from_: CreateConversionFrom | Unset = UNSET,
-    to: CreateConversionTo | Unset = "yaml",
 ) -> Conversion | Problem | None:
     """Fiducial files and designs into one another
 
      In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
 
     Args:
-        from_ (CreateConversionFrom | Unset):
-        to (CreateConversionTo | Unset):  Default: 'yaml'.
         body (ConversionRequest): The content and what to make of it.
 
     Raises:
@@ -194,8 +160,6 @@ def sync(
     return sync_detailed(
         client=client,
         body=body,
-        from_=from_,
-        to=to,
     ).parsed
 
 
@@ -203,16 +167,12 @@ async def asyncio_detailed(
     *,
     client: AuthenticatedClient,
     body: ConversionRequest,
-    from_: CreateConversionFrom | Unset = UNSET,
-    to: CreateConversionTo | Unset = "yaml",
 ) -> Response[Conversion | Problem]:
     """Fiducial files and designs into one another
 
      In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
 
     Args:
-        from_ (CreateConversionFrom | Unset):
-        to (CreateConversionTo | Unset):  Default: 'yaml'.
         body (ConversionRequest): The content and what to make of it.
 
     Raises:
@@ -225,8 +185,6 @@ async def asyncio_detailed(
 
     kwargs = _get_kwargs(
         body=body,
-        from_=from_,
-        to=to,
     )
 
     response = await client.get_async_httpx_client().request(**kwargs)
@@ -238,16 +196,12 @@ async def asyncio(
     *,
     client: AuthenticatedClient,
     body: ConversionRequest,
-    from_: CreateConversionFrom | Unset = UNSET,
-    to: CreateConversionTo | Unset = "yaml",
 ) -> Conversion | Problem | None:
     """Fiducial files and designs into one another
 
      In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
 
     Args:
-        from_ (CreateConversionFrom | Unset):
-        to (CreateConversionTo | Unset):  Default: 'yaml'.
         body (ConversionRequest): The content and what to make of it.
 
     Raises:
@@ -262,7 +216,5 @@ async def asyncio(
         await asyncio_detailed(
             client=client,
             body=body,
-            from_=from_,
-            to=to,
         )
     ).parsed

@@ -8,12 +8,6 @@ from ...client import AuthenticatedClient, Client
 from ...types import Response, UNSET
 from ... import errors
 
-from ...models.create_gate_fail_level import check_create_gate_fail_level
-from ...models.create_gate_fail_level import CreateGateFailLevel
-from ...models.create_gate_mode import check_create_gate_mode
-from ...models.create_gate_mode import CreateGateMode
-from ...models.create_gate_on_inconclusive import check_create_gate_on_inconclusive
-from ...models.create_gate_on_inconclusive import CreateGateOnInconclusive
 from ...models.gate import Gate
 from ...models.gate_request import GateRequest
 from ...models.job import Job
@@ -25,10 +19,6 @@ from typing import cast
 def _get_kwargs(
     *,
     body: GateRequest,
-    mode: CreateGateMode | Unset = "auto",
-    seed: int | Unset = UNSET,
-    fail_level: CreateGateFailLevel | Unset = "error",
-    on_inconclusive: CreateGateOnInconclusive | Unset = UNSET,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> dict[str, Any]:
@@ -39,34 +29,9 @@ def _get_kwargs(
     if not isinstance(idempotency_key, Unset):
         headers["Idempotency-Key"] = idempotency_key
 
-    params: dict[str, Any] = {}
-
-    json_mode: str | Unset = UNSET
-    if not isinstance(mode, Unset):
-        json_mode = mode
-
-    params["mode"] = json_mode
-
-    params["seed"] = seed
-
-    json_fail_level: str | Unset = UNSET
-    if not isinstance(fail_level, Unset):
-        json_fail_level = fail_level
-
-    params["fail_level"] = json_fail_level
-
-    json_on_inconclusive: str | Unset = UNSET
-    if not isinstance(on_inconclusive, Unset):
-        json_on_inconclusive = on_inconclusive
-
-    params["on_inconclusive"] = json_on_inconclusive
-
-    params = {k: v for k, v in params.items() if v is not UNSET and v is not None}
-
     _kwargs: dict[str, Any] = {
         "method": "post",
         "url": "/v1/gates",
-        "params": params,
     }
 
     _kwargs["json"] = body.to_dict()
@@ -164,10 +129,6 @@ def sync_detailed(
     *,
     client: AuthenticatedClient,
     body: GateRequest,
-    mode: CreateGateMode | Unset = "auto",
-    seed: int | Unset = UNSET,
-    fail_level: CreateGateFailLevel | Unset = "error",
-    on_inconclusive: CreateGateOnInconclusive | Unset = UNSET,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Gate | Job | Problem]:
@@ -176,10 +137,6 @@ def sync_detailed(
      Mode analytic is answered at once; verify and auto become a job.
 
     Args:
-        mode (CreateGateMode | Unset):  Default: 'auto'.
-        seed (int | Unset):
-        fail_level (CreateGateFailLevel | Unset):  Default: 'error'.
-        on_inconclusive (CreateGateOnInconclusive | Unset):
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (GateRequest): Body of ``POST /v1/gates``.
@@ -194,10 +151,6 @@ def sync_detailed(
 
     kwargs = _get_kwargs(
         body=body,
-        mode=mode,
-        seed=seed,
-        fail_level=fail_level,
-        on_inconclusive=on_inconclusive,
         prefer=prefer,
         idempotency_key=idempotency_key,
     )
@@ -213,10 +166,6 @@ def sync(
     *,
     client: AuthenticatedClient,
     body: GateRequest,
-    mode: CreateGateMode | Unset = "auto",
-    seed: int | Unset = UNSET,
-    fail_level: CreateGateFailLevel | Unset = "error",
-    on_inconclusive: CreateGateOnInconclusive | Unset = UNSET,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Gate | Job | Problem | None:
@@ -225,10 +174,6 @@ def sync(
      Mode analytic is answered at once; verify and auto become a job.
 
     Args:
-        mode (CreateGateMode | Unset):  Default: 'auto'.
-        seed (int | Unset):
-        fail_level (CreateGateFailLevel | Unset):  Default: 'error'.
-        on_inconclusive (CreateGateOnInconclusive | Unset):
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (GateRequest): Body of ``POST /v1/gates``.
@@ -244,10 +189,6 @@ def sync(
     return sync_detailed(
         client=client,
         body=body,
-        mode=mode,
-        seed=seed,
-        fail_level=fail_level,
-        on_inconclusive=on_inconclusive,
         prefer=prefer,
         idempotency_key=idempotency_key,
     ).parsed
@@ -257,10 +198,6 @@ async def asyncio_detailed(
     *,
     client: AuthenticatedClient,
     body: GateRequest,
-    mode: CreateGateMode | Unset = "auto",
-    seed: int | Unset = UNSET,
-    fail_level: CreateGateFailLevel | Unset = "error",
-    on_inconclusive: CreateGateOnInconclusive | Unset = UNSET,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Gate | Job | Problem]:
@@ -269,10 +206,6 @@ async def asyncio_detailed(
      Mode analytic is answered at once; verify and auto become a job.
 
     Args:
-        mode (CreateGateMode | Unset):  Default: 'auto'.
-        seed (int | Unset):
-        fail_level (CreateGateFailLevel | Unset):  Default: 'error'.
-        on_inconclusive (CreateGateOnInconclusive | Unset):
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (GateRequest): Body of ``POST /v1/gates``.
@@ -287,10 +220,6 @@ async def asyncio_detailed(
 
     kwargs = _get_kwargs(
         body=body,
-        mode=mode,
-        seed=seed,
-        fail_level=fail_level,
-        on_inconclusive=on_inconclusive,
         prefer=prefer,
         idempotency_key=idempotency_key,
     )
@@ -304,10 +233,6 @@ async def asyncio(
     *,
     client: AuthenticatedClient,
     body: GateRequest,
-    mode: CreateGateMode | Unset = "auto",
-    seed: int | Unset = UNSET,
-    fail_level: CreateGateFailLevel | Unset = "error",
-    on_inconclusive: CreateGateOnInconclusive | Unset = UNSET,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Gate | Job | Problem | None:
@@ -316,10 +241,6 @@ async def asyncio(
      Mode analytic is answered at once; verify and auto become a job.
 
     Args:
-        mode (CreateGateMode | Unset):  Default: 'auto'.
-        seed (int | Unset):
-        fail_level (CreateGateFailLevel | Unset):  Default: 'error'.
-        on_inconclusive (CreateGateOnInconclusive | Unset):
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (GateRequest): Body of ``POST /v1/gates``.
@@ -336,10 +257,6 @@ async def asyncio(
         await asyncio_detailed(
             client=client,
             body=body,
-            mode=mode,
-            seed=seed,
-            fail_level=fail_level,
-            on_inconclusive=on_inconclusive,
             prefer=prefer,
             idempotency_key=idempotency_key,
         )

@@ -19,8 +19,6 @@ from typing import cast
 def _get_kwargs(
     *,
     body: OptimisationRequest,
-    seed: int | Unset = UNSET,
-    starts: int | Unset = UNSET,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> dict[str, Any]:
@@ -31,18 +29,9 @@ def _get_kwargs(
     if not isinstance(idempotency_key, Unset):
         headers["Idempotency-Key"] = idempotency_key
 
-    params: dict[str, Any] = {}
-
-    params["seed"] = seed
-
-    params["starts"] = starts
-
-    params = {k: v for k, v in params.items() if v is not UNSET and v is not None}
-
     _kwargs: dict[str, Any] = {
         "method": "post",
         "url": "/v1/optimisations",
-        "params": params,
     }
 
     _kwargs["json"] = body.to_dict()
@@ -142,8 +131,6 @@ def sync_detailed(
     *,
     client: AuthenticatedClient,
     body: OptimisationRequest,
-    seed: int | Unset = UNSET,
-    starts: int | Unset = UNSET,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Optimisation | Problem]:
@@ -153,8 +140,6 @@ def sync_detailed(
     came to, if that is known within N seconds.
 
     Args:
-        seed (int | Unset):
-        starts (int | Unset):
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (OptimisationRequest):
@@ -169,8 +154,6 @@ def sync_detailed(
 
     kwargs = _get_kwargs(
         body=body,
-        seed=seed,
-        starts=starts,
         prefer=prefer,
         idempotency_key=idempotency_key,
     )
@@ -186,8 +169,6 @@ def sync(
     *,
     client: AuthenticatedClient,
     body: OptimisationRequest,
-    seed: int | Unset = UNSET,
-    starts: int | Unset = UNSET,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Optimisation | Problem | None:
@@ -197,8 +178,6 @@ def sync(
     came to, if that is known within N seconds.
 
     Args:
-        seed (int | Unset):
-        starts (int | Unset):
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (OptimisationRequest):
@@ -214,8 +193,6 @@ def sync(
     return sync_detailed(
         client=client,
         body=body,
-        seed=seed,
-        starts=starts,
         prefer=prefer,
         idempotency_key=idempotency_key,
     ).parsed
@@ -225,8 +202,6 @@ async def asyncio_detailed(
     *,
     client: AuthenticatedClient,
     body: OptimisationRequest,
-    seed: int | Unset = UNSET,
-    starts: int | Unset = UNSET,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Optimisation | Problem]:
@@ -236,8 +211,6 @@ async def asyncio_detailed(
     came to, if that is known within N seconds.
 
     Args:
-        seed (int | Unset):
-        starts (int | Unset):
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (OptimisationRequest):
@@ -252,8 +225,6 @@ async def asyncio_detailed(
 
     kwargs = _get_kwargs(
         body=body,
-        seed=seed,
-        starts=starts,
         prefer=prefer,
         idempotency_key=idempotency_key,
     )
@@ -267,8 +238,6 @@ async def asyncio(
     *,
     client: AuthenticatedClient,
     body: OptimisationRequest,
-    seed: int | Unset = UNSET,
-    starts: int | Unset = UNSET,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Optimisation | Problem | None:
@@ -278,8 +247,6 @@ async def asyncio(
     came to, if that is known within N seconds.
 
     Args:
-        seed (int | Unset):
-        starts (int | Unset):
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (OptimisationRequest):
@@ -296,8 +263,6 @@ async def asyncio(
         await asyncio_detailed(
             client=client,
             body=body,
-            seed=seed,
-            starts=starts,
             prefer=prefer,
             idempotency_key=idempotency_key,
         )

@@ -8,8 +8,6 @@ from ...client import AuthenticatedClient, Client
 from ...types import Response, UNSET
 from ... import errors
 
-from ...models.create_report_part_item import check_create_report_part_item
-from ...models.create_report_part_item import CreateReportPartItem
 from ...models.job import Job
 from ...models.problem import Problem
 from ...models.report import Report
@@ -21,10 +19,6 @@ from typing import cast
 def _get_kwargs(
     *,
     body: ReportRequest,
-    trials: int | Unset = UNSET,
-    precision: float | Unset = UNSET,
-    seed: int | Unset = 0,
-    part: list[CreateReportPartItem] | Unset = UNSET,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> dict[str, Any]:
@@ -35,29 +29,9 @@ def _get_kwargs(
     if not isinstance(idempotency_key, Unset):
         headers["Idempotency-Key"] = idempotency_key
 
-    params: dict[str, Any] = {}
-
-    params["trials"] = trials
-
-    params["precision"] = precision
-
-    params["seed"] = seed
-
-    json_part: list[str] | Unset = UNSET
-    if not isinstance(part, Unset):
-        json_part = []
-        for part_item_data in part:
-            part_item: str = part_item_data
-            json_part.append(part_item)
-
-    params["part"] = json_part
-
-    params = {k: v for k, v in params.items() if v is not UNSET and v is not None}
-
     _kwargs: dict[str, Any] = {
         "method": "post",
         "url": "/v1/reports",
-        "params": params,
     }
 
     _kwargs["json"] = body.to_dict()
@@ -155,10 +129,6 @@ def sync_detailed(
     *,
     client: AuthenticatedClient,
     body: ReportRequest,
-    trials: int | Unset = UNSET,
-    precision: float | Unset = UNSET,
-    seed: int | Unset = 0,
-    part: list[CreateReportPartItem] | Unset = UNSET,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | Report]:
@@ -168,10 +138,6 @@ def sync_detailed(
     came to, if that is known within N seconds.
 
     Args:
-        trials (int | Unset):
-        precision (float | Unset):
-        seed (int | Unset):  Default: 0.
-        part (list[CreateReportPartItem] | Unset):
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (ReportRequest):
@@ -186,10 +152,6 @@ def sync_detailed(
 
     kwargs = _get_kwargs(
         body=body,
-        trials=trials,
-        precision=precision,
-        seed=seed,
-        part=part,
         prefer=prefer,
         idempotency_key=idempotency_key,
     )
@@ -205,10 +167,6 @@ def sync(
     *,
     client: AuthenticatedClient,
     body: ReportRequest,
-    trials: int | Unset = UNSET,
-    precision: float | Unset = UNSET,
-    seed: int | Unset = 0,
-    part: list[CreateReportPartItem] | Unset = UNSET,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | Report | None:
@@ -218,10 +176,6 @@ def sync(
     came to, if that is known within N seconds.
 
     Args:
-        trials (int | Unset):
-        precision (float | Unset):
-        seed (int | Unset):  Default: 0.
-        part (list[CreateReportPartItem] | Unset):
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (ReportRequest):
@@ -237,10 +191,6 @@ def sync(
     return sync_detailed(
         client=client,
         body=body,
-        trials=trials,
-        precision=precision,
-        seed=seed,
-        part=part,
         prefer=prefer,
         idempotency_key=idempotency_key,
     ).parsed
@@ -250,10 +200,6 @@ async def asyncio_detailed(
     *,
     client: AuthenticatedClient,
     body: ReportRequest,
-    trials: int | Unset = UNSET,
-    precision: float | Unset = UNSET,
-    seed: int | Unset = 0,
-    part: list[CreateReportPartItem] | Unset = UNSET,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | Report]:
@@ -263,10 +209,6 @@ async def asyncio_detailed(
     came to, if that is known within N seconds.
 
     Args:
-        trials (int | Unset):
-        precision (float | Unset):
-        seed (int | Unset):  Default: 0.
-        part (list[CreateReportPartItem] | Unset):
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (ReportRequest):
@@ -281,10 +223,6 @@ async def asyncio_detailed(
 
     kwargs = _get_kwargs(
         body=body,
-        trials=trials,
-        precision=precision,
-        seed=seed,
-        part=part,
         prefer=prefer,
         idempotency_key=idempotency_key,
     )
@@ -298,10 +236,6 @@ async def asyncio(
     *,
     client: AuthenticatedClient,
     body: ReportRequest,
-    trials: int | Unset = UNSET,
-    precision: float | Unset = UNSET,
-    seed: int | Unset = 0,
-    part: list[CreateReportPartItem] | Unset = UNSET,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | Report | None:
@@ -311,10 +245,6 @@ async def asyncio(
     came to, if that is known within N seconds.
 
     Args:
-        trials (int | Unset):
-        precision (float | Unset):
-        seed (int | Unset):  Default: 0.
-        part (list[CreateReportPartItem] | Unset):
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (ReportRequest):
@@ -331,10 +261,6 @@ async def asyncio(
         await asyncio_detailed(
             client=client,
             body=body,
-            trials=trials,
-            precision=precision,
-            seed=seed,
-            part=part,
             prefer=prefer,
             idempotency_key=idempotency_key,
         )

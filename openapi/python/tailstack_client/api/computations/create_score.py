@@ -11,27 +11,18 @@ from ... import errors
 from ...models.problem import Problem
 from ...models.score import Score
 from ...models.score_request import ScoreRequest
-from ...types import UNSET, Unset
 from typing import cast
 
 
 def _get_kwargs(
     *,
     body: ScoreRequest,
-    second_order: bool | Unset = False,
 ) -> dict[str, Any]:
     headers: dict[str, Any] = {}
-
-    params: dict[str, Any] = {}
-
-    params["second_order"] = second_order
-
-    params = {k: v for k, v in params.items() if v is not UNSET and v is not None}
 
     _kwargs: dict[str, Any] = {
         "method": "post",
         "url": "/v1/scores",
-        "params": params,
     }
 
     _kwargs["json"] = body.to_dict()
@@ -117,12 +108,10 @@ def sync_detailed(
     *,
     client: AuthenticatedClient,
     body: ScoreRequest,
-    second_order: bool | Unset = False,
 ) -> Response[Problem | Score]:
     """First-order score
 
     Args:
-        second_order (bool | Unset):  Default: False.
         body (ScoreRequest):
 
     Raises:
@@ -135,7 +124,6 @@ def sync_detailed(
 
     kwargs = _get_kwargs(
         body=body,
-        second_order=second_order,
     )
 
     response = client.get_httpx_client().request(
@@ -149,12 +137,10 @@ def sync(
     *,
     client: AuthenticatedClient,
     body: ScoreRequest,
-    second_order: bool | Unset = False,
 ) -> Problem | Score | None:
     """First-order score
 
     Args:
-        second_order (bool | Unset):  Default: False.
         body (ScoreRequest):
 
     Raises:
@@ -168,7 +154,6 @@ def sync(
     return sync_detailed(
         client=client,
         body=body,
-        second_order=second_order,
     ).parsed
 
 
@@ -176,12 +161,10 @@ async def asyncio_detailed(
     *,
     client: AuthenticatedClient,
     body: ScoreRequest,
-    second_order: bool | Unset = False,
 ) -> Response[Problem | Score]:
     """First-order score
 
     Args:
-        second_order (bool | Unset):  Default: False.
         body (ScoreRequest):
 
     Raises:
@@ -194,7 +177,6 @@ async def asyncio_detailed(
 
     kwargs = _get_kwargs(
         body=body,
-        second_order=second_order,
     )
 
     response = await client.get_async_httpx_client().request(**kwargs)
@@ -206,12 +188,10 @@ async def asyncio(
     *,
     client: AuthenticatedClient,
     body: ScoreRequest,
-    second_order: bool | Unset = False,
 ) -> Problem | Score | None:
     """First-order score
 
     Args:
-        second_order (bool | Unset):  Default: False.
         body (ScoreRequest):
 
     Raises:
@@ -226,6 +206,5 @@ async def asyncio(
         await asyncio_detailed(
             client=client,
             body=body,
-            second_order=second_order,
         )
     ).parsed

@@ -8,8 +8,6 @@ from ...client import AuthenticatedClient, Client
 from ...types import Response, UNSET
 from ... import errors
 
-from ...models.create_sweep_check import check_create_sweep_check
-from ...models.create_sweep_check import CreateSweepCheck
 from ...models.job import Job
 from ...models.problem import Problem
 from ...models.sweep import Sweep
@@ -21,10 +19,6 @@ from typing import cast
 def _get_kwargs(
     *,
     body: SweepRequest,
-    set_: list[str] | Unset = UNSET,
-    check: CreateSweepCheck | Unset = "score",
-    trials: int | Unset = UNSET,
-    seed: int | Unset = 0,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> dict[str, Any]:
@@ -35,30 +29,9 @@ def _get_kwargs(
     if not isinstance(idempotency_key, Unset):
         headers["Idempotency-Key"] = idempotency_key
 
-    params: dict[str, Any] = {}
-
-    json_set_: list[str] | Unset = UNSET
-    if not isinstance(set_, Unset):
-        json_set_ = set_
-
-    params["set"] = json_set_
-
-    json_check: str | Unset = UNSET
-    if not isinstance(check, Unset):
-        json_check = check
-
-    params["check"] = json_check
-
-    params["trials"] = trials
-
-    params["seed"] = seed
-
-    params = {k: v for k, v in params.items() if v is not UNSET and v is not None}
-
     _kwargs: dict[str, Any] = {
         "method": "post",
         "url": "/v1/sweeps",
-        "params": params,
     }
 
     _kwargs["json"] = body.to_dict()
@@ -156,10 +129,6 @@ def sync_detailed(
     *,
     client: AuthenticatedClient,
     body: SweepRequest,
-    set_: list[str] | Unset = UNSET,
-    check: CreateSweepCheck | Unset = "score",
-    trials: int | Unset = UNSET,
-    seed: int | Unset = 0,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | Sweep]:
@@ -169,10 +138,6 @@ def sync_detailed(
     came to, if that is known within N seconds.
 
     Args:
-        set_ (list[str] | Unset):
-        check (CreateSweepCheck | Unset):  Default: 'score'.
-        trials (int | Unset):
-        seed (int | Unset):  Default: 0.
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (SweepRequest):
@@ -187,10 +152,6 @@ def sync_detailed(
 
     kwargs = _get_kwargs(
         body=body,
-        set_=set_,
-        check=check,
-        trials=trials,
-        seed=seed,
         prefer=prefer,
         idempotency_key=idempotency_key,
     )
@@ -206,10 +167,6 @@ def sync(
     *,
     client: AuthenticatedClient,
     body: SweepRequest,
-    set_: list[str] | Unset = UNSET,
-    check: CreateSweepCheck | Unset = "score",
-    trials: int | Unset = UNSET,
-    seed: int | Unset = 0,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | Sweep | None:
@@ -219,10 +176,6 @@ def sync(
     came to, if that is known within N seconds.
 
     Args:
-        set_ (list[str] | Unset):
-        check (CreateSweepCheck | Unset):  Default: 'score'.
-        trials (int | Unset):
-        seed (int | Unset):  Default: 0.
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (SweepRequest):
@@ -238,10 +191,6 @@ def sync(
     return sync_detailed(
         client=client,
         body=body,
-        set_=set_,
-        check=check,
-        trials=trials,
-        seed=seed,
         prefer=prefer,
         idempotency_key=idempotency_key,
     ).parsed
@@ -251,10 +200,6 @@ async def asyncio_detailed(
     *,
     client: AuthenticatedClient,
     body: SweepRequest,
-    set_: list[str] | Unset = UNSET,
-    check: CreateSweepCheck | Unset = "score",
-    trials: int | Unset = UNSET,
-    seed: int | Unset = 0,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | Sweep]:
@@ -264,10 +209,6 @@ async def asyncio_detailed(
     came to, if that is known within N seconds.
 
     Args:
-        set_ (list[str] | Unset):
-        check (CreateSweepCheck | Unset):  Default: 'score'.
-        trials (int | Unset):
-        seed (int | Unset):  Default: 0.
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (SweepRequest):
@@ -282,10 +223,6 @@ async def asyncio_detailed(
 
     kwargs = _get_kwargs(
         body=body,
-        set_=set_,
-        check=check,
-        trials=trials,
-        seed=seed,
         prefer=prefer,
         idempotency_key=idempotency_key,
     )
@@ -299,10 +236,6 @@ async def asyncio(
     *,
     client: AuthenticatedClient,
     body: SweepRequest,
-    set_: list[str] | Unset = UNSET,
-    check: CreateSweepCheck | Unset = "score",
-    trials: int | Unset = UNSET,
-    seed: int | Unset = 0,
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | Sweep | None:
@@ -312,10 +245,6 @@ async def asyncio(
     came to, if that is known within N seconds.
 
     Args:
-        set_ (list[str] | Unset):
-        check (CreateSweepCheck | Unset):  Default: 'score'.
-        trials (int | Unset):
-        seed (int | Unset):  Default: 0.
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (SweepRequest):
@@ -332,10 +261,6 @@ async def asyncio(
         await asyncio_detailed(
             client=client,
             body=body,
-            set_=set_,
-            check=check,
-            trials=trials,
-            seed=seed,
             prefer=prefer,
             idempotency_key=idempotency_key,
         )

@@ -8,8 +8,6 @@ from ...client import AuthenticatedClient, Client
 from ...types import Response, UNSET
 from ... import errors
 
-from ...models.create_verification_method import check_create_verification_method
-from ...models.create_verification_method import CreateVerificationMethod
 from ...models.job import Job
 from ...models.problem import Problem
 from ...models.verification import Verification
@@ -21,10 +19,6 @@ from typing import cast
 def _get_kwargs(
     *,
     body: VerificationRequest,
-    trials: int | Unset = UNSET,
-    precision: float | Unset = UNSET,
-    seed: int | Unset = 0,
-    method: CreateVerificationMethod | Unset = "plain",
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> dict[str, Any]:
@@ -35,26 +29,9 @@ def _get_kwargs(
     if not isinstance(idempotency_key, Unset):
         headers["Idempotency-Key"] = idempotency_key
 
-    params: dict[str, Any] = {}
-
-    params["trials"] = trials
-
-    params["precision"] = precision
-
-    params["seed"] = seed
-
-    json_method: str | Unset = UNSET
-    if not isinstance(method, Unset):
-        json_method = method
-
-    params["method"] = json_method
-
-    params = {k: v for k, v in params.items() if v is not UNSET and v is not None}
-
     _kwargs: dict[str, Any] = {
         "method": "post",
         "url": "/v1/verifications",
-        "params": params,
     }
 
     _kwargs["json"] = body.to_dict()
@@ -154,10 +131,6 @@ def sync_detailed(
     *,
     client: AuthenticatedClient,
     body: VerificationRequest,
-    trials: int | Unset = UNSET,
-    precision: float | Unset = UNSET,
-    seed: int | Unset = 0,
-    method: CreateVerificationMethod | Unset = "plain",
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | Verification]:
@@ -167,10 +140,6 @@ def sync_detailed(
     came to, if that is known within N seconds.
 
     Args:
-        trials (int | Unset):
-        precision (float | Unset):
-        seed (int | Unset):  Default: 0.
-        method (CreateVerificationMethod | Unset):  Default: 'plain'.
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (VerificationRequest):
@@ -185,10 +154,6 @@ def sync_detailed(
 
     kwargs = _get_kwargs(
         body=body,
-        trials=trials,
-        precision=precision,
-        seed=seed,
-        method=method,
         prefer=prefer,
         idempotency_key=idempotency_key,
     )
@@ -204,10 +169,6 @@ def sync(
     *,
     client: AuthenticatedClient,
     body: VerificationRequest,
-    trials: int | Unset = UNSET,
-    precision: float | Unset = UNSET,
-    seed: int | Unset = 0,
-    method: CreateVerificationMethod | Unset = "plain",
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | Verification | None:
@@ -217,10 +178,6 @@ def sync(
     came to, if that is known within N seconds.
 
     Args:
-        trials (int | Unset):
-        precision (float | Unset):
-        seed (int | Unset):  Default: 0.
-        method (CreateVerificationMethod | Unset):  Default: 'plain'.
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (VerificationRequest):
@@ -236,10 +193,6 @@ def sync(
     return sync_detailed(
         client=client,
         body=body,
-        trials=trials,
-        precision=precision,
-        seed=seed,
-        method=method,
         prefer=prefer,
         idempotency_key=idempotency_key,
     ).parsed
@@ -249,10 +202,6 @@ async def asyncio_detailed(
     *,
     client: AuthenticatedClient,
     body: VerificationRequest,
-    trials: int | Unset = UNSET,
-    precision: float | Unset = UNSET,
-    seed: int | Unset = 0,
-    method: CreateVerificationMethod | Unset = "plain",
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | Verification]:
@@ -262,10 +211,6 @@ async def asyncio_detailed(
     came to, if that is known within N seconds.
 
     Args:
-        trials (int | Unset):
-        precision (float | Unset):
-        seed (int | Unset):  Default: 0.
-        method (CreateVerificationMethod | Unset):  Default: 'plain'.
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (VerificationRequest):
@@ -280,10 +225,6 @@ async def asyncio_detailed(
 
     kwargs = _get_kwargs(
         body=body,
-        trials=trials,
-        precision=precision,
-        seed=seed,
-        method=method,
         prefer=prefer,
         idempotency_key=idempotency_key,
     )
@@ -297,10 +238,6 @@ async def asyncio(
     *,
     client: AuthenticatedClient,
     body: VerificationRequest,
-    trials: int | Unset = UNSET,
-    precision: float | Unset = UNSET,
-    seed: int | Unset = 0,
-    method: CreateVerificationMethod | Unset = "plain",
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | Verification | None:
@@ -310,10 +247,6 @@ async def asyncio(
     came to, if that is known within N seconds.
 
     Args:
-        trials (int | Unset):
-        precision (float | Unset):
-        seed (int | Unset):  Default: 0.
-        method (CreateVerificationMethod | Unset):  Default: 'plain'.
         prefer (str | Unset):
         idempotency_key (str | Unset):
         body (VerificationRequest):
@@ -330,10 +263,6 @@ async def asyncio(
         await asyncio_detailed(
             client=client,
             body=body,
-            trials=trials,
-            precision=precision,
-            seed=seed,
-            method=method,
             prefer=prefer,
             idempotency_key=idempotency_key,
         )
