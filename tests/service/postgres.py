@@ -50,6 +50,10 @@ class Server:
     def url(self, database: str) -> str:
         return f"postgresql://{USER}:{self.password}@127.0.0.1:{self.port}/{database}"
 
+    @property
+    def running(self) -> bool:
+        return self._process is not None and self._process.poll() is None
+
     def start(self) -> None:
         """Start the server and wait until it answers."""
         self._parent.submit(self._launch).result(STARTING_SECONDS)
@@ -66,7 +70,7 @@ class Server:
 
     def stop(self, *, immediate: bool = True) -> None:
         """Stop it; ``immediate`` as after a power cut: nothing is finished or flushed, the next start recovers."""
-        if self._process is not None and self._process.poll() is None:
+        if self._process is not None and self.running:
             self._process.send_signal(signal.SIGQUIT if immediate else signal.SIGINT)
             try:
                 self._process.wait(30)

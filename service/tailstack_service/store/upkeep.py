@@ -16,7 +16,7 @@ from .schema import HEAD, migrate, schema_version
 
 __all__ = ["HEAD", "Check", "Purged", "backup", "check", "migrate", "purge", "schema_version"]
 
-JOBS_AT_A_TIME = 100  # so that nobody waits long for the write lock
+JOBS_AT_A_TIME = 20  # so that nobody waits long for the write lock
 SECONDS_PER_DAY = 86_400.0
 WORKERS_KEPT_SECONDS = 86_400.0
 _PURGE_LOCK = 1413564241
