@@ -1,0 +1,522 @@
+"""Random kills while jobs are computed; every answer must be that of an undisturbed run, byte for byte.
+
+    python tests/service/chaos.py [--kills N] [--database sqlite|postgresql|both] [--engine pool|dask|both] [--seed N]
+
+A service (``tailstack serve``) and a worker beside it share one database.  What ends is started again, as a service
+manager would.  Jobs come in until all kills are done, then everything is waited for.  ``test_chaos.py`` does the same
+with few kills.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import psutil
+import sqlalchemy as sa
+from dask_cluster import Cluster
+from dask_cluster import installed as dask_installed
+from postgres import Server, find_binaries
+from worker_scenes import end
+
+from optimise_documents import BOX, document
+from tailstack.version import __version__
+from tailstack_service.compute.interpreter import command, environment
+from tailstack_service.store import jobs, results, tables, units
+from tailstack_service.store.database import Database, open_database, reading
+from tailstack_service.store.errors import StoreUnavailable
+from tailstack_service.store.upkeep import migrate
+from tailstack_service.work.perform import perform
+from tailstack_service.work.requests import canonical
+from tailstack_service.work.task import ADVANCE, Task, UnitResult
+
+T = TypeVar("T")
+
+TENANT = "chaos"
+LEASE_SECONDS = 1.0
+AT_ONCE = 4  # unfinished jobs, so that every process has something to lose
+LOOK_SECONDS = 0.02
+PATIENCE_SECONDS = 300.0  # without any record: something is stuck
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+SETTINGS = {
+    "TAILSTACK_LEASE_SECONDS": str(LEASE_SECONDS),
+    "TAILSTACK_POLL_SECONDS": "0.02",
+    # Kills at random are no poison: the same unit may well be hit more often than five times
+    "TAILSTACK_MAX_UNIT_DEATHS": "100",
+    "TAILSTACK_MAX_UNIT_ATTEMPTS": "1000",
+}
+
+
+# --- what is computed -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A job to submit."""
+
+    kind: str
+    body: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What an undisturbed run in this process came to."""
+
+    sha256: str
+    units: int  # looks included
+
+
+@cache
+def requests(count: int) -> tuple[Request, ...]:
+    """The first ``count`` of: adaptive and fixed checks, sweeps, searches from several starts; the lightest first."""
+    from tailstack import load_design
+    from tailstack.design import design_to_data
+
+    demo = design_to_data(load_design(EXAMPLES / "demo.yaml"))
+    axes = [{"pointer": "/views/*/fiducial_noise_px", "start": 0.1, "stop": 0.5, "count": 9}]
+    further = [{"pointer": "/interfaces/structure_connector/tolerances/rz/half_width_deg", "values": [0.1, 0.2, -1.0]}]
+    free = {"box": BOX, "rotation_bounds": {"min_deg": 0.01, "max_deg": 0.5}}
+    asked: list[tuple[str, dict[str, Any]]] = [
+        ("verification", {"design": demo, "precision": 0.003, "seed": 1, "max_trials": 2**19}),
+        ("sweep", {"design": demo, "axes": axes, "check": "verification", "trials": 60_000, "seed": 1}),
+        ("optimisation", {"design": document(6, **free), "starts": 6, "seed": 3}),
+        ("verification", {"design": demo, "trials": 2_000_000, "seed": 1}),
+        ("verification", {"design": demo, "precision": 0.002, "seed": 2, "max_trials": 2**20}),
+        ("sweep", {"design": demo, "axes": axes + further, "check": "verification", "trials": 100_000, "seed": 2}),
+        ("optimisation", {"design": document(8, **free), "starts": 10, "seed": 2}),
+    ]
+    return tuple(Request(kind, canonical(data)) for kind, data in asked[:count])
+
+
+@cache
+def undisturbed(request: Request) -> Expected:
+    """The job by nothing but ``perform``, in one process, in order."""
+    recorded: list[UnitResult] = []
+    index = looks = 0
+    while True:
+        seen = perform(Task(request.kind, request.body, ADVANCE, tuple(recorded)))
+        looks += 1
+        if seen.answer is not None:
+            return Expected(hashlib.sha256(seen.answer).hexdigest(), looks + len(recorded))
+        assert seen.more, seen.problem
+        for number, spec in enumerate(seen.more, index + 1):
+            found = perform(Task(request.kind, request.body, spec)).result
+            assert found is not None
+            recorded.append(UnitResult(number, spec, found))
+        index += len(seen.more) + 1
+
+
+# --- who computes it ------------------------------------------------------------------------------
+
+
+class Fleet:
+    """Two workers, one of them a service's unless ``serving`` is False; ``revive`` starts what has ended."""
+
+    def __init__(self, url: str, log: Path, told: dict[str, str], *, serving: bool) -> None:
+        kept = {name: value for name, value in environment().items() if not name.startswith("TAILSTACK_")}
+        self._environment = {**kept, **SETTINGS, **told, "TAILSTACK_DATABASE": url}
+        self._log = log
+        worker = command("tailstack_service.cli.main", "worker")
+        serve = command("tailstack_service.cli.main", "serve", "--port", "0")
+        self._commands = {"serve": serve, "worker": worker} if serving else {"another": worker, "worker": worker}
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        self.revive()
+
+    def revive(self) -> None:
+        for name, words in self._commands.items():
+            if name not in self.processes or self.processes[name].poll() is not None:
+                with self._log.open("ab") as log:
+                    self.processes[name] = subprocess.Popen(
+                        words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self._environment
+                    )
+
+    def pids(self) -> set[int]:
+        """Of everything that may be a worker: what was started here, and children of the service."""
+        found = {process.pid for process in self.processes.values()}
+        if "serve" in self.processes:
+            with suppress(psutil.NoSuchProcess):
+                found |= {child.pid for child in psutil.Process(self.processes["serve"].pid).children()}
+        return found
+
+    def close(self) -> None:
+        for process in self.processes.values():
+            end(process)
+
+
+# --- what is done to them -------------------------------------------------------------------------
+
+Unit = tuple[str, int]  # job, number
+
+
+@dataclass(slots=True)
+class Kill:
+    """One kill, and the units that were under way in what was killed."""
+
+    kind: str
+    at: float
+    under_way: set[Unit]
+    first: float | None = None  # s, until the first of them was recorded
+    last: float | None = None  # s, until the last of them was recorded
+
+
+@dataclass(slots=True)
+class Report:
+    """What a run came to."""
+
+    name: str
+    seed: int
+    seconds: float = 0.0
+    kills: list[Kill] = field(default_factory=list)
+    jobs: int = 0
+    units_needed: int = 0
+    units_recorded: int = 0
+    units_counted: int = 0  # by the usage of the tenant: once per record
+    units_begun: int = 0
+    lost: list[str] = field(default_factory=list)  # jobs without an answer, and why
+    different: list[str] = field(default_factory=list)  # jobs whose answer is not that of the undisturbed run
+
+    @property
+    def sound(self) -> bool:
+        counts = {self.units_needed, self.units_recorded, self.units_counted}
+        return not self.lost and not self.different and len(counts) == 1
+
+    def text(self) -> str:
+        by_kind = Counter(kill.kind for kill in self.kills)
+        told = "  ".join(f"{kind} {count}" for kind, count in sorted(by_kind.items()))
+        doubled = max(self.units_recorded, self.units_counted) - self.units_needed
+        lines = [
+            f"{self.name}, seed {self.seed}: {'sound' if self.sound else 'NOT SOUND'}, {self.seconds:.0f} s",
+            f"  kills            {len(self.kills)}   {told}",
+            f"  jobs             {self.jobs}, lost {len(self.lost)}, other than undisturbed {len(self.different)}",
+            f"  units            {self.units_needed} needed, {self.units_recorded} recorded, {doubled} doubled",
+            f"  redone work      {self.units_begun / max(self.units_needed, 1) - 1:.1%}"
+            "   (units begun over units needed, less one)",
+        ]
+        for word, seconds in (("first", [k.first for k in self.kills]), ("last", [k.last for k in self.kills])):
+            known = sorted(second for second in seconds if second is not None)
+            if known:
+                told = f"p50 {_quantile(known, 0.5):.2f} s, p95 {_quantile(known, 0.95):.2f} s"
+                what = f"kill until the {word} unit that was under way in what was killed is recorded"
+                lines.append(f"  recovery         {told}   ({what})")
+        return "\n".join(lines + [f"  {line}" for line in self.lost + self.different])
+
+
+def _quantile(ordered: Sequence[float], share: float) -> float:
+    return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
+
+
+class Chaos:
+    """One run: submits, kills, watches, compares."""
+
+    def __init__(
+        self, db: Database, fleet: Fleet, report: Report, asked: Sequence[Request], *,
+        kinds: Sequence[str] | None, server: Server | None, cluster: Cluster | None,
+    ) -> None:  # fmt: skip
+        self.db, self.fleet, self.report, self.asked = db, fleet, report, asked
+        self.server, self.cluster = server, cluster
+        self.random = random.Random(report.seed)
+        self.submitted: dict[str, Request] = {}
+        self.frozen: list[tuple[float, int]] = []  # when it thaws, pid
+        every: dict[str, Callable[[], tuple[set[Unit], Callable[[], None]] | None]] = {
+            "worker": self._kill_worker,
+            "frozen worker": self._freeze_worker,
+        }
+        if "serve" in fleet.processes:
+            every["server"] = self._kill_server
+        if cluster is None:
+            every["computing process"] = self._kill_child
+        else:
+            every |= {"Dask worker": self._kill_dask_worker, "Dask scheduler": self._kill_dask_scheduler}
+        if server is not None:
+            every["database"] = self._restart_database
+        self.kinds = {kind: every[kind] for kind in kinds or every}
+
+    def run(self, kills: int, pause: tuple[float, float]) -> None:
+        begun = time.monotonic()
+        kinds = self._in_turn()
+        due, kind = time.monotonic() + self.random.uniform(*pause), next(kinds)
+        last, counted = time.monotonic(), -1
+        while len(self.report.kills) < kills or self._unfinished():
+            if len(self.report.kills) < kills:
+                self._submit()
+                if time.monotonic() > due and self._strike(kind):
+                    due, kind = time.monotonic() + self.random.uniform(*pause), next(kinds)
+            self._look_after()
+            done = self._insist(self._recorded)
+            if done != counted:
+                last, counted = time.monotonic(), done
+            if time.monotonic() - last > PATIENCE_SECONDS:
+                break
+            time.sleep(LOOK_SECONDS)
+        self._insist(self._watch)
+        self.report.seconds = time.monotonic() - begun
+        self._compare()
+
+    # --- jobs ---------------------------------------------------------------------------------------
+
+    def _insist(self, call: Callable[[], T]) -> T:
+        while True:
+            try:
+                return call()
+            except StoreUnavailable:
+                time.sleep(LOOK_SECONDS)
+
+    def _submit(self) -> None:
+        while self._insist(self._unfinished) < AT_ONCE:
+            number = len(self.submitted)
+            request = self.asked[number % len(self.asked)]
+            made, _ = self._insist(
+                lambda request=request, number=number: jobs.submit(  # type: ignore[misc]
+                    self.db, tenant=TENANT, kind=request.kind, request=request.body, design_name="chaos",
+                    solver_version=__version__, request_id=f"chaos-{number}", idempotency_key=str(number),
+                    max_queued=10_000,
+                )
+            )  # fmt: skip
+            self.submitted[made.id] = request
+
+    def _unfinished(self) -> int:
+        c = tables.jobs.c
+        query = sa.select(sa.func.count()).where(c.state.in_(tables.UNFINISHED))
+        return int(self._insist(lambda: self._scalar(query)))
+
+    def _recorded(self) -> int:
+        return int(self._scalar(sa.select(sa.func.coalesce(sa.func.sum(tables.jobs.c.units_done), 0))))
+
+    def _scalar(self, query: Any) -> Any:
+        with reading(self.db) as connection:
+            return connection.execute(query).scalar_one()
+
+    def _leased(self, worker_id: str | None = None) -> set[Unit]:
+        u = tables.units.c
+        query = sa.select(u.job_id, u.number).where(u.state == tables.LEASED)
+        if worker_id is not None:
+            query = query.where(u.worker_id == worker_id)
+
+        def ask() -> set[Unit]:
+            with reading(self.db) as connection:
+                return {(row.job_id, row.number) for row in connection.execute(query)}
+
+        return self._insist(ask)
+
+    def _watch(self) -> None:
+        """Note which kills have been recovered from by now."""
+        for kill in self.report.kills:
+            if kill.last is None:
+                u = tables.units.c
+                names = sa.tuple_(u.job_id, u.number).in_(sorted(kill.under_way))
+                recorded = int(self._scalar(sa.select(sa.func.count()).where(names, u.state == tables.RECORDED)))
+                if recorded and kill.first is None:
+                    kill.first = time.time() - kill.at
+                if recorded == len(kill.under_way):
+                    kill.last = time.time() - kill.at
+
+    # --- kills --------------------------------------------------------------------------------------
+
+    def _in_turn(self) -> Iterator[str]:
+        """Every kind as often as every other, in an order that the seed decides."""
+        while True:
+            order = list(self.kinds)
+            self.random.shuffle(order)
+            yield from order
+
+    def _strike(self, kind: str) -> bool:
+        found = self.kinds[kind]()
+        if found is None:
+            return False
+        under_way, act = found
+        at = time.time()
+        act()
+        self.report.kills.append(Kill(kind, at, under_way))
+        return True
+
+    def _victim(self) -> units.Worker | None:
+        """A worker that has something to lose and is not frozen."""
+        pids = self.fleet.pids() - {pid for _, pid in self.frozen}
+        there = [worker for worker in self._insist(lambda: units.workers(self.db)) if worker.pid in pids]
+        busy = [worker for worker in there if self._leased(worker.id)]
+        return self.random.choice(busy) if busy else None
+
+    def _kill_worker(self) -> tuple[set[Unit], Callable[[], None]] | None:
+        victim = self._victim()
+        return None if victim is None else (self._leased(victim.id), lambda: _kill(victim.pid))
+
+    def _freeze_worker(self) -> tuple[set[Unit], Callable[[], None]] | None:
+        victim = self._victim()
+        if victim is None:
+            return None
+
+        def freeze() -> None:
+            _kill(victim.pid, signal.SIGSTOP)
+            self.frozen.append((time.monotonic() + LEASE_SECONDS * self.random.uniform(1.5, 3.0), victim.pid))
+
+        return self._leased(victim.id), freeze
+
+    def _kill_server(self) -> tuple[set[Unit], Callable[[], None]] | None:
+        serve = self.fleet.processes["serve"]
+        family = {child.pid for child in psutil.Process(serve.pid).children()} if serve.poll() is None else set()
+        its = [worker.id for worker in self._insist(lambda: units.workers(self.db)) if worker.pid in family]
+        under_way = {unit for name in its for unit in self._leased(name)}
+        return (under_way, serve.kill) if under_way else None
+
+    def _kill_child(self) -> tuple[set[Unit], Callable[[], None]] | None:
+        victim = self._victim()
+        if victim is None:
+            return None
+        children = []
+        with suppress(psutil.NoSuchProcess):
+            children = psutil.Process(victim.pid).children()
+        return (self._leased(victim.id), lambda: _kill(self.random.choice(children).pid)) if children else None
+
+    def _restart_database(self) -> tuple[set[Unit], Callable[[], None]] | None:
+        assert self.server is not None
+        under_way, server = self._leased(), self.server
+
+        def restart() -> None:
+            server.stop()
+            time.sleep(self.random.uniform(0.0, 2.0 * LEASE_SECONDS))
+            server.start()
+
+        return (under_way, restart) if under_way else None
+
+    def _kill_dask_worker(self) -> tuple[set[Unit], Callable[[], None]] | None:
+        assert self.cluster is not None
+        cluster, under_way = self.cluster, self._leased()
+        alive = [place for place, worker in enumerate(cluster.workers) if worker and worker.poll() is None]
+        if not under_way or len(alive) < len(cluster.workers):
+            return None
+        return under_way, lambda: cluster.kill_worker(self.random.choice(alive))
+
+    def _kill_dask_scheduler(self) -> tuple[set[Unit], Callable[[], None]] | None:
+        assert self.cluster is not None
+        scheduler, under_way = self.cluster.scheduler, self._leased()
+        if not under_way or scheduler is None or scheduler.poll() is not None:
+            return None
+        return under_way, self.cluster.kill_scheduler
+
+    def _look_after(self) -> None:
+        """Thaw what was frozen long enough, start what has ended, note what was recovered."""
+        for thaw, pid in list(self.frozen):
+            if time.monotonic() > thaw:
+                _kill(pid, signal.SIGCONT)
+                self.frozen.remove((thaw, pid))
+        self.fleet.revive()
+        if self.cluster is not None:
+            self.cluster.revive()
+        self._insist(self._watch)
+
+    # --- the end ------------------------------------------------------------------------------------
+
+    def _compare(self) -> None:
+        report = self.report
+        report.jobs = len(self.submitted)
+        for job_id, request in self.submitted.items():
+            job, expected = jobs.find(self.db, TENANT, job_id), undisturbed(request)
+            report.units_needed += expected.units
+            if job is None or job.state != "succeeded" or job.result_sha256 is None:
+                report.lost.append(f"{job_id} {request.kind}: {job.state if job else 'gone'} {job and job.problem}")
+                continue
+            kept = results.get(self.db, TENANT, job.result_sha256)
+            digest = hashlib.sha256(kept.body).hexdigest() if kept else None
+            if not digest == job.result_sha256 == expected.sha256:
+                report.different.append(f"{job_id} {request.kind}: {digest}, undisturbed {expected.sha256}")
+        u = tables.units.c
+        report.units_recorded = self._scalar(sa.select(sa.func.count()).where(u.state == tables.RECORDED))
+        report.units_begun = self._scalar(sa.select(sa.func.sum(u.attempts)))
+        report.units_counted = self._scalar(sa.select(sa.func.sum(tables.usage.c.units)))
+
+
+def _kill(pid: int, sign: signal.Signals = signal.SIGKILL) -> None:
+    with suppress(ProcessLookupError):  # it ended by itself, or with another
+        os.kill(pid, sign)
+
+
+def run_chaos(
+    name: str, url: str, folder: Path, *, kills: int, seed: int, asked: Sequence[Request], processes: int = 1,
+    pause: tuple[float, float] = (0.5, 1.0), serving: bool = True, kinds: Sequence[str] | None = None,
+    server: Server | None = None, cluster: Cluster | None = None,
+) -> Report:  # fmt: skip
+    """Kill ``kills`` times on the database at ``url``, which has no tables yet; logs go into ``folder``."""
+    for request in asked:
+        undisturbed(request)
+    migrate(url)
+    report = Report(name, seed)
+    told = {"TAILSTACK_WORKER_PROCESSES": str(processes)} | (cluster.settings if cluster else {})
+    with ExitStack() as stack:
+        db = open_database(url)
+        stack.callback(db.close)
+        fleet = Fleet(url, folder / "fleet.log", told, serving=serving)
+        stack.callback(fleet.close)
+        Chaos(db, fleet, report, asked, kinds=kinds, server=server, cluster=cluster).run(kills, pause)
+    return report
+
+
+# --- ./run chaos ----------------------------------------------------------------------------------
+
+
+def _choices(arguments: argparse.Namespace) -> list[tuple[str, str]]:
+    """(database, engine) of each run: a cluster belongs to a server's database, unless there is only a file."""
+    databases = ["sqlite", "postgresql"] if arguments.database == "both" else [arguments.database]
+    runs = [(database, "pool") for database in databases if arguments.engine in ("pool", "both")]
+    return runs + ([(databases[-1], "dask")] if arguments.engine in ("dask", "both") else [])
+
+
+@contextmanager
+def _postgresql() -> Iterator[Server]:
+    binaries = find_binaries()
+    if binaries is None:
+        sys.exit("chaos: PostgreSQL is not installed (Debian: apt-get install postgresql); or --database sqlite")
+    server = Server(binaries)
+    try:
+        yield server
+    finally:
+        server.close()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="./run chaos", description=__doc__.partition("\n")[0] if __doc__ else "")
+    parser.add_argument("--kills", type=int, default=20, metavar="N", help="of each run (default %(default)s)")
+    parser.add_argument("--database", choices=("sqlite", "postgresql", "both"), default="both")
+    parser.add_argument("--engine", choices=("pool", "dask", "both"), default="both")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the kills (default %(default)s)")
+    parser.add_argument("--processes", type=int, default=2, metavar="N", help="of each worker (default %(default)s)")
+    parser.add_argument("--logs", type=Path, metavar="DIR", help="keep what the processes say")
+    arguments = parser.parse_args(argv)
+    sound = True
+    for database, engine in _choices(arguments):
+        if engine == "dask" and not dask_installed():
+            sys.exit("chaos: Dask is not installed (pip install 'tailstack[dask]'); or --engine pool")
+        with ExitStack() as stack:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tailstack-chaos-")))
+            log = arguments.logs / f"{database}-{engine}" if arguments.logs else folder
+            log.mkdir(parents=True, exist_ok=True)
+            server = stack.enter_context(_postgresql()) if database == "postgresql" else None
+            cluster = Cluster() if engine == "dask" else None
+            if cluster is not None:
+                stack.callback(cluster.close)
+            url = server.url(server.create_database()) if server else f"sqlite:///{folder / 'chaos.sqlite3'}"
+            report = run_chaos(
+                f"{database}, {engine}", url, log, kills=arguments.kills, seed=arguments.seed, asked=requests(99),
+                processes=arguments.processes, pause=(1.0, 3.0), server=server, cluster=cluster,
+            )  # fmt: skip
+        print(report.text(), flush=True)
+        sound = sound and report.sound
+    return 0 if sound else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
