@@ -390,6 +390,19 @@ def test_every_kind_in_every_format_twice_the_same(every_kind: dict[str, bytes],
         assert openpyxl.load_workbook(io.BytesIO(first)).sheetnames[0] == "Provenance"
 
 
+def test_a_page_shows_the_worst_targets_and_the_spreadsheet_all() -> None:
+    design = limited(0.9, optimise=None)
+    spread = [{"name": f"t{k}", "position_mm": [0.0, 0.0, 30.0 + k]} for k in range(45)]
+    record = score(load_design({**design, "targets": spread}))
+    worst = sorted(record.targets, key=lambda target: target.p95_mm, reverse=True)
+    page = "".join(Page(render("score", to_json(record), "html")[0]).texts)
+    assert worst[0].name in page
+    assert "30 more rows are in the spreadsheet" in page  # of 90: an error at the tool and a localised one per target
+    book = openpyxl.load_workbook(io.BytesIO(render("score", to_json(record), "xlsx")[0]))
+    _, rows = sheet(book["Targets"])
+    assert [row[0] for row in rows[::2]] == [target.name for target in worst]
+
+
 def test_what_has_no_chapters_is_refused(body: bytes) -> None:
     with pytest.raises(ValueError, match="no report is made of 'validation'"):
         render("validation", body, "html")

@@ -44,6 +44,15 @@ class Table:
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
     note: str = ""
+    most: int = 60  # rows that a page shows; a spreadsheet has all
+
+    @property
+    def shown(self) -> tuple[Row, ...]:
+        return self.rows[: self.most]
+
+    @property
+    def left_out(self) -> int:
+        return max(len(self.rows) - self.most, 0)
 
 
 @dataclass(frozen=True, slots=True)

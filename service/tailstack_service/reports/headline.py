@@ -42,7 +42,12 @@ def headline_of(score: Score, verification: Verification | None, optimisation: O
 
 def decisive_check(checks: Sequence[Check]) -> Check | None:
     """The check that the verdict rests on: the worst status, then the largest value over its limit."""
-    return min(checks, key=lambda check: (_ORDER[check.status], -check.value_mm / check.limit_mm), default=None)
+    return min(checks, key=urgency, default=None)
+
+
+def urgency(check: Check) -> tuple[int, float]:
+    """Sorts checks: failures before open questions before the rest, then by value over limit, largest first."""
+    return _ORDER[check.status], -check.value_mm / check.limit_mm
 
 
 def verdict_sentence(check: Check) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...gate.records import GateFinding, GateRecord
 from ..blocks import Block, Bullets, Column, Document, Facts, KeyNumber, Row, Section, Table, tone_of
 
-MOST = 300
+MOST = 200  # rows of a page
 
 
 def gate_document(record: GateRecord, sha256: str) -> Document:
@@ -94,8 +94,8 @@ def _numbers_table(record: GateRecord) -> Table:
             Column("To", "unit", "significant", 5), Column("Limit", "unit", "significant", 5),
             Column("Status", kind="status"),
         ),
-        tuple(rows[:MOST]),
-        f"{len(rows) - MOST} more are in the record." if len(rows) > MOST else "",
+        tuple(rows),
+        most=MOST,
     )  # fmt: skip
 
 
@@ -105,9 +105,8 @@ def gate_findings_table(name: str, caption: str, findings: list[GateFinding]) ->
             finding.severity, finding.rule, _place(finding), finding.message, finding.value, finding.limit,
             finding.suppressed_by or "",
         ))
-        for finding in findings[:MOST]
+        for finding in findings
     ]  # fmt: skip
-    more = len(findings) - len(rows)
     return Table(
         name, caption,
         (
@@ -115,7 +114,7 @@ def gate_findings_table(name: str, caption: str, findings: list[GateFinding]) ->
             Column("Value", "", "significant", 4), Column("Limit", "", "significant", 4), Column("Accepted by"),
         ),
         tuple(rows),
-        f"{more} more are in the record." if more > 0 else "",
+        most=MOST,
     )  # fmt: skip
 
 

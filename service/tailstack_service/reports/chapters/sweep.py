@@ -9,7 +9,7 @@ from ..figures.sweep import curve_svg
 from .tables import not_included, provenance_facts
 
 MOST_CURVES = 5
-MOST_ROWS = 2000
+MOST_ROWS = 400  # of a page
 
 
 def sweep_document(sweep: Sweep, sha256: str) -> Document:
@@ -86,7 +86,6 @@ def _table(sweep: Sweep) -> Table:
             rows.append(Row((*point.values, *cells, target.localisation_p95_mm, point.verdict or "")))
         if not point.targets:
             rows.append(Row((*point.values, "", None, None, None, None, None, None, point.status)))
-    more = len(rows) - MOST_ROWS
     return Table(
         "Points",
         "Every point of the grid",
@@ -101,6 +100,6 @@ def _table(sweep: Sweep) -> Table:
             Column("P95 as localised", "mm", "fixed", 4),
             Column("Verdict", kind="status"),
         ),
-        tuple(rows[:MOST_ROWS]),
-        f"{more:,} more rows are in the record." if more > 0 else "",
+        tuple(rows),
+        most=MOST_ROWS,
     )

@@ -19,15 +19,13 @@ from tailstack.results import (
 
 from ...rendering.score import grouped
 from ..blocks import Bullets, Column, Facts, Row, Table
-from ..headline import contributor_name
-
-MOST_FINDINGS = 60
+from ..headline import contributor_name, urgency
 
 
 def targets_table(score: Score) -> Table:
-    """First order: error at the tool, and as localised before the second interface."""
+    """First order: error at the tool, and as localised before the second interface; largest P95 first."""
     rows = []
-    for target in score.targets:
+    for target in sorted(score.targets, key=lambda entry: entry.p95_mm, reverse=True):
         rows.append(_target_row(target.name, target))
         rows.append(_target_row("as localised", target.localisation, 1))
     return Table(
@@ -61,7 +59,7 @@ def _target_row(name: str, metric: TargetScore | MetricScore, depth: int = 0) ->
 def estimates_table(check: Verification) -> Table:
     """Monte Carlo: the same with intervals, and first order over it."""
     rows = []
-    for target in check.targets:
+    for target in sorted(check.targets, key=lambda entry: entry.p95_mm, reverse=True):
         rows.append(_estimate_row(target.name, target))
         rows.append(_estimate_row("as localised", target.localisation, 1))
     confidence = f"{100 * check.targets[0].confidence:g} %" if check.targets else ""
@@ -90,15 +88,15 @@ def _estimate_row(name: str, metric: TargetEstimate | MetricEstimate, depth: int
 
 
 def checks_table(*verdicts: Verdict) -> Table:
-    """Each requirement at each target, by each way it was judged."""
+    """Each requirement at each target, by each way it was judged; what fails and what is nearest to its limit first."""
+    judged = [(verdict.basis, check) for verdict in verdicts for check in verdict.checks]
     rows = [
         Row((
             check.requirement, check.target, f"P{100 * check.quantile:g} {check.error}, {check.risk.replace('_', ' ')}",
-            verdict.basis, check.value_mm, *check.interval_mm, check.limit_mm, check.yield_fraction, check.min_yield,
+            basis, check.value_mm, *check.interval_mm, check.limit_mm, check.yield_fraction, check.min_yield,
             check.status,
         ))
-        for verdict in verdicts
-        for check in verdict.checks
+        for basis, check in sorted(judged, key=lambda entry: urgency(entry[1]))
     ]  # fmt: skip
     return Table(
         name="Checks",
@@ -166,15 +164,13 @@ def views_table(views: Sequence[ViewCheck]) -> Table:
 
 
 def findings_table(findings: Sequence[Finding]) -> Table:
-    """Remarks, as many as a person reads."""
-    rows = [Row((entry.severity, entry.rule, entry.message, entry.pointer)) for entry in findings[:MOST_FINDINGS]]
-    more = len(findings) - len(rows)
+    """Remarks on the design."""
+    rows = [Row((entry.severity, entry.rule, entry.message, entry.pointer)) for entry in findings]
     return Table(
         name="Findings",
         caption="Findings",
         columns=(Column("Severity", kind="status"), Column("Rule"), Column("Finding"), Column("At")),
         rows=tuple(rows),
-        note=f"{more} more are in the record." if more > 0 else "",
     )
 
 
