@@ -347,6 +347,27 @@ def test_a_connection_cut_in_the_middle_undoes_everything(restartable: Database)
     assert record(db, held, answer=b"{}")
 
 
+@pytest.mark.parametrize("table", ["jobs", "units"])
+def test_claims_and_renewals_never_wait_for_a_row_that_another_holds(
+    postgres_url: str, clock: Clock, table: str
+) -> None:
+    """So they cannot be part of a deadlock, whatever the order in which the others take rows."""
+    migrate(postgres_url)
+    db = open_database(postgres_url, clock=clock)
+    try:
+        split(db, 1)
+        held = claim_one(db)
+        submit(db)
+        with writing(db) as connection, ThreadPoolExecutor(1) as pool:
+            connection.exec_driver_sql(f"SELECT 1 FROM {table} FOR UPDATE")
+            assert pool.submit(claim, db, "w2", 9).result(5) == []
+            assert pool.submit(units.renew, db, "w1", [held], LEASE).result(5) == []  # not lost, only busy
+        assert len(claim(db, "w2", 9)) == 1
+        assert record(db, held, result=b"x")
+    finally:
+        db.close()
+
+
 def test_a_lock_held_too_long_is_unavailable(restartable: Database) -> None:
     db = restartable
     job = submit(db, tenant="locked")
