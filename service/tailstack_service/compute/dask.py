@@ -34,6 +34,7 @@ from . import remote
 from .engine import PERFORM, Defect, Died, GivenBack
 
 log = logging.getLogger("tailstack.worker")
+logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # tracebacks of what is said here in a line
 
 PLUGIN = f"tailstack-{__version__}"
 ANSWER_SECONDS = 10.0  # for the cluster to answer a question, or to hand over a result
@@ -176,7 +177,8 @@ class DaskEngine:
                 pause = FIRST_PAUSE
             except Exception as error:
                 lost, self._client, self._threads = self._client, None, 0
-                _let_go(lost)
+                # One that has lost its scheduler takes seconds to close, and the next need not wait for that
+                threading.Thread(target=_close, args=(lost,), name="tailstack-dask-closing", daemon=True).start()
                 self._give_everything_back()
                 if not self._closing.is_set():
                     detail = f"{type(error).__name__}: {error}"
@@ -186,7 +188,7 @@ class DaskEngine:
         with suppress(Exception):
             if self._client is not None:
                 self._kill_ordered(self._client, wait=0.0)
-        _let_go(self._client)
+        _close(self._client)
         self._client = None
 
     def _serve(self, client: Client) -> None:
@@ -227,10 +229,10 @@ class DaskEngine:
             self._finish(future, GivenBack("the connection to the Dask scheduler was lost"))
 
 
-def _let_go(client: Client | None) -> None:
+def _close(client: Client | None) -> None:
     if client is not None:
         with suppress(Exception):
-            client.close(timeout=ANSWER_SECONDS)
+            client.close(timeout=CLOSING_SECONDS)
 
 
 def _address(settings: Settings) -> str:
