@@ -11,13 +11,17 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import httpx
+import psutil
 import pytest
-from service_scenes import EXAMPLES, ROOT, read_answer, small_design
+from service_scenes import EXAMPLES, ROOT, small_design
+
+from tailstack_service.cli.remote import Event, parsed
 
 DEMO = str(EXAMPLES / "demo.yaml")
 PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
@@ -91,13 +95,15 @@ def test_a_stream_that_cannot_be_written_is_not_an_answer(tmp_path: Path) -> Non
 
 
 @contextmanager
-def service(*arguments: str, **changes: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A service process on a free port; it is ended whatever happens."""
+def service(folder: Path, *arguments: str, **changes: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A service process on a free port with a database of its own; it and its family are ended whatever happens."""
+    own = {"TAILSTACK_DATABASE": f"sqlite:///{folder / 'jobs.sqlite3'}", "TAILSTACK_WORKER_PROCESSES": "1"}
     process = subprocess.Popen(
         [*COMMAND, "serve", "--port", "0", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env=environment(**changes),
+        env=environment(**{**own, **changes}),
     )  # fmt: skip
     assert process.stdout is not None
+    family: list[psutil.Process] = []
     try:
         line = process.stdout.readline()
         found = re.match(r"serving on (http://\S+)", line)
@@ -105,8 +111,34 @@ def service(*arguments: str, **changes: str) -> Iterator[tuple[subprocess.Popen[
         yield process, found.group(1)
     finally:
         if process.poll() is None:
+            family = family_of(process)
             process.kill()
+        for member in family:
+            with suppress(psutil.NoSuchProcess):
+                member.kill()
         process.communicate()
+
+
+def family_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
+    return psutil.Process(process.pid).children(recursive=True)
+
+
+def check_gone(family: list[psutil.Process], seconds: float = 15.0) -> None:
+    """Nobody is left of the processes that a service had started."""
+    _, alive = psutil.wait_procs(family, timeout=seconds)
+    assert not alive, [member.cmdline() for member in alive]
+
+
+def running_worker(process: subprocess.Popen[str], other_than: int = 0) -> psutil.Process:
+    """The worker beside a service, as soon as it is there."""
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline:
+        for member in psutil.Process(process.pid).children():
+            with suppress(psutil.NoSuchProcess):
+                if "worker" in member.cmdline() and member.pid != other_than:
+                    return member
+        time.sleep(0.05)
+    raise AssertionError("no worker was started")
 
 
 def await_ready(url: str, seconds: float = 90.0) -> None:
@@ -117,42 +149,153 @@ def await_ready(url: str, seconds: float = 90.0) -> None:
         time.sleep(0.1)
 
 
+@pytest.mark.parametrize("api_processes", ["1", "2"])
 @pytest.mark.parametrize(("sign", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
-def test_serve_answers_and_stops_cleanly(sign: signal.Signals, code: int) -> None:
-    with service() as (process, url):
+def test_serve_answers_and_stops_cleanly(tmp_path: Path, sign: signal.Signals, code: int, api_processes: str) -> None:
+    with service(tmp_path, TAILSTACK_API_PROCESSES=api_processes) as (process, url):
         await_ready(url)
         assert httpx.get(url + "/health/live", trust_env=False).json() == {"status": "alive"}
         answer = httpx.post(url + "/v1/scores", json={"design": small_design()}, timeout=60, trust_env=False)
         assert answer.status_code == 200
+        running_worker(process)
+        family = family_of(process)
+        assert len(family) >= (1 if api_processes == "1" else 3)
         process.send_signal(sign)
         out, err = process.communicate(timeout=30)
-        assert process.returncode == code
+        assert process.returncode == code, err
+        check_gone(family)
         assert out == ""
         assert "Traceback" not in err
-        assert "action=answered method=POST path='/v1/scores' status=200" in err
+        assert re.search(r"INFO tailstack\.service action=answered request=\w+ .*path=/v1/scores status=200", err)
     port = int(url.rsplit(":", 1)[1])
     with socket.socket() as again:
         again.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         again.bind(("127.0.0.1", port))
 
 
-def test_a_stop_ends_what_is_being_computed() -> None:
-    with service(TAILSTACK_MAX_TRIALS="1000000000", TAILSTACK_MAX_SECONDS="600") as (process, url):
+def test_a_stop_ends_waits_and_streams_and_loses_no_job(tmp_path: Path) -> None:
+    with service(tmp_path, "--no-worker") as (process, url):
         await_ready(url)
-        body = {"design": small_design(), "trials": 1_000_000_000}
-        with httpx.Client(base_url=url, timeout=60, trust_env=False) as client:
-            request = client.build_request("POST", "/v1/verifications", json=body)
-            with socket.create_connection((client.base_url.host, client.base_url.port or 80)) as connection:
-                head = "POST /v1/verifications HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\n"
-                content = request.content
-                connection.sendall(head.encode() + b"Content-Length: %d\r\n\r\n" % len(content) + content)
-                time.sleep(1.0)
-                process.send_signal(signal.SIGTERM)
-                connection.settimeout(30)
-                status, rest = read_answer(connection)
-        assert status == b"HTTP/1.1 503 Service Unavailable"
-        assert b"/v1/problems/stopping" in rest
+        body = {"design": small_design(), "trials": 1000}
+        with httpx.Client(base_url=url, timeout=60, trust_env=False) as client, ThreadPoolExecutor(2) as pool:
+            job = client.post("/v1/verifications", json=body).json()
+            waiting = pool.submit(client.post, "/v1/verifications", json=body, headers={"Prefer": "wait=60"})
+            stream = pool.submit(client.get, job["links"]["events"])
+            time.sleep(1.0)
+            process.send_signal(signal.SIGTERM)
+            assert waiting.result(timeout=20).status_code == 202
+            assert "event: state" in stream.result(timeout=20).text
         assert process.wait(timeout=30) == 0
+    with service(tmp_path) as (process, url), httpx.Client(base_url=url, timeout=60, trust_env=False) as client:
+        for job_id in (job["id"], waiting.result().json()["id"]):
+            text = client.get(f"/v1/jobs/{job_id}/events").text
+            assert '"state": "succeeded"' in text
+
+
+def test_events_go_on_after_the_service_was_killed(tmp_path: Path) -> None:
+    """kill -9 in the middle of a stream; with Last-Event-ID the next service tells the rest, nothing twice."""
+    body = {"design": small_design(), "trials": 6_000_000, "seed": 3}
+    limit = {"TAILSTACK_MAX_TRIALS": "10000000"}
+    with service(tmp_path, **limit) as (process, url):
+        await_ready(url)
+        job = httpx.post(url + "/v1/verifications", json=body, trust_env=False, timeout=60).json()
+        first: list[Event] = []
+        with (
+            suppress(httpx.HTTPError),
+            httpx.stream("GET", url + job["links"]["events"], timeout=60, trust_env=False) as r,
+        ):
+            lines = r.iter_lines()
+            for event in parsed(_Lines(lines)):
+                first.append(event)
+                if len(first) == 4:
+                    family = family_of(process)
+                    process.kill()
+                    break
+        process.wait(timeout=30)
+        check_gone(family)  # the worker notices that its parent has gone
+    with service(tmp_path, TAILSTACK_LEASE_SECONDS="1", **limit) as (_, url):
+        header = {"Last-Event-ID": first[-1].id}
+        with httpx.stream("GET", url + job["links"]["events"], headers=header, timeout=90, trust_env=False) as r:
+            rest = list(parsed(_Lines(r.iter_lines())))
+    ids = [int(event.id) for event in first + rest]
+    assert ids == list(range(1, len(ids) + 1))
+    assert rest[-1].data["state"] == "succeeded"
+
+
+class _Lines:
+    """An iterator of lines, as a file."""
+
+    def __init__(self, lines: Iterator[str]) -> None:
+        self.lines = lines
+
+    def readline(self, _limit: int) -> bytes:
+        return next((f"{line}\n".encode() for line in self.lines), b"")
+
+
+def test_a_worker_that_dies_is_replaced(tmp_path: Path) -> None:
+    with service(tmp_path) as (process, url):
+        await_ready(url)
+        first = running_worker(process)
+        first.kill()
+        second = running_worker(process, other_than=first.pid)
+        assert second.pid != first.pid
+        body = {"design": small_design(), "trials": 1000}
+        answer = httpx.post(
+            url + "/v1/verifications", json=body, headers={"Prefer": "wait=60"}, timeout=90, trust_env=False
+        )
+        assert answer.status_code == 200
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=30)
+        assert "action=child-ended kind=worker" in err
+
+
+def test_one_of_several_api_processes_that_dies_is_replaced_and_counters_are_shared(tmp_path: Path) -> None:
+    with service(tmp_path, "--no-worker", TAILSTACK_API_PROCESSES="2") as (process, url):
+        await_ready(url)
+        assert len(family_of(process)) == 2
+        for _ in range(20):  # on connections of their own, so that both take some
+            assert httpx.get(url + "/version", trust_env=False).status_code == 200
+        counted = sum(requests_counted(url, "/version") for _ in range(2)) / 2
+        assert counted == 20
+        family_of(process)[0].kill()
+        deadline = time.monotonic() + 30
+        while len([p for p in family_of(process) if p.status() != psutil.STATUS_ZOMBIE]) < 2:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        await_ready(url)
+        assert httpx.get(url + "/version", trust_env=False).status_code == 200
+        assert requests_counted(url, "/version") == 21
+
+
+def requests_counted(url: str, route: str) -> float:
+    text = httpx.get(url + "/metrics", trust_env=False).text
+    found = re.search(rf'tailstack_http_requests_total{{method="GET",route="{route}",status="200"}} (\S+)', text)
+    return float(found.group(1)) if found else 0.0
+
+
+def test_a_log_for_machines(tmp_path: Path) -> None:
+    with service(tmp_path, TAILSTACK_LOG_FORMAT="json") as (process, url):
+        await_ready(url)
+        headers = {"X-Request-ID": "trace-1", "Prefer": "wait=60"}
+        body = {"design": small_design(), "trials": 1000}
+        answer = httpx.post(url + "/v1/verifications", json=body, headers=headers, timeout=90, trust_env=False)
+        job = answer.headers["location"].rpartition("/")[2]
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=30)
+    lines = [json.loads(line) for line in err.splitlines() if line.startswith("{")]
+    mine = {line["action"]: line for line in lines if line.get("request") == "trace-1"}
+    assert {"accepted", "answered"} <= set(mine)
+    assert mine["accepted"]["job"] == job
+    assert (mine["answered"]["status"], mine["answered"]["level"]) == (200, "info")
+    assert any(line["logger"] == "tailstack.worker" and line.get("job") == job for line in lines)
+
+
+def test_a_database_that_cannot_be_had_is_3_and_said(tmp_path: Path) -> None:
+    for database, hint in ((f"sqlite:///{tmp_path}", ""), ("mysql://x/y", "postgresql://"), ("nonsense", "sqlite:")):
+        done = run("serve", "--port", "0", "--database", database)
+        assert done.returncode == 3, done.stderr
+        assert hint in done.stderr
+        assert "Traceback" not in done.stderr
 
 
 def test_a_taken_port_is_2_and_says_what_to_do() -> None:
@@ -165,16 +308,22 @@ def test_a_taken_port_is_2_and_says_what_to_do() -> None:
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.0.2.1", "::", "example.org"])
-def test_only_loopback_unless_told(host: str) -> None:
+def test_only_loopback_without_authentication(host: str) -> None:
     done = run("serve", "--host", host, "--port", "0")
     assert done.returncode == 2
-    assert "--allow-remote" in done.stderr
+    assert "TAILSTACK_AUTH=required" in done.stderr
 
 
-def test_remote_addresses_when_told() -> None:
-    with service("--host", "0.0.0.0", "--allow-remote") as (_, url):
+def test_other_addresses_with_authentication(tmp_path: Path) -> None:
+    with service(tmp_path, "--no-worker", "--host", "0.0.0.0", TAILSTACK_AUTH="required") as (_, url):
         local = url.replace("0.0.0.0", "127.0.0.1")
         assert httpx.get(local + "/health/live", trust_env=False).status_code == 200
+        assert httpx.get(local + "/v1/jobs", trust_env=False).status_code == 401
+        database = {"TAILSTACK_DATABASE": f"sqlite:///{tmp_path / 'jobs.sqlite3'}"}
+        made = run("keys", "create", "--tenant", "a", "--name", "test", "--scope", "read", env=database)
+        assert made.returncode == 0, made.stderr
+        asked = run("jobs", "list", "--url", local, env={"TAILSTACK_KEY": made.stdout.strip()})
+        assert (asked.returncode, asked.stdout) == (0, "")
 
 
 @pytest.mark.parametrize("value", ["many", "-3", "1e3", "0"])
