@@ -2,7 +2,7 @@
 # Make the secret files that the profile "cluster" mounts.  What is there is kept.
 # The directory is for its owner only; the files are readable in the containers, which run under other users.
 set -eu
-directory=$(dirname "$0")/secrets
+directory=${SECRETS:-$(dirname "$0")/secrets}
 mkdir -p "$directory"
 chmod 700 "$directory"
 if [ -e "$directory/postgres_password" ]; then
