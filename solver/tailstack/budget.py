@@ -33,11 +33,6 @@ class Line:
     number: int  # of the block
     place: slice  # of its sources among those of all blocks
 
-    def sum(self, values: Array) -> float:
-        """Of values (K,) of all sources, over those of the line."""
-        own = values[self.place]
-        return float(own[0] if len(self.sources) == 1 else own.sum())
-
 
 def lines_of(model: LinearModel) -> tuple[Line, ...]:
     lines = []
@@ -53,6 +48,12 @@ def lines_of(model: LinearModel) -> tuple[Line, ...]:
             lines.append(Line(block, "all", tuple(range(count)), number, slice(start, start + count)))
         start += count
     return tuple(lines)
+
+
+def _sums(lines: tuple[Line, ...], values: Array) -> list[float]:
+    """Of values (K,) of all sources, over those of each line."""
+    each: list[float] = values.tolist()
+    return [each[line.place.start] if len(line.sources) == 1 else float(values[line.place].sum()) for line in lines]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,8 +135,8 @@ def budget(model: LinearModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contri
     variance = float(np.trace(at.total_covariance))
     lines, sources = lines_of(model), _sources(model, at)
     squares = (sources.gain**2).sum(axis=0)  # of one native unit each
-    parts = squares * sources.std**2
-    shares = [line.sum(parts) / variance if variance > 0 else 0.0 for line in lines]
+    own = _sums(lines, squares * sources.std**2)
+    shares = [value / variance for value in own] if variance > 0 else [0.0] * len(lines)
     heavy = [k for k, share in enumerate(shares) if share > LIGHT]
     first = _first_columns(at.parts)
     removals = [_removal(lines[k], at, model.gain(lines[k].block, at.error), first) for k in heavy]
@@ -145,18 +146,20 @@ def budget(model: LinearModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contri
     by_half_width = _by_half_width(model, sources, by_variance, numbers, at.worst.signs)
     rows = []
     signs = at.worst.signs
+    light = _sums(lines, by_variance)
+    lengths, slopes = _sums(lines, squares), _sums(lines, by_half_width)
     for k, line in enumerate(lines):
         if signs and any((line.block.contributor, j) in signs for j in line.sources):
             without_mm = _without_bounded(model, at, line, total.p)
         elif k in without:
             without_mm = without[k]
         else:
-            without_mm = _without_light(total.quantile_mm, line.sum(by_variance))
-        rows.append(_row(line, shares[k], without_mm, squares, by_half_width))
+            without_mm = _without_light(total.quantile_mm, light[k])
+        rows.append(_row(line, shares[k], without_mm, sqrt(lengths[k]), slopes[k]))
     return tuple(rows)
 
 
-def _row(line: Line, share: float, without_mm: float, squares: Array, by_half_width: Array) -> Contributor:
+def _row(line: Line, share: float, without_mm: float, length: float, slope: float) -> Contributor:
     """A line with its numbers; those of one unit only where all its sources are alike."""
     block, j = line.block, line.sources[0]
     single = len(line.sources) == 1
@@ -173,9 +176,9 @@ def _row(line: Line, share: float, without_mm: float, squares: Array, by_half_wi
         half_width=float(block.half_width[j]) * factor,
         unit=unit,
         std=float(block.std[j]) * factor,
-        sensitivity_mm_per_unit=sqrt(line.sum(squares)) / factor,
+        sensitivity_mm_per_unit=length / factor,
         variance_share=share,
-        dp95_per_unit=line.sum(by_half_width) / factor,
+        dp95_per_unit=slope / factor,
         p95_without_mm=without_mm,
     )
 
