@@ -17,7 +17,7 @@ from threading import Event, Thread
 import pytest
 from postgres import Server
 from service_scenes import ROOT
-from store_scenes import LEASE, Clock, claim, find, record, specs, split, submit, url_of
+from store_scenes import LEASE, Clock, claim, claim_one, find, record, specs, split, submit, url_of
 
 from tailstack_service.store import database, jobs, results, units, upkeep
 from tailstack_service.store.database import Database, open_database, reading, writing
