@@ -1,4 +1,4 @@
-"""Services of compose.yaml as processes in namespaces of their own, from the unpacked image.  prove.py stands on this."""
+"""Services of compose.yaml as processes in namespaces of their own; what prove.py stands on."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def call(*arguments: str, **options: Any) -> str:
     done = subprocess.run(arguments, text=True, capture_output=True, check=False, **{"timeout": 300, **options})
     if done.returncode != 0:
         raise SystemExit(f"FAIL {' '.join(arguments)}: exit code {done.returncode}\n{done.stdout}{done.stderr}")
-    return done.stdout
+    return str(done.stdout)
 
 
 class Image:
@@ -249,6 +249,6 @@ class Client:
         status = int(lines[0].split()[1]) if lines[0].startswith("HTTP/") else 0
         return status, fields, content
 
-    def json(self, method: str, path: str, body: bytes = b"", **headers: str) -> tuple[int, Any]:
-        status, _, content = self.ask(method, path, body, **headers)
+    def json(self, method: str, path: str, body: bytes = b"", seconds: float = 90.0, **headers: str) -> tuple[int, Any]:
+        status, _, content = self.ask(method, path, body, seconds, **headers)
         return status, json.loads(content) if content else None

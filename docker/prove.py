@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from boxes import HERE, NETWORK, Box, Client, Place, call
+from boxes import HERE, Box, Client, Place, call
 
 DEMO = HERE.parent / "examples" / "demo.yaml"
 ONCE_SECONDS = 600.0
@@ -70,7 +70,7 @@ def single(proof: Proof) -> str:
     box = proof.box("tailstack")
     proof.check(True, f"tailstack: health check passed {box.wait_healthy():.1f} s after the start (new volume)")
     proof.network.join("visitor", "visitor")
-    client, stranger = (Client("visitor", f"{NETWORK}2", 8321, key) for key in (key, ""))
+    client, stranger = (Client("visitor", _address(proof, "tailstack"), 8321, given) for given in (key, ""))
     sealed(proof, box)
     design = DEMO.read_bytes()
     status, document = client.json("POST", "/v1/scores", design)
@@ -89,13 +89,10 @@ def single(proof: Proof) -> str:
     proof.check(len(links) > 100, f"kernels found in the image: {len(links)}")
     level = box.inside("python", "-c", "import os; print(os.environ.get('NUMBA_CPU_NAME', 'none that is prebuilt'))")
     print(f"     processor level: {level.stdout.strip()}")
-    worker = [
-        p for p in box.inside("sh", "-c", "grep -al with-parent /proc/[0-9]*/cmdline").stdout.split() if "/1/" not in p
-    ]
-    os_pid = worker[0].split("/")[2]
-    box.inside("kill", "-9", os_pid)
+    worker = box.inside("sh", "-c", "grep -al '[w]ith-parent' /proc/[0-9]*/cmdline").stdout.split("/")[2]
+    box.inside("kill", "-9", worker)
     again = client.ask("POST", "/v1/verifications?trials=200000&seed=8", design, Prefer="wait=60")[0]
-    proof.check(again == 200, f"after kill -9 of the worker (pid {os_pid} inside): a job answers {again}")
+    proof.check(again == 200, f"after kill -9 of the worker (pid {worker} inside): a job answers {again}")
     zombies = box.inside("sh", "-c", "grep -l 'State:.Z' /proc/[0-9]*/status | wc -l").stdout.strip()
     print(f"     processes left to process 1 after that, without an init: {zombies}")
     code, seconds = box.stop()
