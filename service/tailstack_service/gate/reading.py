@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from datetime import date, timedelta
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
+from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,7 +21,7 @@ from pydantic import BaseModel, ValidationError
 
 from tailstack.design.loading import read_source
 from tailstack.design.reading import DEFAULT_LIMITS, Limits, Source, shown
-from tailstack.design.refusals import place, refuse
+from tailstack.design.refusals import escape, place, refuse
 from tailstack.errors import DesignError, LimitError, Problem
 
 from .errors import GateError
@@ -126,7 +127,23 @@ def read_baseline(given: Given, *, name: str = "baseline", prefix: str = "") -> 
         record: GateRecord = from_plain("gate", source.data)
     except ValidationError as error:
         raise _refused(refuse(error, source, LIMITS, BaseModel), prefix) from None
+    if (problem := _beyond_numbers(source.data, record.seed)) is not None:
+        raise GateError(_prefixed(place(problem, source), prefix))
     return ReadBaseline(record, source.file or name, _digest(source.data))
+
+
+def _beyond_numbers(data: Any, seed: int) -> Problem | None:
+    """A number that no record holds, if there is one: a baseline is written by tailstack, but read from anywhere."""
+    if not 0 <= seed < 2**63:
+        return Problem("/seed", "out-of-range", f"a seed is a whole number from 0 to {2**63 - 1}; got {shown(seed)}")
+    open_ends: list[tuple[str, Any]] = [("", data)]
+    while open_ends:
+        at, item = open_ends.pop()
+        if isinstance(item, float) and not isfinite(item):
+            return Problem(at, "not-finite", "the number is too large")
+        children = item.items() if isinstance(item, dict) else enumerate(item) if isinstance(item, list) else ()
+        open_ends += [(f"{at}/{escape(step)}", child) for step, child in children]
+    return None
 
 
 def _read(given: Given, model: type[_Document], schema: str, prefix: str, hint: str) -> tuple[Source, _Document]:
