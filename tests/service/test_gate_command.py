@@ -109,7 +109,7 @@ def test_one_bad_document_does_not_hide_the_others(folder: Path, capsys: pytest.
         ([], "no design was given"),
         (["one.yaml", "--format", "text", "--format", "json"], "two formats would be written to stdout"),
         (["one.yaml", "--format", "json=missing/gate.json"], "cannot write"),
-        (["one.yaml", "--format", "xml"], "expected text, json, markdown"),
+        (["one.yaml", "--format", "xml"], "expected text, json, markdown, sarif"),
         (["one.yaml", "--max-regression", "-1"], "0 or more per cent"),
         (["one.yaml", "--waivers", "policy.yaml"], "tailstack/waivers/1"),
         (["one.yaml", "--baseline", "one.yaml"], "tailstack/gate/1"),
@@ -145,6 +145,59 @@ def test_markdown_shows_names_as_they_stand(folder: Path) -> None:
     text = markdown_text(from_plain("gate", json.loads((folder / "h.json").read_text())))
     row = next(line for line in text.splitlines() if line.startswith("| error | p95"))
     assert "\\<img src=x\\>\\|\\`a\\`\\[l\\]\\(http://h\\)\\@team" in row
+
+
+def test_sarif_has_every_finding_at_its_place_and_waived_ones_suppressed(folder: Path) -> None:
+    """published: OASIS SARIF 2.1.0, sections 3.14, 3.19, 3.27, 3.28, 3.35."""
+    waivers_file(folder, 30, designs=["bad.yaml"])
+    (folder / "bad ü.yaml").write_text((folder / "bad.yaml").read_text(), encoding="utf-8")
+    assert (
+        gate(
+            "bad.yaml",
+            "bad ü.yaml",
+            "--waivers",
+            "waivers.json",
+            "--format",
+            "sarif=g.sarif",
+            "--format",
+            "json=g.json",
+        )
+        == 1
+    )
+    log = json.loads((folder / "g.sarif").read_text(encoding="utf-8"))
+    record = from_plain("gate", json.loads((folder / "g.json").read_text(encoding="utf-8")))
+    (run,) = log["runs"]
+    rules = run["tool"]["driver"]["rules"]
+    assert log["version"] == "2.1.0"
+    assert [rule["id"] for rule in rules] == list(RULES)
+    assert {rule["defaultConfiguration"]["level"] for rule in rules} <= {"error", "warning", "note"}
+    assert run["invocations"] == [{"executionSuccessful": True, "exitCode": 1}]
+    assert len(run["results"]) == len(record.findings) == 2
+    for result, finding in zip(run["results"], record.findings, strict=True):
+        assert rules[result["ruleIndex"]]["id"] == result["ruleId"] == finding.rule
+        assert result["level"] == finding.severity
+        place = result["locations"][0]["physicalLocation"]
+        assert place["region"] == {"startLine": finding.line, "startColumn": finding.column}
+        assert ("suppressions" in result) == (finding.suppressed_by is not None)
+    uris = [result["locations"][0]["physicalLocation"]["artifactLocation"]["uri"] for result in run["results"]]
+    assert uris == ["bad.yaml", "bad%20%C3%BC.yaml"]
+    assert [suppression["kind"] for suppression in run["results"][0]["suppressions"]] == ["external"]
+    prints = [result["partialFingerprints"]["tailstackFinding/v1"] for result in run["results"]]
+    assert len(set(prints)) == 2
+
+
+def test_a_fingerprint_survives_a_change_of_value_and_line(folder: Path) -> None:
+    def prints() -> list[str]:
+        gate("bad.yaml", "--format", "sarif=g.sarif")
+        results = json.loads((folder / "g.sarif").read_text())["runs"][0]["results"]
+        return [result["partialFingerprints"]["tailstackFinding/v1"] for result in results]
+
+    before = prints()
+    text = (folder / "bad.yaml").read_text()
+    (folder / "bad.yaml").write_text(
+        "# a line more\n" + text.replace("fiducial_noise_px: 0.3", "fiducial_noise_px: 0.4")
+    )
+    assert prints() == before
 
 
 # --- report ---------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 HELP = "designs against a policy, for a pipeline: findings and an exit code"
 
-FORMATS = ("text", "json", "markdown")
+FORMATS = ("text", "json", "markdown", "sarif")
 MODES = ("analytic", "verify", "auto")
 WILD = "*?["
 

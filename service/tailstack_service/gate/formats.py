@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ..documents import to_json
 from .markdown import markdown_text
 from .records import GateRecord
+from .sarif import sarif_text
 from .terminal import gate_text
 
 
@@ -31,11 +32,16 @@ def _markdown(record: GateRecord) -> bytes:
     return markdown_text(record).encode()
 
 
+def _sarif(record: GateRecord) -> bytes:
+    return sarif_text(record).encode()
+
+
 FORMATS: dict[str, Format] = {
     entry.name: entry
     for entry in (
         Format("text", _text),
         Format("json", _json),
         Format("markdown", _markdown),
+        Format("sarif", _sarif),
     )
 }

@@ -22,6 +22,10 @@ from .reading import read_baseline, read_policy, read_waivers
 from .records import Fold, GateRecord, Level, Mode
 
 
+# What a service was set to admit was held to its limits at the door; here only what no setting can exceed is refused.
+ADMITTED = replace(DEFAULT_LIMITS, document_bytes=100_000_000)
+
+
 class GateRequestDesign(Record):
     """One design of a gate."""
 
@@ -104,7 +108,7 @@ def admitted(
     return {**complete, "seed": gate.seed}
 
 
-def gate_of(data: dict[str, Any], limits: Limits = DEFAULT_LIMITS) -> Gate:
+def gate_of(data: dict[str, Any], limits: Limits = ADMITTED) -> Gate:
     """The gate that an admitted request describes; a design that cannot be read is kept as its refusal.
 
     Raises RequestError, GateError.
