@@ -21,7 +21,6 @@ from .judging import judge
 from .reading import read_baseline, read_policy, read_waivers
 from .records import Fold, GateRecord, Level, Mode
 
-
 # What a service was set to admit was held to its limits at the door; here only what no setting can exceed is refused.
 ADMITTED = replace(DEFAULT_LIMITS, document_bytes=100_000_000)
 
