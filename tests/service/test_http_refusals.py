@@ -168,6 +168,15 @@ def test_problems_of_a_yaml_design_carry_line_and_column(client: httpx.Client) -
     assert (entry["line"], entry["column"]) == (3, 8)
 
 
+def test_problems_of_a_gated_design_as_yaml_start_inside_it(client: httpx.Client) -> None:
+    text = b"schema: tailstack/design/1\nname: x\nviews: 3\nfiducials: {points: []}\ntargets: []\n"
+    document = check_problem(client.post("/v1/gates?mode=analytic", content=text, headers=YAML), 422, "invalid-design")
+    assert {"/views", "/targets"} <= {entry["pointer"] for entry in document["errors"]}
+    by_json = {"designs": [{"file": "a.yaml", "design": {"schema": "tailstack/design/1"}}]}
+    document = check_problem(client.post("/v1/gates", json=by_json), 422, "invalid-design")
+    assert document["errors"][0]["pointer"].startswith("/designs/0/design")
+
+
 @pytest.mark.parametrize(
     "text", [b"a: [", b"a: 1\na: 2", b"!!python/object:os.system x", b"*x", b"--- 1\n--- 2", b"\t- x: y"]
 )

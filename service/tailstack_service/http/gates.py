@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
 from starlette.requests import Request
 from starlette.responses import Response
+
+from tailstack.errors import TailstackError
 
 from ..settings import Settings
 from ..work.requests import canonical
@@ -21,6 +24,7 @@ from .service import service_of
 
 IN_QUERY = ("mode", "seed", "fail_level", "on_inconclusive")  # what a single design as YAML can be asked with
 YAML_NAME = "design.yaml"  # what findings call such a design
+IN_REQUEST = "/designs/0/text"  # where it stands in the request that the body and the query make
 
 
 async def create_gate(request: Request) -> Response:
@@ -35,7 +39,12 @@ async def create_gate(request: Request) -> Response:
         refuse_query(request, IN_QUERY)
         data = _of_one(request, body)
     key = idempotency_key(request)
-    answer = await in_short_lane(request, lambda: _answer(data, settings))
+    try:
+        answer = await in_short_lane(request, lambda: _answer(data, settings))
+    except TailstackError as error:
+        if kind == "yaml":  # the design is the body: pointers start inside it
+            error.problems = tuple(replace(p, pointer=p.pointer.removeprefix(IN_REQUEST)) for p in error.problems)
+        raise
     if isinstance(answer, Posted):
         return await submitted(request, answer, key)
     return record_response(answer)

@@ -96,7 +96,7 @@ def _option_parameters(options: type[Options]) -> list[dict[str, Any]]:
 
 
 _ITEM: dict[str, dict[str, Any]] = {
-    "set": {"type": "string", "pattern": "^[^=]+=.+$", "examples": ["/views/0/fiducial_noise_px=0.1:0.5:5"]},
+    "set": {"type": "string", "pattern": "^[^=]+=.+$", "examples": ["views.AP.fiducial_noise_px=0.1:0.5:5"]},
     "part": {"type": "string", "enum": ["score", "verification", "optimisation"]},
 }
 

@@ -75,8 +75,9 @@ class OptimisationOptions(Options):
 class Axis(Options):
     """One number of the design and the values that it takes: a list, or a range."""
 
-    pointer: Annotated[str, Field(min_length=1, max_length=500, pattern=r"^/")] = Field(
-        description="JSON pointer to a number of the design, e.g. /views/0/fiducial_noise_px."
+    pointer: Annotated[str, Field(min_length=1, max_length=500)] = Field(
+        description="JSON pointer to a number of the design as it was sent, /views/0/fiducial_noise_px, or a path of "
+        "names, views.AP.fiducial_noise_px; * stands for every element."
     )
     values: Annotated[list[float], Field(min_length=1)] | None = Field(None, description="The values, in this order.")
     start: float | None = Field(None, description="First value of a range.")
@@ -126,10 +127,9 @@ class SweepOptions(Options):
 
 def _axis(text: str) -> dict[str, Any]:
     """``PATH=START:STOP:COUNT`` or ``PATH=VALUE,VALUE,...`` as in ``tailstack sweep --set``."""
-    pointer, found, said = text.partition("=")
-    pointer = pointer if pointer.startswith("/") else "/" + pointer
+    pointer, found, said = text.rpartition("=")
     try:
-        if not found:
+        if not found or not pointer:
             raise ValueError
         if ":" in said:
             start, stop, count = said.split(":")

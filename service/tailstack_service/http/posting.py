@@ -57,22 +57,25 @@ class JobOperation:
     summary: str
     options: type[Options]
     check: Callable[[Asked[Any], Design, Settings], None]  # raises Placed, RequestError, LimitError
+    kept: Callable[[Any, Design], dict[str, Any]] = lambda options, design: options.model_dump()
     limits: tuple[str, ...] = ()  # settings that workers have to know, because they shape the answer
 
 
 JOB_OPERATIONS = (
     JobOperation(
         "/v1/verifications", "verification", "Monte Carlo check", VerificationOptions, checks.check_verification,
-        ("max_trials",),
+        limits=("max_trials",),
     ),
     JobOperation(
         "/v1/optimisations", "optimisation", "Optimise placement and tolerances", OptimisationOptions,
         checks.check_optimisation,
     ),
-    JobOperation("/v1/sweeps", "sweep", "Many designs", SweepOptions, checks.check_sweep, ("max_trials",)),
+    JobOperation(
+        "/v1/sweeps", "sweep", "Many designs", SweepOptions, checks.check_sweep, checks.sweep_options, ("max_trials",)
+    ),
     JobOperation(
         "/v1/reports", "report", "One record of score, check and optimisation", ReportOptions, checks.check_report,
-        ("max_trials",),
+        limits=("max_trials",),
     ),
 )  # fmt: skip
 
@@ -87,7 +90,7 @@ def posting(operation: JobOperation) -> Callable[[Request], Awaitable[Response]]
         def prepare() -> Posted:
             design = asked.design(settings)
             operation.check(asked, design, settings)
-            options = asked.options.model_dump(exclude_none=operation.kind == "sweep")
+            options = operation.kept(asked.options, design)
             limits = {name: getattr(settings, name) for name in operation.limits}
             content = {"design": asked.data(design), **options, **limits}
             return Posted(operation.kind, canonical(content), design.name, asked.bare_design)
