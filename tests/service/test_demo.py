@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import psutil
 import pytest
 import yaml
 from jsonschema import Draft202012Validator
@@ -24,8 +25,10 @@ def test_the_demo_does_the_whole_job(tmp_path: Path, capsys: pytest.CaptureFixtu
     out, err = capsys.readouterr()
     written = tmp_path / "out" / "demo"
     assert sorted(path.name for path in written.iterdir()) == [
-        "optimisation.json", "optimised.yaml", "score.json", "verification.json",
+        "optimisation.json", "optimised.yaml", "report.html", "score.json", "verification.json", "worker.log",
     ]  # fmt: skip
+    assert (written / "report.html").read_text(encoding="utf-8").lower().startswith("<!doctype html")
+    assert "Traceback" not in (written / "worker.log").read_text()
     documents = {}
     for name in ("score", "verification", "optimisation"):
         documents[name] = json.loads((written / f"{name}.json").read_bytes())
@@ -59,9 +62,13 @@ def test_an_interrupted_demo_leaves_nothing_behind(tmp_path: Path) -> None:
     while "POST /v1/optimisations" not in said:
         said = process.stderr.readline()
         assert said, "the demo ended before it could be interrupted"
+    family = psutil.Process(process.pid).children(recursive=True)
+    assert family  # the worker, and what computes for it
     process.send_signal(signal.SIGINT)
     _, rest = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "Traceback" not in rest
+    _, alive = psutil.wait_procs(family, timeout=15)
+    assert not alive
     with pytest.raises(ProcessLookupError):  # nobody is left in its process group
         os.killpg(process.pid, 0)

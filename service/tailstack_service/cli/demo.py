@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import sys
 import time
 from collections.abc import Callable
@@ -44,6 +45,7 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     from ..documents import read_record
     from ..http.server import running_service
+    from ..logs import log_to_stderr
     from ..rendering.demo import before_after_text, chapter
     from ..rendering.optimisation import optimisation_text
     from ..rendering.score import score_text
@@ -51,6 +53,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     from .design_input import coloured_output
     from .remote import Service
 
+    log_to_stderr(level=logging.WARNING)
     colour = coloured_output()
     output = Path(arguments.output)
     output.mkdir(parents=True, exist_ok=True)
@@ -68,7 +71,7 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     design = design_to_data(load_design(demo_text()))
     tell("starting the service on a free loopback port, a worker beside it")
-    with running_service(demo_settings(), worker=True) as (host, port):
+    with running_service(demo_settings(), worker=True, worker_log=output / "worker.log") as (host, port):
         service = Service(f"http://{host}:{port}", key="")
         wait_until_ready(service, tell)
         tell(f"service ready at {service.url}; POST /v1/scores")

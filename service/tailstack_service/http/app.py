@@ -35,6 +35,7 @@ from .storage import Storage
 log = logging.getLogger("tailstack.service")
 REPORT_WORKERS = 1  # rendering holds the GIL, and scores are computed in the same process
 STORE_RETRY_SECONDS = 2
+SETTLED_SECONDS = 1.5  # after which a service that has just become ready loads what is asked for less often
 
 
 def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> FastAPI:
@@ -125,7 +126,7 @@ def _warm(service: Service) -> None:
         design = load_design(EXAMPLE_DESIGN)
         score(design)
         service.warmth = "ready"
-        if not service.stopping.is_set():
+        if not service.stopping.wait(SETTLED_SECONDS):
             from tailstack.optimisation import influence
 
             influence(design)  # what the first optimisation would load; nobody has to wait for it to be ready

@@ -13,6 +13,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 from types import FrameType
+from typing import IO
 
 import uvicorn
 
@@ -132,12 +133,12 @@ def serve(bound: socket.socket, settings: Settings, *, worker: bool = True) -> N
 class _Family:
     """The child processes of a service."""
 
-    def __init__(self, settings: Settings, worker: bool) -> None:
+    def __init__(self, settings: Settings, worker: bool, log: IO[bytes] | None = None) -> None:
         self.children: list[Kept] = []
         if worker:
             from ..worker.process import start_worker_process
 
-            self.children.append(Kept("worker", lambda: start_worker_process(settings)))
+            self.children.append(Kept("worker", lambda: start_worker_process(settings, log)))
 
     def tell(self) -> None:
         for child in self.children:
@@ -195,11 +196,12 @@ def _start_api_process(bound: socket.socket, settings: Settings, counters: str) 
 
 @contextmanager
 def running_service(
-    settings: Settings | None = None, *, warm_up: bool = True, worker: bool = False
+    settings: Settings | None = None, *, warm_up: bool = True, worker: bool = False, worker_log: Path | None = None
 ) -> Iterator[tuple[str, int]]:
     """The service in a thread of this process; yields its loopback host and (free) port once it answers.
 
-    Without a database in the settings it has one of its own, which goes with it.  ``worker`` adds a worker process.
+    Without a database in the settings it has one of its own, which goes with it.  ``worker`` adds a worker process,
+    whose log lines go to the file ``worker_log``, by default to stderr.
     Neither can outlive this process, and both stop when the block is left, whatever way.
     """
     with ExitStack() as stack:
@@ -208,7 +210,8 @@ def running_service(
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="tailstack-"))
             settings = replace(settings, database=f"sqlite:///{Path(folder) / 'jobs.sqlite3'}")
         open_database(settings.database_url, migrate=True).close()
-        family = _Family(settings, worker)
+        log = None if worker_log is None else stack.enter_context(worker_log.open("wb"))
+        family = _Family(settings, worker, log)
         stack.callback(family.stop)
         bound = bind("127.0.0.1", 0, settings)
         server = Server(replace(settings, api_processes=1), warm_up=warm_up, on_stop=family.tell)

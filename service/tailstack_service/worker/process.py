@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from dataclasses import fields
 from types import FrameType
-from typing import Any
+from typing import IO, Any
 
 from tailstack.version import __version__
 
@@ -59,17 +59,18 @@ def run_worker(
     return stop.signal
 
 
-def start_worker_process(settings: Settings) -> subprocess.Popen[bytes]:
+def start_worker_process(settings: Settings, log: IO[bytes] | None = None) -> subprocess.Popen[bytes]:
     """``tailstack worker`` with these settings, as a child that ends when this process ends, whatever ends it.
 
     It notices by its stdin, which this process holds open: keep the Popen, and close ``stdin`` or send SIGTERM to
-    stop the worker.  Its log lines go to this process's stderr.
+    stop the worker.  Its log lines go to ``log``, by default to this process's stderr.
     """
     told = {variable(entry.name): str(getattr(settings, entry.name)) for entry in fields(settings)}
     return subprocess.Popen(
         command("tailstack_service.cli.main", "worker", "--with-parent"),
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
+        stderr=log,
         env={**environment(), **told},
     )
 

@@ -1,0 +1,164 @@
+"""tailstack jobs: list, show, follow, cancel, against a running service; and what its client makes of odd servers."""
+
+from __future__ import annotations
+
+import io
+import json
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import httpx
+import pytest
+from service_scenes import client_with, limited, small_design
+
+from tailstack_service.cli.main import main
+from tailstack_service.cli.remote import Event, RemoteError, Service, parsed
+from tailstack_service.settings import Settings
+
+QUICK = {"design": small_design(), "trials": 3000}
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[httpx.Client]:
+    with client_with(Settings(worker_processes=1, max_trials=1_000_000_000), worker=True) as client:
+        yield client
+
+
+def call(client: httpx.Client, *arguments: str) -> int:
+    return main(["jobs", *arguments, "--url", str(client.base_url)])
+
+
+def posted(client: httpx.Client, path: str, body: object) -> str:
+    return str(client.post(path, json=body).json()["id"])
+
+
+def test_a_job_is_followed_to_its_end_and_shown(client: httpx.Client, capsys: pytest.CaptureFixture[str]) -> None:
+    job = posted(client, "/v1/verifications", QUICK)
+    assert call(client, "follow", job) == 0
+    out, err = capsys.readouterr()
+    assert f"verification {job}: queued" in err
+    assert "unit 1 of" in err
+    assert f"verification {job}: succeeded" in err
+    assert "100 %" in out
+    assert "/v1/results/" in out
+    assert call(client, "follow", job, "--json") == 0
+    record = json.loads(capsys.readouterr().out)
+    assert (record["id"], record["state"]) == (job, "succeeded")
+    assert call(client, "show", job) == 0
+    assert "succeeded" in capsys.readouterr().out
+
+
+def test_a_failed_job_leaves_with_the_code_of_its_problem(
+    client: httpx.Client, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = posted(client, "/v1/optimisations", {"design": limited(0.15), "starts": 1})
+    assert call(client, "follow", job) == 1  # infeasible, as tailstack optimise says it
+    out, _ = capsys.readouterr()
+    assert "failed" in out
+    assert "hint: " in out
+
+
+def test_a_job_is_cancelled_once(client: httpx.Client, capsys: pytest.CaptureFixture[str]) -> None:
+    job = posted(client, "/v1/verifications", {**QUICK, "trials": 1_000_000_000})
+    assert call(client, "cancel", job, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["state"] == "cancelled"
+    assert call(client, "follow", job) == 3
+    capsys.readouterr()
+    done = posted(client, "/v1/verifications", QUICK)
+    assert call(client, "follow", done) == 0
+    assert call(client, "cancel", done) == 3
+    assert "there is nothing to cancel" in capsys.readouterr().err
+
+
+def test_lists_go_over_pages(
+    client: httpx.Client, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tailstack_service.cli.jobs.PAGE", 2)
+    made = [posted(client, "/v1/sweeps", {"design": small_design(), "axes": [
+        {"pointer": "/views/0/fiducial_noise_px", "values": [0.1 + 0.01 * k]}]}) for k in range(5)]  # fmt: skip
+    assert call(client, "list", "--kind", "sweep", "--limit", "4", "--json") == 0
+    assert [record["id"] for record in json.loads(capsys.readouterr().out)] == made[:0:-1]
+    assert call(client, "list", "--kind", "sweep") == 0
+    out = capsys.readouterr().out
+    assert all(job in out for job in made)
+    assert max(len(line) for line in out.splitlines()) <= 100
+    assert call(client, "list", "--kind", "gate") == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_unknown_jobs_and_silent_services(client: httpx.Client, capsys: pytest.CaptureFixture[str]) -> None:
+    for action in ("show", "follow", "cancel"):
+        for name, words in (
+            ("01k4z8t5r2w7x3y9v6n1m0q8pc", "there is no job"),
+            ("../../version", "there is nothing at"),
+        ):
+            assert call(client, action, name) == 2
+            assert words in capsys.readouterr().err
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    assert main(["jobs", "list", "--url", f"http://127.0.0.1:{port}"]) == 3
+    assert "tailstack serve" in capsys.readouterr().err
+    for url in ("ftp://x", "file:///etc/passwd", "nonsense", ""):
+        assert main(["jobs", "list", "--url", url]) == 2
+
+
+@contextmanager
+def server(*answers: bytes) -> Iterator[tuple[str, list[bytes]]]:
+    """A server that says these bytes, one connection each, and closes."""
+    heard: list[bytes] = []
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.listen()
+
+        def answer() -> None:
+            for text in answers:
+                connection, _ = listening.accept()
+                with connection:
+                    heard.append(connection.recv(65536))
+                    connection.sendall(text)
+
+        thread = threading.Thread(target=answer, daemon=True)
+        thread.start()
+        yield f"http://127.0.0.1:{listening.getsockname()[1]}", heard
+        thread.join(timeout=20)
+
+
+STREAM = b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nConnection: close\r\n\r\n"
+
+
+def test_a_stream_that_breaks_is_taken_up_with_the_last_id() -> None:
+    first = STREAM + b'id: 1\nevent: state\ndata: {"state": "queued"}\n\nid: 2\nevent: progress\ndata: {"cut'
+    refused = b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/plain\r\nContent-Length: 4\r\n\r\nbusy"
+    rest = STREAM + b': still here\n\nid: 2\nevent: state\ndata: {"state":\ndata: "failed"}\n\n'
+    with server(first, refused, rest) as (url, heard):
+        events = list(Service(url, key="tsk_secret").events("x"))
+    assert events == [Event("1", "state", {"state": "queued"}), Event("2", "state", {"state": "failed"})]
+    assert b"last-event-id" not in heard[0].lower()
+    assert b"last-event-id: 1\r\n" in heard[2].lower()
+    assert all(b"Authorization: Bearer tsk_secret\r\n" in request for request in heard)
+
+
+def test_a_key_is_not_carried_to_another_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TAILSTACK_KEY", "tsk_secret")
+    elsewhere = b"HTTP/1.1 303 See Other\r\nLocation: http://127.0.0.1:1/x\r\nContent-Length: 0\r\n\r\n"
+    with server(elsewhere) as (url, heard):
+        assert Service(url).ask("GET", "/v1/jobs/x/result").status == 303
+    assert b"Bearer tsk_secret" in heard[0]
+
+
+@pytest.mark.parametrize(
+    "body", [b"hello", b"[]", b'{"errors": 3}', b'{"errors": [], "type": 3, "title": "x"}', b"\xff"]
+)
+def test_answers_that_are_not_ours(body: bytes) -> None:
+    head = b"HTTP/1.1 500 X\r\nContent-Length: %d\r\n\r\n" % len(body)
+    with server(head + body) as (url, _), pytest.raises(RemoteError) as raised:
+        Service(url, key="").ask("GET", "/v1/jobs")
+    assert (raised.value.slug, raised.value.exit_code) == ("unexpected-answer", 3)
+
+
+def test_lines_of_a_stream() -> None:
+    text = b'\xef\xbb\xbfdata: {}\n\n: c\n\nevent: a\n\nid:7\ndata:{"a": 1}\nevent:b\r\n\r\ndata: {}\n'
+    assert list(parsed(io.BytesIO(text[3:]))) == [Event("", "message", {}), Event("7", "b", {"a": 1})]
