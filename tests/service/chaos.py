@@ -28,7 +28,7 @@ from typing import Any, TypeVar
 
 import psutil
 import sqlalchemy as sa
-from dask_cluster import Cluster
+from dask_cluster import Cluster, die_with_parent
 from dask_cluster import installed as dask_installed
 from postgres import Server, find_binaries
 from worker_scenes import end
@@ -49,6 +49,7 @@ T = TypeVar("T")
 TENANT = "chaos"
 LEASE_SECONDS = 1.0
 AT_ONCE = 4  # unfinished jobs, so that every process has something to lose
+HASTE = 0.25  # of the kills come before the last one has been recovered from
 LOOK_SECONDS = 0.02
 PATIENCE_SECONDS = 300.0  # without any record: something is stuck
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -142,8 +143,9 @@ class Fleet:
             if name not in self.processes or self.processes[name].poll() is not None:
                 with self._log.open("ab") as log:
                     self.processes[name] = subprocess.Popen(
-                        words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self._environment
-                    )
+                        words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self._environment,
+                        preexec_fn=die_with_parent,
+                    )  # fmt: skip
 
     def pids(self) -> set[int]:
         """Of everything that may be a worker: what was started here, and children of the service."""
@@ -249,13 +251,16 @@ class Chaos:
     def run(self, kills: int, pause: tuple[float, float]) -> None:
         begun = time.monotonic()
         kinds = self._in_turn()
-        due, kind = time.monotonic() + self.random.uniform(*pause), next(kinds)
+        due: float | None = None
+        hasty, kind = False, next(kinds)
         last, counted = time.monotonic(), -1
         while len(self.report.kills) < kills or self._unfinished():
             if len(self.report.kills) < kills:
                 self._submit()
-                if time.monotonic() > due and self._strike(kind):
-                    due, kind = time.monotonic() + self.random.uniform(*pause), next(kinds)
+                if due is None and (hasty or not self._recovering()):
+                    due = time.monotonic() + self.random.uniform(*pause)
+                if due is not None and time.monotonic() > due and self._strike(kind):
+                    due, hasty, kind = None, self.random.random() < HASTE, next(kinds)
             self._look_after()
             done = self._insist(self._recorded)
             if done != counted:
@@ -300,6 +305,9 @@ class Chaos:
     def _scalar(self, query: Any) -> Any:
         with reading(self.db) as connection:
             return connection.execute(query).scalar_one()
+
+    def _recovering(self) -> bool:
+        return any(kill.last is None for kill in self.report.kills)
 
     def _leased(self, worker_id: str | None = None) -> set[Unit]:
         u = tables.units.c
@@ -496,6 +504,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--processes", type=int, default=2, metavar="N", help="of each worker (default %(default)s)")
     parser.add_argument("--logs", type=Path, metavar="DIR", help="keep what the processes say")
     arguments = parser.parse_args(argv)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("chaos: told to stop"))  # by way of every finally
     sound = True
     for database, engine in _choices(arguments):
         if engine == "dask" and not dask_installed():

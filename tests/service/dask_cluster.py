@@ -168,7 +168,7 @@ class Cluster:
             with self._log.open("ab") as log:
                 return subprocess.Popen(
                     command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self._environment,
-                    cwd=self.directory, preexec_fn=_die_with_parent,
+                    cwd=self.directory, preexec_fn=die_with_parent,
                 )  # fmt: skip
 
         return self._parent.submit(start).result(STARTING_SECONDS)
@@ -203,7 +203,8 @@ class Cluster:
         return False
 
 
-def _die_with_parent() -> None:
+def die_with_parent() -> None:
+    """For ``preexec_fn``, in a thread that lives as long as the process is wanted."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
