@@ -203,8 +203,7 @@ def _passing_faults() -> Iterator[None]:
     except (exc.DBAPIError, exc.TimeoutError) as error:
         reason = str(getattr(error, "orig", None) or error).strip().partition("\n")[0]
         if _passes(error):
-            hint = "try again in a moment; the server that TAILSTACK_DATABASE names must be running"
-            raise StoreUnavailable(Problem("", "store-unavailable", reason, hint)) from error
+            raise StoreUnavailable(Problem("", "store-unavailable", reason, _patience(error))) from error
         cure = _cure(error)
         if cure is not None:
             raise StoreError(Problem("", "unusable-database", reason, cure)) from error
@@ -218,6 +217,12 @@ def _passes(error: exc.DBAPIError | exc.TimeoutError) -> bool:
     if code is not None:
         return code & 0xFF in PASSING_SQLITE_CODES
     return isinstance(error, exc.OperationalError | exc.InterfaceError)
+
+
+def _patience(error: exc.DBAPIError | exc.TimeoutError) -> str:
+    if hasattr(getattr(error, "orig", None), "sqlite_errorcode"):
+        return "try again in a moment; no other program may hold the file, and its disk must not be full"
+    return "try again in a moment; the server that TAILSTACK_DATABASE names must be running"
 
 
 def _cure(error: exc.DBAPIError | exc.TimeoutError) -> str | None:
