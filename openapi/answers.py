@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -42,11 +43,20 @@ def answers(document: dict[str, Any], url: str) -> Iterator[tuple[str, Any]]:
                     headers={"Prefer": f"wait={WAIT_SECONDS}"},
                     params={"format": "json"} if "text/html" in str(content) else None,
                 )
+                if response.status_code == 202:
+                    response = _result(client, response.headers["location"])
                 if response.status_code != 200:
                     raise RuntimeError(f"{operation['operationId']}: {response.status_code} {response.text[:2000]}")
-                if "content-location" in response.headers:
-                    found.setdefault("sha256", response.headers["content-location"].rpartition("/")[2])
+                if method == "post" and "etag" in response.headers:
+                    found.setdefault("sha256", response.headers["etag"].strip('"'))
                 yield operation["operationId"], response.json()
+
+
+def _result(client: httpx.Client, location: str) -> httpx.Response:
+    """The result of a job that took longer than anybody waits."""
+    while client.get(location).json()["state"] in ("queued", "running"):
+        time.sleep(1.0)
+    return client.get(location + "/result", follow_redirects=True)
 
 
 def _body(document: dict[str, Any], operation: dict[str, Any]) -> Any:

@@ -436,7 +436,7 @@ export interface components {
         Axis: {
             /**
              * Pointer
-             * @description JSON pointer to a number of the design, e.g. /views/0/fiducial_noise_px.
+             * @description JSON pointer to a number of the design as it was sent, /views/0/fiducial_noise_px, or a path of names, views.AP.fiducial_noise_px; * stands for every element.
              */
             pointer: string;
             /**

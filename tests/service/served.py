@@ -19,7 +19,7 @@ from service_scenes import ROOT
 
 COMMAND = [sys.executable, "-m", "tailstack_service.cli.main"]
 PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
-READY_SECONDS = 120.0  # a cold compile cache takes a while
+READY_SECONDS = 300.0  # a cold compile cache takes a while
 STOP_SECONDS = 30.0
 
 
@@ -34,7 +34,7 @@ class Served:
     def run(self, *arguments: str) -> str:
         """Standard output of another tailstack command on the same database."""
         done = subprocess.run(
-            [*COMMAND, *arguments], env=self.environment, capture_output=True, text=True, timeout=60, check=False
+            [*COMMAND, *arguments], env=self.environment, capture_output=True, text=True, timeout=180, check=False
         )
         assert done.returncode == 0, done.stderr
         return done.stdout

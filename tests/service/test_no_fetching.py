@@ -158,7 +158,7 @@ def _in_yaml(client: httpx.Client, bird: Canary) -> int:
     return 2 * (len(posts) + 1) * len(documents)
 
 
-def _results(client: httpx.Client, jobs: list[dict[str, Any]], seconds: float = 240.0) -> list[str]:
+def _results(client: httpx.Client, jobs: list[dict[str, Any]], seconds: float = 400.0) -> list[str]:
     """Paths of the results of the jobs, once each has ended."""
     slow = [job for job in jobs if job["kind"] == "optimisation"][KEPT_OPTIMISATIONS:]
     for job in slow:

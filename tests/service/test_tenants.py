@@ -131,7 +131,7 @@ def owned(place: Place) -> Property:
     return Property(jobs, results)
 
 
-def finished(place: Place, location: str, key: str, seconds: float = 120.0) -> dict[str, Any]:
+def finished(place: Place, location: str, key: str, seconds: float = 300.0) -> dict[str, Any]:
     """The job once it has ended."""
     deadline = time.monotonic() + seconds
     while True:

@@ -20,7 +20,8 @@ class Axis:
     """One number of the design and the values that it takes: a list, or a range.
 
     Attributes:
-        pointer (str): JSON pointer to a number of the design, e.g. /views/0/fiducial_noise_px.
+        pointer (str): JSON pointer to a number of the design as it was sent, /views/0/fiducial_noise_px, or a path of
+            names, views.AP.fiducial_noise_px; * stands for every element.
         values (list[float] | None | Unset): The values, in this order.
         start (float | None | Unset): First value of a range.
         stop (float | None | Unset): Last value of a range, included.
