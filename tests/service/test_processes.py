@@ -333,6 +333,17 @@ def test_a_bad_setting_is_2_and_named(value: str) -> None:
     assert "TAILSTACK_MAX_TRIALS" in done.stderr
 
 
+def test_authentication_that_cannot_work_is_2_and_named(tmp_path: Path) -> None:
+    settings = {
+        "TAILSTACK_AUTH": "required",
+        "TAILSTACK_JWT_KEY_FILE": str(tmp_path / "none"),
+        "TAILSTACK_JWT_ISSUER": "x",
+    }
+    done = run("serve", "--port", "0", env={**settings, "TAILSTACK_API_PROCESSES": "2"})
+    assert done.returncode == 2
+    assert "TAILSTACK_JWT_KEY_FILE" in done.stderr
+
+
 def test_an_interrupt_of_a_long_check_is_130() -> None:
     process = subprocess.Popen(
         [*COMMAND, "verify", DEMO, "--trials", "2000000000"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

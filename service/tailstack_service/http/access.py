@@ -53,7 +53,7 @@ class Access:
         self.required = settings.auth == "required"
         self._find_key = find_key
         self._hosts = frozenset(name.strip().lower() for name in settings.allowed_hosts.split(",") if name.strip())
-        self._tokens = Tokens(settings) if self.required and settings.jwt_key_file else None
+        self._tokens = check_settings(settings)
         self._known: dict[bytes, tuple[float, Caller]] = {}
 
     def check_address(self, method: str, headers: Mapping[str, str]) -> None:
@@ -171,6 +171,11 @@ class Tokens:
         if wanted not in self._keys:
             raise jwt.InvalidTokenError("it was signed with a key that is not in the file")
         return self._keys[wanted]
+
+
+def check_settings(settings: Settings) -> Tokens | None:
+    """What reads tokens, if any are to be accepted.  Raises RequestError for settings that cannot work."""
+    return Tokens(settings) if settings.auth == "required" and settings.jwt_key_file else None
 
 
 def _scopes(claims: Mapping[str, Any]) -> frozenset[str]:

@@ -23,7 +23,7 @@ from ..compute.interpreter import command, environment
 from ..problems import RequestError
 from ..settings import Settings, variable
 from ..store.database import open_database
-from .access import is_loopback
+from .access import check_settings, is_loopback
 from .keeping import Kept
 
 DEFAULT_PORT = 8321
@@ -117,8 +117,10 @@ class Server(uvicorn.Server):
 def serve(bound: socket.socket, settings: Settings, *, worker: bool = True) -> None:
     """Serve until SIGTERM (returns) or SIGINT (raises KeyboardInterrupt); no process is left behind.
 
-    A SQLite database is created or brought up to date first.  Raises StoreError for one that cannot be used.
+    A SQLite database is created or brought up to date first.  Raises StoreError for one that cannot be used,
+    RequestError for settings of authentication that cannot work.
     """
+    check_settings(settings)
     open_database(settings.database_url, migrate=True).close()
     kept = _Family(settings, worker)
     try:
