@@ -162,7 +162,7 @@ class Fleet:
 
 # --- what is done to them -------------------------------------------------------------------------
 
-Unit = tuple[str, int]  # job, number
+Units = dict[tuple[str, int], int]  # job, number: how often it was begun
 
 
 @dataclass(slots=True)
@@ -171,9 +171,9 @@ class Kill:
 
     kind: str
     at: float
-    under_way: set[Unit]
-    first: float | None = None  # s, until the first of them was recorded
-    last: float | None = None  # s, until the last of them was recorded
+    under_way: Units
+    taken: float | None = None  # s, until the first of them was begun again; None if that was not needed
+    recovered: float | None = None  # s, until the last of them was recorded
 
 
 @dataclass(slots=True)
@@ -209,12 +209,18 @@ class Report:
             f"  redone work      {self.units_begun / max(self.units_needed, 1) - 1:.1%}"
             "   (units begun over units needed, less one)",
         ]
-        for word, seconds in (("first", [k.first for k in self.kills]), ("last", [k.last for k in self.kills])):
+        for word, seconds, what in (
+            (
+                "taken up again",
+                [k.taken for k in self.kills],
+                "first unit that was under way is begun anew or recorded",
+            ),
+            ("recovered", [k.recovered for k in self.kills], "last unit that was under way there is recorded"),
+        ):
             known = sorted(second for second in seconds if second is not None)
             if known:
                 told = f"p50 {_quantile(known, 0.5):.2f} s, p95 {_quantile(known, 0.95):.2f} s"
-                what = f"kill until the {word} unit that was under way in what was killed is recorded"
-                lines.append(f"  recovery         {told}   ({what})")
+                lines.append(f"  {word:<16} {told}   (from the kill until the {what}; {len(known)} kills)")
         return "\n".join(lines + [f"  {line}" for line in self.lost + self.different])
 
 
@@ -234,7 +240,7 @@ class Chaos:
         self.random = random.Random(report.seed)
         self.submitted: dict[str, Request] = {}
         self.frozen: list[tuple[float, int]] = []  # when it thaws, pid
-        every: dict[str, Callable[[], tuple[set[Unit], Callable[[], None]] | None]] = {
+        every: dict[str, Callable[[], tuple[Units, Callable[[], None]] | None]] = {
             "worker": self._kill_worker,
             "frozen worker": self._freeze_worker,
         }
@@ -307,31 +313,36 @@ class Chaos:
             return connection.execute(query).scalar_one()
 
     def _recovering(self) -> bool:
-        return any(kill.last is None for kill in self.report.kills)
+        return any(kill.recovered is None for kill in self.report.kills)
 
-    def _leased(self, worker_id: str | None = None) -> set[Unit]:
+    def _leased(self, worker_id: str | None = None) -> Units:
         u = tables.units.c
-        query = sa.select(u.job_id, u.number).where(u.state == tables.LEASED)
+        query = sa.select(u.job_id, u.number, u.attempts).where(u.state == tables.LEASED)
         if worker_id is not None:
             query = query.where(u.worker_id == worker_id)
 
-        def ask() -> set[Unit]:
+        def ask() -> Units:
             with reading(self.db) as connection:
-                return {(row.job_id, row.number) for row in connection.execute(query)}
+                return {(row.job_id, row.number): row.attempts for row in connection.execute(query)}
 
         return self._insist(ask)
 
     def _watch(self) -> None:
         """Note which kills have been recovered from by now."""
+        u = tables.units.c
         for kill in self.report.kills:
-            if kill.last is None:
-                u = tables.units.c
-                names = sa.tuple_(u.job_id, u.number).in_(sorted(kill.under_way))
-                recorded = int(self._scalar(sa.select(sa.func.count()).where(names, u.state == tables.RECORDED)))
-                if recorded and kill.first is None:
-                    kill.first = time.time() - kill.at
-                if recorded == len(kill.under_way):
-                    kill.last = time.time() - kill.at
+            if kill.recovered is not None:
+                continue
+            query = sa.select(u.job_id, u.number, u.attempts, u.state)
+            with reading(self.db) as connection:
+                rows = connection.execute(query.where(sa.tuple_(u.job_id, u.number).in_(sorted(kill.under_way)))).all()
+            since = time.time() - kill.at
+            done = [row.state == "recorded" for row in rows]
+            again = [row.attempts > kill.under_way[row.job_id, row.number] for row in rows]
+            if kill.taken is None and any(again):
+                kill.taken = since
+            if all(done):
+                kill.recovered = since
 
     # --- kills --------------------------------------------------------------------------------------
 
@@ -359,11 +370,11 @@ class Chaos:
         busy = [worker for worker in there if self._leased(worker.id)]
         return self.random.choice(busy) if busy else None
 
-    def _kill_worker(self) -> tuple[set[Unit], Callable[[], None]] | None:
+    def _kill_worker(self) -> tuple[Units, Callable[[], None]] | None:
         victim = self._victim()
         return None if victim is None else (self._leased(victim.id), lambda: _kill(victim.pid))
 
-    def _freeze_worker(self) -> tuple[set[Unit], Callable[[], None]] | None:
+    def _freeze_worker(self) -> tuple[Units, Callable[[], None]] | None:
         victim = self._victim()
         if victim is None:
             return None
@@ -374,14 +385,14 @@ class Chaos:
 
         return self._leased(victim.id), freeze
 
-    def _kill_server(self) -> tuple[set[Unit], Callable[[], None]] | None:
+    def _kill_server(self) -> tuple[Units, Callable[[], None]] | None:
         serve = self.fleet.processes["serve"]
         family = {child.pid for child in psutil.Process(serve.pid).children()} if serve.poll() is None else set()
         its = [worker.id for worker in self._insist(lambda: units.workers(self.db)) if worker.pid in family]
-        under_way = {unit for name in its for unit in self._leased(name)}
+        under_way = {unit: begun for name in its for unit, begun in self._leased(name).items()}
         return (under_way, serve.kill) if under_way else None
 
-    def _kill_child(self) -> tuple[set[Unit], Callable[[], None]] | None:
+    def _kill_child(self) -> tuple[Units, Callable[[], None]] | None:
         victim = self._victim()
         if victim is None:
             return None
@@ -390,7 +401,7 @@ class Chaos:
             children = psutil.Process(victim.pid).children()
         return (self._leased(victim.id), lambda: _kill(self.random.choice(children).pid)) if children else None
 
-    def _restart_database(self) -> tuple[set[Unit], Callable[[], None]] | None:
+    def _restart_database(self) -> tuple[Units, Callable[[], None]] | None:
         assert self.server is not None
         under_way, server = self._leased(), self.server
 
@@ -401,7 +412,7 @@ class Chaos:
 
         return (under_way, restart) if under_way else None
 
-    def _kill_dask_worker(self) -> tuple[set[Unit], Callable[[], None]] | None:
+    def _kill_dask_worker(self) -> tuple[Units, Callable[[], None]] | None:
         assert self.cluster is not None
         cluster, under_way = self.cluster, self._leased()
         alive = [place for place, worker in enumerate(cluster.workers) if worker and worker.poll() is None]
@@ -409,7 +420,7 @@ class Chaos:
             return None
         return under_way, lambda: cluster.kill_worker(self.random.choice(alive))
 
-    def _kill_dask_scheduler(self) -> tuple[set[Unit], Callable[[], None]] | None:
+    def _kill_dask_scheduler(self) -> tuple[Units, Callable[[], None]] | None:
         assert self.cluster is not None
         scheduler, under_way = self.cluster.scheduler, self._leased()
         if not under_way or scheduler is None or scheduler.poll() is not None:
