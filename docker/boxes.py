@@ -178,6 +178,11 @@ class Box:
             time.sleep(0.05)
         return time.monotonic() - self.began
 
+    def cpu_seconds(self) -> float:
+        """What the service's own process has used so far."""
+        fields = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
+        return sum(int(ticks) for ticks in fields[11:13]) / os.sysconf("SC_CLK_TCK")
+
     def stop(self, number: signal.Signals = signal.SIGTERM) -> tuple[int, float]:
         """Exit code, and seconds that the end took."""
         began = time.monotonic()
