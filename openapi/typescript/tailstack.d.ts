@@ -1879,6 +1879,8 @@ export interface components {
             solver_version: string;
             /** Recomputed */
             recomputed: string | null;
+            /** Cpu Seconds */
+            cpu_seconds: number;
             progress: components["schemas"]["JobProgress"];
             problem: components["schemas"]["Problem"] | null;
             /** Result Sha256 */

@@ -53,6 +53,7 @@ class JobDocument:
     finished_at: str | None
     solver_version: str  # that computes, or computed, this job
     recomputed: str | None  # said when an upgrade of the solver made the job begin anew
+    cpu_seconds: float  # of every unit recorded so far, those of a begun-anew job included
     progress: JobProgress
     problem: ProblemDocument | None  # why it failed; pointers lead into the request: /design/...
     result_sha256: str | None
@@ -83,6 +84,7 @@ def job_document(job: Job, eta_seconds: float | None = None) -> JobDocument:
         finished_at=None if job.finished_at is None else moment(job.finished_at),
         solver_version=job.solver_version,
         recomputed=_recomputed(job),
+        cpu_seconds=round(job.cpu_seconds, 6),
         progress=_progress(job, eta_seconds),
         problem=None if job.problem is None else problem_of(job.problem),
         result_sha256=job.result_sha256,

@@ -223,6 +223,7 @@ _JOB: dict[str, Any] = {
     "finished_at": None,
     "solver_version": "0.4.0",
     "recomputed": None,
+    "cpu_seconds": 0.31,
     "progress": {
         "fraction": 0.4, "units_done": 4, "units_expected": 10, "note": "524288 trials", "eta_seconds": 1.5,
     },

@@ -39,6 +39,7 @@ class Job:
         finished_at (None | str):
         solver_version (str):
         recomputed (None | str):
+        cpu_seconds (float):
         progress (JobProgress): How far a job was when something was last recorded.  ``fraction`` is between 0 and 1.
         problem (None | Problem):
         result_sha256 (None | str):
@@ -55,6 +56,7 @@ class Job:
     finished_at: None | str
     solver_version: str
     recomputed: None | str
+    cpu_seconds: float
     progress: JobProgress
     problem: None | Problem
     result_sha256: None | str
@@ -88,6 +90,8 @@ class Job:
         recomputed: None | str
         recomputed = self.recomputed
 
+        cpu_seconds = self.cpu_seconds
+
         progress = self.progress.to_dict()
 
         problem: dict[str, Any] | None
@@ -115,6 +119,7 @@ class Job:
                 "finished_at": finished_at,
                 "solver_version": solver_version,
                 "recomputed": recomputed,
+                "cpu_seconds": cpu_seconds,
                 "progress": progress,
                 "problem": problem,
                 "result_sha256": result_sha256,
@@ -168,6 +173,8 @@ class Job:
 
         recomputed = _parse_recomputed(d.pop("recomputed"))
 
+        cpu_seconds = d.pop("cpu_seconds")
+
         progress = JobProgress.from_dict(d.pop("progress"))
 
         def _parse_problem(data: object) -> None | Problem:
@@ -205,6 +212,7 @@ class Job:
             finished_at=finished_at,
             solver_version=solver_version,
             recomputed=recomputed,
+            cpu_seconds=cpu_seconds,
             progress=progress,
             problem=problem,
             result_sha256=result_sha256,
