@@ -263,7 +263,7 @@ def _megabytes(path: Path) -> str:
 _NOT_RUN = """
 == not run here
      the base image python:3.11-slim-bookworm (Debian's own Python took its place)
-     the images postgres:16-bookworm and nginxinc/nginx-unprivileged (Debian's packages took their place)
+     the images postgres:15-bookworm and nginxinc/nginx-unprivileged (Debian's packages took their place)
      docker compose itself: order of start, restart policies, limits of CPU and memory, published ports, init
 """
 
