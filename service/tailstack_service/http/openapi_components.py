@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, TypeAdapter
 
-from ..documents import json_schema, schema_names
+from ..documents import json_schema
 from ..problems import CATALOGUE, ProblemType
 from .answers import PROBLEM
 from .conversions import ConversionOptions
@@ -75,7 +75,7 @@ def schemas() -> dict[str, Any]:
 
     made = _Schemas()
     for name, component in COMPONENT.items():
-        made.add(component, json_schema(name) if name in schema_names() else {"type": "object"})
+        made.add(component, json_schema(name))
     for path, options in {entry.path: entry.options for entry in (*OPERATIONS, *JOB_OPERATIONS)}.items():
         made.add(request_name(path), _with_design(options))
     made.add("ConversionRequest", ConversionOptions.model_json_schema())
