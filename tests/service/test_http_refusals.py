@@ -293,7 +293,8 @@ def test_bodies_over_the_limit_are_413(bounded: httpx.Client) -> None:
 
 def test_an_announced_flood_is_refused_unread(bounded: httpx.Client) -> None:
     address = (bounded.base_url.host, bounded.base_url.port)
-    head = b"POST /v1/scores HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 99999999999\r\n\r\n"
+    head = b"POST /v1/scores HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+    head += b"Content-Length: 99999999999\r\n\r\n"
     with socket.create_connection(address, timeout=10) as connection:
         connection.sendall(head)
         status, rest = read_answer(connection)
