@@ -76,7 +76,7 @@ def test_lists_go_over_pages(
     client: httpx.Client, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tailstack_service.cli.jobs.PAGE", 2)
-    made = [posted(client, "/v1/sweeps", {"design": small_design(), "axes": [
+    made = [posted(client, "/v1/sweeps", {"design": small_design(name="a name that is longer than a line " * 3), "axes": [
         {"pointer": "/views/0/fiducial_noise_px", "values": [0.1 + 0.01 * k]}]}) for k in range(5)]  # fmt: skip
     assert call(client, "list", "--kind", "sweep", "--limit", "4", "--json") == 0
     assert [record["id"] for record in json.loads(capsys.readouterr().out)] == made[:0:-1]
