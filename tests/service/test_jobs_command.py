@@ -76,8 +76,9 @@ def test_lists_go_over_pages(
     client: httpx.Client, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tailstack_service.cli.jobs.PAGE", 2)
-    made = [posted(client, "/v1/sweeps", {"design": small_design(name="a name that is longer than a line " * 3), "axes": [
-        {"pointer": "/views/0/fiducial_noise_px", "values": [0.1 + 0.01 * k]}]}) for k in range(5)]  # fmt: skip
+    design = small_design(name="drill guide, reference structure with twelve beads")
+    axes = [[{"pointer": "/views/0/fiducial_noise_px", "values": [0.1 + 0.01 * k]}] for k in range(5)]
+    made = [posted(client, "/v1/sweeps", {"design": design, "axes": axis}) for axis in axes]
     assert call(client, "list", "--kind", "sweep", "--limit", "4", "--json") == 0
     assert [record["id"] for record in json.loads(capsys.readouterr().out)] == made[:0:-1]
     assert call(client, "list", "--kind", "sweep") == 0

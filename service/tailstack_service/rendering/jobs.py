@@ -14,8 +14,8 @@ def jobs_text(records: Sequence[Mapping[str, Any]]) -> str:
     """One line a job."""
     rows = [
         (
-            record["id"], record["kind"], record["state"], shortened(record["design_name"], NAME_WIDTH), _second(record["created_at"]),
-            f"{percent(record['progress']['fraction'], 0)} %",
+            record["id"], record["kind"], record["state"], shortened(record["design_name"], NAME_WIDTH),
+            _second(record["created_at"]), f"{percent(record['progress']['fraction'], 0)} %",
         )
         for record in records
     ]  # fmt: skip
