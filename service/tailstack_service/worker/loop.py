@@ -33,7 +33,7 @@ log = logging.getLogger("tailstack.worker")
 
 # Units are taken ahead only as far as they are short: one that waits here could be computed by another worker.
 AHEAD_SECONDS = 0.1  # of computing, for each place of the engine
-AHEAD_UNITS = 8  # at most, for each place of the engine
+AHEAD_UNITS = 3  # at most, for each place of the engine: the next ones may be long
 FIRST_PAUSE, LONGEST_PAUSE = 0.05, 2.0  # s, between attempts while the database does not answer
 FIRST_REST, LONGEST_REST = 0.2, 10.0  # s, without new claims after the engine gave units back
 

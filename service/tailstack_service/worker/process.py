@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import closing, suppress
 from dataclasses import fields
 from types import FrameType
@@ -27,6 +27,7 @@ from .tidying import Tidying
 
 SAME_STOP_SECONDS = 1.0  # a stop of a whole group of processes arrives more than once
 ENDING_SECONDS = 10.0  # for a worker whose parent has gone
+HEARING_SECONDS = 0.2  # at most, until a signal is acted on
 CONNECTING_SECONDS = 0.5  # between attempts to reach a database that is not up yet
 
 
@@ -53,7 +54,11 @@ def run_worker(
         try:
             # Not in this thread: it would not hear a signal while it waits inside a driver of the database
             with ThreadPoolExecutor(1, "tailstack-worker") as thread:
-                thread.submit(worker.run).result()
+                work = thread.submit(worker.run)
+                # A signal that comes just before a wait without end would not be acted on before that end
+                while not wait([work], timeout=HEARING_SECONDS).done:
+                    pass
+                work.result()
         finally:
             tidying.end()
     return stop.signal
