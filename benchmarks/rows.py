@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 import peers
+import service_rows
 from bench import ROUNDS, Row, interleaved
 from optimiser_rows import optimiser, placement
 from scenes import cios_system, read_only
@@ -240,29 +241,6 @@ def count() -> list[Row]:
     return [Row("N = 100 fiducials against N = 12, cost per trial", seconds["many"] / seconds["few"], "×", 6, 5, "<")]
 
 
-def http() -> list[Row]:
-    """POST of a score on loopback, one worker; the load is a loop of http.client on one kept connection."""
-    import http.client
-
-    from tailstack_service.http.server import running_service
-
-    body = json.dumps({"design": _demo_data()})
-    spent = []
-    with running_service() as (host, port):
-        connection = http.client.HTTPConnection(host, port, timeout=60)
-        for k in range(120):
-            start = time.perf_counter()
-            connection.request("POST", "/v1/scores", body, {"Content-Type": "application/json"})
-            response = connection.getresponse()
-            response.read()
-            if response.status != 200:
-                raise RuntimeError(f"the service answered {response.status}")
-            if k >= 20:
-                spent.append(time.perf_counter() - start)
-        connection.close()
-    return [Row("POST of a score, p50, loopback (http.client, one connection)", 1e3 * median(spent), "ms", 10, 3, "<")]
-
-
 def _demo_data() -> dict[str, object]:
     from tailstack.design import design_to_data
 
@@ -279,5 +257,7 @@ GROUPS: dict[str, Callable[[], list[Row]]] = {
     "count": count,
     "optimiser": optimiser,
     "placement": placement,
-    "http": http,
+    "service": service_rows.scores,
+    "start": service_rows.start,
+    "jobs": service_rows.jobs,
 }

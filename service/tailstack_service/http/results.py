@@ -17,6 +17,11 @@ from .service import service_of
 
 FORMATS = ("html", "pdf", "xlsx", "json")
 # private: whoever may read a result is decided by the credential, which a shared cache does not look at
+# A report holds text that a stranger may have written: the page may run what it came with and ask for nothing
+GUARDED = {
+    "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox",
+    "X-Content-Type-Options": "nosniff",
+}
 FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable", "Vary": "Authorization"}
 
 
@@ -53,4 +58,4 @@ async def get_report(request: Request) -> Response:
     watch = Watch(service.settings.max_seconds, service.stopping)
     body, media_type = await service.reports.run(request, watch, render)
     named = {"Content-Disposition": f'inline; filename="tailstack-{result.sha256[:12]}.{form}"'}
-    return tagged_response(request, body, media_type, {"Cache-Control": "private, no-cache", **named})
+    return tagged_response(request, body, media_type, {"Cache-Control": "private, no-cache", **GUARDED, **named})
