@@ -10,7 +10,7 @@ from typing import Any
 from starlette.requests import ClientDisconnect, Request
 
 from tailstack.design import Design, load_design
-from tailstack.design.reading import DEFAULT_LIMITS, Limits, decode, read_text, shown
+from tailstack.design.reading import DEFAULT_LIMITS, Limits, Source, decode, read_text, shown
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 
 from ..problems import MalformedError, RequestError, TransportError
@@ -149,11 +149,11 @@ def design_of(data: dict[str, Any], settings: Settings) -> Design:
     if not isinstance(data["design"], dict):
         problem = Problem("", "wrong-type", f"a design is a mapping of fields; got {shown(data['design'])}")
         raise Placed(DesignError(problem), "/design")
-    return loaded(data["design"], settings, "/design")
+    return loaded(Source(data["design"], None, None), settings, "/design")  # read strictly with the body: plain data
 
 
-def loaded(source: dict[str, Any] | bytes, settings: Settings, prefix: str) -> Design:
-    """A checked design from data or YAML.  Raises Placed, MalformedError for what is not YAML at all."""
+def loaded(source: Source | bytes, settings: Settings, prefix: str) -> Design:
+    """A checked design from what was read, or from YAML.  Raises Placed, MalformedError for what is not YAML at all."""
     form: Any = "yaml" if isinstance(source, bytes) else "auto"
     try:
         return load_design(source, form=form, allow_files=False, limits=limits_of(settings))

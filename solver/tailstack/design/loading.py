@@ -41,7 +41,7 @@ class Design:
 
 
 def load_design(
-    source: str | bytes | Path | Mapping[str, Any],
+    source: str | bytes | Path | Mapping[str, Any] | Source,
     *,
     form: Format = "auto",
     base_directory: Path | None = None,
@@ -51,21 +51,23 @@ def load_design(
     """Load and check a design document.
 
     source: a path; or a text with a line break or a leading ``{``, or bytes: the document itself; or plain
-    data.  ``base_directory`` is what a ``fiducials/file`` is relative to when the document did not come from
-    a file.  ``allow_files=False`` refuses such references (a service must not read its own disk for a
-    stranger).  Raises DesignError or LimitError; each problem has a pointer and, from text, a line.
+    data; or a source that was read before.  ``base_directory`` is what a ``fiducials/file`` is relative to when the
+    document did not come from a file.  ``allow_files=False`` refuses such references (a service must not read its own
+    disk for a stranger).  Raises DesignError or LimitError; each problem has a pointer and, from text, a line.
     """
     return _checked(read_source(source, form=form, base_directory=base_directory, limits=limits), allow_files, limits)
 
 
 def read_source(
-    source: str | bytes | Path | Mapping[str, Any],
+    source: str | bytes | Path | Mapping[str, Any] | Source,
     *,
     form: Format = "auto",
     base_directory: Path | None = None,
     limits: Limits = DEFAULT_LIMITS,
 ) -> Source:
     """The plain data of a document, not yet checked against the schema."""
+    if isinstance(source, Source):
+        return source
     if isinstance(source, Mapping):
         return Source(plain_data(source, limits), None, base_directory)
     if isinstance(source, str) and _is_path(source):
