@@ -213,7 +213,7 @@ class Report:
             (
                 "taken up again",
                 [k.taken for k in self.kills],
-                "first unit that was under way is begun anew or recorded",
+                "first unit that was lost is begun anew",
             ),
             ("recovered", [k.recovered for k in self.kills], "last unit that was under way there is recorded"),
         ):
