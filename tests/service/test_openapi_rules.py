@@ -79,7 +79,10 @@ BROKEN: dict[str, tuple[Callable[[Any], Any], str]] = {
         lambda d: operation(d)["responses"]["200"]["content"].update({"text/event-stream": {"itemSchema": {}}}),
         "/paths//v1/jobs/{id}/post/responses/200/content/text/event-stream: itemSchema is a keyword of OpenAPI 3.2",
     ),
-    "name": (lambda d: operation(d).update(operationId="createJob"), f"{ONLY}: operationId 'createJob' is not snake_case"),
+    "name": (
+        lambda d: operation(d).update(operationId="createJob"),
+        f"{ONLY}: operationId 'createJob' is not snake_case",
+    ),
     "no name": (lambda d: operation(d).pop("operationId"), f"{ONLY}: operationId '' is not snake_case"),
     "name twice": (twice, f"POST /v1/others: operationId create_job is also that of {ONLY}"),
     "summary": (lambda d: operation(d).pop("summary"), f"{ONLY}: no summary"),
