@@ -17,7 +17,7 @@ import numpy as np
 
 from .contributors import WorstCase, declared_law, worst_case
 from .design import Design
-from .errors import DesignError, Problem
+from .errors import DesignError, OutOfRangeError, Problem
 from .montecarlo import ChainPlan, compile_plan, run_indices
 from .montecarlo.estimators import Goal, quantile_estimate, simulate_to_precision
 from .montecarlo.radial import LinearChain, RadialEstimate, gains_in_plan_order, radial
@@ -31,6 +31,7 @@ from .tail.declared import law_exceedance, law_quantile
 from .verdict import check_pooled
 
 PRECISION = 0.005  # relative half-width of the interval of P95, when nothing else is asked for
+FINEST_PRECISION = 1e-4
 MAX_TRIALS = 2**22
 RADIAL_COMPANION_TRIALS = 2**15  # plain trials beside a radial run: moments, CVaR, worst
 UNITS, SHOTS = 2048, 512  # nested sampling of a per-unit requirement
@@ -104,7 +105,8 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """How a design is to be checked: see ``verify``.  Raises DesignError for trials and precision at once."""
+    """How a design is to be checked: see ``verify``.  Raises DesignError for trials and precision at once,
+    OutOfRangeError for a precision that no affordable number of trials reaches."""
 
     trials: int | None = None
     precision: float | None = None
@@ -117,6 +119,9 @@ class Sampling:
             raise DesignError(
                 Problem("", "trials-and-precision", "both trials and precision were given", "give one of them")
             )
+        if self.precision is not None and not FINEST_PRECISION <= self.precision < 1:
+            detail = f"precision must be at least {FINEST_PRECISION:g} and below 1; got {self.precision:g}"
+            raise OutOfRangeError(Problem("/precision", "out-of-range", detail, "a finer one takes billions of trials"))
 
 
 def prepare(design: Design | System) -> Prepared:

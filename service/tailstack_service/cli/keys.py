@@ -87,7 +87,10 @@ def _revoke(db: Database, arguments: argparse.Namespace) -> Answer:
     key = revoke(db, key_id)
     if key is None:
         raise RequestError(Problem("", "unknown-key", f"there is no key {key_id[:40]!r}", "tailstack keys list"))
-    print(f"key {key.id} of tenant {key.tenant} is refused from now on", file=sys.stderr)
+    print(
+        f"key {key.id} of tenant {key.tenant} is refused from now on (running services notice within 5 s)",
+        file=sys.stderr,
+    )
     return Answer("")
 
 

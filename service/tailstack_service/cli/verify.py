@@ -34,8 +34,8 @@ def precision(text: str) -> float:
         value = float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected a number like 0.01; got {text!r}") from None
-    if not 0 < value < 1:
-        raise argparse.ArgumentTypeError(f"expected a relative half-width between 0 and 1; got {text}")
+    if not 1e-4 <= value < 1:
+        raise argparse.ArgumentTypeError(f"expected a relative half-width of at least 0.0001 and below 1; got {text}")
     return value
 
 

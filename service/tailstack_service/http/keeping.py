@@ -50,9 +50,14 @@ class Kept:
             with self._changing:
                 if self._stopping.is_set():
                     return
-                _close(self._process)
                 begun = time.monotonic()
-                self._process = self._start()
+                try:
+                    started = self._start()
+                except OSError:  # no memory or no process to be had just now: the old one is waited for again
+                    log.exception("", extra={"action": "child-not-started", "kind": self.name})
+                    continue
+                _close(self._process)
+                self._process = started
 
     def tell(self) -> None:
         """Ask the process to end, and start no other.  Returns at once; may be called more than once."""

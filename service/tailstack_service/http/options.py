@@ -47,7 +47,7 @@ class CheckOptions(Options):
     trials: Annotated[int, Field(ge=1)] | None = Field(
         None, description="Number of trials. Either this or precision; neither: the solver's own precision."
     )
-    precision: Annotated[float, Field(gt=0, lt=1)] | None = Field(
+    precision: Annotated[float, Field(ge=1e-4, lt=1)] | None = Field(
         None, description="Half-width of the confidence interval of P95, relative, at which sampling stops."
     )
     seed: Seed = Field(0, description="Seed; one seed is one answer, whatever workers and threads.")

@@ -86,6 +86,7 @@ class Server(uvicorn.Server):
                 log_config=None,
                 access_log=False,
                 lifespan="on",
+                http="h11",  # strict: httptools takes requests with two Host headers or none
                 timeout_graceful_shutdown=GRACE_SECONDS,
                 server_header=False,
                 ws="none",
@@ -173,10 +174,10 @@ def _serve_with_several(bound: socket.socket, settings: Settings, kept: _Family)
             for number in range(settings.api_processes):
                 start = lambda: _start_api_process(bound, settings, counters)  # noqa: E731
                 kept.children.append(Kept(f"api-{number + 1}", start))
-            bound.close()
             while not stopped:
                 time.sleep(LOOK_SECONDS)
             kept.stop()
+            bound.close()
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)

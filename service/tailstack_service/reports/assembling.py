@@ -21,6 +21,7 @@ from tailstack.system import Array
 from tailstack.tail.declared import law_exceedance
 
 from ..problems import RequestError
+from .chapters.optimisation import optimise_command
 from .headline import headline_of
 from .records import Convergence, ConvergencePoint, ErrorDistribution, Report, Reproduction
 
@@ -157,7 +158,7 @@ def _reproduction(
     if verification is not None:
         commands.append(f"tailstack verify design.yaml{drawn} --json")
     if optimisation is not None:
-        commands.append("tailstack optimise design.yaml --json")
+        commands.append(optimise_command(optimisation))
     return Reproduction(
         commands=tuple(commands),
         seed=None if verification is None else options.seed,

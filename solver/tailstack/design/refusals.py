@@ -31,6 +31,12 @@ _WANTED = {
 }
 
 
+PATTERNS = {  # what a text that does not match does wrong
+    r"^[^\x00-\x1f\x7f]*$": "holds a line break or a control character",
+    r"^\d{4}-\d{2}-\d{2}$": "is not a date of the form YYYY-MM-DD",
+}
+
+
 def escape(step: str | int) -> str:
     """One reference token of an RFC 6901 pointer."""
     return str(step).replace("~", "~0").replace("/", "~1")
@@ -139,7 +145,7 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
         return Problem(pointer(path), kind.replace("_", "-"), f"needs {many} {bound} entries; got {shown(value)}")
     if kind in ("string_too_short", "string_too_long", "string_pattern_mismatch"):
         detail = {"string_too_short": "must not be empty", "string_too_long": "is too long"}.get(
-            kind, "holds a line break or a control character"
+            kind, PATTERNS.get(str(context.get("pattern")), "is not of the form that is asked for")
         )
         return Problem(pointer(path), "bad-text", f"the text {detail}; got {shown(value)}")
     at = [step for step in str(context.get("at", "")).split("/") if step]

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from tailstack.results import Optimisation
 
-from ..blocks import Block, Bullets, Column, Document, Facts, Figure, KeyNumber, Listing, Row, Section, Table
+from ..blocks import Block, Bullets, Column, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Row, Section, Table
 from .tables import not_included, provenance_facts
 from .verification import sampling_blocks, verification_blocks
 
 MOST_BINDING = 3  # said on the first page
+
+REPRODUCTION = (
+    "design.yaml is the design that was optimised, as it was sent; this record holds the new one. The same version of "
+    "tailstack gives the same digits, whatever the number of threads, workers or machines."
+)
+
+
+def optimise_command(found: Optimisation) -> str:
+    """The command that gives this optimisation again."""
+    return f"tailstack optimise design.yaml --seed {found.certificate.seed} --starts {found.certificate.starts} --json"
 
 
 def optimisation_document(found: Optimisation, sha256: str) -> Document:
@@ -31,7 +41,7 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
             Section("Check of the new design", (*verification_blocks(check), *sampling_blocks(check))),
             Section("Certificate", certificate_blocks(found)),
             Section("What is not included", (not_included(found.provenance),)),
-            Section("Reproduction", (Listing("tailstack optimise design.yaml --json"),)),
+            Section("Reproduction", (Listing(optimise_command(found)), Paragraph(REPRODUCTION))),
             Section("The new design", (design_listing(found.design, "The new design, as YAML"),), page=True),
         ),
         provenance=provenance_facts(found.provenance, sha256, found.schema),
