@@ -366,6 +366,13 @@ def test_too_many_designs_are_refused() -> None:
         admitted(body, today=TODAY, max_designs=2)
 
 
+def test_two_designs_of_one_name_are_refused() -> None:
+    body = {"designs": [{"file": "d.yaml", "design": limited(1.0)}] * 2}
+    with pytest.raises(RequestError, match="also the name of design 0") as refused:
+        admitted(body, today=TODAY)
+    assert refused.value.problems[0].pointer == "/designs/1/file"
+
+
 @pytest.mark.parametrize("rule", RULES)
 def test_every_rule_has_a_page(rule: str) -> None:
     from tailstack_service.gate.rules import explanation

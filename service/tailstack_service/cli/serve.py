@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     settings = replace(settings_from(os.environ), **{name: value for name, value in given.items() if value is not None})
     bound = bind(arguments.host, arguments.port, settings)
     log_to_stderr(settings.log_format)
+    told = f"serving on {address_of(bound)}   (Ctrl-C stops; /openapi.json describes it)"
     with bound:
-        print(f"serving on {address_of(bound)}   (Ctrl-C stops; /openapi.json describes it)", flush=True)
-        serve(bound, settings, worker=not arguments.no_worker)
+        serve(bound, settings, worker=not arguments.no_worker, announce=lambda: print(told, flush=True))
     return Answer("", PASS)

@@ -92,6 +92,11 @@ def admitted(
     if len(request.designs) > max_designs:
         detail = f"a gate takes {max_designs} designs at most; {len(request.designs)} arrived"
         raise LimitError(Problem("/designs", "too-many", detail, "split it, or raise TAILSTACK_MAX_GATE_DESIGNS"))
+    names = [entry.file for entry in request.designs]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            detail = f"{name!r} is also the name of design {names.index(name)}: findings could not be told apart"
+            raise RequestError(Problem(f"/designs/{index}/file", "given-twice", detail, "name every design once"))
     complete = request.model_dump(mode="json", by_alias=True)
     complete["designs"] = [{k: v for k, v in entry.items() if v is not None} for entry in complete["designs"]]
     complete["today"] = request.today or today.isoformat()

@@ -115,14 +115,18 @@ class Server(uvicorn.Server):
         self.tell()
 
 
-def serve(bound: socket.socket, settings: Settings, *, worker: bool = True) -> None:
+def serve(
+    bound: socket.socket, settings: Settings, *, worker: bool = True, announce: Callable[[], None] | None = None
+) -> None:
     """Serve until SIGTERM (returns) or SIGINT (raises KeyboardInterrupt); no process is left behind.
 
-    A SQLite database is created or brought up to date first.  Raises StoreError for one that cannot be used,
-    RequestError for settings of authentication that cannot work.
+    A SQLite database is created or brought up to date first; then ``announce`` is called.  Raises StoreError for a
+    database that cannot be used, RequestError for settings of authentication that cannot work.
     """
     check_settings(settings)
     open_database(settings.database_url, migrate=True).close()
+    if announce is not None:
+        announce()
     kept = _Family(settings, worker)
     try:
         if settings.api_processes > 1:
