@@ -160,6 +160,7 @@ def test_no_credential_is_ever_told_again(
     import logging
 
     monkeypatch.setattr(logging.getLogger("tailstack"), "propagate", True)
+    caplog.set_level(logging.DEBUG, "tailstack")  # the commands, run by other tests of this process, set a level there
     caplog.set_level(logging.DEBUG)
     secret, token = guarded.key("read"), guarded.token(aud="another")
     answers = [
