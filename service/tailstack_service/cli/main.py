@@ -12,8 +12,8 @@ from typing import NoReturn
 from .answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
 
 VERBS = (
-    "demo", "validate", "score", "verify", "optimise", "sweep", "gate", "report", "convert", "serve", "worker", "jobs",
-    "db", "keys", "schema", "openapi", "doctor", "version",
+    "demo", "validate", "score", "verify", "optimise", "sweep", "study", "gate", "report", "convert", "serve", "worker",
+    "jobs", "db", "keys", "schema", "openapi", "doctor", "version",
 )  # fmt: skip
 EPILOG = """\
 exit codes: 0 pass · 1 the design fails · 2 bad input or usage · 3 could not evaluate · 4 inconclusive · 130 interrupted

@@ -1,0 +1,1 @@
+"""Commands of ``tailstack study``, one a module."""
