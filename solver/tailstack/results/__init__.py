@@ -1,0 +1,87 @@
+"""What the library answers with: frozen records of plain Python numbers, units in every name.
+
+The command line prints them, the service serialises them as they stand, and their JSON Schemas are
+published.  Names in them are a contract: scripts read them.
+"""
+
+from __future__ import annotations
+
+from .optimisation import (
+    Certificate,
+    ChangedSpacing,
+    ChangedTolerance,
+    CountTried,
+    FrontPoint,
+    LocalOptimum,
+    MovedFiducial,
+    MovedPivot,
+    Optimisation,
+    PlacementValue,
+    Relaxation,
+    ShadowPrice,
+)
+from .score import (
+    Bounds,
+    Contributor,
+    MetricScore,
+    PerUnit,
+    Score,
+    SecondOrder,
+    TargetScore,
+    Validity,
+)
+from .verdicts import (
+    Check,
+    Finding,
+    Interval,
+    Matrix3,
+    Provenance,
+    Severity,
+    Vector3,
+    Verdict,
+    ViewCheck,
+)
+from .verification import (
+    Exceedance,
+    MetricEstimate,
+    Reprojection,
+    TargetEstimate,
+    Verification,
+)
+
+__all__ = [
+    "Bounds",
+    "Certificate",
+    "ChangedSpacing",
+    "ChangedTolerance",
+    "Check",
+    "Contributor",
+    "CountTried",
+    "Exceedance",
+    "Finding",
+    "FrontPoint",
+    "Interval",
+    "LocalOptimum",
+    "Matrix3",
+    "MetricEstimate",
+    "MetricScore",
+    "MovedFiducial",
+    "MovedPivot",
+    "Optimisation",
+    "PerUnit",
+    "PlacementValue",
+    "Provenance",
+    "Relaxation",
+    "Reprojection",
+    "Score",
+    "SecondOrder",
+    "Severity",
+    "ShadowPrice",
+    "TargetEstimate",
+    "TargetScore",
+    "Validity",
+    "Vector3",
+    "Verdict",
+    "Verification",
+    "ViewCheck",
+]
