@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Literal
 
+from .moments import moment
 from .problems import ProblemDocument, ProblemEntry
 
 if TYPE_CHECKING:
@@ -90,11 +90,6 @@ def job_document(job: Job, eta_seconds: float | None = None) -> JobDocument:
         result_sha256=job.result_sha256,
         links=JobLinks(path, f"{path}/events", f"{path}/cancel", result, f"{result}/report" if result else None),
     )
-
-
-def moment(seconds: float) -> str:
-    """Epoch seconds as RFC 3339, UTC, to the millisecond."""
-    return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def problem_of(stored: dict[str, Any]) -> ProblemDocument:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import logging
 import sys
-from datetime import UTC, datetime
 from typing import Any, TextIO
+
+from .moments import moment
 
 # What a log call may carry beside its text, in the order in which a person reads it.
 FIELDS = (
@@ -26,7 +27,7 @@ class TextFormatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         told = " ".join(f"{name}={_word(value)}" for name, value in fields_of(record).items())
         message = _one_line(record.getMessage())
-        head = f"{_moment(record)} {record.levelname} {record.name}"
+        head = f"{moment(record.created)} {record.levelname} {record.name}"
         line = " ".join(part for part in (head, told, message) if part)
         return line + ("\n" + self.formatException(record.exc_info) if record.exc_info else "")
 
@@ -35,7 +36,7 @@ class JsonFormatter(logging.Formatter):
     """One JSON object a line: ts, level, logger, message, then the fields; a traceback is one text."""
 
     def format(self, record: logging.LogRecord) -> str:
-        told: dict[str, Any] = {"ts": _moment(record), "level": record.levelname.lower(), "logger": record.name}
+        told: dict[str, Any] = {"ts": moment(record.created), "level": record.levelname.lower(), "logger": record.name}
         message = record.getMessage()
         told |= {"message": message} if message else {}
         told |= fields_of(record)
@@ -55,10 +56,6 @@ def log_to_stderr(form: str = "text", level: int = logging.INFO, stream: TextIO 
         logger = logging.getLogger(name)
         logger.handlers, logger.propagate = [handler], False
         logger.setLevel(level if name == "tailstack" else logging.WARNING)
-
-
-def _moment(record: logging.LogRecord) -> str:
-    return datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def _word(value: Any) -> str:

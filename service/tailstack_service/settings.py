@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from tailstack.cores import usable_cores
 from tailstack.errors import Problem
 
 from .problems import RequestError
@@ -21,10 +22,6 @@ def _setting(default: Any, meaning: str, low: float, high: float) -> Any:
 
 def _text(default: str, meaning: str, *, choices: tuple[str, ...] = ()) -> Any:
     return field(default=default, metadata={"meaning": meaning, "choices": choices})
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +55,7 @@ class Settings:
     cpu_seconds_per_hour: float = _setting(0.0, "CPU seconds of one tenant's jobs in an hour; 0: any", 0, 1e9)
     max_job_seconds: float = _setting(3_600.0, "CPU seconds of one job", 1, 1e7)
     keep_days: float = _setting(30.0, "days for which finished jobs and their results are kept", 0.001, 36_500)
-    worker_processes: int = _setting(_cores(), "computing processes of one worker (engine pool)", 1, 256)
+    worker_processes: int = _setting(usable_cores(), "computing processes of one worker (engine pool)", 1, 256)
     lease_seconds: float = _setting(15.0, "seconds after which a silent worker's units are given to another", 1, 3_600)
     poll_seconds: float = _setting(0.05, "seconds between an idle worker's looks for work", 0.005, 60)
     max_unit_deaths: int = _setting(5, "computing processes that one unit may take with it", 1, 100)

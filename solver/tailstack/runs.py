@@ -16,13 +16,15 @@ from typing import Literal, Protocol, TypeVar
 import numpy as np
 
 from .contributors import WorstCase, declared_law, worst_case
+from .cores import usable_cores
 from .design import Design
 from .errors import DesignError, OutOfRangeError, Problem
 from .montecarlo import ChainPlan, compile_plan, run_indices
 from .montecarlo.estimators import Goal, quantile_estimate, simulate_to_precision
 from .montecarlo.radial import LinearChain, RadialEstimate, gains_in_plan_order, radial
 from .montecarlo.shards import Pending, Shard, Wanted
-from .montecarlo.simulate import Samples, available_threads, simulate
+from .montecarlo.simulate import Samples, simulate
+from .precision import FINEST_PRECISION, PRECISION
 from .propagation.linear import LinearModel, linearise
 from .results import Finding, Interval, Validity
 from .scoring import FRAMES, P95, checked_system, tightest_limit, trust_of
@@ -30,8 +32,6 @@ from .system import Array, Requirement, System
 from .tail.declared import law_exceedance, law_quantile
 from .verdict import check_pooled
 
-PRECISION = 0.005  # relative half-width of the interval of P95, when nothing else is asked for
-FINEST_PRECISION = 1e-4
 MAX_TRIALS = 2**22
 RADIAL_COMPANION_TRIALS = 2**15  # plain trials beside a radial run: moments, CVaR, worst
 UNITS, SHOTS = 2048, 512  # nested sampling of a per-unit requirement
@@ -319,7 +319,7 @@ def _unit_quantiles(
 
 def _units_here(wanted: UnitsWanted, *, threads: int | None) -> Array:
     batches = range(0, UNITS, UNITS_PER_BATCH)
-    with ThreadPoolExecutor(available_threads() if threads is None else threads) as pool:
+    with ThreadPoolExecutor(usable_cores() if threads is None else threads) as pool:
         return np.concatenate(list(pool.map(lambda first: unit_quantiles(wanted, first, UNITS_PER_BATCH), batches)))
 
 

@@ -10,6 +10,7 @@ from scipy.stats import beta
 from .contributors import declared_law
 from .design import Design
 from .montecarlo.estimators import cvar_estimate, exceedance_estimate, interval_ranks, quantile_estimate
+from .precision import PRECISION
 from .results import (
     Check,
     Exceedance,
@@ -22,7 +23,6 @@ from .results import (
 )
 from .runs import (
     MAX_TRIALS,
-    PRECISION,
     UNITS,
     Method,
     Prepared,

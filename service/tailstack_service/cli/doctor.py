@@ -57,9 +57,10 @@ def _processor() -> str:
 
 
 def _threads() -> str:
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    from tailstack.cores import usable_cores
+
     blas = os.environ.get("OMP_NUM_THREADS") or "not set"
-    return f"{usable} usable, OMP_NUM_THREADS {blas}"
+    return f"{usable_cores()} usable, OMP_NUM_THREADS {blas}"
 
 
 def _compile_cache() -> str:

@@ -30,12 +30,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def precision(text: str) -> float:
     """An argparse type: a relative half-width."""
+    from tailstack.precision import FINEST_PRECISION as FINEST
+
     try:
         value = float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected a number like 0.01; got {text!r}") from None
-    if not 1e-4 <= value < 1:
-        raise argparse.ArgumentTypeError(f"expected a relative half-width of at least 0.0001 and below 1; got {text}")
+    if not FINEST <= value < 1:
+        raise argparse.ArgumentTypeError(
+            f"expected a relative half-width of at least {FINEST:g} and below 1; got {text}"
+        )
     return value
 
 

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from tailstack.design.fields import Length, Name, Record, refusal
+from tailstack.precision import FINEST_PRECISION
 
 POLICY_SCHEMA = "tailstack/policy/1"
 
@@ -225,7 +226,7 @@ class DesignClass(Record):
 class Check(Record):
     """How Monte Carlo is drawn."""
 
-    precision: Annotated[float, Field(ge=1e-4, le=0.5)] = Field(
+    precision: Annotated[float, Field(ge=FINEST_PRECISION, le=0.5)] = Field(
         default=0.01,
         description="Relative half-width of the interval of P95 at which drawing may end.",
         examples=[0.01],

@@ -12,7 +12,8 @@ from starlette.responses import Response, StreamingResponse
 
 from tailstack.errors import Problem, TailstackError
 
-from ..job_document import ENDED, moment
+from ..job_document import ENDED
+from ..moments import moment
 from ..problems import RequestError, TransportError
 from ..settings import variable
 from ..store import jobs as stored

@@ -10,6 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from tailstack.design.reading import shown
 from tailstack.errors import LimitError, Problem
+from tailstack.precision import FINEST_PRECISION
 
 from ..problems import RequestError
 from ..settings import Settings, variable
@@ -47,7 +48,7 @@ class CheckOptions(Options):
     trials: Annotated[int, Field(ge=1)] | None = Field(
         None, description="Number of trials. Either this or precision; neither: the solver's own precision."
     )
-    precision: Annotated[float, Field(ge=1e-4, lt=1)] | None = Field(
+    precision: Annotated[float, Field(ge=FINEST_PRECISION, lt=1)] | None = Field(
         None, description="Half-width of the confidence interval of P95, relative, at which sampling stops."
     )
     seed: Seed = Field(0, description="Seed; one seed is one answer, whatever workers and threads.")

@@ -7,7 +7,6 @@ largest are kept: enough for the quantiles asked for; ``deepened`` repeats the r
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ..cores import usable_cores
 from ..errors import OutOfRangeError, Problem
 from ..system import Array, System
 from .plan import ChainPlan, compile_plan
@@ -119,11 +119,6 @@ def _in_order(wanted: Wanted, batch: int, threads: int) -> Iterator[Shard]:
             yield from waiting.popleft().result()
 
 
-def available_threads() -> int:
-    """Processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
-
-
 def simulate(
     system: System | ChainPlan,
     *,
@@ -162,7 +157,7 @@ def simulate(
         plan = system
     else:
         plan = compile_plan(system, vertex=vertex, shots_per_unit=shots_per_unit)
-    threads = available_threads() if threads is None else threads
+    threads = usable_cores() if threads is None else threads
     batch = BLOCK if batch is None else batch
     if threads < 1 or batch < 1:
         raise OutOfRangeError(

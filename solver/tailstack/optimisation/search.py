@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
@@ -13,6 +12,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
+from ..cores import usable_cores
 from ..errors import NotConvergedError, Problem, TailstackError
 from ..results import LocalOptimum
 from ..system import Array
@@ -102,7 +102,7 @@ def prepare_search(
         choices = [replace(here, fiducials_mm=layout) for layout in layouts[:3] if not is_flat(layout)]
         leading = leading_demands(problem, terms, choices, LEADING)
         active = tuple(term for k, term in enumerate(terms) if k in leading)
-    lanes = min(cores() if threads is None else threads, len(layouts))
+    lanes = min(usable_cores() if threads is None else threads, len(layouts))
     return _prepared(build_program(problem, estimator, active, lanes), terms, estimator, layouts)
 
 
@@ -233,11 +233,6 @@ def _wait(future: Future[Point], futures: list[Future[Point]], stop: Stop | None
                 for later in futures:
                     later.cancel()
                 return
-
-
-def cores() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def farthest(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> tuple[DemandTerms, ...]:
