@@ -1,0 +1,286 @@
+"""The scene on paper: the structure close up and the whole set-up, from the camera that the viewer begins with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from math import atan2, degrees, sqrt
+from typing import Any
+
+import numpy as np
+
+from tailstack.system import Array
+
+from ...rendering.label_places import MarkedPoint, label_places
+from ...rendering.panels import round_step
+from ...rendering.svg import FONT, INK, LABEL_COLOUR, MUTED, line, printable, rounded, shape, text
+from .frame import WIDTH, picture
+from .scene import LOOKS, Camera, Item, Point3, Scene
+
+NEAR, FAR = (8, 30, 430, 400), (462, 30, 250, 400)  # left, top, width, height of the two panels
+PAD = 26
+MOST_LABELS = 40
+CIRCLE = 40
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """A camera fitted to a panel: orthographic, so that one scale holds everywhere."""
+
+    right: Array
+    up: Array
+    eye: Array  # towards the eye
+    scale: float  # page units per mm
+    offset: Array  # (2,)
+    panel: tuple[float, float, float, float]
+
+    def page(self, points_mm: Array) -> Array:
+        """(N, 3) mm, con -> (N, 2) page."""
+        flat = np.column_stack([points_mm @ self.right, -(points_mm @ self.up)])
+        return np.asarray(self.offset + self.scale * flat)
+
+    def depth(self, points_mm: Array) -> float:
+        """Mean distance towards the eye, mm."""
+        return float((points_mm @ self.eye).mean())
+
+
+def scene_svg(scene: Scene, name: str = "layout", camera: str = "iso") -> str:
+    """Both panels of a scene, with the layers that it shows at first.  The same scene gives the same text."""
+    view = next(entry for entry in scene.cameras if entry.key == camera)
+    parts = [
+        text(NEAR[0], 16, "Structure, connector frame con, mm", weight="bold"),
+        text(FAR[0], 16, "Whole set-up, con, mm", weight="bold"),
+    ]
+    near, far = fitted(view, scene.near, NEAR), fitted(view, scene.far, FAR)
+    hidden = {layer.key for layer in scene.layers if not layer.shown}
+    items = [item for item in scene.items if item.layer not in hidden]
+    parts += _panel(near, [item for item in items if item.layer != "beams"], f"{name}-near", True)
+    parts += _panel(far, [item for item in items if item.layer not in ("directions", "floor")], f"{name}-far", False)
+    rows, bottom = _legend(scene, items, NEAR[1] + NEAR[3] + 12)
+    words = f"{scene.words} {scene.note}"
+    return picture(name, scene.title, words, bottom, [*parts, *rows])
+
+
+def fitted(camera: Camera, points: Sequence[Point3], panel: tuple[float, float, float, float]) -> Sight:
+    """The largest scale at which all points are in the panel, with room for labels."""
+    right, up = np.array(camera.right), np.array(camera.up)
+    given = np.array(points)
+    flat = np.column_stack([given @ right, -(given @ up)])
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    left, top, width, height = panel
+    # The strip below holds the axes and the scale bar.
+    room = np.array([width - 2 * PAD, height - 2 * PAD - 34])
+    scale = float((room / np.maximum(high - low, 1e-3)).min())
+    offset = np.array([left + PAD, top + PAD]) + (room - scale * (high - low)) / 2 - scale * low
+    eye = np.cross(right, up)
+    return Sight(right, up, eye, scale, offset, panel)
+
+
+def _panel(sight: Sight, items: Sequence[Item], name: str, labels: bool) -> list[str]:
+    left, top, width, height = sight.panel
+    clip = f'<clipPath id="{name}-clip"><rect x="{left}" y="{top}" width="{width}" height="{height}"/></clipPath>'
+    order = {"face": 0, "line": 1, "ellipsoid": 2, "arrow": 2, "mark": 2}
+
+    def rank(item: Item) -> tuple[int, float]:
+        if item.layer == "floor":
+            return (0, -1e9) if item.kind == "face" else (1, -1e9)
+        points = np.array(item.points[:1] if item.kind == "ellipsoid" else item.points)
+        return order[item.kind], sight.depth(points)
+
+    drawn = [part for item in sorted(items, key=rank) for part in _drawn(sight, item)]
+    frame = f'<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="none" stroke="#d9dee3"/>'
+    return [
+        clip, f'<g clip-path="url(#{name}-clip)">', *drawn, "</g>", frame,
+        *_labels(sight, items, labels), *axes(sight, 30.0 if labels else 20.0),
+    ]  # fmt: skip
+
+
+def _drawn(sight: Sight, item: Item) -> list[str]:
+    points = np.array(item.points)
+    tip = f"<title>{escape(printable(item.title, 200))}</title>" if item.title else ""
+    if item.kind == "mark":
+        x, y = sight.page(points)[0]
+        return [f"<g>{mark(item.look, float(x), float(y))}{tip}</g>"]
+    look = LOOKS[item.look]
+    if item.kind == "ellipsoid":
+        return [f"<g>{_ellipsoid(sight, points, look)}{tip}</g>"]
+    page = sight.page(points)
+    if item.kind == "face":
+        return [f'<g><path d="{_path(page)}Z" {_fill(look)} {_stroke(look)}/>{tip}</g>']
+    head = _head(page, look) if item.kind == "arrow" else ""
+    return [f'<g><path d="{_path(page)}" fill="none" {_stroke(look)}/>{head}{tip}</g>']
+
+
+def mark(look: str, x: float, y: float) -> str:
+    """A mark of the scene on the page."""
+    if look in ("fiducial", "new", "target", "pivot 1", "pivot 2"):
+        return shape(look, x, y)  # type: ignore[arg-type]
+    at = f'cx="{rounded(x)}" cy="{rounded(y)}"'
+    if look == "old":
+        return f'<circle {at} r="3.2" fill="#ffffff" stroke="#8a8a8a" stroke-width="1.2"/>'
+    if look == "image":
+        return f'<circle {at} r="1.1" fill="#0072b2"/>'
+    return f'<circle {at} r="3.4" fill="#4b5660"/>'
+
+
+def _path(page: Array) -> str:
+    return "M" + "L".join(f"{rounded(float(x))} {rounded(float(y))}" for x, y in page)
+
+
+def _stroke(look: dict[str, Any]) -> str:
+    dash = f' stroke-dasharray="{" ".join(f"{d:g}" for d in look["dash"])}"' if "dash" in look else ""
+    return f'stroke="{look["stroke"]}" stroke-width="{look["width"]:g}"{dash}'
+
+
+def _fill(look: dict[str, Any]) -> str:
+    return f'fill="{look["fill"]}" fill-opacity="{look["opacity"]:g}"'
+
+
+def _head(page: Array, look: dict[str, Any]) -> str:
+    """The point of an arrow; none where it is seen end on."""
+    along = page[1] - page[0]
+    length = float(np.hypot(*along))
+    if length < 1.0:
+        return ""
+    size = min(3.0 + 2.4 * look["width"], 0.6 * length)
+    unit = along / length
+    side = np.array([-unit[1], unit[0]])
+    corners = [page[1], page[1] - size * unit + 0.42 * size * side, page[1] - size * unit - 0.42 * size * side]
+    points = " ".join(f"{rounded(float(x))},{rounded(float(y))}" for x, y in corners)
+    return f'<polygon points="{points}" fill="{look["stroke"]}"/>'
+
+
+def _ellipsoid(sight: Sight, points: Array, look: dict[str, Any]) -> str:
+    """The outline, and its three main ellipses: solid on the near side."""
+    centre = sight.page(points[:1])[0]
+    axes_mm = points[1:]
+    flat = sight.scale * np.column_stack([axes_mm @ sight.right, -(axes_mm @ sight.up)])
+    form = flat.T @ flat
+    major, minor, turn = _ellipse(form)
+    parts = [
+        f'<ellipse cx="{rounded(centre[0])}" cy="{rounded(centre[1])}" rx="{rounded(major)}" ry="{rounded(minor)}" '
+        f'transform="rotate({rounded(turn)} {rounded(centre[0])} {rounded(centre[1])})" {_fill(look)} {_stroke(look)}/>'
+    ]
+    angles = np.linspace(0.0, 2 * np.pi, CIRCLE + 1)[:, None]
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        ring = np.cos(angles) * axes_mm[i] + np.sin(angles) * axes_mm[j]
+        towards = ring @ sight.eye
+        page = centre + sight.scale * np.column_stack([ring @ sight.right, -(ring @ sight.up)])
+        near = [k for k in range(CIRCLE) if towards[k] + towards[k + 1] >= 0]
+        path = "".join(_path(page[k : k + 2]) for k in near)
+        parts.append(f'<path d="{path}" fill="none" stroke="{look["stroke"]}" stroke-width="0.6"/>')
+    return "".join(parts)
+
+
+def _ellipse(form: Array) -> tuple[float, float, float]:
+    """Semi-axes and turn (degrees) of ``x' form^-1 x = 1`` for a symmetric form (2, 2)."""
+    a, b, c = float(form[0, 0]), float(form[0, 1]), float(form[1, 1])
+    middle, swing = (a + c) / 2, sqrt(((a - c) / 2) ** 2 + b * b)
+    return sqrt(max(middle + swing, 0.0)), sqrt(max(middle - swing, 0.0)), degrees(atan2(2 * b, a - c)) / 2
+
+
+def _labels(sight: Sight, items: Sequence[Item], every: bool) -> list[str]:
+    left, top, width, height = sight.panel
+    inside = (left + 2, top + 2, left + width - 2, top + height - 2)
+    marks = [item for item in items if item.kind in ("mark", "arrow", "line", "face")]
+    crowded = sum(bool(item.label) for item in marks if item.layer == "fiducials") > MOST_LABELS or not every
+    points, colours, lines = [], [], []
+    for item in marks:
+        page = sight.page(np.array(item.points))
+        at = page[0] if item.kind == "mark" else page.mean(axis=0) if item.kind != "arrow" else page[1]
+        if item.layer == "directions":
+            at = page[0]
+        if not (inside[0] <= at[0] <= inside[2] and inside[1] <= at[1] <= inside[3]):
+            continue
+        if item.kind == "mark" and item.look == "image":
+            continue
+        hidden = (item.layer == "fiducials" and crowded) or (
+            not every and item.layer in ("pivots", "keep-out", "levers")
+        )
+        if item.kind != "mark" and not item.label:
+            continue
+        points.append(MarkedPoint(float(at[0]), float(at[1]), "" if hidden else item.label))
+        colours.append(LABEL_COLOUR.get(item.look, MUTED if item.kind != "mark" or item.look == "source" else INK))
+        if item.kind == "arrow":
+            lines.append((float(page[0, 0]), float(page[0, 1]), float(page[1, 0]), float(page[1, 1])))
+    parts = []
+    for point, (x, y), colour in zip(points, label_places(points, lines, inside, FONT), colours, strict=True):
+        if point.text:
+            parts.append(text(x, y, point.text, colour=colour))
+    return parts
+
+
+def axes(sight: Sight, arm: float) -> list[str]:
+    """The directions of con and a bar in mm, at the foot of a panel."""
+    left, top, width, height = sight.panel
+    x, y = left + arm + 12, top + height - arm * 0.55 - 10
+    parts = []
+    for name, right, up, toward in zip("xyz", sight.right, sight.up, sight.eye, strict=True):
+        dx, dy = arm * float(right), -arm * float(up)
+        parts.append(line(x, y, x + dx, y + dy, INK, 1.2))
+        if abs(float(toward)) < 0.97:
+            parts.append(text(x + 1.28 * dx, y + 1.28 * dy + 4, name, anchor="middle"))
+    length = round_step(0.32 * width / sight.scale)
+    end, foot = left + width - 12, top + height - 12
+    begin = end - length * sight.scale
+    parts += [line(begin, foot, end, foot, INK, 1.6)]
+    parts += [line(at, foot - 4, at, foot + 4, INK) for at in (begin, end)]
+    parts.append(text((begin + end) / 2, foot - 7, f"{length:g} mm", anchor="middle"))
+    return parts
+
+
+# --- legend ---------------------------------------------------------------------------------------
+
+_WORDS = {
+    "fiducial": "fiducial", "new": "new fiducial", "old": "as before", "target": "target", "source": "X-ray source",
+    "pivot 1": "pivot, structure–connector", "pivot 2": "pivot, connector–flange",
+}  # fmt: skip
+_LOOK_WORDS = {
+    "tcp": "error at the tool", "tcp-before": "error at the tool, before", "bias": "bias",
+    "bias-before": "bias, before", "localisation": "error as localised", "keep-out": "keep-out zone",
+    "region": "target region", "locator": "locator", "beam": "beam", "moved": "moved",
+}  # fmt: skip
+
+
+def _legend(scene: Scene, items: Sequence[Item], top: float) -> tuple[list[str], float]:
+    """What the marks mean, then what the scales are."""
+    used = {item.look for item in items}
+    parts, x, y = [], 14.0, top + 10
+    for look, words in (*_WORDS.items(), *_LOOK_WORDS.items()):
+        if look not in used:
+            continue
+        said = (
+            f"{words} × {scene.magnification:g}"
+            if look in ("tcp", "tcp-before", "bias", "bias-before", "localisation")
+            else words
+        )
+        wide = 26 + 5.9 * len(said)
+        if x + wide > WIDTH - 10:
+            x, y = 14.0, y + 18
+        parts.append(mark(look, x, y - 4) if look in _WORDS else _sample(look, x, y - 4))
+        parts.append(text(x + 13, y, said))
+        x += wide + 12
+    y += 20
+    for sentence in _broken(scene.note, 118):
+        parts.append(text(7, y, sentence, colour=MUTED))
+        y += 14
+    return parts, y - 4
+
+
+def _sample(look: str, x: float, y: float) -> str:
+    style = LOOKS[look]
+    if "fill" in style:
+        return f'<ellipse cx="{rounded(x)}" cy="{rounded(y)}" rx="8" ry="5" {_fill(style)} {_stroke(style)}/>'
+    ends = np.array([[x - 8, y], [x + 8, y]])
+    head = _head(ends, style) if look in ("bias", "bias-before", "locator", "beam") else ""
+    return f'<path d="{_path(ends)}" fill="none" {_stroke(style)}/>{head}'
+
+
+def _broken(sentence: str, width: int) -> list[str]:
+    lines = [""]
+    for word in sentence.split():
+        if len(lines[-1]) + len(word) + 1 > width:
+            lines.append("")
+        lines[-1] = f"{lines[-1]} {word}".strip()
+    return lines
