@@ -22,7 +22,7 @@ from tailstack.sweep_results import Sweep
 from .gate.records import GateRecord
 from .job_document import JobDocument, JobPage
 from .problems import ProblemDocument
-from .reports.records import Report
+from .reports.records import Comparison, Report
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -87,6 +87,7 @@ RECORDS: dict[str, type] = {
     "validation": Validation,
     "gate": GateRecord,
     "report": Report,
+    "comparison": Comparison,
     "conversion": Conversion,
     "job": JobDocument,
     "jobs": JobPage,
@@ -178,6 +179,7 @@ _TITLES = {
     "validation": "answer of validate over HTTP",
     "gate": "answer of gate: verdict, exit code, findings at their places",
     "report": "score, check and optimisation of one design in one record; html, pdf and xlsx are made from it",
+    "comparison": "two designs reported with one seed and what sets them apart",
     "policy": "what a gate judges by: rules, limits, classes of designs",
     "waivers": "findings that a gate accepts for now",
     "conversion": "answer of convert over HTTP",

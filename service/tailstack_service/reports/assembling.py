@@ -14,8 +14,9 @@ from tailstack.design import Design, design_to_data
 from tailstack.errors import Problem
 from tailstack.montecarlo import run_indices
 from tailstack.montecarlo.estimators import interval_ranks
-from tailstack.results import Optimisation, Score, Verification
-from tailstack.runs import Prepared, prepare
+from tailstack.precision import PRECISION
+from tailstack.results import Optimisation, Score, TargetScore, Verification
+from tailstack.runs import MAX_TRIALS, Prepared, Progress, prepare
 from tailstack.scoring import score as score_design
 from tailstack.system import Array
 from tailstack.tail.declared import law_exceedance
@@ -24,10 +25,12 @@ from ..problems import RequestError
 from .chapters.optimisation import optimise_command
 from .headline import headline_of
 from .records import Convergence, ConvergencePoint, ErrorDistribution, Report, Reproduction
+from .room import allowances
 
 PARTS = ("score", "verification", "optimisation")
+DEFAULT_PARTS = ("score", "verification")
 BINS = 36
-DRAWN = 2**15  # trials that the pictures are drawn from: the first of the check's own
+DRAWN = 2**17  # trials that the pictures are drawn from: the first of the check's own
 PER_CALL = 2**13
 PICTURED = 3  # targets, largest P95 first: a region may have hundreds
 
@@ -36,10 +39,12 @@ PICTURED = 3  # targets, largest P95 first: a region may have hundreds
 class ReportOptions:
     """What a report holds and how its numbers are drawn.  Raises RequestError for what does not go together."""
 
-    parts: tuple[str, ...] = ("score", "verification")
+    parts: tuple[str, ...] = DEFAULT_PARTS
     trials: int | None = None
     precision: float | None = None
     seed: int = 0
+    max_trials: int = MAX_TRIALS
+    starts: int | None = None  # of the optimiser; None: as many as the design says
 
     def __post_init__(self) -> None:
         for index, part in enumerate(self.parts):
@@ -51,17 +56,20 @@ class ReportOptions:
             raise RequestError(Problem("/precision", "trials-and-precision", detail, "give one of them"))
 
 
-def compute_report(design: Design, options: ReportOptions, *, starts: int | None = None) -> Report:
+def compute_report(design: Design, options: ReportOptions, *, progress: Progress | None = None) -> Report:
     """The report of a design, computed here and now.  Raises TailstackError."""
     verification = optimisation = None
     if "verification" in options.parts:
         from tailstack.verifying import verify
 
-        verification = verify(design, trials=options.trials, precision=options.precision, seed=options.seed)
+        verification = verify(
+            design, trials=options.trials, precision=options.precision, seed=options.seed,
+            max_trials=options.max_trials, progress=progress,
+        )  # fmt: skip
     if "optimisation" in options.parts:
         from tailstack.optimisation import optimise
 
-        optimisation = optimise(design, starts=starts)
+        optimisation = optimise(design, starts=options.starts)
     return assemble(design, options, verification, optimisation)
 
 
@@ -71,7 +79,8 @@ def assemble(
     """The report of what was computed; a pure function.  Raises DesignError, IllPosedError."""
     scored = score_design(design)
     ready = prepare(design)
-    distributions, convergence = _drawn(ready, scored, verification, options)
+    pictured = _pictured(scored)
+    distributions, convergence = _drawn(ready, pictured, verification, options)
     return Report(
         schema="tailstack/report/1",
         title=design.name,
@@ -81,20 +90,29 @@ def assemble(
         optimisation=optimisation,
         distributions=distributions,
         convergence=convergence,
+        allowances=tuple(
+            entry
+            for target in pictured
+            for entry in allowances(design, ready.system, ready.models[target.name], target.name, scored.verdict.checks)
+        ),
         design=design_to_data(design),
         reproduction=_reproduction(options, verification, optimisation),
         provenance=scored.provenance if verification is None else verification.provenance,
     )
 
 
+def _pictured(scored: Score) -> list[TargetScore]:
+    return sorted(scored.targets, key=lambda target: target.p95_mm, reverse=True)[:PICTURED]
+
+
 def _drawn(
-    ready: Prepared, scored: Score, verification: Verification | None, options: ReportOptions
+    ready: Prepared, pictured: list[TargetScore], verification: Verification | None, options: ReportOptions
 ) -> tuple[tuple[ErrorDistribution, ...], tuple[Convergence, ...]]:
     """What the pictures of the largest targets show: shares by bins, and how P95 settled."""
-    worst = sorted(scored.targets, key=lambda target: target.p95_mm, reverse=True)[:PICTURED]
     distributions, convergence = [], []
-    for target in worst:
-        norms = None if verification is None else _norms(ready, target.name, verification.trials, options.seed)
+    for target in pictured:
+        count = 0 if verification is None else min(verification.trials, DRAWN)
+        norms = drawn_norms(ready, target.name, options.seed, count) if count else None
         p95 = target.p95_mm if norms is None else float(np.quantile(norms, 0.95))
         edges = np.linspace(0.0, 1.45 * max(p95, target.p95_mm, 1e-9), BINS + 1)
         law, _ = declared_law(ready.models[target.name], "tcp", ready.worst[target.name, "tcp"].mean_mm)
@@ -116,11 +134,10 @@ def _drawn(
     return tuple(distributions), tuple(convergence)
 
 
-def _norms(ready: Prepared, name: str, trials: int, seed: int) -> Array:
-    """(n,) mm: the first trials of the check itself at a target, at most DRAWN of them."""
+def drawn_norms(ready: Prepared, name: str, seed: int, count: int) -> Array:
+    """(count,) mm: norms of the TCP error at a target in the first trials of the check itself."""
     plan = ready.plans[ready.vertices[name, "tcp"]]
     place = [target.name for target in ready.system.targets].index(name)
-    count = min(trials, DRAWN)
     parts = [
         run_indices(plan, seed, first, min(PER_CALL, count - first)).errors[place, 0]
         for first in range(0, count, PER_CALL)
@@ -145,14 +162,12 @@ def _settling(norms: Array, confidence: float) -> tuple[ConvergencePoint, ...]:
 def _reproduction(
     options: ReportOptions, verification: Verification | None, optimisation: Optimisation | None
 ) -> Reproduction:
-    drawn = ""
-    if verification is not None:
-        drawn = f" --seed {options.seed}"
-        drawn += f" --trials {options.trials}" if options.trials is not None else ""
-        drawn += f" --precision {verification.precision_requested:g}" if verification.precision_requested else ""
-    parts = "" if options.parts == ("score", "verification") else f" --parts {','.join(options.parts)}"
+    drawn = "" if verification is None else drawing_options(options)
+    parts = "" if options.parts == DEFAULT_PARTS else f" --parts {','.join(options.parts)}"
+    starts = "" if optimisation is None or options.starts is None else f" --starts {options.starts}"
     commands = [
-        f"tailstack report design.yaml{parts}{drawn} --format json -o out",
+        "tailstack report --verify THIS_FILE",
+        f"tailstack report design.yaml{parts}{drawn}{starts} --format json -o out",
         "tailstack score design.yaml --json",
     ]
     if verification is not None:
@@ -161,14 +176,33 @@ def _reproduction(
         commands.append(optimise_command(optimisation))
     return Reproduction(
         commands=tuple(commands),
+        parts=options.parts,
         seed=None if verification is None else options.seed,
-        statement="design.yaml is the field design of this record: the last section of this report, the sheet Design "
-        "of the spreadsheet. The same version of tailstack gives the same digits, whatever the number of threads, "
-        "workers or machines.",
+        trials=options.trials,
+        precision=options.precision,
+        max_trials=None if verification is None or options.trials is not None else options.max_trials,
+        starts=options.starts,
+        statement="The first command finds in this file all it needs. design.yaml is the field design of this record: "
+        "the last section of this report, the sheet Design of the spreadsheet. The same version of tailstack gives the "
+        "same digits, whatever the number of threads, workers or machines.",
     )
 
 
+def drawing_options(options: ReportOptions) -> str:
+    """The options of the command line that draw the same trials."""
+    if options.trials is not None:
+        return f" --seed {options.seed} --trials {options.trials}"
+    drawn = f" --seed {options.seed} --precision {options.precision or PRECISION:g}"
+    return drawn if options.max_trials == MAX_TRIALS else f"{drawn} --max-trials {options.max_trials}"
+
+
 def options_of(request: dict[str, Any]) -> ReportOptions:
-    """The options of a job's request.  Raises RequestError."""
-    parts = tuple(request.get("parts") or ("score", "verification"))
-    return ReportOptions(parts, request.get("trials"), request.get("precision"), request.get("seed", 0))
+    """The options of a job's request, or of the reproduction of a record.  Raises RequestError."""
+    return ReportOptions(
+        parts=tuple(request.get("parts") or DEFAULT_PARTS),
+        trials=request.get("trials"),
+        precision=request.get("precision"),
+        seed=request.get("seed") or 0,
+        max_trials=request.get("max_trials") or MAX_TRIALS,
+        starts=request.get("starts"),
+    )

@@ -2,9 +2,24 @@
 
 from __future__ import annotations
 
-from .optimising import influence, optimise
-from .placement import PlacementSolution, solve_placement
-from .problem import FreeHalfWidth, Place, PlacementProblem
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .optimising import influence, optimise
+    from .placement import PlacementSolution, solve_placement
+    from .problem import FreeHalfWidth, Place, PlacementProblem
+
+# Loaded on first use: who asks only for the prices of a design does not wait a second for the solvers.
+_HOME = {
+    "FreeHalfWidth": "problem",
+    "Place": "problem",
+    "PlacementProblem": "problem",
+    "PlacementSolution": "placement",
+    "influence": "optimising",
+    "optimise": "optimising",
+    "solve_placement": "placement",
+}
 
 __all__ = [
     "FreeHalfWidth",
@@ -15,3 +30,11 @@ __all__ = [
     "optimise",
     "solve_placement",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'tailstack.optimisation' has no attribute {name!r}")
+    value = getattr(import_module(f".{_HOME[name]}", __name__), name)
+    globals()[name] = value
+    return value

@@ -1,0 +1,86 @@
+"""What differs between two documents, field by field; elements of lists are told by their names if they have any."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from tailstack.sweeping import UNITS
+
+from .records import Change
+
+MOST = 500
+SAYINGS = ("name", "label", "component")  # what tells an element of a list from the others
+LONGEST = 400  # characters of a value
+APART = ("schema",)
+
+
+def changes_of(first: Any, second: Any) -> tuple[tuple[Change, ...], int]:
+    """Fields that differ, in the order of the second document, at most MOST of them; and how many are left out."""
+    found = list(_changes(first, second, "", "", ""))
+    return tuple(found[:MOST]), max(len(found) - MOST, 0)
+
+
+def _changes(first: Any, second: Any, old: str, new: str, name: str) -> Iterator[Change]:
+    if isinstance(first, dict) and isinstance(second, dict):
+        yield from _of_mappings(first, second, old, new, name)
+    elif _listed(first) and _listed(second):
+        yield from _of_lists(first, second, old, new, name)
+    elif first != second:
+        yield Change(new, name.strip(), _unit(new), "changed", _value(first), _value(second))
+
+
+def _of_mappings(first: dict[str, Any], second: dict[str, Any], old: str, new: str, name: str) -> Iterator[Change]:
+    for key, value in second.items():
+        if new == "" and key in APART:
+            continue
+        ways = (f"{old}/{_escaped(key)}", f"{new}/{_escaped(key)}", f"{name} {key}")
+        if key in first:
+            yield from _changes(first[key], value, *ways)
+        elif value is not None:
+            yield Change(ways[1], ways[2].strip(), _unit(ways[1]), "added", None, _value(value))
+    for key, value in first.items():
+        if key not in second and value is not None:
+            at = f"{old}/{_escaped(key)}"
+            yield Change(at, f"{name} {key}".strip(), _unit(at), "removed", _value(value), None)
+
+
+def _of_lists(first: list[Any], second: list[Any], old: str, new: str, name: str) -> Iterator[Change]:
+    before, after = _told(first), _told(second)
+    for key, place in after.items():
+        ways = (f"{old}/{before.get(key, 0)}", f"{new}/{place}", f"{name} {key}")
+        if key in before:
+            yield from _changes(first[before[key]], second[place], *ways)
+        else:
+            yield Change(ways[1], ways[2].strip(), "", "added", None, _value(second[place]))
+    for key, place in before.items():
+        if key not in after:
+            yield Change(f"{old}/{place}", f"{name} {key}".strip(), "", "removed", _value(first[place]), None)
+
+
+def _listed(node: Any) -> bool:
+    """A list of mappings: a position, a matrix are values."""
+    return isinstance(node, list) and all(isinstance(item, dict) for item in node)
+
+
+def _told(items: list[Any]) -> dict[str, int]:
+    """Places by what tells an element: its name, if all have one and no two the same, or else its number."""
+    for saying in SAYINGS:
+        names = [item.get(saying) for item in items]
+        if all(isinstance(said, str) and said for said in names) and len(set(names)) == len(names):
+            return {str(said): place for place, said in enumerate(names)}
+    return {str(place): place for place in range(len(items))}
+
+
+def _value(node: Any) -> str:
+    text = json.dumps(node, ensure_ascii=False, separators=(", ", ": "))
+    return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
+
+
+def _unit(pointer: str) -> str:
+    return next((unit for ending, unit in UNITS.items() if pointer.endswith(ending)), "")
+
+
+def _escaped(step: str) -> str:
+    return step.replace("~", "~0").replace("/", "~1")

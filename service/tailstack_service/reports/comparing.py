@@ -1,0 +1,172 @@
+"""Two designs side by side: both reported alike with one seed, then what sets them apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from tailstack.design import Design, load_design
+from tailstack.errors import Problem
+from tailstack.results import Verification
+from tailstack.runs import Progress, prepare
+
+from ..problems import RequestError
+from .assembling import ReportOptions, compute_report, drawing_options, drawn_norms
+from .changes import changes_of
+from .headline import contributor_name, decisive_check, verdict_sentence
+from .paired import FEWEST, SECTIONS, paired_difference
+from .records import Comparison, ComparisonHeadline, Difference, Report
+
+MOST_COMPARED = 2**18  # trials of each design
+MOST_TARGETS = 24  # largest P95 first: a region may have hundreds
+CONFIDENCE = 0.95
+SAME = 1e-12  # mm: what differs by less is the same
+PARTS = ("score", "verification")
+
+
+def compute_comparison(
+    first: Design, second: Design, options: ReportOptions, *, progress: Progress | None = None
+) -> Comparison:
+    """Both designs reported with the same options, and their differences.  Raises TailstackError."""
+    check_parts(options)
+    reports = [compute_report(design, options, progress=progress) for design in (first, second)]
+    return compare(reports[0], reports[1], options)
+
+
+def check_parts(options: ReportOptions) -> None:
+    """Raises RequestError for what two designs are not compared by."""
+    if set(options.parts) - set(PARTS):
+        detail = f"two designs are compared by {' and '.join(PARTS)}; got {', '.join(options.parts)}"
+        hint = "optimise them by themselves and compare what comes out"
+        raise RequestError(Problem("/parts", "unknown-value", detail, hint))
+
+
+def compare(first: Report, second: Report, options: ReportOptions) -> Comparison:
+    """The comparison of two reports that were computed with these options; trials are drawn again and paired."""
+    named = [{target.name for target in report.score.targets} for report in (first, second)]
+    worst = sorted(second.score.targets, key=lambda target: target.p95_mm, reverse=True)
+    shared = [target.name for target in worst if target.name in named[0]][:MOST_TARGETS]
+    if not shared:
+        detail = "the two designs have no target of the same name: there is nothing to compare"
+        raise RequestError(Problem("/targets", "no-common-target", detail, "give the targets the same names"))
+    count = _common_trials(first.verification, second.verification)
+    differences = tuple(_first_order(first, second, name) for name in shared)
+    if count:
+        differences = _drawn(first, second, shared, options.seed, count)
+    changes, left_out = changes_of(first.design, second.design)
+    return Comparison(
+        schema="tailstack/comparison/1",
+        title=f"{second.title} against {first.title}" if first.title != second.title else first.title,
+        headline=_headline(first, second, differences),
+        differences=differences,
+        compared_trials=count or None,
+        sections=SECTIONS if count else None,
+        only_first=tuple(sorted(named[0] - named[1])),
+        only_second=tuple(sorted(named[1] - named[0])),
+        changes=changes,
+        changes_left_out=left_out,
+        first=_told_apart(first, options, "first"),
+        second=_told_apart(second, options, "second"),
+    )
+
+
+def _told_apart(report: Report, options: ReportOptions, which: str) -> Report:
+    """The report with commands that name the design it is of."""
+    drawn = "" if report.verification is None else drawing_options(options)
+    parts = "" if report.verification is not None else " --parts score"
+    commands = ("tailstack report --verify THIS_FILE", f"tailstack report first.yaml second.yaml{parts}{drawn}")
+    made = replace(report.reproduction, commands=commands, statement=f"{which}.yaml is the design below.")
+    return replace(report, reproduction=made)
+
+
+def _common_trials(first: Verification | None, second: Verification | None) -> int:
+    """Trials that both checks drew and that make whole sections; 0: too few, or nothing was drawn."""
+    if first is None or second is None:
+        return 0
+    count = min(first.trials, second.trials, MOST_COMPARED) // SECTIONS * SECTIONS
+    return count if count >= FEWEST else 0
+
+
+def _first_order(first: Report, second: Report, name: str) -> Difference:
+    a, b = (next(target.p95_mm for target in report.score.targets if target.name == name) for report in (first, second))
+    return Difference(name, "first order", a, b, b - a, None, None, "computed")
+
+
+def _drawn(first: Report, second: Report, names: list[str], seed: int, count: int) -> tuple[Difference, ...]:
+    ready = [prepare(load_design(report.design, allow_files=False)) for report in (first, second)]
+    found = []
+    for name in names:
+        a, b = (drawn_norms(one, name, seed, count) for one in ready)
+        paired = paired_difference(a, b, 0.95, CONFIDENCE)
+        low, high = paired.interval
+        conclusion = "smaller" if high < -SAME else "larger" if low > SAME else "not decided"
+        found.append(
+            Difference(
+                name, "Monte Carlo", paired.first, paired.second, paired.difference, paired.interval, CONFIDENCE,
+                conclusion,  # type: ignore[arg-type]
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _headline(first: Report, second: Report, differences: tuple[Difference, ...]) -> ComparisonHeadline:
+    return ComparisonHeadline(
+        status=second.headline.status,
+        sentence=difference_sentence(differences[0]),
+        matters=tuple([*_verdicts(first, second), *_budget(first, second, differences[0].target)][:3]),
+    )
+
+
+def difference_sentence(found: Difference) -> str:
+    """The difference at one target in words."""
+    share = f" ({abs(found.difference_mm) / found.first_p95_mm:.1%})" if found.first_p95_mm > 0 else ""
+    ends = f"; P95 goes from {found.first_p95_mm:.3f} to {found.second_p95_mm:.3f} mm"
+    if found.interval_mm is None or found.confidence is None:
+        word = "smaller" if found.difference_mm < 0 else "larger"
+        size = f"{abs(found.difference_mm):.3f} mm{share} {word}"
+        return f"To first order, P95 at {found.target} is {size} with the second design{ends}."
+    low, high = found.interval_mm
+    within = f"({found.confidence:.0%} interval {low:+.3f} to {high:+.3f} mm)".replace("-", "−")
+    if found.conclusion == "not decided":
+        return f"No difference of P95 at {found.target} is shown {within}{ends}."
+    size = f"{abs(found.difference_mm):.3f} mm{share} {found.conclusion}"
+    return f"P95 at {found.target} is {size} with the second design {within}{ends}."
+
+
+def _verdicts(first: Report, second: Report) -> list[str]:
+    """What the second design is worth by itself, and the first where it is judged otherwise."""
+    said = []
+    for which, report in (("second", second), ("first", first)):
+        verdict = report.score.verdict if report.verification is None else report.verification.verdict
+        decisive = decisive_check(verdict.checks)
+        if decisive is not None and (which == "second" or report.headline.status != second.headline.status):
+            said.append(f"{which.capitalize()} design: {verdict_sentence(decisive)}")
+    return said
+
+
+def _budget(first: Report, second: Report, target: str) -> list[str]:
+    """The contributor whose variance changed most."""
+    before, after = (_variances(report, target) for report in (first, second))
+    moved = {name: after.get(name, 0.0) - before.get(name, 0.0) for name in {**before, **after}}
+    if not moved:
+        return []
+    name = max(moved, key=lambda key: (abs(moved[key]), key))
+    if abs(moved[name]) <= SAME:
+        return []
+    way = "less" if moved[name] < 0 else "more"
+    was, now = (values.get(name, 0.0) ** 0.5 for values in (before, after))
+    return [
+        f"What changed most is {contributor_name(name)}: {way} spread at {target}, {was:.3f} mm in the first and "
+        f"{now:.3f} mm in the second design (standard deviation, first order)."
+    ]
+
+
+def _variances(report: Report, name: str) -> dict[str, float]:
+    """mm^2 by contributor at a target."""
+    target = next(entry for entry in report.score.targets if entry.name == name)
+    total = sum(target.covariance_mm2[k][k] for k in range(3))
+    found: dict[str, float] = {}
+    several = {line.name for line in target.contributors if line.component == "all"}
+    for line in target.contributors:
+        if line.component == "all" or line.name not in several:
+            found[line.name] = found.get(line.name, 0.0) + line.variance_share * total
+    return found
