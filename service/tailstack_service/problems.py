@@ -29,6 +29,12 @@ class RequestError(TailstackError):
     exit_code = 2
 
 
+class SettingsError(RequestError):
+    """What an operator set cannot be, in the environment or by a flag."""
+
+    title = "The settings are not valid"
+
+
 class MalformedError(TailstackError):
     """The body cannot be read as the format it claims to be."""
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -11,9 +13,14 @@ from typing import Any
 from tailstack.cores import usable_cores
 from tailstack.errors import Problem
 
-from .problems import RequestError
+from .names import OF_PROCESSES, OF_TESTS, OTHERS, PREFIX
+from .problems import SettingsError
 
-PREFIX = "TAILSTACK_"
+# Kubernetes tells every container of every Service of its namespace, one that is called tailstack-... among them
+_OF_KUBERNETES = re.compile(
+    PREFIX + r"(\w+_)?(SERVICE_HOST|SERVICE_PORT(_\w+)?|PORT_\d+_(TCP|UDP|SCTP)(_(PROTO|PORT|ADDR))?)"
+)
+_KUBERNETES_ADDRESS = re.compile(r"(tcp|udp|sctp)://.+")  # the value of ..._PORT, of which people think otherwise
 
 
 def _setting(default: Any, meaning: str, low: float, high: float) -> Any:
@@ -100,8 +107,8 @@ def _state_directory() -> Path:
     return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "tailstack"
 
 
-def _bad(name: str, detail: str) -> RequestError:
-    return RequestError(Problem("", "bad-setting", f"{variable(name)} {detail}", "docs/settings.md lists them all"))
+def _bad(name: str, detail: str) -> SettingsError:
+    return SettingsError(Problem("", "bad-setting", f"{variable(name)} {detail}", "docs/settings.md lists them all"))
 
 
 def variable(name: str) -> str:
@@ -109,8 +116,39 @@ def variable(name: str) -> str:
     return PREFIX + name.upper()
 
 
+def refuse_unknown(environment: Mapping[str, str]) -> None:
+    """Raise SettingsError for names that look like settings and are none: a slip would be a limit that is not kept."""
+    known = [*meanings(), *OTHERS]
+    problems = [
+        _unknown(name, known)
+        for name, value in sorted(environment.items())
+        if name.startswith(PREFIX) and name not in known and not _is_anothers(name, value)
+    ]
+    if problems:
+        raise SettingsError(problems)
+
+
+def _is_anothers(name: str, value: str) -> bool:
+    if name.startswith(OF_TESTS) or _OF_KUBERNETES.fullmatch(name):
+        return True
+    return name.endswith("_PORT") and _KUBERNETES_ADDRESS.fullmatch(value) is not None
+
+
+def _unknown(name: str, known: list[str]) -> Problem:
+    close = difflib.get_close_matches(name.removeprefix(PREFIX), [each.removeprefix(PREFIX) for each in known], 1)
+    meant = f"did you mean {PREFIX}{close[0]}? " if close else ""
+    if name in (PREFIX + "PORT", PREFIX + "HOST"):
+        meant = f"tailstack serve takes --{name.removeprefix(PREFIX).lower()}; "
+    detail = f"the environment sets {name[:80]}, and there is no such setting"
+    return Problem("", "unknown-setting", detail, f"{meant}docs/settings.md lists them all")
+
+
 def settings_from(environment: Mapping[str, str]) -> Settings:
-    """Settings from an environment.  Raises RequestError for a value that is not a number or out of range."""
+    """Settings from an environment.
+
+    Raises SettingsError for a value that is not a number or out of range, and for a TAILSTACK_ name that is no setting.
+    """
+    refuse_unknown(environment)
     given: dict[str, Any] = {}
     for entry in fields(Settings):
         text = environment.get(variable(entry.name), "").strip()
@@ -123,6 +161,12 @@ def settings_from(environment: Mapping[str, str]) -> Settings:
             what = "a number" if kind is float else "a whole number"
             raise _bad(entry.name, f"must be {what}; got {text[:40]!r}") from None
     return Settings(**given)
+
+
+def told_to_child(settings: Settings, environment: Mapping[str, str]) -> dict[str, str]:
+    """The environment for a process of ours: these settings, and of this process's own none."""
+    others = {name: value for name, value in environment.items() if not name.startswith(PREFIX) or name in OF_PROCESSES}
+    return others | {variable(entry.name): str(getattr(settings, entry.name)) for entry in fields(settings)}
 
 
 def meanings() -> dict[str, tuple[Any, str]]:

@@ -12,7 +12,8 @@ import yaml
 from jsonschema import Draft202012Validator
 from service_scenes import EXAMPLES, coplanar_design, limited, small_design, write_json
 
-from tailstack_service.cli.main import VERBS, main
+from tailstack_service.cli.main import main
+from tailstack_service.cli.verbs import VERBS, typed
 from tailstack_service.documents import json_schema, schema_names
 
 DEMO = str(EXAMPLES / "demo.yaml")
@@ -307,6 +308,24 @@ def test_bad_files_are_2(call: Any, tmp_path: Path, verb: str, kind: str) -> Non
     code, _, err = call(verb, name)
     assert code == 2
     assert err
+
+
+def test_commands_are_named_as_they_can_be_typed(call: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    nowhere = str(tmp_path / "none.yaml")
+    for name in ("tailstack", "./run tailstack", "../main/run tailstack"):
+        monkeypatch.setenv("TAILSTACK_COMMAND", name)
+        assert (
+            call("score", nowhere)[2]
+            .splitlines()[-1]
+            .startswith(f"next: {name} validate {nowhere}   (all rules: {name} sch")
+        )
+        assert call("score")[2].splitlines()[-1] == f"next: {name} score --help"
+        out = call("keys", "revoke", "--help")[1]
+        assert out.startswith(f"usage: {name} keys revoke ")
+        assert f"as {name} keys list shows it" in out
+        assert (
+            typed(typed("a newer tailstack has it: tailstack db check")) == f"a newer tailstack has it: {name} db check"
+        )
 
 
 def test_with_json_a_refusal_is_a_problem_document_on_stderr(call: Any, tmp_path: Path) -> None:

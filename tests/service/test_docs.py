@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from service_scenes import ROOT
 
-from tailstack_service.cli.main import VERBS
+from tailstack_service.cli.verbs import VERBS
 from tailstack_service.http.openapi import openapi_json
 from tailstack_service.problems import CATALOGUE
 from tailstack_service.settings import Settings, meanings, variable

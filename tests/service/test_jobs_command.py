@@ -8,6 +8,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import httpx
 import pytest
@@ -16,6 +17,8 @@ from service_scenes import client_with, limited, small_design
 from tailstack_service.cli.main import main
 from tailstack_service.cli.remote import Event, RemoteError, Service, parsed
 from tailstack_service.settings import Settings
+from tailstack_service.store.database import open_database
+from tailstack_service.store.keys import create_key
 
 QUICK = {"design": small_design(), "trials": 3000}
 
@@ -104,6 +107,40 @@ def test_unknown_jobs_and_silent_services(client: httpx.Client, capsys: pytest.C
     assert "tailstack serve" in capsys.readouterr().err
     for url in ("ftp://x", "file:///etc/passwd", "nonsense", ""):
         assert main(["jobs", "list", "--url", url]) == 2
+
+
+def test_hints_are_for_who_types_commands(
+    client: httpx.Client, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    done = posted(client, "/v1/verifications", QUICK)
+    assert call(client, "follow", done) == 0
+    for arguments, hint in (
+        (("cancel", done), f"hint: ./run tailstack jobs show {done}"),
+        (("show", done[::-1]), "hint: ./run tailstack jobs list shows"),
+    ):
+        monkeypatch.setenv("TAILSTACK_COMMAND", "./run tailstack")
+        call(client, *arguments)
+        err = capsys.readouterr().err
+        assert hint in err
+        assert "GET /" not in err
+    assert call(client, "list", "--kind", "gate", "--json") == 0
+    assert call(client, "list", "--kind", "gate") == 0
+    assert f"curl {client.base_url!s}/v1/verifications" in capsys.readouterr().err
+    settings = Settings(auth="required", database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}")
+    with client_with(settings) as guarded:
+        assert call(guarded, "list") == 2
+        assert "hint: set TAILSTACK_KEY to an API key" in capsys.readouterr().err
+        db = open_database(settings.database_url)
+        try:
+            _, secret = create_key(db, tenant="a", name="b", scopes=("read",), days=1.0)
+        finally:
+            db.close()
+        monkeypatch.setenv("TAILSTACK_KEY", secret)
+        monkeypatch.setenv("TAILSTACK_URL", str(guarded.base_url))
+        assert main(["jobs", "list", "--json"]) == 0
+        assert capsys.readouterr().out == "[]\n"
+        assert main(["jobs", "cancel", "01k4z8t5r2w7x3y9v6n1m0q8pc"]) == 2
+        assert "hint: set TAILSTACK_KEY to a key with that scope" in capsys.readouterr().err
 
 
 @contextmanager

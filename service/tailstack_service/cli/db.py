@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from pathlib import Path
 
 from .answer import NOT_EVALUATED, PASS, Answer
+from .given import add_database, settings_given
 
 HELP = "migrate, check or back up the database of jobs"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    actions.add_parser("migrate", help="create the tables, or bring them to this version", allow_abbrev=False)
-    actions.add_parser("check", help="look at every job, unit and result; exit code 3 if one is wrong")
-    backup = actions.add_parser("backup", help="copy it into one file while the service runs")
+    migrate = actions.add_parser("migrate", help="create the tables, or bring them to this version", allow_abbrev=False)
+    check = actions.add_parser(
+        "check", help="look at every job, unit and result; exit code 3 if one is wrong", allow_abbrev=False
+    )
+    backup = actions.add_parser("backup", help="copy it into one file while the service runs", allow_abbrev=False)
     backup.add_argument("-o", "--output", metavar="FILE", required=True, help="file to make; must not exist")
+    for action in (migrate, check, backup):
+        add_database(action)
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from ..settings import settings_from
     from ..store import upkeep
 
-    url = settings_from(os.environ).database_url
+    url = settings_given(arguments).database_url
     if arguments.action == "migrate":
         before, after = upkeep.migrate(url)
         words = "already at" if before == after else "created with" if before is None else f"from {before} to"

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .answer import Answer, exit_code_of
+from .verbs import program
 
 if TYPE_CHECKING:
     from .remote import Service
@@ -104,7 +105,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         keep("report.html", service.ask("GET", f"{result}/report?format=html", seconds=REPORT_SECONDS).body)
         tell("stopping the service")
     names = ", ".join(sorted(path.name for path in output.iterdir()))
-    closing = f"\nwritten to {output}/: {names}\nnext: tailstack score {output}/optimised.yaml\n"
+    closing = f"\nwritten to {output}/: {names}\nnext: {program()} score {output}/optimised.yaml\n"
     return Answer(closing, exit_code_of(after.verdict))
 
 

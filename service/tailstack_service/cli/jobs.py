@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from .answer import NOT_EVALUATED, PASS, Answer
@@ -17,6 +19,11 @@ HELP = "jobs of a running service: list, show, follow, cancel"
 STATES = ("queued", "running", "succeeded", "failed", "cancelled")
 KINDS = ("verification", "optimisation", "sweep", "gate", "report")
 PAGE = 200
+# What to type after a refusal of one job, by its class
+HINTS = {
+    "not-found": "tailstack jobs list shows the ids of yours",
+    "finished": "tailstack jobs show {id}",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,17 +40,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for action in (shown, followed, cancelled):
         action.add_argument("id", metavar="ID", help="as tailstack jobs list shows it")
     for action in (listed, shown, followed, cancelled):
-        action.add_argument(
-            "--url", default="http://127.0.0.1:8321", metavar="URL", help="the service (default %(default)s)"
-        )
+        action.add_argument("--url", metavar="URL", help="the service (default TAILSTACK_URL, or this machine's)")
         action.add_argument("--json", action="store_true", help="records as JSON (tailstack schema job)")
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from .remote import Service
+    from dataclasses import replace
 
+    from ..settings import refuse_unknown
+    from .remote import RemoteError, Service
+
+    refuse_unknown(os.environ)
     service = Service(arguments.url)
-    return {"list": _list, "show": _show, "follow": _follow, "cancel": _cancel}[arguments.action](service, arguments)
+    try:
+        return ACTIONS[arguments.action](service, arguments)
+    except RemoteError as error:
+        if "id" in arguments and error.slug in HINTS:
+            hint = HINTS[error.slug].format(id=arguments.id)
+            error.problems = tuple(replace(problem, hint=hint) for problem in error.problems)
+        raise
 
 
 def _list(service: Service, arguments: argparse.Namespace) -> Answer:
@@ -62,7 +77,8 @@ def _list(service: Service, arguments: argparse.Namespace) -> Answer:
     if arguments.json:
         return Answer(json.dumps(found, indent=2, ensure_ascii=False).encode())
     if not found:
-        print("there are no such jobs; POST /v1/verifications makes one", file=sys.stderr)
+        made = f"curl {service.url}/v1/verifications -H 'Content-Type: application/yaml' --data-binary @design.yaml"
+        print(f"there are no such jobs; to make one: {made}", file=sys.stderr)
         return Answer("")
     return Answer(jobs_text(found))
 
@@ -105,6 +121,14 @@ def _follow(service: Service, arguments: argparse.Namespace) -> Answer:
         return _record(record, arguments)
     slug = record["problem"]["type"].rpartition("/")[2] if record["problem"] else ""
     return _record(record, arguments, EXIT_CODE.get(slug, NOT_EVALUATED))
+
+
+ACTIONS: dict[str, Callable[[Service, argparse.Namespace], Answer]] = {
+    "list": _list,
+    "show": _show,
+    "follow": _follow,
+    "cancel": _cancel,
+}
 
 
 class _Line:

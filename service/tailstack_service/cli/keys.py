@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from typing import TYPE_CHECKING
 
 from .answer import Answer
+from .given import add_database, settings_given
+from .verbs import program
 
 if TYPE_CHECKING:
     from ..store.database import Database
@@ -30,13 +31,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     listed.add_argument("--json", action="store_true", help="as JSON")
     revoke = actions.add_parser("revoke", help="refuse a key from now on", allow_abbrev=False)
     revoke.add_argument("id", metavar="ID", help="as tailstack keys list shows it, or the secret itself")
+    for action in (create, listed, revoke):
+        add_database(action)
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from ..settings import settings_from
     from ..store.database import open_database
 
-    db = open_database(settings_from(os.environ).database_url, migrate=True)
+    db = open_database(settings_given(arguments).database_url, migrate=True)
     try:
         return {"create": _create, "list": _list, "revoke": _revoke}[arguments.action](db, arguments)
     finally:
@@ -68,7 +70,7 @@ def _list(db: Database, arguments: argparse.Namespace) -> Answer:
     if arguments.json:
         return Answer(json.dumps([{**asdict(key), "state": state} for key, state in found], indent=2).encode())
     if not found:
-        print("there are no keys; to make one: tailstack keys create --tenant T --name N", file=sys.stderr)
+        print(f"there are no keys; to make one: {program()} keys create --tenant T --name N", file=sys.stderr)
         return Answer("")
     rows = [
         (key.id, key.tenant, key.name, " ".join(key.scopes), _day(key.created_at), _day(key.expires_at), state)

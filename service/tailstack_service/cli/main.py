@@ -9,12 +9,10 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
+from ..names import TRACEBACK
 from .answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
+from .verbs import VERBS, program, typed
 
-VERBS = (
-    "demo", "validate", "score", "verify", "optimise", "sweep", "study", "gate", "report", "convert", "serve", "worker",
-    "jobs", "db", "keys", "schema", "openapi", "doctor", "version",
-)  # fmt: skip
 EPILOG = """\
 exit codes: 0 pass · 1 the design fails · 2 bad input or usage · 3 could not evaluate · 4 inconclusive · 130 interrupted
 start with: tailstack demo, then tailstack score examples/demo.yaml (DESIGN may be - for stdin)
@@ -27,11 +25,14 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         self.exit(BAD_INPUT, f"{self.prog}: {message}\nnext: {self.prog} --help\n")
 
+    def format_help(self) -> str:
+        return typed(super().format_help())
+
 
 def build_parser() -> argparse.ArgumentParser:
     """Parser of every verb.  Importing the verbs is cheap: they load numpy and the rest when they run."""
     parser = _Parser(
-        prog="tailstack",
+        prog=program(),
         description="Tolerance stack-up of X-ray reference structures, judged by its tail.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -77,11 +78,11 @@ def _guarded(arguments: argparse.Namespace) -> int:
     except BrokenPipeError:
         return _reader_left(answer.exit_code)
     except (TailstackError, OSError) as error:
-        if os.environ.get("TAILSTACK_TRACEBACK"):
+        if os.environ.get(TRACEBACK):
             raise
         return report_error(error, arguments)
     except Exception as error:
-        if os.environ.get("TAILSTACK_TRACEBACK"):
+        if os.environ.get(TRACEBACK):
             raise
         return report_failure(error, arguments)
     return int(answer.exit_code)

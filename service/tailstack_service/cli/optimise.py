@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from .answer import INTERRUPTED, Answer, exit_code_of
 from .design_input import add_design, coloured_output, read_design, whole
 from .progress import Progress
+from .verbs import program
 
 if TYPE_CHECKING:
     from tailstack.design import Design
@@ -73,9 +74,9 @@ def run(arguments: argparse.Namespace) -> Answer:
     write_results(design, result, output, picture)
     code = INTERRUPTED if stop.wanted() else exit_code_of(result.certificate.verification.verdict)
     if output is None:
-        following = f"next: tailstack optimise {arguments.design} -o NEW.yaml   (keeps the new design)"
+        following = f"next: {program()} optimise {arguments.design} -o NEW.yaml   (keeps the new design)"
     else:
-        following = f"next: tailstack verify {output}"
+        following = f"next: {program()} verify {output}"
     if arguments.json:
         print(following, file=sys.stderr)
         return Answer(to_json(result, indent=2), code)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from tailstack.errors import Problem, TailstackError
 
 from .answer import BAD_INPUT, NOT_EVALUATED
+from .verbs import program, typed
 
 # What to type next, by class of refusal; {file} is the design that was given.
 NEXT = {
@@ -26,13 +27,14 @@ OPTIMISE_AGAIN = "mend it, then tailstack optimise {file}   (all rules: tailstac
 
 
 def problem_text(problem: Problem) -> str:
-    """``file:line:column: pointer: detail`` and, below it, the hint."""
-    place = problem.pointer or "(document)"
+    """``file:line:column: pointer: detail`` and, below it, the hint; what is in no document has no place."""
+    place = problem.pointer or ("(document)" if problem.file is not None else "")
     if problem.file is not None and problem.line:
         place = f"{problem.file}:{problem.line}:{problem.column or 1}: {place}"
     elif problem.file is not None:
         place = f"{problem.file}: {place}"
-    return f"{place}: {problem.detail}" + (f"\n  hint: {problem.hint}" if problem.hint else "")
+    said = f"{place}: {problem.detail}" if place else problem.detail
+    return said + (f"\n  hint: {typed(problem.hint)}" if problem.hint else "")
 
 
 def placed(problems: tuple[Problem, ...], file: str | None) -> tuple[Problem, ...]:
@@ -46,7 +48,7 @@ def next_command(slug: str, arguments: argparse.Namespace) -> str:
     chosen = NEXT.get(slug, "tailstack {verb} --help")
     if arguments.verb == "optimise" and slug == "invalid-design":
         chosen = OPTIMISE_AGAIN  # validate does not look at what the optimiser is asked for
-    return "next: " + chosen.format(file=file, verb=arguments.verb)
+    return typed("next: " + chosen.format(file=file, verb=arguments.verb))
 
 
 def report_error(error: TailstackError | OSError, arguments: argparse.Namespace) -> int:
@@ -94,7 +96,7 @@ def report_failure(error: Exception, arguments: argparse.Namespace) -> int:
         f"tailstack {arguments.verb}: internal error, {type(error).__name__}: {error}\n"
         "This is a defect of tailstack, not of the design; nothing was evaluated. To see where it happened,\n"
         "repeat the command with TAILSTACK_TRACEBACK=1 in the environment; report it with the output of\n"
-        "tailstack doctor.",
+        f"{program()} doctor.",
         file=sys.stderr,
     )
     return NOT_EVALUATED

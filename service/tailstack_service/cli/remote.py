@@ -11,7 +11,7 @@ import urllib.error
 import urllib.parse
 import urllib.request
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from tailstack.errors import (
@@ -24,14 +24,22 @@ from tailstack.errors import (
 )
 
 from ..job_document import ENDED
+from ..names import KEY, URL
 from .answer import BAD_INPUT, NOT_EVALUATED
 
 DEFAULT_URL = "http://127.0.0.1:8321"
-KEY_VARIABLE = "TAILSTACK_KEY"
 SECONDS = 30.0  # for an answer that does not wait for anything
 SILENCE_SECONDS = 45.0  # an event stream says something more often than that
 LARGEST_EVENT = 1_000_000
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 10.0
+# A service gives its hints to whoever speaks HTTP; these are for whoever types commands, by code of the problem
+HINTS = {
+    "unauthenticated": f"set {KEY} to an API key (an operator makes one: tailstack keys create) or a JSON Web Token",
+    "missing-scope": f"set {KEY} to a key with that scope (an operator makes one: tailstack keys create --scope S)",
+    "foreign-origin": "name the service itself with --url",
+    "wrong-host": "name the service with --url as its operator does (TAILSTACK_ALLOWED_HOSTS)",
+    "not-found": "is this the address of a tailstack service? --url names another",
+}
 OPTIONAL = {"file": None, "line": None, "column": None}
 EXIT_CODE = {kind.slug: kind.exit_code for kind in (IllPosedError, InfeasibleError, NotConvergedError, OutOfRangeError)}
 
@@ -73,19 +81,23 @@ class _NoRedirect(urllib.request.HTTPRedirectHandler):
 
 
 class Service:
-    """A service at a URL; the key comes from TAILSTACK_KEY and is never shown.  Raises RemoteError for a bad URL."""
+    """A service at a URL; the key comes from TAILSTACK_KEY and is never shown.  Raises RemoteError for a bad URL.
 
-    def __init__(self, url: str = DEFAULT_URL, key: str | None = None) -> None:
+    Without a URL it is that of TAILSTACK_URL, otherwise the one that ``tailstack serve`` has on this machine.
+    """
+
+    def __init__(self, url: str | None = None, key: str | None = None) -> None:
+        url = os.environ.get(URL, "").strip() or DEFAULT_URL if url is None else url
         parts = urllib.parse.urlsplit(url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
             detail = f"{url[:200]!r} is not the URL of a service"
             problem = Problem("", "bad-url", detail, f"for example {DEFAULT_URL}")
             raise RemoteError("invalid-request", "The request is not valid", 400, (problem,))
         self.url = url.rstrip("/")
-        self._key = key if key is not None else os.environ.get(KEY_VARIABLE, "").strip()
+        self._key = key if key is not None else os.environ.get(KEY, "").strip()
         loopback = parts.hostname in ("localhost", "127.0.0.1", "::1")
         if self._key and parts.scheme == "http" and not loopback:
-            print(f"warning: {KEY_VARIABLE} is sent to {parts.hostname} unencrypted; use https", file=sys.stderr)
+            print(f"warning: {KEY} is sent to {parts.hostname} unencrypted; use https", file=sys.stderr)
         proxies: dict[str, str] | None = {} if loopback else None
         self._opener = urllib.request.build_opener(urllib.request.ProxyHandler(proxies), _NoRedirect())
 
@@ -176,7 +188,8 @@ def refusal(status: int, content: bytes) -> RemoteError:
     """What a problem document says, as an exception; anything else is told by its status."""
     try:
         document = json.loads(content)
-        problems = tuple(Problem(**{**OPTIONAL, **entry}) for entry in document["errors"])
+        told = (Problem(**{**OPTIONAL, **entry}) for entry in document["errors"])
+        problems = tuple(replace(problem, hint=HINTS.get(problem.code, problem.hint)) for problem in told)
         return RemoteError(document["type"].rpartition("/")[2], document["title"], status, problems)
     except (ValueError, KeyError, TypeError, AttributeError):
         problem = Problem("", "unexpected-answer", f"status {status}, and not a problem document: is this a tailstack?")

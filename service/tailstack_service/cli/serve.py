@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import os
 
 from .answer import PASS, Answer
 from .design_input import whole
+from .given import add_database, settings_given
 
 HELP = "the HTTP service and its worker"
 
@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--port", type=whole(0, 65535), default=8321, metavar="N", help="port, 0 for any free one (default %(default)s)"
     )
-    parser.add_argument("--database", metavar="URL", help="where jobs are kept (default TAILSTACK_DATABASE)")
+    add_database(parser)
     parser.add_argument(
         "--processes",
         type=whole(1, 256),
@@ -29,14 +29,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from dataclasses import replace
-
     from ..http.server import address_of, bind, serve
     from ..logs import log_to_stderr
-    from ..settings import settings_from
 
-    given = {"database": arguments.database, "worker_processes": arguments.processes}
-    settings = replace(settings_from(os.environ), **{name: value for name, value in given.items() if value is not None})
+    settings = settings_given(arguments)
     bound = bind(arguments.host, arguments.port, settings)
     log_to_stderr(settings.log_format)
     told = f"serving on {address_of(bound)}   (Ctrl-C stops; /openapi.json describes it)"

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import os
 import signal
 
 from .answer import NOT_EVALUATED, PASS, Answer
 from .design_input import whole
+from .given import add_database, settings_given
 
 HELP = "compute jobs that services accepted"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--database", metavar="URL", help="where jobs are kept (default TAILSTACK_DATABASE)")
+    add_database(parser)
     parser.add_argument(
         "--processes", type=whole(1, 256), metavar="N", help="computing processes (default TAILSTACK_WORKER_PROCESSES)"
     )
@@ -25,13 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from dataclasses import replace
-
     from ..logs import log_to_stderr
-    from ..settings import settings_from
 
-    given = {"database": arguments.database, "worker_processes": arguments.processes, "engine": arguments.engine}
-    settings = replace(settings_from(os.environ), **{name: value for name, value in given.items() if value is not None})
+    settings = settings_given(arguments)
     if arguments.check:
         from ..worker.checking import live_worker
 

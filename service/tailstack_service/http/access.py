@@ -19,7 +19,7 @@ from starlette.requests import Request
 
 from tailstack.errors import Problem
 
-from ..problems import RequestError, TransportError
+from ..problems import SettingsError, TransportError
 from ..settings import Settings, variable
 from ..store.keys import SCOPES, Key
 
@@ -130,7 +130,7 @@ class Access:
 
 
 class Tokens:
-    """JSON Web Tokens of one issuer, signed by one algorithm.  Raises RequestError for settings that cannot work."""
+    """JSON Web Tokens of one issuer, signed by one algorithm.  Raises SettingsError for settings that cannot work."""
 
     def __init__(self, settings: Settings) -> None:
         self.algorithm, self.issuer, self.audience = (
@@ -174,7 +174,7 @@ class Tokens:
 
 
 def check_settings(settings: Settings) -> Tokens | None:
-    """What reads tokens, if any are to be accepted.  Raises RequestError for settings that cannot work."""
+    """What reads tokens, if any are to be accepted.  Raises SettingsError for settings that cannot work."""
     return Tokens(settings) if settings.auth == "required" and settings.jwt_key_file else None
 
 
@@ -186,7 +186,7 @@ def _scopes(claims: Mapping[str, Any]) -> frozenset[str]:
 
 
 def _read_keys(path: Path, algorithm: str) -> dict[str | None, Any]:
-    """Keys by their id; that of a PEM file or a shared secret has none.  Raises RequestError."""
+    """Keys by their id; that of a PEM file or a shared secret has none.  Raises SettingsError."""
     import jwt
 
     try:
@@ -212,8 +212,8 @@ def _read_keys(path: Path, algorithm: str) -> dict[str | None, Any]:
     return keys
 
 
-def _bad(name: str, detail: str) -> RequestError:
-    return RequestError(
+def _bad(name: str, detail: str) -> SettingsError:
+    return SettingsError(
         Problem("", "bad-setting", f"{variable(name)} {detail}", "docs/security.md shows the whole way")
     )
 

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import IO
@@ -21,7 +21,7 @@ from tailstack.errors import Problem
 
 from ..compute.interpreter import command, environment
 from ..problems import RequestError
-from ..settings import Settings, variable
+from ..settings import Settings, told_to_child, variable
 from ..store.database import open_database
 from .access import check_settings, is_loopback
 from .keeping import Kept
@@ -190,14 +190,13 @@ def _serve_with_several(bound: socket.socket, settings: Settings, kept: _Family)
 
 
 def _start_api_process(bound: socket.socket, settings: Settings, counters: str) -> subprocess.Popen[bytes]:
-    told = {variable(entry.name): str(getattr(settings, entry.name)) for entry in fields(settings)}
     return subprocess.Popen(
         command("tailstack_service.http.child", str(bound.fileno())),
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         pass_fds=(bound.fileno(),),
         process_group=0,  # a Ctrl-C in a terminal is for this process to act on
-        env={**environment(), **told, SHARED_COUNTERS: counters},
+        env={**told_to_child(settings, environment()), SHARED_COUNTERS: counters},
     )
 
 

@@ -41,7 +41,7 @@ def job_text(record: Mapping[str, Any]) -> str:
     text = "".join(f"{name:<10}{value}\n" for name, value in lines if value)
     if record["problem"] is not None:
         text += "".join(
-            f"{'problem':<10}{error['pointer'] or '(document)'}: {error['detail']}\n"
+            f"{'problem':<10}{error['pointer']}{': ' if error['pointer'] else ''}{error['detail']}\n"
             + (f"{'':<10}hint: {error['hint']}\n" if error["hint"] else "")
             for error in record["problem"]["errors"]
         )

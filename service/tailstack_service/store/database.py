@@ -20,7 +20,7 @@ from sqlalchemy.engine import URL, Connection, Engine, Row, make_url
 
 from tailstack.errors import Problem
 
-from .errors import StoreError, StoreUnavailable
+from .errors import BadDatabaseUrl, StoreError, StoreUnavailable
 
 AnyRow: TypeAlias = "Row[*tuple[Any, ...]]"
 
@@ -87,8 +87,9 @@ def parse_url(url: str) -> URL:
 
 
 def _bad_url(why: str) -> StoreError:
-    hint = "set TAILSTACK_DATABASE to sqlite:////absolute/path.sqlite3 or postgresql://USER:PASSWORD@HOST/NAME"
-    return StoreError(Problem("", "bad-database-url", f"TAILSTACK_DATABASE: {why}", hint))
+    hint = "say sqlite:////absolute/path.sqlite3 or postgresql://USER:PASSWORD@HOST/NAME"
+    detail = f"the database that TAILSTACK_DATABASE or --database names: {why}"
+    return BadDatabaseUrl(Problem("", "bad-database-url", detail, hint))
 
 
 def connect(url: str, *, create: bool = False, clock: Callable[[], float] | None = None) -> Database:

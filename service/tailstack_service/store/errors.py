@@ -13,6 +13,12 @@ class StoreError(TailstackError):
     exit_code = 3
 
 
+class BadDatabaseUrl(StoreError):
+    """What was given as the address of a database is none."""
+
+    exit_code = 2
+
+
 class StoreUnavailable(TailstackError):
     """The database is restarting, locked or out of reach; nothing is wrong with the request, ask again.
 

@@ -10,7 +10,6 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import closing, suppress
-from dataclasses import fields
 from types import FrameType
 from typing import IO, Any
 
@@ -19,7 +18,7 @@ from tailstack.version import __version__
 from ..compute.choosing import engine_for
 from ..compute.engine import PERFORM
 from ..compute.interpreter import command, environment
-from ..settings import Settings, variable
+from ..settings import Settings, told_to_child
 from ..store.database import Database, open_database, parse_url
 from ..store.errors import StoreUnavailable
 from .loop import Worker
@@ -70,13 +69,12 @@ def start_worker_process(settings: Settings, log: IO[bytes] | None = None) -> su
     It notices by its stdin, which this process holds open: keep the Popen, and close ``stdin`` or send SIGTERM to
     stop the worker.  Its log lines go to ``log``, by default to this process's stderr.
     """
-    told = {variable(entry.name): str(getattr(settings, entry.name)) for entry in fields(settings)}
     return subprocess.Popen(
         command("tailstack_service.cli.main", "worker", "--with-parent"),
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=log,
-        env={**environment(), **told},
+        env=told_to_child(settings, environment()),
     )
 
 
@@ -88,7 +86,7 @@ def _connected(settings: Settings, stop: _Stop) -> Database:
         except StoreUnavailable as error:
             if stop.requested:
                 raise
-            print(f"worker: waiting for the database: {error}", file=sys.stderr, flush=True)
+            print(f"worker: waiting for the database: {error.problems[0].detail}", file=sys.stderr, flush=True)
             time.sleep(CONNECTING_SECONDS)
 
 

@@ -1,0 +1,12 @@
+"""Names in the environment that are no settings of the service: what commands and clients read."""
+
+from __future__ import annotations
+
+PREFIX = "TAILSTACK_"
+COMMAND = "TAILSTACK_COMMAND"  # what the command is called where it was started; ./run says it
+KEY = "TAILSTACK_KEY"  # the credential that commands send
+TRACEBACK = "TAILSTACK_TRACEBACK"  # anything: a defect shows where it happened
+URL = "TAILSTACK_URL"  # the service that commands ask
+OTHERS = (COMMAND, KEY, TRACEBACK, URL)
+OF_PROCESSES = (COMMAND, TRACEBACK)  # that children are told; they have no use for a credential
+OF_TESTS = "TAILSTACK_TESTS_"  # and whatever follows
