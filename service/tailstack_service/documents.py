@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
 
+import pydantic_core
 from pydantic import TypeAdapter
 
 from tailstack.design import Design, check_design, design_json_schema, list_presets
 from tailstack.results import Finding, Optimisation, Score, Verification, ViewCheck
+from tailstack.studies.coupling_records import StudyCoupling
 from tailstack.sweep_results import Sweep
 
 from .gate.records import GateRecord
@@ -84,6 +86,7 @@ RECORDS: dict[str, type] = {
     "verification": Verification,
     "optimisation": Optimisation,
     "sweep": Sweep,
+    "study-coupling": StudyCoupling,
     "validation": Validation,
     "gate": GateRecord,
     "report": Report,
@@ -112,6 +115,10 @@ def plain(record: Any) -> Any:
 
 def to_json(record: Any, *, indent: int | None = None) -> bytes:
     """A record as UTF-8 JSON.  Raises ValueError if it holds a number that JSON cannot hold."""
+    if indent is None:
+        quick = pydantic_core.to_json(record, inf_nan_mode="constants")
+        if b"NaN" not in quick and b"Infinity" not in quick:  # a name may say so too: the writer below can tell
+            return quick
     separators = (",", ":") if indent is None else (",", ": ")
     text = json.dumps(plain(record), indent=indent, separators=separators, ensure_ascii=False, allow_nan=False)
     return text.encode()
@@ -176,6 +183,7 @@ _TITLES = {
     "verification": "answer of verify: Monte Carlo on the full chain",
     "optimisation": "answer of optimise: the new design and its certificate",
     "sweep": "answer of sweep: every point of a grid of designs",
+    "study-coupling": "answer of study coupling: the tail together against its parts, with intervals",
     "validation": "answer of validate over HTTP",
     "gate": "answer of gate: verdict, exit code, findings at their places",
     "report": "score, check and optimisation of one design in one record; html, pdf and xlsx are made from it",

@@ -22,7 +22,7 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     names = schema_names()
     if arguments.name is None:
-        return Answer("".join(f"{name:<14}{words}\n" for name, words in names.items()))
+        return Answer("".join(f"{name:<18}{words}\n" for name, words in names.items()))
     if arguments.name not in names:
         raise RequestError(
             Problem("", "unknown-schema", f"no schema is called {arguments.name!r}", f"one of {', '.join(names)}")

@@ -1,0 +1,335 @@
+"""Is the tail of installation error and noise together more than the parts?  Measured, with intervals.
+
+Every comparison runs on the same deviates: what differs is the geometry alone.  With e(i, n) the error of the full
+chain under installation error i and noise n, the parts are e(i, 0) and e(0, n), the noise seen at the biased geometry
+is e(i, n) - e(i, 0), and e(i, 0) + e(0, n) is what the error would be if the two did not couple.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from math import ceil, hypot, radians, sqrt
+from typing import Literal
+
+import numpy as np
+from scipy.special import stdtrit
+
+from ..contributors import error_law, law_of, parts_of
+from ..cores import usable_cores
+from ..design import Design
+from ..errors import OutOfRangeError, Problem
+from ..montecarlo import ChainPlan, compile_plan, draw, evaluate
+from ..montecarlo.plan import INSTALLATION, SHOT
+from ..montecarlo.simulate import ERRORS
+from ..propagation.linear import LinearModel, linearise_all
+from ..runs import prepare
+from ..scoring import NOT_INCLUDED, P95, provenance
+from ..system import Array, Mount, Reading, System
+from ..tail.declared import law_quantile
+from .coupling_records import LEAST_TRIALS, SECTIONS, CouplingCase, Ratio, StudyCoupling
+from .coupling_words import conclusions, seen, sentence
+
+TRIALS, TRIALS_BY_SVD = 2**18, 2**14  # by default; the second where no structured solution exists
+CONFIDENCE = 0.95
+LEVELS = ((1.0, 2.0), (2.0, 5.0))  # degrees, mm: the paper's L1 and L2
+METHOD = (
+    f"sectioning: {SECTIONS} sections of consecutive trials, Student's t with {SECTIONS - 1} degrees of freedom about "
+    "the estimate from all trials; numerator and denominator of a section share their deviates"
+)
+INSTALLED = "known biases, both interfaces, fiducial manufacturing, hand-eye: drawn once per unit"
+SHOTS = "image noise of fiducials and target, repeatability, load: drawn at each shot"
+
+ErrorName = Literal["tcp", "localisation"]
+Progress = Callable[[int, int], None]
+Level = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Case:
+    """One installation error in one reading."""
+
+    reading: Reading
+    level: Level | None  # None: as designed
+    plans: tuple[ChainPlan, ...]  # one for each worst vertex of bounded components
+    plan_of: tuple[int, ...]  # of each target
+    models: dict[str, LinearModel]
+
+    @property
+    def name(self) -> str:
+        return "as designed" if self.level is None else f"{self.level[0]:g} deg + {self.level[1]:g} mm"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Norms:
+    """What is kept of the trials of one case at one target; all (trials,)."""
+
+    together: Array  # mm
+    installation: Array  # mm
+    vector_sum: Array  # mm
+    gain_squared: Array  # mm^2: what noise adds to the localisation error at the biased geometry
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Still:
+    """The trials at the nominal geometry, noise alone, at one target; (trials,)."""
+
+    noise: Array  # mm
+    gain_squared: Array  # mm^2: of the localisation error
+
+
+def study_coupling(
+    design: Design | System,
+    *,
+    trials: int | None = None,
+    seed: int = 0,
+    levels: Sequence[Level] = LEVELS,
+    error: ErrorName = "tcp",
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> StudyCoupling:
+    """Compare installation error and noise together with the parts, as designed and at fixed installation errors.
+
+    levels: (rotation deg, translation mm) of the structure-connector interface: the same angle about each axis
+    through its pivot, then the translation along (1, 1, 1)/sqrt(3), everything else in place.  trials: of each case,
+    rounded up to a multiple of the sections; the digits depend on it and on the seed, not on ``threads``.
+    Raises DesignError, IllPosedError; OutOfRangeError for fewer than ``LEAST_TRIALS`` trials, a level that is not
+    one, or a design that draws nothing at each shot.
+    """
+    ready = prepare(design)
+    system = ready.system
+    nominal = _in_place(system)
+    cases = [case for reading in Reading for case in _cases(replace(system, reading=reading), nominal, levels, error)]
+    at_rest = compile_plan(nominal)
+    fast = all(plan.structured for case in cases for plan in case.plans)
+    wanted = trials if trials is not None else TRIALS if fast else TRIALS_BY_SVD
+    if wanted < LEAST_TRIALS:
+        detail = f"at least {LEAST_TRIALS} trials are needed for the intervals; got {wanted}"
+        raise OutOfRangeError(Problem("", "too-few-trials", detail, f"--trials {TRIALS}"))
+    size = ceil(wanted / SECTIONS)
+    if not any(view.fiducial_noise_px or view.target_noise_px for view in system.views):
+        detail = "the views have no noise, so there is nothing that could couple with the installation error"
+        raise OutOfRangeError(Problem("/views", "no-noise", detail, "state fiducial_noise_px and target_noise_px"))
+    still, found = _sampled(cases, at_rest, seed, size, error, threads, progress)
+    models = linearise_all(nominal)
+    records = [
+        _record(case, target.name, error, by_target[place], still[place], models[target.name])
+        for case, by_target in zip(cases, found, strict=True)
+        for place, target in enumerate(system.targets)
+    ]
+    return StudyCoupling(
+        schema="tailstack/study-coupling/1",
+        error=error,
+        quantile=P95,
+        seed=seed,
+        trials=size * SECTIONS,
+        confidence=CONFIDENCE,
+        interval_method=METHOD,
+        installation=INSTALLED,
+        noise=SHOTS,
+        cases=tuple(records),
+        conclusions=conclusions(records),
+        validity=ready.trust,
+        provenance=provenance(system, tuple(line for line in NOT_INCLUDED if "second order" not in line)),
+    )
+
+
+def level_torsor(level: Level) -> Array:
+    """(6,) rad, mm: one angle about each axis, a translation along (1, 1, 1)/sqrt(3).  Raises OutOfRangeError."""
+    rotation_deg, translation_mm = level
+    if not (abs(rotation_deg) <= 45 and abs(translation_mm) <= 1000):
+        detail = (
+            f"a level is at most 45 deg about each axis and 1000 mm; got {rotation_deg:g} deg and {translation_mm:g} mm"
+        )
+        raise OutOfRangeError(Problem("", "level", detail))
+    return np.array([radians(rotation_deg)] * 3 + [translation_mm / sqrt(3)] * 3)
+
+
+def _in_place(system: System) -> System:
+    """The system without any known error: mounts unbiased, no deflection."""
+
+    def unbiased(mount: Mount) -> Mount:
+        return replace(mount, bias=np.zeros(6))
+
+    return replace(
+        system,
+        interface_1=unbiased(system.interface_1),
+        interface_2=unbiased(system.interface_2),
+        hand_eye=unbiased(system.hand_eye),
+        execution_bias_mm=np.zeros(3),
+    )
+
+
+def _cases(system: System, nominal: System, levels: Sequence[Level], error: str) -> Iterable[_Case]:
+    """As designed, with bounded components at their worst ends, and the levels, in the reading of ``system``."""
+    models = linearise_all(system)
+    ends = [tuple(sorted(error_law(m, error, P95).worst.vertex(m).items())) for m in models.values()]
+    distinct = list(dict.fromkeys(ends))
+    plans = tuple(compile_plan(system, vertex=dict(vertex)) for vertex in distinct)
+    yield _Case(system.reading, None, plans, tuple(distinct.index(vertex) for vertex in ends), models)
+    for level in levels:
+        mount = replace(nominal.interface_1, bias=level_torsor(level))
+        moved = replace(nominal, reading=system.reading, interface_1=mount)
+        plan = compile_plan(moved)
+        yield _Case(system.reading, level, (plan,), (0,) * len(ends), linearise_all(moved))
+
+
+# --- sampling -------------------------------------------------------------------------------------
+
+
+def _sampled(
+    cases: Sequence[_Case],
+    at_rest: ChainPlan,
+    seed: int,
+    size: int,
+    error: str,
+    threads: int | None,
+    progress: Progress | None,
+) -> tuple[list[_Still], list[list[_Norms]]]:
+    """Noise at the nominal geometry by target, and what is kept of every case by target."""
+    metric, localised, targets = ERRORS.index(error), ERRORS.index("localisation"), len(at_rest.system.targets)
+    noise = np.empty((targets, 2, SECTIONS * size))
+    kept = np.empty((len(cases), targets, 4, SECTIONS * size))
+
+    def section(number: int) -> None:
+        at = slice(number * size, (number + 1) * size)
+        z = draw(at_rest, seed, np.arange(at.start, at.stop, dtype=np.int64))
+        shots, mounted = _only(at_rest, z, SHOT), _only(at_rest, z, INSTALLATION)
+        still = evaluate(at_rest, shots)
+        noise[:, 0, at] = np.linalg.norm(still[:, :, metric], axis=2).T
+        noise[:, 1, at] = (still[:, :, localised] ** 2).sum(axis=2).T
+        for case, out in zip(cases, kept, strict=True):
+            # A level stands still: its error without noise is one vector.
+            inputs, alone = (z, mounted) if case.level is None else (shots, np.zeros((1, z.shape[1])))
+            together = [evaluate(plan, inputs) for plan in case.plans]
+            quiet = [evaluate(plan, alone) for plan in case.plans]
+            for place, which in enumerate(case.plan_of):
+                e, rest = together[which][:, place], quiet[which][:, place]
+                out[place, 0, at] = np.linalg.norm(e[:, metric], axis=1)
+                out[place, 1, at] = np.linalg.norm(rest[:, metric], axis=1)
+                out[place, 2, at] = np.linalg.norm(rest[:, metric] + still[:, place, metric], axis=1)
+                out[place, 3, at] = ((e[:, localised] - rest[:, localised]) ** 2).sum(axis=1)
+
+    with ThreadPoolExecutor(usable_cores() if threads is None else threads) as pool:
+        for done, _ in enumerate(pool.map(section, range(SECTIONS)), 1):
+            if progress is not None:
+                progress(done, SECTIONS)
+    return [_Still(*rows) for rows in noise], [[_Norms(*rows) for rows in case] for case in kept]
+
+
+def _only(plan: ChainPlan, z: Array, stream: int) -> Array:
+    """The deviates of one stream, the others at their centre."""
+    kept = np.zeros_like(z)
+    for block in plan.blocks:
+        if block.stream == stream:
+            kept[:, block.start : block.stop] = z[:, block.start : block.stop]
+    return kept
+
+
+# --- what the samples say -------------------------------------------------------------------------
+
+
+def quantile_of(values: Array, p: float) -> float:
+    """The order statistic of rank ceil(n p) of values (n,)."""
+    rank = ceil(len(values) * p) - 1
+    return float(np.partition(values, rank)[rank])
+
+
+def sectioned(
+    estimate: Callable[[slice], float], trials: int, first_order: float | None = None, confidence: float = CONFIDENCE
+) -> Ratio:
+    """A ratio with its interval by sectioning (Asmussen and Glynn 2007, III.5a).
+
+    ``estimate(part)`` gives the ratio from the trials of a slice; ``trials`` is a multiple of ``SECTIONS``.
+    """
+    size = trials // SECTIONS
+    whole = estimate(slice(0, trials))
+    parts = np.array([estimate(slice(k * size, (k + 1) * size)) for k in range(SECTIONS)])
+    half = float(stdtrit(SECTIONS - 1, (1 + confidence) / 2)) * sqrt(
+        float(((parts - whole) ** 2).sum()) / (SECTIONS * (SECTIONS - 1))
+    )
+    return Ratio(whole, (whole - half, whole + half), first_order)
+
+
+def _record(
+    case: _Case, target: str, error: ErrorName, norms: _Norms, still: _Still, resting: LinearModel
+) -> CouplingCase:
+    trials = len(still.noise)
+    first = _first_order(case, case.models[target], resting, error)
+
+    def p95(values: Array) -> Callable[[slice], float]:
+        return lambda part: quantile_of(values[part], P95)
+
+    together, installed, noise = p95(norms.together), p95(norms.installation), p95(still.noise)
+    added, every = p95(norms.vector_sum), slice(0, trials)
+
+    def over(denominator: Callable[[slice], float], predicted: float | None) -> Ratio:
+        return sectioned(lambda part: together(part) / denominator(part), trials, predicted)
+
+    def rms(squares: Array, part: slice) -> float:
+        return sqrt(float(squares[part].mean()))
+
+    gain = sectioned(lambda part: rms(norms.gain_squared, part) / rms(still.gain_squared, part), trials, first.gain)
+    against_added = over(added, first.together / first.vector_sum)
+    record = CouplingCase(
+        reading=case.reading.value,
+        installation=case.name,
+        rotation_deg=None if case.level is None else case.level[0],
+        translation_mm=None if case.level is None else case.level[1],
+        target=target,
+        p95_together_mm=together(every),
+        p95_installation_mm=installed(every),
+        p95_noise_mm=noise(every),
+        p95_vector_sum_mm=added(every),
+        p95_first_order_mm=first.together,
+        noise_rms_biased_mm=rms(norms.gain_squared, every),
+        noise_rms_nominal_mm=rms(still.gain_squared, every),
+        gain=gain,
+        against_quadrature=over(
+            lambda part: hypot(installed(part), noise(part)), first.together / hypot(first.installation, first.noise)
+        ),
+        against_sum=over(
+            lambda part: installed(part) + noise(part), first.together / (first.installation + first.noise)
+        ),
+        against_vector_sum=against_added,
+        against_first_order=over(lambda part: first.together, None),
+        coupling=seen(against_added),
+        sentence="",
+    )
+    return replace(record, sentence=sentence(record))
+
+
+@dataclass(frozen=True, slots=True)
+class _FirstOrder:
+    """P95 to first order, mm, and the ratio of noise gains."""
+
+    together: float
+    installation: float
+    noise: float
+    vector_sum: float  # with the noise of the nominal geometry
+    gain: float
+
+
+def _first_order(case: _Case, model: LinearModel, still: LinearModel, error: str) -> _FirstOrder:
+    at = error_law(model, error, P95)
+    pairs = list(zip(model.blocks, at.parts, strict=True))
+    shot = [part for block, part in pairs if not block.per_unit]
+    mounted = [part for block, part in pairs if block.per_unit] if case.level is None else []
+    quiet = [p for block, p in zip(still.blocks, parts_of(still, error), strict=True) if not block.per_unit]
+    # Of a level only the interface's own displacement counts, and bounded components stand at their centres.
+    mean = at.worst.mean_mm if case.level is None else model.bias_mm(error)
+    zero = np.zeros(3)
+    spread = [noise_variance(linear) for linear in (model, still)]
+    return _FirstOrder(
+        together=law_quantile(law_of(mean, mounted + shot), P95).quantile_mm,
+        installation=law_quantile(law_of(mean, mounted), P95).quantile_mm,
+        noise=law_quantile(law_of(zero, quiet), P95).quantile_mm,
+        vector_sum=law_quantile(law_of(mean, mounted + quiet), P95).quantile_mm,
+        gain=sqrt(spread[0] / spread[1]),
+    )
+
+
+def noise_variance(model: LinearModel) -> float:
+    """mm^2: trace of the covariance that image noise gives the localisation error."""
+    return sum(float(((block.localisation * block.std) ** 2).sum()) for block in model.blocks if not block.per_unit)
