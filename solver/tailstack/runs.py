@@ -20,8 +20,22 @@ from .cores import usable_cores
 from .design import Design
 from .errors import DesignError, OutOfRangeError, Problem
 from .montecarlo import ChainPlan, compile_plan, run_indices
-from .montecarlo.estimators import Goal, quantile_estimate, simulate_to_precision
+from .montecarlo.estimators import (
+    Goal,
+    cvar_estimate,
+    planned_looks,
+    quantile_estimate,
+    simulate_to_precision,
+)
 from .montecarlo.radial import LinearChain, RadialEstimate, gains_in_plan_order, radial
+from .montecarlo.sequential import (
+    CvarQuestion,
+    Question,
+    cvar_interval,
+    repeated_interval,
+    repeated_ranks,
+    simulate_to_decision,
+)
 from .montecarlo.shards import Pending, Shard, Wanted
 from .montecarlo.simulate import Samples, simulate
 from .precision import FINEST_PRECISION, PRECISION
@@ -30,7 +44,7 @@ from .results import Finding, Interval, Validity
 from .scoring import FRAMES, P95, checked_system, tightest_limit, trust_of
 from .system import Array, Requirement, System
 from .tail.declared import law_exceedance, law_quantile
-from .verdict import check_pooled
+from .verdict import decide
 
 MAX_TRIALS = 2**22
 RADIAL_COMPANION_TRIALS = 2**15  # plain trials beside a radial run: moments, CVaR, worst
@@ -100,7 +114,7 @@ class Run:
     confidence_level: float  # used for each interval, so that all looks together hold with the stated one
     stopping: str
     precision_reached: float
-    radial: dict[tuple[str, str, float], Quantile]
+    quantiles: dict[tuple[str, str, float], Quantile]  # that were found otherwise than from ``confidence_level``
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +127,9 @@ class Sampling:
     seed: int = 0
     method: Method = "plain"
     max_trials: int = MAX_TRIALS
+    sequential: bool = False  # only until every requirement and question is decided, not to a precision
+    questions: tuple[Question, ...] = ()  # to be decided besides the requirements; not asked where trials are given
+    cvar: tuple[CvarQuestion, ...] = ()
 
     def __post_init__(self) -> None:
         if self.trials is not None and self.precision is not None:
@@ -165,6 +182,8 @@ def run_all(
             run.append(_run_radial(ready, sampling.seed, threads, progress, source))
         elif sampling.trials is not None:
             run.append(_run_fixed(ready, sampling.trials, sampling.seed, threads, progress, source))
+        elif sampling.sequential:
+            run.append(_run_sequential(ready, sampling, threads, progress, source))
         else:
             run.append(_run_adaptive(ready, sampling, threads, progress, source))
 
@@ -229,7 +248,8 @@ def _run_adaptive(
             simulate_to_precision, plan, precision=sampling.precision or PRECISION, seed=sampling.seed,
             goals=_goals(ready, vertex) or [Goal(0, "tcp", P95)], confidence=confidence,
             max_trials=sampling.max_trials, threads=threads, reprojection=True, progress=progress,
-            settled=partial(_decided, ready, vertex), quantile=_lowest(ready.system), limits=limits_of(ready.system),
+            settled=partial(_decided, ready, vertex, sampling), quantile=_lowest(ready.system),
+            limits=limits_of(ready.system),
             source=None if source is None else source.shards,
         )
         for vertex, plan in ready.plans.items()
@@ -243,15 +263,76 @@ def _run_adaptive(
     return Run(samples, level, stopping, reached, {})
 
 
-def _decided(ready: Prepared, vertex: Vertex, samples: Samples, level: float) -> bool:
-    """No pooled requirement of this run is still open."""
-    for requirement in ready.system.requirements:
-        for name in requirement.targets:
-            if requirement.risk == "pooled" and ready.vertices[name, requirement.error] == vertex:
-                found = quantile_estimate(samples, name, requirement.error, requirement.quantile, level)
-                if check_pooled(requirement, name, found.value_mm, found.interval_mm).status == "inconclusive":
-                    return False
+def _decided(ready: Prepared, vertex: Vertex, sampling: Sampling, samples: Samples, level: float) -> bool:
+    """No pooled requirement and no question of this run is still open."""
+    for asked in _questions(ready, vertex, sampling):
+        found = quantile_estimate(samples, asked.target, asked.error, asked.quantile, level)
+        if decide(found.interval_mm, asked.limit_mm) == "inconclusive":
+            return False
+    return _cvar_decided(ready, vertex, sampling, samples, len(planned_looks(sampling.max_trials)))
+
+
+def _questions(ready: Prepared, vertex: Vertex, sampling: Sampling) -> tuple[Question, ...]:
+    """What the run at this vertex has to decide: pooled requirements, and what was asked besides."""
+    required = (
+        Question(name, requirement.error, requirement.quantile, requirement.limit_mm)
+        for requirement in ready.system.requirements
+        for name in requirement.targets
+        if requirement.risk == "pooled"
+    )
+    everything = dict.fromkeys((*required, *sampling.questions))
+    return tuple(asked for asked in everything if ready.vertices[asked.target, asked.error] == vertex)
+
+
+def _cvar_decided(ready: Prepared, vertex: Vertex, sampling: Sampling, samples: Samples, looks: int) -> bool:
+    for asked in sampling.cvar:
+        if ready.vertices[asked.target, "tcp"] != vertex:
+            continue
+        p95 = quantile_estimate(samples, asked.target, "tcp", P95).value_mm
+        mean = cvar_estimate(samples, asked.target, "tcp", P95).value_mm
+        worst = samples.of(asked.target, "tcp").worst
+        interval = cvar_interval(p95, mean, worst, samples.trials, asked.confidence, looks)
+        if decide(interval, asked.limit_mm) == "inconclusive":
+            return False
     return True
+
+
+def _run_sequential(
+    ready: Prepared, sampling: Sampling, threads: int | None, progress: Progress | None, source: Source | None
+) -> Run:
+    confidence = confidence_of(ready.system)
+    runs = [
+        partial(
+            simulate_to_decision, plan, seed=sampling.seed, questions=_questions(ready, vertex, sampling),
+            confidence=confidence, max_trials=sampling.max_trials, quantile=_lowest(ready.system),
+            settled=partial(_cvar_decided, ready, vertex, sampling), threads=threads, progress=progress,
+            limits=limits_of(ready.system), source=None if source is None else source.shards,
+        )
+        for vertex, plan in ready.plans.items()
+    ]  # fmt: skip
+    found = dict(zip(ready.plans, _together(runs), strict=True))
+    wanted = {(name, error, P95) for name, error in ready.vertices}
+    wanted |= {(n, r.error, r.quantile) for r in ready.system.requirements for n in r.targets}
+    quantiles: dict[tuple[str, str, float], Quantile] = {}
+    for name, error, quantile in sorted(wanted):
+        run = found[ready.vertices[name, error]]
+        ranks = repeated_ranks(run.looks, quantile, confidence)[run.looks.index(run.samples.trials)]
+        one = repeated_interval(run.samples, name, error, quantile, ranks)
+        quantiles[name, error, quantile] = Quantile(one.value_mm, one.interval_mm)
+    reached = max(
+        (one.interval_mm[1] - one.interval_mm[0]) / (2 * one.value_mm) if one.value_mm > 0 else 0.0
+        for key, one in quantiles.items()
+        if key[1:] == ("tcp", P95)
+    )
+    longest = max((run for run in found.values()), key=lambda run: run.samples.trials)
+    reason = "every limit is decided" if all(run.decided for run in found.values()) else "the cap was reached"
+    stopping = (
+        f"Stopped after {longest.samples.trials} trials because {reason}: a sequential test with up to "
+        f"{len(longest.looks)} looks, each limit of a quantile decided wrongly with a probability of at most "
+        f"{(1 - confidence) / 2:.3g} on either side, over all looks."
+    )
+    samples = {vertex: run.samples for vertex, run in found.items()}
+    return Run(samples, confidence, stopping, reached, quantiles)
 
 
 def _run_radial(
@@ -277,7 +358,7 @@ def _run_radial(
         f"Quantiles by radial conditional sampling with {sum(found.evaluations for found in estimates)} evaluations of "
         f"the chain; moments, CVaR, worst case and exceedance from {RADIAL_COMPANION_TRIALS} plain trials."
     )
-    return replace(plain[0], stopping=stopping, precision_reached=reached, radial=found)
+    return replace(plain[0], stopping=stopping, precision_reached=reached, quantiles=found)
 
 
 def radial_estimate(ready: Prepared, wanted: RadialWanted) -> RadialEstimate:

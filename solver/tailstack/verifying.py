@@ -40,6 +40,7 @@ from .system import Array, Requirement, System
 from .tail.declared import law_quantile
 from .verdict import check_per_unit, check_pooled, conclude
 
+NOT_IN_A_CHECK = tuple(words for words in NOT_INCLUDED if "second order" not in words)
 GAP = 0.03  # first order further than this from the check is remarked
 
 
@@ -78,7 +79,7 @@ def verify_prepared(
     checks = _checks(ready, run, own)
     targets = tuple(_target(ready, run, target.name) for target in ready.system.targets)
     worst = max(targets, key=lambda target: target.p95_mm)
-    plain = sampling.trials is None and sampling.method == "plain"
+    plain = sampling.trials is None and sampling.method == "plain" and not sampling.sequential
     return Verification(
         schema="tailstack/verification/1",
         seed=sampling.seed,
@@ -92,13 +93,13 @@ def verify_prepared(
         reprojection=_reprojection(run),
         first_order_ratio=worst.first_order_ratio,
         verdict=conclude(checks, ready.findings + _remarks(targets, ready.trust), "Monte Carlo"),
-        provenance=provenance(ready.system, tuple(n for n in NOT_INCLUDED if "second order" not in n)),
+        provenance=provenance(ready.system, NOT_IN_A_CHECK),
     )
 
 
 def _quantile(ready: Prepared, run: Run, name: str, error: str, quantile: float) -> Quantile:
-    if (name, error, quantile) in run.radial:
-        return run.radial[name, error, quantile]
+    if (name, error, quantile) in run.quantiles:
+        return run.quantiles[name, error, quantile]
     sample = run.samples[ready.vertices[name, error]]
     found = quantile_estimate(sample, name, error, quantile, run.confidence_level)
     return Quantile(found.value_mm, found.interval_mm)

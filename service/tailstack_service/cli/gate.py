@@ -72,12 +72,12 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     from ..gate.formats import FORMATS as WRITERS
     from ..gate.judging import judge
-    from ..gate.request import verified
+    from ..gate.checking import verified
     from ..gate.terminal import gate_text
     from .design_input import coloured_output
 
     with Progress("gate"):
-        record = judge(gate, lambda design: verified(gate, design))
+        record = judge(gate, verified)
     body: str | bytes = ""
     for name, file in formats:
         if file is not None:

@@ -13,7 +13,8 @@ from tailstack.scoring import score
 from .numbers import near_a_limit, numbers_of, with_policy
 from .policy_document import Rules
 from .reading import ReadBaseline, ReadPolicy, ReadWaivers
-from .records import Fold, Level, Mode
+from .records import Fold, GateNumber, Level, Mode
+from .waiving import accepted_values
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,5 +95,11 @@ def wants_check(gate: Gate, computed: Computed) -> bool:
         return False
     if gate.mode == "verify":
         return True
-    numbers = numbers_of(computed.score, None, computed.rules, computed.added)
-    return near_a_limit(numbers, gate.policy.document.guard_band_percent)
+    assert computed.held is not None
+    numbers = numbers_of(computed.score, None, computed.rules, computed.added, computed.held)
+    names = (computed.entry.file, computed.held.name)
+
+    def accepted(number: GateNumber) -> tuple[float, ...]:
+        return accepted_values(gate.waivers, gate.today, number.rule, number.target, names)
+
+    return near_a_limit(numbers, gate.policy.document.guard_band_percent, accepted)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from tailstack.design import Design
 from tailstack.design.refusals import place
 from tailstack.errors import Problem, TailstackError
 from tailstack.results import Score, Severity, Verification
@@ -13,6 +12,7 @@ from tailstack.scoring import NOT_INCLUDED
 from tailstack.version import __version__
 
 from .case import Case
+from .checking import looks_of
 from .designs import Computed, Gate, GateDesign, first_order, wants_check
 from .numbers import numbers_of
 from .policy_document import Rules
@@ -22,7 +22,7 @@ from .waiving import accepting, in_words, remarks_on_waivers
 
 WORST_FIRST: tuple[GateVerdict, ...] = ("not evaluated", "fail", "inconclusive", "pass")
 JUDGING = ("p95", "cvar", "exceedance", "per_unit_yield")
-Verify = Callable[[Design], Verification]
+Verify = Callable[[Gate, Computed], Verification]
 
 
 def judge(gate: Gate, verify: Verify) -> GateRecord:
@@ -33,7 +33,7 @@ def judge(gate: Gate, verify: Verify) -> GateRecord:
         check: Verification | TailstackError | None = None
         if wants_check(gate, computed) and computed.held is not None:
             try:
-                check = verify(computed.held)
+                check = verify(gate, computed)
             except TailstackError as error:
                 check = error
         checks.append(check)
@@ -98,13 +98,16 @@ def conclude(
 def _case(gate: Gate, computed: Computed, scored: Score, check: Verification | None) -> Case:
     design = computed.entry.design
     assert design is not None
+    assert computed.held is not None
     allowed = gate.max_regression_percent
     return Case(
         design=design,
         rules=computed.rules,
         score=scored,
         verification=check,
-        numbers=numbers_of(scored, check, computed.rules, computed.added),
+        numbers=numbers_of(
+            scored, check, computed.rules, computed.added, computed.held, 1 if check is None else looks_of(gate)
+        ),
         added=computed.added,
         baseline=None if gate.baseline is None else gate.baseline.of(computed.entry.file, design.name),
         max_regression_percent=computed.rules.regression.max_percent if allowed is None else allowed,

@@ -7,9 +7,7 @@ quantile 1 - p at that limit.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from math import sqrt
-from statistics import NormalDist
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from tailstack.design import Design
@@ -51,34 +49,60 @@ def with_policy(design: Design, rules: Rules) -> tuple[dict[str, Any], dict[str,
 
 
 def numbers_of(
-    score: Score, verification: Verification | None, rules: Rules, added: Mapping[str, str]
+    score: Score,
+    verification: Verification | None,
+    rules: Rules,
+    added: Mapping[str, str],
+    held: Design,
+    looks: int = 1,
 ) -> tuple[GateNumber, ...]:
-    """Every number with its limit and status; Monte Carlo where it was drawn.  Rules that are off judge nothing."""
+    """Every number with its limit and status; Monte Carlo where it was drawn.  Rules that are off judge nothing.
+
+    held: the design with the policy's limits among its requirements.  looks: that the check was planned with.
+    """
     severity = {
         "p95": rules.p95.severity,
         "exceedance": rules.exceedance.severity,
         "per-unit-yield": rules.per_unit_yield.severity,
     }
     checks = (score if verification is None else verification).verdict.checks
-    numbers = [_number(check, added) for check in checks]
+    rate = _error_rate(held, verification)
+    numbers = [_number(check, added, rate(check)) for check in checks]
     return (
         *(number for number in numbers if severity[number.rule] != "off"),
-        *_cvar_numbers(score, verification, rules),
+        *_cvar_numbers(score, verification, rules, looks),
     )
 
 
-def _number(check: Check, added: Mapping[str, str]) -> GateNumber:
+def _error_rate(held: Design, verification: Verification | None) -> Callable[[Check], float | None]:
+    """Of each check: quantiles share the run's confidence, the largest that is asked for; a yield has its own."""
+    confidence = {entry.name: entry.confidence for entry in held.document.requirements}
+    largest = max(confidence.values(), default=0.95)
+
+    def rate(check: Check) -> float | None:
+        if verification is None:
+            return None
+        own = confidence[check.requirement] if check.risk == "per_unit" else largest
+        return round((1 - own) / 2, 12)
+
+    return rate
+
+
+def _number(check: Check, added: Mapping[str, str], rate: float | None) -> GateNumber:
     rule = added.get(check.requirement)
     name = check.requirement if rule is None else rule
     if check.yield_fraction is not None and check.min_yield is not None:
         return GateNumber(
-            "per-unit-yield", name, check.target, "fraction", check.yield_fraction, None, check.min_yield, check.status
-        )
+            "per-unit-yield", name, check.target, "fraction", check.yield_fraction, None, check.min_yield, check.status,
+            rate,
+        )  # fmt: skip
     interval = check.interval_mm
-    return GateNumber(rule or "p95", name, check.target, "mm", check.value_mm, interval, check.limit_mm, check.status)
+    return GateNumber(
+        rule or "p95", name, check.target, "mm", check.value_mm, interval, check.limit_mm, check.status, rate
+    )
 
 
-def _cvar_numbers(score: Score, verification: Verification | None, rules: Rules) -> list[GateNumber]:
+def _cvar_numbers(score: Score, verification: Verification | None, rules: Rules, looks: int) -> list[GateNumber]:
     limit = rules.cvar.limit_mm
     if limit is None or rules.cvar.severity == "off":
         return []
@@ -91,39 +115,49 @@ def _cvar_numbers(score: Score, verification: Verification | None, rules: Rules)
             ratio = float("inf") if percent is None else 1 + 2 * percent / 100
             found.append((target.name, value, (value / ratio, value * ratio)))
     else:
-        deviate = NormalDist().inv_cdf((1 + rules.cvar.confidence) / 2)
+        from tailstack.montecarlo.sequential import cvar_interval
+
         for estimate in verification.targets:
-            error = deviate * _cvar_error(estimate.p95_mm, estimate.cvar95_mm, estimate.worst_mm, verification.trials)
-            found.append((estimate.name, estimate.cvar95_mm, (estimate.cvar95_mm - error, estimate.cvar95_mm + error)))
+            ends = cvar_interval(
+                estimate.p95_mm,
+                estimate.cvar95_mm,
+                estimate.worst_mm,
+                verification.trials,
+                rules.cvar.confidence,
+                looks,
+            )
+            found.append((estimate.name, estimate.cvar95_mm, ends))
+    rate = None if verification is None else round((1 - rules.cvar.confidence) / 2, 12)
     return [
         GateNumber(
             "cvar", "cvar", name, "mm", value, (low, high if high != float("inf") else None), limit,
-            decide((low, high), limit),
+            decide((low, high), limit), rate,
         )
         for name, value, (low, high) in found
     ]  # fmt: skip
 
 
-def _cvar_error(p95_mm: float, cvar_mm: float, worst_mm: float, trials: int) -> float:
-    """An upper bound of the standard error of CVaR95, mm, from what the check's record holds.
+def near_a_limit(
+    numbers: tuple[GateNumber, ...],
+    guard_band_percent: float,
+    accepted: Callable[[GateNumber], Sequence[float]],
+) -> bool:
+    """Whether first order is too close to a limit to be believed, or cannot decide by itself.
 
-    CVaR is P95 + mean(x) / 0.05 with x = (|e| - P95)_+ in [0, worst - P95]; a variable on [0, b] with mean m has a
-    variance of at most m (b - m) (Bhatia and Davis 2000), some four times the true one for a Gaussian tail.
+    accepted: up to where waivers accept a number that fails; such a value is a limit like any other.
     """
-    mean = 0.05 * (cvar_mm - p95_mm)
-    return sqrt(max(mean * (worst_mm - p95_mm - mean), 0.0) / trials) / 0.05
-
-
-def near_a_limit(numbers: tuple[GateNumber, ...], guard_band_percent: float) -> bool:
-    """Whether first order is too close to a limit to be believed, or cannot decide by itself."""
     band = guard_band_percent / 100
     for number in numbers:
         if number.status == "inconclusive":
             return True
-        # of a yield, the misses are what the limit is about
-        scale = 1 - number.limit if number.unit == "fraction" else number.limit
-        if abs(number.value - number.limit) <= band * scale:
-            return True
+        waived = accepted(number) if number.status == "fail" else ()
+        if waived and number.unit == "fraction":
+            return True  # to first order no waiver covers a yield
+        for limit in (number.limit, *waived):
+            # of a yield, the misses are what the limit is about
+            scale = 1 - limit if number.unit == "fraction" else limit
+            if abs(number.value - limit) <= band * scale:
+                return True
     return False
 
 

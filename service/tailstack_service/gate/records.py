@@ -42,6 +42,7 @@ class GateNumber:
     interval: tuple[float, float | None] | None  # null: of a yield; an end that is null is not known
     limit: float
     status: Literal["pass", "fail", "inconclusive"]
+    error_rate: float | None  # by Monte Carlo: largest probability that pass is said of a fail, or fail of a pass
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +77,7 @@ class GateProvenance:
 
     tailstack_version: str
     policy_name: str
-    policy_sha256: str  # of the canonical content, defaults filled in
+    policy_sha256: str | None  # of the canonical content, defaults filled in; null: it could not be read
     waivers_sha256: str | None
     baseline_sha256: str | None
     today: str  # ISO 8601 date by which waivers were judged
@@ -89,7 +90,7 @@ class GateRecord:
 
     schema: Literal["tailstack/gate/1"]
     verdict: GateVerdict
-    exit_code: int  # 0 pass, 1 fail, 2 bad document, 3 not evaluated, 4 inconclusive
+    exit_code: int  # 0 pass, 1 fail, 2 bad input, 3 not evaluated, 4 inconclusive, 130 interrupted
     mode: Mode
     seed: int
     fail_level: Level

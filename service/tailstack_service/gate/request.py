@@ -8,14 +8,14 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, model_validator
 
-from tailstack.design import Design, load_design
+from tailstack.design import load_design
 from tailstack.design.fields import Name, Record, refusal
 from tailstack.design.reading import DEFAULT_LIMITS, Limits, Source
 from tailstack.design.refusals import refuse
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
-from tailstack.results import Verification
 
 from ..problems import RequestError
+from .checking import verified
 from .designs import Gate, GateDesign, seed_of
 from .judging import judge
 from .reading import read_baseline, read_policy, read_waivers
@@ -148,15 +148,7 @@ def evaluate(data: dict[str, Any]) -> GateRecord:
     The same record as the job's; in mode analytic a matter of milliseconds.  Raises RequestError, GateError.
     """
     gate = gate_of(data)
-    return judge(gate, lambda design: verified(gate, design))
-
-
-def verified(gate: Gate, design: Design) -> Verification:
-    """Monte Carlo as the policy says.  Raises TailstackError."""
-    from tailstack.verifying import verify
-
-    check = gate.policy.document.verification
-    return verify(design, precision=check.precision, seed=gate.seed, max_trials=check.max_trials)
+    return judge(gate, verified)
 
 
 def _request(data: Any, limits: Limits) -> GateRequest:

@@ -31,6 +31,19 @@ def accepting(waivers: ReadWaivers | None, today: date, rule: str, remark: Remar
     return None
 
 
+def accepted_values(
+    waivers: ReadWaivers | None, today: date, rule: str, target: str, names: Sequence[str]
+) -> tuple[float, ...]:
+    """Up to where (down to where) waivers in force accept a rule at a target of a design called ``names``."""
+    about = Remark("", "", target=target)
+    values = []
+    for waiver in () if waivers is None else waivers.entries:
+        value = waiver.max_value if RULES[rule].worse == "more" else waiver.min_value
+        if waiver.rule == rule and waiver.expires >= today and value is not None and _concerns(waiver, about, names):
+            values.append(value)
+    return tuple(values)
+
+
 def _concerns(waiver: Waiver, remark: Remark, names: Sequence[str]) -> bool:
     if waiver.target is not None and waiver.target != remark.target:
         return False

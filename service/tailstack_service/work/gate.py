@@ -6,11 +6,12 @@ import json
 from functools import lru_cache
 from typing import Any
 
-from tailstack.design import Design, design_to_data
+from tailstack.design import design_to_data
 from tailstack.errors import Problem, TailstackError
 from tailstack.results import Verification
 
 from ..documents import read_record, to_json
+from ..gate.checking import sampling_of
 from ..gate.designs import Computed, Gate, first_order, held_to, wants_check
 from ..gate.errors import GateError
 from ..gate.judging import conclude
@@ -55,7 +56,8 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     """One unit of one design's check."""
     gate = _gate(canonical(request))
     try:
-        return FOUND + verification.compute(_check_request(gate, held_to(gate, spec["of"])), spec["spec"])
+        asked = {"design": design_to_data(held_to(gate, spec["of"])), "seed": gate.seed}
+        return FOUND + verification.compute(asked, spec["spec"])
     except TailstackError as error:
         problems = [[p.pointer, p.code, p.detail, p.hint] for p in error.problems]
         return REFUSED + canonical({"slug": error.slug, "exit_code": error.exit_code, "problems": problems})
@@ -67,25 +69,13 @@ def _verification(gate: Gate, computed: Computed, own: list[UnitResult]) -> More
     )
     assert computed.held is not None
     try:
-        step = verification.advance(_check_request(gate, computed.held), plain)
+        step = verification.advanced(design_to_data(computed.held), sampling_of(gate, computed), plain)
     except TailstackError as error:
         return error
     if isinstance(step, More):
         return step
     found: Verification = read_record("verification", step.answer)
     return found
-
-
-def _check_request(gate: Gate, held: Design) -> dict[str, Any]:
-    check = gate.policy.document.verification
-    return {
-        "design": design_to_data(held),
-        "trials": None,
-        "precision": check.precision,
-        "seed": gate.seed,
-        "method": "plain",
-        "max_trials": check.max_trials,
-    }
 
 
 @lru_cache(maxsize=2)

@@ -50,10 +50,15 @@ from .task import UnitResult
 
 def advance(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
     """The check as far as what is recorded carries it."""
+    return advanced(request["design"], sampling_of(request), results)
+
+
+def advanced(design: dict[str, Any], sampling: Sampling, results: Iterable[UnitResult]) -> Step:
+    """:func:`advance` for a design document that is sampled in a way of its own."""
     held = {unit.spec: unit.result for unit in results}
     source = Recorded(held)
     try:
-        answer = verify_prepared(_ready(request), sampling_of(request), threads=1, source=source)
+        answer = verify_prepared(_prepared(canonical(design)), sampling, threads=1, source=source)
     except Pending as pending:
         specs = tuple(dict.fromkeys(pending.wanted))
         return More(specs, pending.remaining, f"Monte Carlo: {len(held)} parts sampled, {len(specs)} asked for")

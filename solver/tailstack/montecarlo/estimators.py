@@ -107,7 +107,7 @@ def wilks_sample_size(quantile: float, confidence: float, order: int = 1) -> int
     return n
 
 
-def _with_rank(samples: Samples, target: str | int, error: str, rank: int) -> ErrorSample:
+def with_rank(samples: Samples, target: str | int, error: str, rank: int) -> ErrorSample:
     """The sample, with its ``rank``-th smallest norm in the kept tail."""
     sample = samples.of(target, error)
     if rank >= sample.trials - len(sample.tail) + 1:
@@ -115,7 +115,7 @@ def _with_rank(samples: Samples, target: str | int, error: str, rank: int) -> Er
     return deepened(samples, sample.trials - rank + 1).of(target, error)
 
 
-def _order_statistic(sample: ErrorSample, rank: int) -> float:
+def order_statistic(sample: ErrorSample, rank: int) -> float:
     return float(sample.tail[len(sample.tail) - 1 - (sample.trials - rank)])
 
 
@@ -124,9 +124,9 @@ def quantile_estimate(
 ) -> QuantileEstimate:
     """Quantile of the error norm by order statistics, with its distribution-free interval."""
     low, high = interval_ranks(samples.trials, quantile, confidence)
-    sample = _with_rank(samples, target, error, low)
-    value = _order_statistic(sample, ceil(samples.trials * quantile))
-    interval = (_order_statistic(sample, low), _order_statistic(sample, high))
+    sample = with_rank(samples, target, error, low)
+    value = order_statistic(sample, ceil(samples.trials * quantile))
+    interval = (order_statistic(sample, low), order_statistic(sample, high))
     return QuantileEstimate(quantile, value, interval, confidence, samples.trials)
 
 
@@ -139,8 +139,8 @@ def cvar_estimate(samples: Samples, target: str | int, error: str, quantile: flo
     _probability_iv("quantile", quantile)
     n = samples.trials
     rank = ceil(n * quantile)
-    sample = _with_rank(samples, target, error, rank)
-    base = _order_statistic(sample, rank)
+    sample = with_rank(samples, target, error, rank)
+    base = order_statistic(sample, rank)
     excess = sample.tail[len(sample.tail) - (n - rank) :] - base
     mean = fsum(excess) / n
     variance = fsum(excess**2) / n - mean**2
@@ -237,6 +237,9 @@ def simulate_to_precision(
     lowest = lowest if quantile is None else min(lowest, quantile)
     looks = planned_looks(max_trials)
     level = 1 - (1 - confidence) / len(looks)
+    highest = max(goal.quantile for goal in goals)
+    while len(looks) > 1 and highest ** looks[0] > (1 - level) / 2:
+        del looks[0]  # so few trials have no interval of that quantile
     samples: Samples | None = None
     needed = TYPICAL / precision**2
     for k, look in enumerate(looks):

@@ -42,7 +42,7 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
             "Provenance",
             (
                 ("Policy", record.provenance.policy_name),
-                ("SHA-256 of the policy", record.provenance.policy_sha256),
+                ("SHA-256 of the policy", record.provenance.policy_sha256 or "could not be read"),
                 ("SHA-256 of the waivers", record.provenance.waivers_sha256 or "no waivers"),
                 ("SHA-256 of the baseline", record.provenance.baseline_sha256 or "no baseline"),
                 ("Waivers judged by", record.provenance.today),
