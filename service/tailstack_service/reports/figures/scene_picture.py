@@ -10,18 +10,22 @@ from typing import Any
 
 import numpy as np
 
+from tailstack.geometry.rotation import cross
 from tailstack.system import Array
 
 from ...rendering.label_places import MarkedPoint, label_places
 from ...rendering.panels import round_step
 from ...rendering.svg import FONT, INK, LABEL_COLOUR, MUTED, line, printable, rounded, shape, text
-from .frame import WIDTH, picture
-from .scene import LOOKS, Camera, Item, Point3, Scene
+from .frame import picture
+from .scene_records import LOOKS, Camera, Item, Point3, Scene
 
-NEAR, FAR = (8, 30, 430, 400), (462, 30, 250, 400)  # left, top, width, height of the two panels
+NEAR, FAR = (8, 26, 436, 400), (460, 26, 252, 212)  # left, top, width, height of the two panels
 PAD = 26
-MOST_LABELS = 40
+STRIP = 34  # kept at the foot of a panel for its axes and bar
+ROOM = 700  # area of page for each label of a fiducial: with less, none is shown
+AROUND = ("fiducials", "targets", "keep-out")  # with sources and detectors, what the whole set-up shows
 CIRCLE = 40
+COLOURS = {**LABEL_COLOUR, "keep-out": LOOKS["keep-out"]["stroke"], "old": MUTED}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +38,7 @@ class Sight:
     scale: float  # page units per mm
     offset: Array  # (2,)
     panel: tuple[float, float, float, float]
+    size: float  # of marks
 
     def page(self, points_mm: Array) -> Array:
         """(N, 3) mm, con -> (N, 2) page."""
@@ -52,32 +57,38 @@ def scene_svg(scene: Scene, name: str = "layout", camera: str = "iso") -> str:
         text(NEAR[0], 16, "Structure, connector frame con, mm", weight="bold"),
         text(FAR[0], 16, "Whole set-up, con, mm", weight="bold"),
     ]
-    near, far = fitted(view, scene.near, NEAR), fitted(view, scene.far, FAR)
+    near, far = fitted(view, scene.near, NEAR), fitted(view, scene.far, FAR, size=0.55)
     hidden = {layer.key for layer in scene.layers if not layer.shown}
     items = [item for item in scene.items if item.layer not in hidden]
-    parts += _panel(near, [item for item in items if item.layer != "beams"], f"{name}-near", True)
-    parts += _panel(far, [item for item in items if item.layer not in ("directions", "floor")], f"{name}-far", False)
-    rows, bottom = _legend(scene, items, NEAR[1] + NEAR[3] + 12)
-    words = f"{scene.words} {scene.note}"
-    return picture(name, scene.title, words, bottom, [*parts, *rows])
+    around = [
+        item for item in scene.items if item.layer == "beams" or (item.layer not in hidden and item.layer in AROUND)
+    ]
+    parts += _panel(near, items, f"{name}-near")
+    parts += _panel(far, around, f"{name}-far")
+    parts += _legend(scene, [*items, *around], FAR[0] + 14, FAR[1] + FAR[3] + 20)
+    y = NEAR[1] + NEAR[3] + 18.0
+    for sentence in _broken(scene.note, 118):
+        parts.append(text(NEAR[0], y, sentence, colour=MUTED))
+        y += 14
+    return picture(name, scene.title, f"{scene.words} {scene.note}", y - 2, parts)
 
 
-def fitted(camera: Camera, points: Sequence[Point3], panel: tuple[float, float, float, float]) -> Sight:
+def fitted(
+    camera: Camera, points: Sequence[Point3], panel: tuple[float, float, float, float], size: float = 1.0
+) -> Sight:
     """The largest scale at which all points are in the panel, with room for labels."""
     right, up = np.array(camera.right), np.array(camera.up)
     given = np.array(points)
     flat = np.column_stack([given @ right, -(given @ up)])
     low, high = flat.min(axis=0), flat.max(axis=0)
     left, top, width, height = panel
-    # The strip below holds the axes and the scale bar.
-    room = np.array([width - 2 * PAD, height - 2 * PAD - 34])
+    room = np.array([width - 2 * PAD, height - 2 * PAD - STRIP])
     scale = float((room / np.maximum(high - low, 1e-3)).min())
     offset = np.array([left + PAD, top + PAD]) + (room - scale * (high - low)) / 2 - scale * low
-    eye = np.cross(right, up)
-    return Sight(right, up, eye, scale, offset, panel)
+    return Sight(right, up, cross(right, up), scale, offset, panel, size)
 
 
-def _panel(sight: Sight, items: Sequence[Item], name: str, labels: bool) -> list[str]:
+def _panel(sight: Sight, items: Sequence[Item], name: str) -> list[str]:
     left, top, width, height = sight.panel
     clip = f'<clipPath id="{name}-clip"><rect x="{left}" y="{top}" width="{width}" height="{height}"/></clipPath>'
     order = {"face": 0, "line": 1, "ellipsoid": 2, "arrow": 2, "mark": 2}
@@ -92,7 +103,7 @@ def _panel(sight: Sight, items: Sequence[Item], name: str, labels: bool) -> list
     frame = f'<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="none" stroke="#d9dee3"/>'
     return [
         clip, f'<g clip-path="url(#{name}-clip)">', *drawn, "</g>", frame,
-        *_labels(sight, items, labels), *axes(sight, 30.0 if labels else 20.0),
+        *_labels(sight, items), *_axes(sight, 20.0 + 10.0 * sight.size),
     ]  # fmt: skip
 
 
@@ -101,7 +112,12 @@ def _drawn(sight: Sight, item: Item) -> list[str]:
     tip = f"<title>{escape(printable(item.title, 200))}</title>" if item.title else ""
     if item.kind == "mark":
         x, y = sight.page(points)[0]
-        return [f"<g>{mark(item.look, float(x), float(y))}{tip}</g>"]
+        drawn = mark(item.look, float(x), float(y))
+        if sight.size != 1.0 and item.look != "image":
+            x, y, size = float(x), float(y), sight.size
+            move = f"translate({rounded((1 - size) * x)} {rounded((1 - size) * y)}) scale({size:g})"
+            return [f'<g transform="{move}">{drawn}{tip}</g>']
+        return [f"<g>{drawn}{tip}</g>"]
     look = LOOKS[item.look]
     if item.kind == "ellipsoid":
         return [f"<g>{_ellipsoid(sight, points, look)}{tip}</g>"]
@@ -180,38 +196,32 @@ def _ellipse(form: Array) -> tuple[float, float, float]:
     return sqrt(max(middle + swing, 0.0)), sqrt(max(middle - swing, 0.0)), degrees(atan2(2 * b, a - c)) / 2
 
 
-def _labels(sight: Sight, items: Sequence[Item], every: bool) -> list[str]:
+def _labels(sight: Sight, items: Sequence[Item]) -> list[str]:
+    """Names beside what they name; those of fiducials only where there is room for them."""
     left, top, width, height = sight.panel
     inside = (left + 2, top + 2, left + width - 2, top + height - 2)
-    marks = [item for item in items if item.kind in ("mark", "arrow", "line", "face")]
-    crowded = sum(bool(item.label) for item in marks if item.layer == "fiducials") > MOST_LABELS or not every
+    places = [sight.page(np.array(item.points[:1]))[0] for item in items if item.layer == "fiducials"]
+    spread = np.ptp(np.array(places), axis=0) + 40 if places else np.zeros(2)
+    crowded = len(places) > 1 and float(spread[0] * spread[1]) < ROOM * len(places)
     points, colours, lines = [], [], []
-    for item in marks:
+    for item in items:
+        if item.look == "image" or not (item.label or item.kind == "mark" or item.look == "ray"):
+            continue
         page = sight.page(np.array(item.points))
-        at = page[0] if item.kind == "mark" else page.mean(axis=0) if item.kind != "arrow" else page[1]
-        if item.layer == "directions":
-            at = page[0]
-        if not (inside[0] <= at[0] <= inside[2] and inside[1] <= at[1] <= inside[3]):
-            continue
-        if item.kind == "mark" and item.look == "image":
-            continue
-        hidden = (item.layer == "fiducials" and crowded) or (
-            not every and item.layer in ("pivots", "keep-out", "levers")
-        )
-        if item.kind != "mark" and not item.label:
-            continue
-        points.append(MarkedPoint(float(at[0]), float(at[1]), "" if hidden else item.label))
-        colours.append(LABEL_COLOUR.get(item.look, MUTED if item.kind != "mark" or item.look == "source" else INK))
-        if item.kind == "arrow":
+        if item.kind == "arrow" or item.look == "ray":
             lines.append((float(page[0, 0]), float(page[0, 1]), float(page[1, 0]), float(page[1, 1])))
-    parts = []
-    for point, (x, y), colour in zip(points, label_places(points, lines, inside, FONT), colours, strict=True):
-        if point.text:
-            parts.append(text(x, y, point.text, colour=colour))
-    return parts
+        if item.look == "ray":
+            continue
+        tail = item.kind != "arrow" or item.layer == "directions"
+        x, y = (page.mean(axis=0) if item.kind == "line" else page[0] if tail else page[-1]).tolist()
+        if inside[0] <= x <= inside[2] and inside[1] <= y <= inside[3]:
+            points.append(MarkedPoint(x, y, "" if crowded and item.layer == "fiducials" else item.label))
+            colours.append(COLOURS.get(item.look, MUTED))
+    placed = zip(points, label_places(points, lines, inside, FONT), colours, strict=True)
+    return [text(x, y, point.text, colour=colour) for point, (x, y), colour in placed if point.text]
 
 
-def axes(sight: Sight, arm: float) -> list[str]:
+def _axes(sight: Sight, arm: float) -> list[str]:
     """The directions of con and a bar in mm, at the foot of a panel."""
     left, top, width, height = sight.panel
     x, y = left + arm + 12, top + height - arm * 0.55 - 10
@@ -220,7 +230,8 @@ def axes(sight: Sight, arm: float) -> list[str]:
         dx, dy = arm * float(right), -arm * float(up)
         parts.append(line(x, y, x + dx, y + dy, INK, 1.2))
         if abs(float(toward)) < 0.97:
-            parts.append(text(x + 1.28 * dx, y + 1.28 * dy + 4, name, anchor="middle"))
+            further = 1 + 9 / max(sqrt(dx * dx + dy * dy), 1.0)
+            parts.append(text(x + further * dx, y + further * dy + 4, name, anchor="middle"))
     length = round_step(0.32 * width / sight.scale)
     end, foot = left + width - 12, top + height - 12
     begin = end - length * sight.scale
@@ -233,39 +244,33 @@ def axes(sight: Sight, arm: float) -> list[str]:
 # --- legend ---------------------------------------------------------------------------------------
 
 _WORDS = {
-    "fiducial": "fiducial", "new": "new fiducial", "old": "as before", "target": "target", "source": "X-ray source",
+    "fiducial": "fiducial", "new": "new fiducial", "old": "fiducial, {before}", "target": "target",
+    "source": "X-ray source", "image": "image of a fiducial",
     "pivot 1": "pivot, structure–connector", "pivot 2": "pivot, connector–flange",
 }  # fmt: skip
 _LOOK_WORDS = {
-    "tcp": "error at the tool", "tcp-before": "error at the tool, before", "bias": "bias",
-    "bias-before": "bias, before", "localisation": "error as localised", "keep-out": "keep-out zone",
+    "tcp": "error at the tool", "tcp-before": "error at the tool, {before}", "bias": "bias",
+    "bias-before": "bias, {before}", "localisation": "error as localised", "keep-out": "keep-out zone",
     "region": "target region", "locator": "locator", "beam": "beam", "moved": "moved",
 }  # fmt: skip
 
 
-def _legend(scene: Scene, items: Sequence[Item], top: float) -> tuple[list[str], float]:
-    """What the marks mean, then what the scales are."""
+MAGNIFIED = ("tcp", "tcp-before", "bias", "bias-before", "localisation")
+
+
+def _legend(scene: Scene, items: Sequence[Item], x: float, y: float) -> list[str]:
+    """What the marks mean, one below the other."""
     used = {item.look for item in items}
-    parts, x, y = [], 14.0, top + 10
+    parts = []
     for look, words in (*_WORDS.items(), *_LOOK_WORDS.items()):
         if look not in used:
             continue
-        said = (
-            f"{words} × {scene.magnification:g}"
-            if look in ("tcp", "tcp-before", "bias", "bias-before", "localisation")
-            else words
-        )
-        wide = 26 + 5.9 * len(said)
-        if x + wide > WIDTH - 10:
-            x, y = 14.0, y + 18
+        said = words.format(before=printable(scene.before, 12))
+        said += f", × {scene.magnification:g}" if look in MAGNIFIED else ""
         parts.append(mark(look, x, y - 4) if look in _WORDS else _sample(look, x, y - 4))
-        parts.append(text(x + 13, y, said))
-        x += wide + 12
-    y += 20
-    for sentence in _broken(scene.note, 118):
-        parts.append(text(7, y, sentence, colour=MUTED))
-        y += 14
-    return parts, y - 4
+        parts.append(text(x + 16, y, said))
+        y += 17
+    return parts
 
 
 def _sample(look: str, x: float, y: float) -> str:

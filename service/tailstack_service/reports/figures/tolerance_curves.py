@@ -1,4 +1,4 @@
-"""First-order quantile of the error over each half-width, from nothing to a few times its own, the others as they are."""
+"""First-order quantile of the error over each half-width, from nothing to a few times its own, the others staying."""
 
 from __future__ import annotations
 
