@@ -1,0 +1,221 @@
+"""The sequential test of a gate in mode auto: its error rates, exactly, by simulation of counts, and on the real chain.
+
+Every observed rate is given its exact (Clopper-Pearson) 95 % interval, and each such comparison is wrong for a right
+implementation with a probability of at most 2.5 %, were the seed not fixed.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from math import comb
+
+import numpy as np
+import pytest
+from scipy.stats import beta
+
+from scenes import cios_system, target
+from tailstack.errors import OutOfRangeError
+from tailstack.montecarlo import compile_plan, simulate
+from tailstack.montecarlo.estimators import interval_ranks
+from tailstack.montecarlo.sequential import (
+    Question,
+    cvar_interval,
+    planned_looks,
+    repeated_interval,
+    repeated_ranks,
+    simulate_to_decision,
+)
+
+Counts = np.ndarray
+
+
+def exact_interval(count: int, trials: int) -> tuple[float, float]:
+    low = float(beta.ppf(0.025, count, trials - count + 1)) if count else 0.0
+    return low, float(beta.ppf(0.975, count + 1, trials - count)) if count < trials else 1.0
+
+
+def outcomes(looks: tuple[int, ...], quantile: float, confidence: float, below: float, runs: int, seed: int) -> Counts:
+    """(3,) counts of runs that say kept, missed, nothing, when ``below`` of all trials keep the limit.
+
+    The limit lies above the whole interval exactly when ``high`` trials or more keep it, and below it when fewer than
+    ``low`` do: the test is one of counts.
+    """
+    ranks = repeated_ranks(looks, quantile, confidence)
+    random = np.random.default_rng(seed)
+    steps = np.diff((0, *looks))
+    kept = np.cumsum(random.binomial(steps, below, (runs, len(looks))), axis=1)
+    said = np.zeros((runs, len(looks)), dtype=int)
+    for k, rank in enumerate(ranks):
+        if rank.high is not None:
+            said[:, k] = np.where(kept[:, k] >= rank.high, 1, said[:, k])
+        if rank.low is not None:
+            said[:, k] = np.where(kept[:, k] < rank.low, 2, said[:, k])
+    first = said[np.arange(runs), np.argmax(said > 0, axis=1)]
+    return np.bincount(first, minlength=3)[[1, 2, 0]]
+
+
+def test_one_look_is_the_interval_of_order_statistics() -> None:
+    for trials, quantile, confidence in product((700, 8192), (0.5, 0.95, 0.99), (0.8, 0.95, 0.99)):
+        (ranks,) = repeated_ranks((trials,), quantile, confidence)
+        assert (ranks.low, ranks.high) == interval_ranks(trials, quantile, confidence)
+
+
+def test_two_small_looks_against_every_path() -> None:
+    """independent: the probability of ever leaving the ranks, summed over every pair of counts."""
+    looks, quantile, confidence = (12, 30), 0.7, 0.9
+    first, second = repeated_ranks(looks, quantile, confidence)
+    chance = [[comb(n, k) * quantile**k * (1 - quantile) ** (n - k) for k in range(n + 1)] for n in (12, 18)]
+
+    def error(below: bool, ranks: tuple[int, int]) -> float:
+        """Probability that the walk crosses one side of these ranks at either look."""
+        total = 0.0
+        for a, b in product(range(13), range(19)):
+            crossed = (a < ranks[0] or a + b < ranks[1]) if below else (a >= ranks[0] or a + b >= ranks[1])
+            total += chance[0][a] * chance[1][b] * crossed
+        return total
+
+    assert first.low is not None
+    assert second.low is not None
+    assert error(True, (first.low, second.low)) <= 0.05
+    assert error(True, (first.low, second.low + 1)) > 0.05, "nothing is left unspent"
+    assert second.high is not None
+    high = 13 if first.high is None else first.high
+    assert error(False, (high, second.high)) <= 0.05
+    assert error(False, (high, second.high - 1)) > 0.05
+    assert error(True, (first.low + 1, second.low)) > 0.025, "half of it is kept for the second look"
+
+
+@pytest.mark.parametrize(
+    ("quantile", "confidence", "cap"), [(0.95, 0.95, 2**20), (0.95, 0.8, 2**17), (0.9999, 0.95, 2**20)]
+)
+def test_on_the_limit_wrong_decisions_are_as_rare_as_stated(quantile: float, confidence: float, cap: int) -> None:
+    """sampled: 40,000 runs exactly on the limit, the worst case for either error; seed 20."""
+    runs, stated = 40_000, (1 - confidence) / 2
+    kept, missed, open_ones = outcomes(planned_looks(cap), quantile, confidence, quantile, runs, 20)
+    for wrong in (kept, missed):
+        low, high = exact_interval(wrong, runs)
+        assert low <= stated
+        assert high >= 0.8 * stated, "the rate is spent, not hoarded"
+    assert open_ones == runs - kept - missed
+    assert open_ones / runs > confidence - 0.01
+
+
+@pytest.mark.parametrize("beyond", [0.97, 1.03])
+def test_beyond_the_limit_it_is_decided_and_hardly_ever_wrongly(beyond: float) -> None:
+    """sampled: 3 % more or fewer trials above the limit than allowed, some seven standard deviations at the cap."""
+    runs = 20_000
+    kept, missed, open_ones = outcomes(planned_looks(2**20), 0.95, 0.95, 1 - 0.05 * beyond, runs, 21)
+    right, wrong = (kept, missed) if beyond < 1 else (missed, kept)
+    assert exact_interval(wrong, runs)[0] <= 0.025
+    assert wrong < 0.02 * runs
+    assert open_ones < 0.02 * runs
+    assert right > 0.97 * runs
+
+
+def test_far_from_the_limit_the_first_look_decides() -> None:
+    kept, missed, _ = outcomes(planned_looks(8192), 0.95, 0.95, 1 - 0.05 * 0.8, 20_000, 22)
+    assert kept / 20_000 > 0.97
+    assert missed == 0
+
+
+def test_all_intervals_hold_together() -> None:
+    """sampled: the quantile lies in the intervals of *all* looks in at least 95 % of 40,000 runs; seed 23."""
+    looks = planned_looks(2**18)
+    ranks = repeated_ranks(looks, 0.95, 0.95)
+    random = np.random.default_rng(23)
+    below = np.cumsum(random.binomial(np.diff((0, *looks)), 0.95, (40_000, len(looks))), axis=1)
+    inside = np.ones(len(below), dtype=bool)
+    for k, rank in enumerate(ranks):
+        assert rank.low is not None
+        assert rank.high is not None
+        inside &= (below[:, k] >= rank.low) & (below[:, k] < rank.high)
+    assert exact_interval(int(inside.sum()), len(inside))[1] >= 0.95
+
+
+def test_what_has_no_order_statistic_yet_has_no_end() -> None:
+    first = repeated_ranks(planned_looks(2**20), 0.9999, 0.95)[0]
+    assert first.high is None
+    assert first.low is not None
+    plan = compile_plan(cios_system())
+    samples = simulate(plan, trials=8192, seed=1, quantile=0.95)
+    found = repeated_interval(samples, 0, "tcp", 0.9999, first)
+    assert found.interval_mm[1] == float("inf")
+    assert 0 < found.interval_mm[0] <= found.value_mm
+
+
+def test_the_interval_of_the_tails_mean_holds() -> None:
+    """sampled: CVaR95 of |N(0, I)| by 400 runs of 20,000 trials; truth from 20 million, seed 24."""
+    random = np.random.default_rng(24)
+
+    def tail(trials: int) -> tuple[float, float, float]:
+        norms = np.sqrt(random.chisquare(3, trials))
+        p95 = float(np.partition(norms, int(0.95 * trials))[int(0.95 * trials)])
+        return p95, float(norms[norms >= p95].mean()), float(norms.max())
+
+    truth = np.mean([tail(2_000_000)[1] for _ in range(10)])
+    held = 0
+    for _ in range(400):
+        low, high = cvar_interval(*tail(20_000), 20_000, 0.95, looks=8)
+        held += low <= truth <= high
+    assert exact_interval(held, 400)[1] >= 0.95
+
+
+@pytest.mark.parametrize(
+    ("looks", "quantile", "confidence"),
+    [((), 0.95, 0.95), ((10, 10), 0.95, 0.95), ((0, 5), 0.95, 0.95), ((10,), 1.0, 0.95), ((10,), 0.95, 0.0)],
+)
+def test_what_is_no_test_is_refused(looks: tuple[int, ...], quantile: float, confidence: float) -> None:
+    with pytest.raises(OutOfRangeError):
+        repeated_ranks(looks, quantile, confidence)
+
+
+# --- on the chain itself -----------------------------------------------------------------------------------------
+
+CAP, RUNS, CONFIDENCE = 2**15, 300, 0.8
+
+
+@pytest.fixture(scope="module")
+def chain() -> tuple[object, float]:
+    """A compiled chain with two targets, and P95 of the first from 2^23 trials of another seed: the error of that is a
+    sixteenth of what a run of ``CAP`` trials can tell."""
+    plan = compile_plan(cios_system(targets=(target((0, 0, 70), "tip"), target((10, 0, 60), "shaft"))))
+    samples = simulate(plan, trials=2**23, seed=1_000_003, quantile=0.95, threads=2)
+    tail = samples.of("tip").tail
+    return plan, float(tail[len(tail) - (2**23 - int(2**23 * 0.95))])
+
+
+def decisions(chain: tuple[object, float], factor: float, runs: int) -> dict[str, int]:
+    plan, p95 = chain
+    found = {"kept": 0, "missed": 0, "open": 0, "trials": 0}
+    for seed in range(10_000, 10_000 + runs):
+        question = Question("tip", "tcp", 0.95, factor * p95)
+        run = simulate_to_decision(
+            plan, seed=seed, questions=[question], confidence=CONFIDENCE, max_trials=CAP, quantile=0.95, threads=1
+        )
+        k = run.looks.index(run.samples.trials)
+        ranks = repeated_ranks(run.looks, 0.95, CONFIDENCE)[k]
+        low, high = repeated_interval(run.samples, "tip", "tcp", 0.95, ranks).interval_mm
+        said = "kept" if high <= question.limit_mm else "missed" if low > question.limit_mm else "open"
+        assert run.decided == (said != "open")
+        assert run.decided or run.samples.trials == CAP
+        found[said] += 1
+        found["trials"] += run.samples.trials
+    return found
+
+
+def test_a_design_on_its_limit_stays_open_at_the_cap(chain: tuple[object, float]) -> None:
+    """sampled: 300 seeds from 10,000, stated 10 % on either side."""
+    found = decisions(chain, 1.0, RUNS)
+    for wrong in ("kept", "missed"):
+        low, high = exact_interval(found[wrong], RUNS)
+        assert low <= (1 - CONFIDENCE) / 2
+        assert high >= 0.5 * (1 - CONFIDENCE) / 2
+    assert exact_interval(found["open"], RUNS)[1] >= CONFIDENCE
+
+
+@pytest.mark.parametrize(("factor", "right"), [(1.03, "kept"), (0.97, "missed")])
+def test_a_design_beyond_its_limit_is_decided(chain: tuple[object, float], factor: float, right: str) -> None:
+    """sampled: 3 % from the limit, where P95 is known to 0.5 % at the cap."""
+    found = decisions(chain, factor, 100)
+    assert found[right] == 100
+    assert found["trials"] / 100 < 0.6 * CAP, "it stops when it is decided"
