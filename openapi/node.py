@@ -1,4 +1,4 @@
-"""The npm tools that ``package-lock.json`` pins, installed once per state of that file outside the checkout."""
+"""The npm tools that a ``package-lock.json`` pins, installed once per state of that file outside the checkout."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ class NodeMissing(Exception):
     """Node, npm or the npm registry is not to be had here; the message says which."""
 
 
-def tools() -> Path:
-    """Directory of the installed commands.  Raises NodeMissing."""
+def tools(home: Path = HERE) -> Path:
+    """Directory of the installed commands that the files in ``home`` pin.  Raises NodeMissing."""
     node, npm = shutil.which("node"), shutil.which("npm")
     if node is None or npm is None:
         raise NodeMissing("node and npm are not on the PATH: install Node.js 20.19 or later")
     version = subprocess.run([node, "--version"], capture_output=True, text=True, timeout=60).stdout
-    digest = hashlib.sha256(version.encode() + b"".join((HERE / name).read_bytes() for name in PINS)).hexdigest()[:16]
+    digest = hashlib.sha256(version.encode() + b"".join((home / name).read_bytes() for name in PINS)).hexdigest()[:16]
     place = Path(tempfile.gettempdir()) / f"tailstack-npm-{getattr(os, 'getuid', int)()}-{digest}"
     if not place.exists():
-        _install(npm, place)
+        _install(npm, place, home)
     return place / "node_modules" / ".bin"
 
 
-def _install(npm: str, place: Path) -> None:
+def _install(npm: str, place: Path, home: Path) -> None:
     """``npm ci`` in a folder of its own, which is then moved to its place whole, or not at all."""
     fresh = Path(tempfile.mkdtemp(prefix="tailstack-npm-"))
     try:
         for name in PINS:
-            shutil.copy(HERE / name, fresh)
+            shutil.copy(home / name, fresh)
         command = [npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund", "--no-update-notifier"]
         try:
             done = subprocess.run(command, cwd=fresh, capture_output=True, text=True, timeout=SECONDS)

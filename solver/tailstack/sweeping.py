@@ -15,9 +15,9 @@ from .design import Design, compile_design, load_design
 from .errors import Problem, TailstackError
 from .results import Provenance, TargetEstimate, TargetScore
 from .runs import MAX_TRIALS
-from .scoring import provenance, score
+from .scoring import NOT_INCLUDED, provenance, score
 from .sweep_results import Sweep, SweepAxis, SweepPoint, SweepTarget
-from .verifying import verify
+from .verifying import NOT_IN_A_CHECK, verify
 
 MOST_AXES, MOST_POINTS = 6, 1_000_000
 SIGNIFICANT = 12  # digits of the values of a range: 0.3, not 0.30000000000000004
@@ -158,12 +158,12 @@ def assembled(
         seed=seed if checked else None,
         trials=trials if checked else None,
         points=tuple(points),
-        provenance=_provenance(design),
+        provenance=_provenance(design, checked),
     )
 
 
-def _provenance(design: Design) -> Provenance:
-    return provenance(compile_design(design))
+def _provenance(design: Design, checked: bool) -> Provenance:
+    return provenance(compile_design(design), NOT_IN_A_CHECK if checked else NOT_INCLUDED)
 
 
 def _axis(design: Design, axis: Axis) -> SweepAxis:

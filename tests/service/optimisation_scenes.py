@@ -118,6 +118,7 @@ def full_result(**changes: Any) -> Optimisation:
             ),
             FrontPoint(0.5, 0.5, "out of reach", "the smallest P95 found is 0.61 mm", None, None, None, (), (), (), ()),
         ),
+        "design_before": {},
         "design": {},
         "provenance": PROVENANCE,
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import io
 import json
@@ -66,12 +67,15 @@ class Page(HTMLParser):
         self.elements: list[tuple[str, dict[str, str | None]]] = []
         self.open: list[str] = []
         self.texts: list[str] = []
-        self.record = ""
+        self.scripts: list[str] = []
+        self.record = self.style = ""
         self.feed(content.decode())
         self.close()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.elements.append((tag, dict(attrs)))
+        if tag == "script":
+            self.scripts.append("")
         if tag not in VOID:
             self.open.append(tag)
 
@@ -83,7 +87,10 @@ class Page(HTMLParser):
 
     def handle_data(self, data: str) -> None:
         if self.open and self.open[-1] == "script":
-            self.record += data
+            self.scripts[-1] += data
+            self.record += data if self.elements[-1][1].get("id") == "tailstack-record" else ""
+        elif self.open and self.open[-1] == "style":
+            self.style += data
         else:
             self.texts.append(data)
 
@@ -182,14 +189,20 @@ def test_html_asks_nothing_of_any_network(body: bytes) -> None:
         assert tag not in ("link", "img", "iframe", "object", "embed", "base", "form", "use", "image")
         for name, value in attributes.items():
             assert not name.startswith("on")
+            assert name != "style"  # the policy lets no such style count
             if name in ("src", "href", "xlink:href", "action", "data", "srcset", "poster"):
                 assert value is not None
                 assert value.startswith("#")
     assert b"@import" not in content
-    assert b"url(" not in content
+    assert not re.search(rb"url\((?!#)", content)
     policy = next(m for m in page.of("meta") if m.get("http-equiv") == "Content-Security-Policy")["content"]
     assert policy is not None
     assert policy.startswith("default-src 'none'")
+    assert "unsafe" not in policy
+    (script,) = [text for text, how in zip(page.scripts, page.of("script"), strict=True) if "type" not in how]
+    for directive, content in (("script-src", script), ("style-src", page.style)):
+        digest = base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()
+        assert f"{directive} 'sha256-{digest}'" in policy
 
 
 def test_html_can_be_read_without_seeing_it(body: bytes) -> None:
@@ -220,14 +233,19 @@ def test_the_record_inside_is_the_record(body: bytes) -> None:
 def test_html_shows_names_and_never_runs_them() -> None:
     report = compute_report(load_design(hostile_design()), ReportOptions(trials=2_000))
     page = Page(render("report", to_json(report), "html")[0])
-    scripts = page.of("script")
-    assert scripts == [{"type": "application/json", "id": "tailstack-record"}]
+    running = [text for text, script in zip(page.scripts, page.of("script"), strict=True) if "type" not in script]
+    assert running == [viewer()]
     assert not page.of("img")
     assert HOSTILE in "".join(page.texts)
     assert json.loads(page.record)["design"]["description"] == hostile_design()["description"]
 
 
-CSS = (Path(html_module.__file__).parent / "templates" / "report.css").read_text(encoding="utf-8")
+TEMPLATES = Path(html_module.__file__).parent / "templates"
+CSS = (TEMPLATES / "report.css").read_text(encoding="utf-8")
+
+
+def viewer() -> str:
+    return (TEMPLATES / "viewer.js").read_text(encoding="utf-8").strip()
 
 
 def luminance(colour: str) -> float:
@@ -237,11 +255,20 @@ def luminance(colour: str) -> float:
     return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
-@pytest.mark.parametrize("colour", sorted(set(re.findall(r"(?<![-\w])color: (#[0-9a-f]{6})", CSS))))
-def test_text_stands_out_from_the_darkest_ground(colour: str) -> None:
+THEMES = [dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", block)) for block in re.findall(r":root \{[^}]*\}", CSS)]
+ON_ANY_GROUND = ("ink", "quiet", "below", "link")
+
+
+@pytest.mark.parametrize("theme", THEMES, ids=["light", "dark"])
+def test_text_stands_out_from_its_ground(theme: dict[str, str]) -> None:
     """published: WCAG 2.2, 1.4.3, a contrast of at least 4.5."""
-    ground = min(luminance(found) for found in re.findall(r"background: (#[0-9a-f]{6})", CSS))
-    assert (ground + 0.05) / (luminance(colour) + 0.05) >= 4.5
+    pairs = [(name, f"{name}-ground") for name in ("pass", "fail", "open", "plain")]
+    pairs += [(name, "ground") for name in ("pass", "fail", "open", "plain")]
+    pairs += [(name, ground) for name in ON_ANY_GROUND for ground in theme if ground.endswith("ground")]
+    pairs += [(name, "raised") for name in ON_ANY_GROUND]
+    for name, ground in pairs:
+        darker, lighter = sorted(luminance(theme[which]) for which in (name, ground))
+        assert (lighter + 0.05) / (darker + 0.05) >= 4.5, (name, ground)
 
 
 # --- spreadsheet ----------------------------------------------------------------------------------

@@ -11,7 +11,8 @@ from ..work.task import ADVANCE, Task, UnitResult
 
 def steps() -> list[Callable[[], object]]:
     """Modules to import, then the compiled kernels, in the order in which they are to be called."""
-    modules = ("numpy", "scipy.linalg", "tailstack.design", "tailstack.verifying", "tailstack.optimisation", "casadi")
+    optimiser = "tailstack.optimisation.optimising"
+    modules = ("numpy", "scipy.linalg", "tailstack.design", "tailstack.verifying", optimiser, "casadi")
     return [*(partial(import_module, name) for name in modules), check_once]
 
 

@@ -18,6 +18,7 @@ class Column:
     unit: str = ""  # mm, px, deg, %, ... shown in the header
     kind: Literal["text", "fixed", "significant", "percent", "whole", "given", "status"] = "text"
     digits: int = 3  # decimals of fixed and percent, digits of significant; given: as many as it has
+    on_page: bool = True  # False: only a spreadsheet has room for it
 
     @property
     def numeric(self) -> bool:
@@ -47,8 +48,17 @@ class Table:
     most: int = 60  # rows that a page shows; a spreadsheet has all
 
     @property
+    def page_columns(self) -> tuple[Column, ...]:
+        return tuple(column for column in self.columns if column.on_page)
+
+    @property
     def shown(self) -> tuple[Row, ...]:
-        return self.rows[: self.most]
+        """The rows of a page, with the cells of ``page_columns``."""
+        kept = [column.on_page for column in self.columns]
+        return tuple(
+            Row(tuple(cell for cell, on in zip(row.cells, kept, strict=True) if on), row.depth)
+            for row in self.rows[: self.most]
+        )
 
     @property
     def left_out(self) -> int:
@@ -62,6 +72,7 @@ class Figure:
     name: str  # kebab-case, unique in the report
     svg: str
     caption: str
+    scene: str = ""  # JSON: on a screen the picture is replaced by a viewer of the same scene, which can be turned
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +112,7 @@ class Section:
     title: str
     blocks: tuple[Block, ...]
     page: bool = False
+    reader: Literal["designer", "auditor"] = "designer"  # whom it is for: the contents say so
 
 
 @dataclass(frozen=True, slots=True)

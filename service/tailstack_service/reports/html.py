@@ -1,23 +1,68 @@
-"""One HTML file: everything inside, nothing asked of any network, the record itself at its end."""
+"""One HTML file: everything inside, nothing asked of any network, the record itself at its end.
+
+One script may run in it, the viewer of the layout, named by its hash in the page's content security policy.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
+from base64 import b64encode
 from functools import cache
+from importlib.resources import files
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from ..rendering.tables import number
-from .blocks import Cell, Column, Document
+from tailstack import __version__
 
-_BLOCKS = ("Table", "Figure", "Paragraph", "Bullets", "Facts", "Listing")
+from ..rendering.tables import number
+from .blocks import Cell, Column, Document, Figure
 
 
 def html_report(document: Document, record: bytes | None) -> str:
     """The report as HTML.  ``record``: the result's JSON, which is kept in the file; None leaves it out (print)."""
+    blocks = [*document.figures, *(block for section in document.sections for block in section.blocks)]
+    turned = any(isinstance(block, Figure) and block.scene for block in blocks)
     template = _environment().get_template("report.html")
-    return template.render(document=document, record=None if record is None else _inert(record))
+    return (
+        template.render(
+            document=document,
+            record=None if record is None else _inert(record),
+            generator=f"tailstack {__version__}",
+            policy="" if record is None else content_policy(),
+            style=_style(),
+            script=_source("viewer.js") if turned else "",
+        )
+        + "\n"
+    )
+
+
+def content_policy(*, served: bool = False) -> str:
+    """The content security policy of every report: nothing is fetched, only its own style and viewer count.
+
+    ``served``: with what only a response header can say; the page then has an origin of its own and may do nothing
+    but run the viewer.
+    """
+    allowed = (
+        "default-src 'none'", f"script-src {_hashed(_source('viewer.js'))}", f"style-src {_hashed(_style())}",
+        "img-src data:", "base-uri 'none'", "form-action 'none'",
+    )  # fmt: skip
+    return "; ".join([*allowed, *(("frame-ancestors 'none'", "sandbox allow-scripts") if served else ())])
+
+
+@cache
+def _source(name: str) -> str:
+    return (files(__package__) / "templates" / name).read_text(encoding="utf-8").strip()
+
+
+def _style() -> str:
+    return f"{_source('report.css')}\n{_source('viewer.css')}"
+
+
+@cache
+def _hashed(content: str) -> str:
+    return f"'sha256-{b64encode(hashlib.sha256(content.encode()).digest()).decode()}'"
 
 
 @cache

@@ -123,6 +123,7 @@ def report(outcome: Outcome) -> Optimisation:
         placement_value=outcome.value,
         counts=outcome.counts,
         front=outcome.front,
+        design_before=design_to_data(request.design),
         design=design_to_data(verified.design),
         provenance=verified.verification.provenance,
     )  # fmt: skip

@@ -170,5 +170,6 @@ class Optimisation:
     placement_value: PlacementValue | None
     counts: tuple[CountTried, ...]
     front: tuple[FrontPoint, ...]
-    design: dict[str, object]  # the new document, complete
+    design_before: dict[str, object]  # the document that it started from, complete
+    design: dict[str, object]  # the new one
     provenance: Provenance

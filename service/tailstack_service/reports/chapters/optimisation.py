@@ -11,8 +11,9 @@ from .verification import sampling_blocks, verification_blocks
 MOST_BINDING = 3  # said on the first page
 
 REPRODUCTION = (
-    "design.yaml is the design that was optimised, as it was sent; this record holds the new one. The same version of "
-    "tailstack gives the same digits, whatever the number of threads, workers or machines."
+    "design.yaml is the design that it started from, the field design_before of this record and the last section of "
+    "this report. The same version of tailstack gives the same digits, whatever the number of threads, workers or "
+    "machines."
 )
 
 
@@ -22,7 +23,7 @@ def optimise_command(found: Optimisation) -> str:
 
 
 def optimisation_document(found: Optimisation, sha256: str) -> Document:
-    """An optimisation by itself: the new design is in its record, the old one is not."""
+    """An optimisation by itself: what it found, what changed, and what the optimum rests on."""
     check = found.certificate.verification
     more = len(found.binding) - MOST_BINDING
     listed = "; ".join(found.binding[:MOST_BINDING]) + (f"; and {more} more" if more > 0 else "")
@@ -35,14 +36,28 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
         sentence=optimised_sentence(found),
         numbers=optimisation_numbers(found),
         matters=(binding, *(sentence_of(price.sentence) for price in found.shadow_prices[:2])),
-        figures=(new_layout(found),),
         sections=(
-            Section("What changed", change_blocks(found), page=True),
+            Section("What changed", (optimised_layout(found), *change_blocks(found)), page=True),
             Section("Check of the new design", (*verification_blocks(check), *sampling_blocks(check))),
-            Section("Certificate", certificate_blocks(found)),
-            Section("What is not included", (not_included(found.provenance),)),
-            Section("Reproduction", (Listing(optimise_command(found)), Paragraph(REPRODUCTION))),
-            Section("The new design", (design_listing(found.design, "The new design, as YAML"),), page=True),
+            Section("Certificate", certificate_blocks(found), reader="auditor"),
+            Section("What is not included", (not_included(found.provenance),), reader="auditor"),
+            Section(
+                "Reproduction",
+                (Listing(f"{optimise_command(found)}\ntailstack report --verify THIS_FILE"), Paragraph(REPRODUCTION)),
+                reader="auditor",
+            ),
+            Section(
+                "The new design",
+                (design_listing(found.design, "The new design, as YAML"),),
+                page=True,
+                reader="auditor",
+            ),
+            Section(
+                "The design before",
+                (design_listing(found.design_before, "The design that it started from, as YAML"),),
+                page=True,
+                reader="auditor",
+            ),
         ),
         provenance=provenance_facts(found.provenance, sha256, found.schema),
     )
@@ -64,22 +79,31 @@ def sentence_of(words: str) -> str:
 
 def optimisation_numbers(found: Optimisation) -> tuple[KeyNumber, ...]:
     before = "not determined" if found.p95_before_mm is None else f"{found.p95_before_mm:.3f} mm before"
-    cost = "no price before" if found.cost_before is None else f"{found.cost_before:.4g} before"
-    return (
-        KeyNumber("P95", f"{found.p95_after_mm:.3f} mm", before),
-        KeyNumber("Cost of what was free", f"{found.cost_after:.4g}", cost),
-        KeyNumber("Starts", f"{found.certificate.converged_starts} of {found.certificate.starts}", "converged"),
-    )
+    numbers = [KeyNumber("P95, first order", f"{found.p95_after_mm:.3f} mm", before)]
+    worst = max(found.certificate.verification.targets, key=lambda target: target.p95_mm)
+    low, high = worst.p95_interval_mm
+    numbers.append(KeyNumber("P95, Monte Carlo", f"{worst.p95_mm:.3f} mm", f"{low:.3f} to {high:.3f} mm, {worst.name}"))
+    if found.scaling is not None:
+        numbers.append(KeyNumber("Common factor", f"× {found.scaling:.4g}", "on all free half-widths"))
+    elif found.cost_after > 0:
+        cost = "no price before" if found.cost_before is None else f"{found.cost_before:.4g} before"
+        numbers.append(KeyNumber("Cost of what was free", f"{found.cost_after:.4g}", cost))
+    proof = found.certificate
+    return (*numbers, KeyNumber("Starts", f"{proof.converged_starts} of {proof.starts}", "converged"))
 
 
-def new_layout(found: Optimisation) -> Figure:
+def optimised_layout(found: Optimisation) -> Figure:
+    """The layout before and after."""
     from tailstack.design import compile_design, load_design
 
-    from ...rendering.layout_picture import single_layout_svg
+    from ...rendering.layout_picture import layout_svg
 
-    system = compile_design(load_design(found.design, allow_files=False))
-    svg = single_layout_svg(system, f"{found.provenance.design_name}: the new layout", "new-layout")
-    return Figure("new-layout", svg, "The new layout: both views in px, and the connector frame con in mm.")
+    before, after = (
+        compile_design(load_design(data, allow_files=False)) for data in (found.design_before, found.design)
+    )
+    svg = layout_svg(before, after, f"{found.provenance.design_name}: layout before and after")
+    caption = "Before above after: both views in px, and the connector frame con in mm; nominal positions."
+    return Figure("layout-optimised", svg, caption)
 
 
 def change_blocks(found: Optimisation) -> tuple[Block, ...]:
@@ -139,7 +163,7 @@ def certificate_blocks(found: Optimisation) -> tuple[Block, ...]:
     pairs = [
         ("Residual of the optimality conditions", f"{proof.kkt_residual:.2g}"),
         ("Starts", f"{proof.converged_starts} of {proof.starts} converged, seed {proof.seed}"),
-        ("Distinct optima", ", ".join(f"{cost:.5g}" for cost in proof.best_costs[:8])),
+        ("Distinct optima", f"{_optima_words(found)}: " + ", ".join(f"{value:.5g}" for value in proof.best_costs[:8])),
         ("Lower bound", proof.relaxation.statement),
         ("Ending", proof.stopped),
         ("Rounds of tightening", str(proof.tightening_rounds)),
@@ -148,6 +172,15 @@ def certificate_blocks(found: Optimisation) -> tuple[Block, ...]:
     worth = () if found.placement_value is None else (found.placement_value.sentence,)
     listed = remarks + worth
     return (Facts("Certificate", tuple(pairs)), *((Bullets(listed),) if listed else ()))
+
+
+def _optima_words(found: Optimisation) -> str:
+    """What the values of distinct optima are."""
+    if found.scaling is not None:
+        return "common factor, by the closed form that ranks them"
+    if found.cost_closed_form is None:
+        return "largest quantile over its limit, by the closed form that ranks them"
+    return "cost, by the closed form that ranks them"
 
 
 def design_listing(design: dict[str, object], caption: str) -> Listing:

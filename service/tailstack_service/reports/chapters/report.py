@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from tailstack.design import compile_design, load_design
-
-from ...rendering.layout_picture import layout_svg, single_layout_svg
 from ..blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section, tone_of
 from ..figures.errors import convergence_svg, distribution_svg
 from ..records import Report
+from .layout import layout_blocks
 from .optimisation import (
     certificate_blocks,
     change_blocks,
     design_listing,
     optimisation_numbers,
+    optimised_layout,
     optimised_sentence,
 )
 from .score import budget_blocks, error_blocks, headline_figure, key_numbers, method_blocks
@@ -32,21 +31,25 @@ def report_document(report: Report, sha256: str) -> Document:
     """The whole report."""
     headline = report.headline
     sections = [
-        Section("The layout", (_layout(report),), page=True),
-        Section("The error", _error(report)),
-        Section("The budget", budget_blocks(report.score)),
-        Section("Requirements and findings", _judged(report)),
+        Section("The budget", budget_blocks(report.score, report.allowances), page=True),
+        Section("The error", error_chapter(report)),
+        Section("The layout", layout_blocks((report.design, report.score), report.title), page=True),
+        Section("Requirements and findings", judged_blocks(report)),
     ]
     if report.optimisation is not None:
-        blocks = (*_optimised_layout(report), *change_blocks(report.optimisation))
+        found = report.optimisation
+        numbers = "; ".join(f"{n.label} {n.value} ({n.detail})" for n in optimisation_numbers(found)[:2])
+        blocks = (Paragraph(f"{optimised_sentence(found)} {numbers}."), optimised_layout(found), *change_blocks(found))
         sections.append(Section("The optimised design", blocks, page=True))
-        check = estimates_table(report.optimisation.certificate.verification)
-        sections.append(Section("Certificate of the optimum", (check, *certificate_blocks(report.optimisation))))
+        check = estimates_table(found.certificate.verification)
+        sections.append(Section("Certificate of the optimum", (check, *certificate_blocks(found)), reader="auditor"))
     sections += [
-        Section("Method and assumptions", _method(report)),
-        Section("What is not included", (not_included(report.provenance),)),
-        Section("Reproduction", _reproduction(report)),
-        Section("The design", (design_listing(report.design, "The design document, as YAML"),), page=True),
+        Section("Method and assumptions", method_chapter(report), reader="auditor"),
+        Section("What is not included", (not_included(report.provenance),), reader="auditor"),
+        Section("Reproduction", reproduction_blocks(report), reader="auditor"),
+        Section(
+            "The design", (design_listing(report.design, "The design document, as YAML"),), page=True, reader="auditor"
+        ),
     ]
     return Document(
         kind="Tolerance-budget report",
@@ -62,30 +65,8 @@ def report_document(report: Report, sha256: str) -> Document:
     )
 
 
-def _layout(report: Report) -> Figure:
-    system = compile_design(load_design(report.design, allow_files=False))
-    svg = single_layout_svg(system, f"{report.title}: layout as designed", "layout")
-    caption = (
-        "Detector images of the first two views (px, u right, v down) and the connector frame con (mm) from an oblique "
-        "direction. Positions are nominal."
-    )
-    return Figure("layout", svg, caption)
-
-
-def _optimised_layout(report: Report) -> tuple[Block, ...]:
-    assert report.optimisation is not None
-    found = report.optimisation
-    before = compile_design(load_design(report.design, allow_files=False))
-    after = compile_design(load_design(found.design, allow_files=False))
-    numbers = "; ".join(f"{n.label} {n.value} ({n.detail})" for n in optimisation_numbers(found)[:2])
-    svg = layout_svg(before, after, f"{report.title}: layout before and after optimisation")
-    return (
-        Paragraph(f"{optimised_sentence(found)} {numbers}."),
-        Figure("layout-optimised", svg, "Before above after."),
-    )
-
-
-def _error(report: Report) -> tuple[Block, ...]:
+def error_chapter(report: Report, suffix: str = "") -> tuple[Block, ...]:
+    """Distributions, then the numbers of every target.  ``suffix`` keeps names of pictures apart in one document."""
     blocks: list[Block] = []
     first = {target.name: target for target in report.score.targets}
     drawn = {} if report.verification is None else {target.name: target for target in report.verification.targets}
@@ -93,7 +74,7 @@ def _error(report: Report) -> tuple[Block, ...]:
         target, sampled = first[shown.target], drawn.get(shown.target)
         p95 = target.p95_mm if sampled is None else sampled.p95_mm
         interval = None if sampled is None else sampled.p95_interval_mm
-        name = f"distribution-{k + 1}"
+        name = f"distribution-{k + 1}{suffix}"
         blocks.append(
             Figure(
                 name,
@@ -108,7 +89,8 @@ def _error(report: Report) -> tuple[Block, ...]:
     return tuple(blocks)
 
 
-def _judged(report: Report) -> tuple[Block, ...]:
+def judged_blocks(report: Report) -> tuple[Block, ...]:
+    """Requirements by Monte Carlo and to first order, findings, what the views see."""
     verdicts = [] if report.verification is None else [report.verification.verdict]
     verdicts.append(report.score.verdict)
     blocks: list[Block] = [checks_table(*verdicts)] if verdicts[0].checks else []
@@ -120,22 +102,25 @@ def _judged(report: Report) -> tuple[Block, ...]:
     return tuple(blocks) or error_blocks(report.score)
 
 
-def _method(report: Report) -> tuple[Block, ...]:
+def method_chapter(report: Report, suffix: str = "") -> tuple[Block, ...]:
+    """First order, sampling, and how the sampled quantile settled."""
     blocks: list[Block] = [*method_blocks(report.score)]
     if report.verification is not None:
         blocks += sampling_blocks(report.verification)
         limits = {target.name: target.limit_mm for target in report.score.targets}
         for k, shown in enumerate(report.convergence):
             if shown.points:
-                name = f"convergence-{k + 1}"
+                name = f"convergence-{k + 1}{suffix}"
                 svg = convergence_svg(shown, limits.get(shown.target), name)
                 caption = f"Target {shown.target}: P95 of the first trials, each with the interval it has by itself."
                 blocks.append(Figure(name, svg, caption))
     return tuple(blocks)
 
 
-def _reproduction(report: Report) -> tuple[Block, ...]:
+def reproduction_blocks(report: Report) -> tuple[Block, ...]:
+    """The commands that give the same numbers again."""
     made = report.reproduction
     seed = () if made.seed is None else (("Seed", str(made.seed)),)
-    facts = Facts("Reproduction", (*seed, ("Version", f"tailstack {report.provenance.tailstack_version}")))
+    most = () if made.max_trials is None else (("Trials at most", f"{made.max_trials:,}"),)
+    facts = Facts("Reproduction", (*seed, *most, ("Version", f"tailstack {report.provenance.tailstack_version}")))
     return (Listing("\n".join(made.commands), "Commands"), facts, Bullets((made.statement,)))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from tailstack.results import Score, TargetScore
 
 from ...rendering.score import worst_target
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Paragraph, Section, tone_of
 from ..figures.budget import waterfall_svg, without_svg
 from ..figures.errors import scale_svg
-from ..headline import headline_of
-from ..records import Headline
+from ..headline import contributor_name, headline_of
+from ..records import Allowance, Headline
 from .tables import (
     budget_table,
     checks_table,
@@ -20,6 +22,8 @@ from .tables import (
     views_table,
 )
 
+LISTED = 4  # tolerances in a sentence
+AT_BOUND = 1e-6  # relative: a half-width that near its bound is at it
 DETAILED = 3  # targets whose budget has pictures and a table of its own, largest P95 first
 
 
@@ -90,9 +94,9 @@ def largest_targets(score: Score) -> list[TargetScore]:
     return sorted(score.targets, key=lambda target: target.p95_mm, reverse=True)[:DETAILED]
 
 
-def budget_blocks(score: Score) -> tuple[Block, ...]:
-    """Pictures and table of the budget of the targets with the largest P95."""
-    blocks: list[Block] = []
+def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[Block, ...]:
+    """What binds, then pictures and table of the budget of the targets with the largest P95."""
+    blocks: list[Block] = [Bullets(lines)] if (lines := what_binds(score, allowances)) else []
     if len(score.targets) > DETAILED:
         blocks.append(
             Paragraph(
@@ -114,11 +118,60 @@ def budget_blocks(score: Score) -> tuple[Block, ...]:
                 without_svg(target.contributors, target.name, target.p95_mm, limit, f"without{suffix}"),
                 f"Target {target.name}: first-order P95 were one contributor perfect and all others as they are.",
             ),
-            budget_table(target, "Budget" if k == 0 else f"Budget {k + 1}"),
+            budget_table(target, "Budget" if k == 0 else f"Budget {k + 1}", allowances),
         ]
         if target.worst_vertex:
             blocks.append(Paragraph(f"Bounded components stand at their worst ends: {', '.join(target.worst_vertex)}."))
     return tuple(blocks)
+
+
+def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]:
+    """The requirement nearest to its limit, the tolerances that it leaves no room, those at their bounds."""
+    said = []
+    tightest = max(score.verdict.checks, key=lambda check: check.value_mm / check.limit_mm, default=None)
+    if tightest is not None:
+        what = f"P{100 * tightest.quantile:g} of the {tightest.error.replace('tcp', 'TCP')} error at {tightest.target}"
+        said.append(
+            f"What binds: {tightest.requirement}, {what}, {tightest.value_mm:.3f} mm to first order against a limit of "
+            f"{tightest.limit_mm:g} mm."
+        )
+        of_target = [entry for entry in allowances if entry.target == tightest.target and entry.half_width > 0]
+        alone = [entry for entry in of_target if entry.status == "too wide"]
+        if alone:
+            listed = "; ".join(
+                f"{allowance_name(entry)} to ± {entry.at_limit:.3g} {entry.unit}" for entry in alone[:LISTED]
+            )
+            said.append(f"Any one of these alone brings it to the limit: {listed}{_more(alone)}.")
+        elif of_target and all(entry.status == "zero is not enough" for entry in of_target):
+            said.append("No tolerance alone brings it to the limit, not even at zero: several have to shrink.")
+        spare = [entry for entry in of_target if entry.status == "spare" and entry.slack is not None]
+        spare.sort(key=lambda entry: (entry.slack or 0.0) / entry.half_width)
+        if spare:
+            listed = "; ".join(
+                f"{allowance_name(entry)} from ± {entry.half_width:.3g} to {entry.at_limit:.3g} {entry.unit}"
+                for entry in spare[:LISTED]
+            )
+            said.append(f"Least room, one at a time: {listed}{_more(spare)}.")
+    bounds = [words for entry in allowances if (words := _at_bound(entry))]
+    if bounds:
+        said.append(f"At a bound of the optimise section: {'; '.join(dict.fromkeys(bounds))}.")
+    return tuple(said)
+
+
+def _more(entries: Sequence[Allowance]) -> str:
+    return f"; and {len(entries) - LISTED} more" if len(entries) > LISTED else ""
+
+
+def _at_bound(entry: Allowance) -> str:
+    for word, bound in (("smallest", entry.smallest), ("largest", entry.largest)):
+        if bound is not None and abs(entry.half_width - bound) <= AT_BOUND * bound:
+            return f"{allowance_name(entry)} at its {word}, {bound:g} {entry.unit}"
+    return ""
+
+
+def allowance_name(entry: Allowance) -> str:
+    """A half-width as the budget calls it."""
+    return contributor_name(entry.contributor) + ("" if entry.component == "all" else f" {entry.component}")
 
 
 def method_blocks(score: Score) -> tuple[Block, ...]:

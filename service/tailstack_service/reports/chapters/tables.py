@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tailstack.results import (
+    Contributor,
     Finding,
     MetricEstimate,
     MetricScore,
@@ -18,8 +19,21 @@ from tailstack.results import (
 )
 
 from ...rendering.score import grouped
-from ..blocks import Bullets, Column, Facts, Row, Table
+from ..blocks import Bullets, Cell, Column, Facts, Row, Table
 from ..headline import contributor_name, urgency
+from ..records import Allowance
+
+BUDGET_NOTE = (
+    "Half-width, standard deviation and sensitivity are per component in the unit named (image noise: one standard "
+    "deviation); dP95/dh is what one unit of half-width is worth. A line of a whole contributor sums up the components "
+    "below it."
+)
+SLACK_NOTE = (
+    " Half-width at limit: the one at which the tightest requirement is just met, to first order, if nothing else "
+    "changes; slack is what is left to it, negative where it has to shrink, empty where not even zero is enough. Slack "
+    "can be spent once: two tolerances cannot both use it up."
+)
+COST_NOTE = " Cost: by the prices of the design's optimise section; a half-width without a price has none."
 
 
 def targets_table(score: Score) -> Table:
@@ -113,32 +127,46 @@ def checks_table(*verdicts: Verdict) -> Table:
     )  # fmt: skip
 
 
-def budget_table(target: TargetScore, name: str = "Budget") -> Table:
-    """Every contributor and component: tolerance, sensitivity, share, marginal P95, P95 without."""
+def budget_table(target: TargetScore, name: str = "Budget", allowances: Sequence[Allowance] = ()) -> Table:
+    """Every contributor and component: tolerance, sensitivity, share, marginal P95, P95 without; slack and cost."""
     rows = []
+    known = {(entry.contributor, entry.component): entry for entry in allowances if entry.target == target.name}
     for total, components in grouped(target.contributors):
         for depth, entry in ((0, total), *((1, part) for part in components)):
             label = contributor_name(entry.name) if depth == 0 else entry.component
+            own = known.get((entry.name, entry.component))
             rows.append(Row(
                 (
                     label, entry.law, entry.half_width, entry.unit, entry.std, entry.sensitivity_mm_per_unit,
                     entry.variance_share, entry.dp95_per_unit, entry.p95_without_mm,
+                    *(_allowed(own, [part for part in components if (part.name, part.component) in known])),
                 ),
                 depth,
             ))  # fmt: skip
+    with_cost = any(entry.cost is not None for entry in known.values())
+    kept = 9 if not known else 13 if with_cost else 12
     return Table(
         name=name,
         caption=f"Budget at target {target.name} (first order, P95 {target.p95_mm:.4f} mm)",
         columns=(
             Column("Contributor"), Column("Law"), Column("Half-width", "unit", "significant"), Column("Unit"),
-            Column("Std", "unit", "significant"), Column("Sensitivity", "mm/unit", "significant"),
+            Column("Std", "unit", "significant", on_page=not known),
+            Column("Sensitivity", "mm/unit", "significant"),
             Column("Share of variance", "%", "percent", 1), Column("dP95/dh", "mm/unit", "significant"),
-            Column("P95 without", "mm", "fixed", 4),
-        ),
-        rows=tuple(rows),
-        note="Half-width, standard deviation and sensitivity are per component in the unit named; dP95/dh is what one "
-        "unit of half-width is worth. A line of a whole contributor sums up the components below it.",
+            Column("P95 without", "mm", "fixed", 4), Column("Half-width at limit", "unit", "significant"),
+            Column("Slack", "unit", "significant"), Column("Slack in words", on_page=False),
+            Column("Cost", "", "significant", 4),
+        )[:kept],
+        rows=tuple(Row(row.cells[:kept], row.depth) for row in rows),
+        note=BUDGET_NOTE + (SLACK_NOTE if known else "") + (COST_NOTE if with_cost else ""),
     )  # fmt: skip
+
+
+def _allowed(own: Allowance | None, parts: Sequence[Contributor]) -> tuple[Cell, Cell, Cell, Cell]:
+    """Half-width at the limit, slack, slack in words, cost."""
+    if own is None:
+        return (None, None, "see its components" if parts else "", None)
+    return (own.at_limit, own.slack, own.status, own.cost)
 
 
 def views_table(views: Sequence[ViewCheck]) -> Table:

@@ -1,0 +1,96 @@
+// Opens pages in Chromium and says what happened: a list of jobs as JSON on stdin, what was found as JSON on stdout.
+// A job: {url, width, height, scheme, media, script, axe, keys, shot, viewer}; see tests/service/browsing.py.
+import { readFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { chromium } from "playwright-core";
+
+const require = createRequire(import.meta.url);
+const AXE = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
+const TAGS = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"];
+const FLAGS = [
+  "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+  "--disable-component-update", "--disable-sync",
+];
+// Colours are counted in a copy: reading the viewer's own canvas would change how the browser keeps it.
+const CANVAS = `(() => [...document.querySelectorAll(".viewer canvas")].map((canvas) => {
+  const copy = document.createElement("canvas");
+  copy.width = canvas.width; copy.height = canvas.height;
+  const context = copy.getContext("2d", {willReadFrequently: true});
+  context.drawImage(canvas, 0, 0);
+  const {data} = context.getImageData(0, 0, copy.width, copy.height);
+  const seen = new Map();
+  let hash = 17;
+  for (let k = 0; k < data.length; k += 4) {
+    const colour = (data[k] << 16) | (data[k + 1] << 8) | data[k + 2];
+    seen.set(colour, (seen.get(colour) || 0) + 1);
+    hash = (Math.imul(hash, 31) + colour) | 0;
+  }
+  const ground = Math.max(...seen.values());
+  return {width: canvas.width, height: canvas.height, colours: seen.size, drawn: 1 - 4 * ground / data.length, hash};
+}))()`;
+
+async function looked(browser, job) {
+  const context = await browser.newContext({
+    viewport: { width: job.width ?? 1280, height: job.height ?? 900 }, colorScheme: job.scheme ?? "light",
+    javaScriptEnabled: job.script ?? true, reducedMotion: "reduce", serviceWorkers: "block",
+  });
+  const page = await context.newPage();
+  const found = { messages: [], requests: [], failed: [], violations: [], canvases: [] };
+  page.on("console", (said) => found.messages.push(`${said.type()}: ${said.text()}`));
+  page.on("pageerror", (error) => found.messages.push(`error: ${error.message}`));
+  page.on("request", (request) => found.requests.push(request.url()));
+  page.on("requestfailed", (request) => found.failed.push(request.url()));
+  try {
+    const answer = await page.goto(job.url, { waitUntil: "load", timeout: 60000 });
+    found.status = answer?.status() ?? 0;
+    found.headers = answer?.headers() ?? {};
+    if (job.media) await page.emulateMedia({ media: job.media });
+    const session = await context.newCDPSession(page);
+    // by the debugger, which the page's own policy does not bind: the page stays as its readers get it
+    const ask = async (expression) => {
+      const said = await session.send("Runtime.evaluate", {
+        expression, awaitPromise: true, returnByValue: true, allowUnsafeEvalBlockedByCSP: true,
+      });
+      if (said.exceptionDetails) throw new Error(JSON.stringify(said.exceptionDetails).slice(0, 2000));
+      return said.result.value;
+    };
+    if (job.script !== false) {
+      found.width = await ask("document.documentElement.scrollWidth");
+      found.title = await ask("document.title");
+      for (const expression of job.ask ?? []) (found.answers ??= []).push(await ask(expression));
+      if (job.viewer) {
+        found.canvases.push(await ask(CANVAS));
+        for (const key of job.keys ?? []) {
+          await page.locator(".viewer canvas").first().focus();
+          await page.keyboard.press(key);
+          await ask("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))");
+          found.canvases.push(await ask(CANVAS));
+        }
+      }
+      if (job.axe) {
+        await ask(`${AXE}; true`);
+        const run = `axe.run(document, {runOnly: {type: "tag", values: ${JSON.stringify(TAGS)}}, resultTypes: ["violations"]})`;
+        found.violations = await ask(
+          `${run}.then((r) => r.violations.map((v) => ({id: v.id, help: v.help, nodes: v.nodes.slice(0, 5).map((n) => n.html.slice(0, 200) + " | " + n.failureSummary)})))`,
+        );
+      }
+    }
+    if (job.shot) await page.screenshot({ path: job.shot, fullPage: job.full ?? true });
+    if (job.pdf) await page.pdf({ path: job.pdf, preferCSSPageSize: true, printBackground: true });
+  } finally {
+    await context.close();
+  }
+  return found;
+}
+
+const { executable, sandbox, jobs } = JSON.parse(readFileSync(0, "utf8"));
+const browser = await chromium.launch({
+  executablePath: executable, headless: true, chromiumSandbox: sandbox, args: FLAGS,
+});
+try {
+  const results = [];
+  for (const job of jobs) results.push(await looked(browser, job));
+  process.stdout.write(JSON.stringify({ version: browser.version(), results }));
+} finally {
+  await browser.close();
+}
