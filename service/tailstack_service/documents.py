@@ -19,6 +19,7 @@ from pydantic import TypeAdapter
 from tailstack.design import Design, check_design, design_json_schema, list_presets
 from tailstack.results import Finding, Optimisation, Score, Verification, ViewCheck
 from tailstack.studies.coupling_records import StudyCoupling
+from tailstack.studies.paper_records import StudyPaper
 from tailstack.sweep_results import Sweep
 
 from .gate.records import GateRecord
@@ -86,6 +87,7 @@ RECORDS: dict[str, type] = {
     "verification": Verification,
     "optimisation": Optimisation,
     "sweep": Sweep,
+    "study-paper": StudyPaper,
     "study-coupling": StudyCoupling,
     "validation": Validation,
     "gate": GateRecord,
@@ -183,6 +185,7 @@ _TITLES = {
     "verification": "answer of verify: Monte Carlo on the full chain",
     "optimisation": "answer of optimise: the new design and its certificate",
     "sweep": "answer of sweep: every point of a grid of designs",
+    "study-paper": "answer of study paper: the published tables cell by cell, printed and reproduced",
     "study-coupling": "answer of study coupling: the tail together against its parts, with intervals",
     "validation": "answer of validate over HTTP",
     "gate": "answer of gate: verdict, exit code, findings at their places",

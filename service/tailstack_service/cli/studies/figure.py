@@ -19,3 +19,20 @@ def write_figure(path: Path, svg: str) -> None:
 
     replace_file(path, svg)
     print(f"wrote {path}", file=sys.stderr)
+
+
+def writable_directory(name: str) -> Path:
+    """Where several new figures go; made if it is not there.  Raises RequestError, OSError."""
+    import os
+
+    from tailstack.errors import Problem
+
+    from ...problems import RequestError
+
+    path = Path(name)
+    if path.exists() and not path.is_dir():
+        raise RequestError(Problem("", "file-unwritable", f"cannot write into {name}: it is not a directory"))
+    path.mkdir(parents=True, exist_ok=True)
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise RequestError(Problem("", "file-unwritable", f"cannot write into {name}: no permission"))
+    return path

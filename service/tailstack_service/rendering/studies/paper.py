@@ -1,0 +1,193 @@
+"""The paper's tables, printed and reproduced, as text and as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+
+from tailstack.studies.paper_records import Geometry, PaperCell, StudyPaper
+
+from ..tables import number, shortened, table, wrapped
+from ..verdict import joined
+
+LETTERS = "ABCDEFGH"
+QUANTITY = {"mean": "mean", "p95": "P95", "std_x": "std x", "std_y": "std y", "std_z": "std z"}
+EXACT = 1e-9
+
+
+def paper_text(study: StudyPaper) -> str:
+    """Every table, printed cells beside ours, what is outside and why."""
+    return joined(
+        _heading(study),
+        *(_table_text(study, name, words) for name, words in (
+            ("S1", "S1: installation error at 1 px"),
+            ("S2", "S2: installation level and pixel noise"),
+            ("S3", "S3: standard deviations at 2 px, Monte Carlo"),
+        )),
+        _tool_text(study),
+        *(_geometry_text(letter, geometry) for letter, geometry in zip(LETTERS, study.geometries, strict=False)),
+        *(wrapped(f"{one.about}: {one.sentence}", indent="  ") for one in study.statements),
+        "\n".join(wrapped(words, first="not held: ", indent="  ") for words in study.not_held),
+    )  # fmt: skip
+
+
+def _heading(study: StudyPaper) -> str:
+    lines = [
+        wrapped(study.source),
+        wrapped(
+            f"ours: Monte Carlo on the full chain, {study.trials:,} trials a cell, seed {study.seed}; all numbers in "
+            f"mm. z: printed less ours, over the standard deviation that the cell has in experiments of "
+            f"{study.published_trials:,} trials, with the rounding of what is printed and our own error. * beyond the "
+            f"{study.band:.0%} band. - not printed, or not held. tailstack {study.tailstack_version}"
+        ),
+    ]
+    for letter, geometry in zip(LETTERS, study.geometries, strict=False):
+        origin = "fitted to these tables, which print none" if geometry.compared else "not compared"
+        lines.append(
+            wrapped(
+                f"{shortened(geometry.name, 60)}; {origin}; {geometry.reading} reading, pivot to target "
+                f"{geometry.lever_mm:.0f} mm, nu = {geometry.nu:.2g} at 5 px",
+                first=f"{letter}: ", indent="   ",
+            )
+        )  # fmt: skip
+    return "\n".join(lines)
+
+
+def _value(cell: PaperCell) -> str:
+    return "0" if cell.value_mm < EXACT else number(cell.value_mm)
+
+
+def _table_text(study: StudyPaper, name: str, words: str) -> str:
+    chosen = [[cell for cell in geometry.cells if cell.table == name] for geometry in study.geometries]
+    printed = next((cells for geometry, cells in zip(study.geometries, chosen, strict=True) if geometry.compared), None)
+    rows = []
+    for place, cell in enumerate(chosen[0]):
+        row = [f"{cell.row}, {QUANTITY[cell.quantity]}" if name != "S3" else QUANTITY[cell.quantity]]
+        row.append("-" if printed is None or printed[place].printed_mm is None else f"{printed[place].printed_mm:g}")
+        for geometry, cells in zip(study.geometries, chosen, strict=True):
+            row.append(_value(cells[place]))
+            if geometry.compared:
+                z = cells[place].z
+                row.append("-" if z is None else f"{z:+.2f}{'*' if cells[place].outside else ' '}")
+        rows.append(row)
+    header = [words, "printed\nmm"]
+    for letter, geometry in zip(LETTERS, study.geometries, strict=False):
+        header += [f"{letter}\nmm", "\nz"] if geometry.compared else [f"{letter}\nmm"]
+    return table(header, rows, widest=44)
+
+
+def _tool_text(study: StudyPaper) -> str:
+    """The error at the tool, where it is not the same number."""
+    apart = [
+        cell
+        for geometry in study.geometries
+        for cell in geometry.cells
+        if cell.table != "S3" and abs(cell.tcp_mm - cell.value_mm) > EXACT * max(cell.value_mm, 1.0)
+    ]
+    if apart:
+        return wrapped("Error at the tool: --json and --csv have it for every cell.")
+    return wrapped(
+        "Error at the tool: the same numbers. What maps the point to the tool is rigid, and the tables have no error "
+        "after it."
+    )
+
+
+def _geometry_text(letter: str, geometry: Geometry) -> str:
+    return joined(
+        _verdict(letter, geometry), _additivity_text(letter, geometry), _factor_text(letter, geometry),
+        _levels_text(letter, geometry),
+    ).rstrip("\n")  # fmt: skip
+
+
+def _verdict(letter: str, geometry: Geometry) -> str:
+    if not geometry.compared:
+        return ""
+    outside = [cell for cell in geometry.cells if cell.outside]
+    listed = "; ".join(f"{cell.table} {cell.row}, {QUANTITY[cell.quantity]} (z = {cell.z:+.1f})" for cell in outside)
+    return wrapped(
+        f"{geometry.compared_cells} cells compared, {geometry.outside_cells} outside the 99 % band"
+        + (f": {listed}. " if listed else ". ")
+        + f"Sum of z squared {geometry.chi_square or 0.0:.1f}; the geometry was chosen for these cells, so a small sum "
+        "proves nothing, and a large z is a cell that this model does not give.",
+        first=f"{letter}: ", indent="   ",
+    )  # fmt: skip
+
+
+def _additivity_text(letter: str, geometry: Geometry) -> str:
+    rows = []
+    for one in geometry.additivity:
+        row = [one.row, number(one.joint_mm), number(one.first_order_mm), number(one.bias_mm), number(one.noise_mm)]
+        row += [number(one.quadrature_mm), number(one.sum_mm)]
+        if geometry.compared:
+            row += [number(one.printed_joint_mm), number(one.printed_quadrature_mm)]
+        rows.append(row)
+    header = [
+        f"{letter}: S2 against its parts", "P95\nmm", "first order\nmm", "|bias|\nmm", "noise P95\nmm",
+        "quadrature\nmm", "sum\nmm",
+    ]  # fmt: skip
+    return table(header + (["printed\nmm", "printed parts,\nquadrature"] if geometry.compared else []), rows)
+
+
+def _factor_text(letter: str, geometry: Geometry) -> str:
+    found = geometry.factor
+    rows = [["Monte Carlo", *map(number, found.monte_carlo_mm), "", "", "", ""]]
+    if found.printed_monte_carlo_mm is not None and found.printed_analytic_mm is not None:
+        rows.append(["printed, Monte Carlo", *(f"{v:g}" for v in found.printed_monte_carlo_mm), "", "", "", ""])
+        rows.append(["printed, analytic", *(f"{v:g}" for v in found.printed_analytic_mm), "", "", "", ""])
+    for one in found.propagations:
+        ratios = [f"{ratio:.3f}" for ratio in one.over_monte_carlo]
+        same = {True: "yes", False: "no", None: ""}[one.reproduces_printed]
+        rows.append([one.name, *map(number, one.std_mm), *ratios, same])
+    header = [
+        f"{letter}: S3, propagated", "std x\nmm", "std y\nmm", "std z\nmm", "over MC\nx", "over MC\ny", "over MC\nz",
+        "gives the printed\nanalytic column" if geometry.compared else "",
+    ]  # fmt: skip
+    if not geometry.compared:
+        header, rows = header[:-1], [row[:-1] for row in rows]
+    return table(header, rows) + "\n" + wrapped(found.sentence)
+
+
+def _levels_text(letter: str, geometry: Geometry) -> str:
+    rows = [
+        [
+            f"{one.level}: {one.rotation_deg:g} deg, {one.translation_mm:g} mm", _small(one.error_mm),
+            _small(one.reprojection_estimated_px), f"{one.reprojection_noisy_px:.4f}", _small(one.reprojection_kept_px),
+            number(one.mm_per_px, 3),
+        ]
+        for one in geometry.levels
+    ]  # fmt: skip
+    header = [
+        f"{letter}: S4, without noise", "error\nmm", "reprojection,\npx", "with 2 px of\nnoise, px",
+        "with L0's\nmatrices, px", "error over it\nmm/px",
+    ]  # fmt: skip
+    return table(header, rows)
+
+
+def _small(value: float) -> str:
+    return "0" if abs(value) < EXACT else number(value)
+
+
+def paper_csv(study: StudyPaper) -> str:
+    """One line for each cell of each geometry."""
+    out = io.StringIO()
+    lines = csv.writer(out, lineterminator="\n")
+    head: Sequence[str] = (
+        "geometry", "reading", "table", "row", "quantity", "rotation_deg", "translation_mm", "noise_px", "printed_mm",
+        "rounding_mm", "value_mm", "standard_error_mm", "tcp_mm", "first_order_mm", "other_reading_mm",
+        "published_error_mm", "band_low_mm", "band_high_mm", "z", "outside",
+    )  # fmt: skip
+    lines.writerow(head)
+    for geometry in study.geometries:
+        name = geometry.name
+        name = f"'{name}" if name[:1] in ("=", "+", "-", "@", "\t", "\r") else name  # not a formula to a spreadsheet
+        for cell in geometry.cells:
+            values = (
+                cell.rotation_deg, cell.translation_mm, cell.noise_px, cell.printed_mm, cell.rounding_mm, cell.value_mm,
+                cell.standard_error_mm, cell.tcp_mm, cell.first_order_mm, cell.other_reading_mm,
+                cell.published_error_mm, *cell.band_mm, cell.z,
+            )  # fmt: skip
+            shown = ["" if value is None else value for value in values]
+            outside = "" if cell.outside is None else str(cell.outside).lower()
+            lines.writerow([name, geometry.reading, cell.table, cell.row, cell.quantity, *shown, outside])
+    return out.getvalue()
