@@ -430,6 +430,41 @@ export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
         /**
+         * Allowance
+         * @description How far one half-width could go by itself, to first order, everything else as it is; and what it costs.
+         *
+         *     Of the requirement on the error at this target that is nearest to its limit, or furthest beyond it.
+         */
+        Allowance: {
+            /** Target */
+            target: string;
+            /** Contributor */
+            contributor: string;
+            /** Component */
+            component: string;
+            /** Unit */
+            unit: string;
+            /** Half Width */
+            half_width: number;
+            /** Requirement */
+            requirement: string | null;
+            /**
+             * Status
+             * @enum {string}
+             */
+            status: "spare" | "too wide" | "zero is not enough" | "no influence" | "no requirement";
+            /** At Limit */
+            at_limit: number | null;
+            /** Slack */
+            slack: number | null;
+            /** Cost */
+            cost: number | null;
+            /** Smallest */
+            smallest: number | null;
+            /** Largest */
+            largest: number | null;
+        };
+        /**
          * Axis
          * @description One number of the design and the values that it takes: a list, or a range.
          */
@@ -437,12 +472,18 @@ export interface components {
             /**
              * Pointer
              * @description JSON pointer to a number of the design as it was sent, /views/0/fiducial_noise_px, or a path of names, views.AP.fiducial_noise_px; * stands for every element.
+             * @example /views/0/fiducial_noise_px
              */
             pointer: string;
             /**
              * Values
              * @description The values, in this order.
              * @default null
+             * @example [
+             *       0.1,
+             *       0.2,
+             *       0.4
+             *     ]
              */
             values?: number[] | null;
             /**
@@ -840,6 +881,8 @@ export interface components {
             /**
              * Content
              * @description The text of the file.
+             * @example label,x_mm,y_mm,z_mm
+             *     F1,0,0,0
              */
             content: string;
             /**
@@ -1487,6 +1530,8 @@ export interface components {
              * @enum {string}
              */
             status: "pass" | "fail" | "inconclusive";
+            /** Error Rate */
+            error_rate: number | null;
         };
         /**
          * GateProvenance
@@ -1498,7 +1543,7 @@ export interface components {
             /** Policy Name */
             policy_name: string;
             /** Policy Sha256 */
-            policy_sha256: string;
+            policy_sha256: string | null;
             /** Waivers Sha256 */
             waivers_sha256: string | null;
             /** Baseline Sha256 */
@@ -2415,6 +2460,10 @@ export interface components {
             counts: components["schemas"]["CountTried"][];
             /** Front */
             front: components["schemas"]["FrontPoint"][];
+            /** Design Before */
+            design_before: {
+                [key: string]: unknown;
+            };
             /** Design */
             design: {
                 [key: string]: unknown;
@@ -3072,6 +3121,8 @@ export interface components {
             distributions: components["schemas"]["ErrorDistribution"][];
             /** Convergence */
             convergence: components["schemas"]["Convergence"][];
+            /** Allowances */
+            allowances: components["schemas"]["Allowance"][];
             /** Design */
             design: {
                 [key: string]: unknown;
@@ -3106,6 +3157,10 @@ export interface components {
              *       "score",
              *       "verification"
              *     ]
+             * @example [
+             *       "score",
+             *       "verification"
+             *     ]
              */
             parts?: ("score" | "verification" | "optimisation")[];
         };
@@ -3116,8 +3171,18 @@ export interface components {
         Reproduction: {
             /** Commands */
             commands: string[];
+            /** Parts */
+            parts: string[];
             /** Seed */
             seed: number | null;
+            /** Trials */
+            trials: number | null;
+            /** Precision */
+            precision: number | null;
+            /** Max Trials */
+            max_trials: number | null;
+            /** Starts */
+            starts: number | null;
             /** Statement */
             statement: string;
         };
@@ -3566,6 +3631,16 @@ export interface components {
             /**
              * Axes
              * @description Numbers of the design that vary; every combination of their values is a point.
+             * @example [
+             *       {
+             *         "pointer": "/views/0/fiducial_noise_px",
+             *         "values": [
+             *           0.1,
+             *           0.2,
+             *           0.4
+             *         ]
+             *       }
+             *     ]
              */
             axes: components["schemas"]["Axis"][];
             /**
@@ -4160,7 +4235,7 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description Problem: body-timeout. */
+        /** @description Problem: head-timeout, body-timeout. */
         Problem408: {
             headers: {
                 "X-Request-ID": components["headers"]["RequestId"];

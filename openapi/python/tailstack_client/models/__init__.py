@@ -1,5 +1,7 @@
 """Contains all the data models used in inputs/outputs"""
 
+from .allowance import Allowance
+from .allowance_status import AllowanceStatus
 from .axis import Axis
 from .bounds import Bounds
 from .certificate import Certificate
@@ -68,6 +70,7 @@ from .moved_fiducial import MovedFiducial
 from .moved_pivot import MovedPivot
 from .optimisation import Optimisation
 from .optimisation_design import OptimisationDesign
+from .optimisation_design_before import OptimisationDesignBefore
 from .optimisation_request import OptimisationRequest
 from .per_unit import PerUnit
 from .placement_value import PlacementValue
@@ -119,6 +122,8 @@ from .version import Version
 from .view_check import ViewCheck
 
 __all__ = (
+    "Allowance",
+    "AllowanceStatus",
     "Axis",
     "Bounds",
     "Certificate",
@@ -187,6 +192,7 @@ __all__ = (
     "MovedPivot",
     "Optimisation",
     "OptimisationDesign",
+    "OptimisationDesignBefore",
     "OptimisationRequest",
     "PerUnit",
     "PlacementValue",

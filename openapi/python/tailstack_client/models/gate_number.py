@@ -29,6 +29,7 @@ class GateNumber:
         interval (list[float | None] | None):
         limit (float):
         status (GateNumberStatus):
+        error_rate (float | None):
     """
 
     rule: str
@@ -39,6 +40,7 @@ class GateNumber:
     interval: list[float | None] | None
     limit: float
     status: GateNumberStatus
+    error_rate: float | None
 
     def to_dict(self) -> dict[str, Any]:
         rule = self.rule
@@ -66,6 +68,9 @@ class GateNumber:
 
         status: str = self.status
 
+        error_rate: float | None
+        error_rate = self.error_rate
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -78,6 +83,7 @@ class GateNumber:
                 "interval": interval,
                 "limit": limit,
                 "status": status,
+                "error_rate": error_rate,
             }
         )
 
@@ -126,6 +132,13 @@ class GateNumber:
 
         status = check_gate_number_status(d.pop("status"))
 
+        def _parse_error_rate(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        error_rate = _parse_error_rate(d.pop("error_rate"))
+
         gate_number = cls(
             rule=rule,
             requirement=requirement,
@@ -135,6 +148,7 @@ class GateNumber:
             interval=interval,
             limit=limit,
             status=status,
+            error_rate=error_rate,
         )
 
         return gate_number

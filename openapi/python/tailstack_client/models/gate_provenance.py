@@ -21,7 +21,7 @@ class GateProvenance:
     Attributes:
         tailstack_version (str):
         policy_name (str):
-        policy_sha256 (str):
+        policy_sha256 (None | str):
         waivers_sha256 (None | str):
         baseline_sha256 (None | str):
         today (str):
@@ -30,7 +30,7 @@ class GateProvenance:
 
     tailstack_version: str
     policy_name: str
-    policy_sha256: str
+    policy_sha256: None | str
     waivers_sha256: None | str
     baseline_sha256: None | str
     today: str
@@ -41,6 +41,7 @@ class GateProvenance:
 
         policy_name = self.policy_name
 
+        policy_sha256: None | str
         policy_sha256 = self.policy_sha256
 
         waivers_sha256: None | str
@@ -76,7 +77,12 @@ class GateProvenance:
 
         policy_name = d.pop("policy_name")
 
-        policy_sha256 = d.pop("policy_sha256")
+        def _parse_policy_sha256(data: object) -> None | str:
+            if data is None:
+                return data
+            return cast(None | str, data)
+
+        policy_sha256 = _parse_policy_sha256(d.pop("policy_sha256"))
 
         def _parse_waivers_sha256(data: object) -> None | str:
             if data is None:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..models.moved_fiducial import MovedFiducial
     from ..models.moved_pivot import MovedPivot
     from ..models.optimisation_design import OptimisationDesign
+    from ..models.optimisation_design_before import OptimisationDesignBefore
     from ..models.placement_value import PlacementValue
     from ..models.provenance import Provenance
     from ..models.shadow_price import ShadowPrice
@@ -55,6 +56,7 @@ class Optimisation:
         placement_value (None | PlacementValue):
         counts (list[CountTried]):
         front (list[FrontPoint]):
+        design_before (OptimisationDesignBefore):
         design (OptimisationDesign):
         provenance (Provenance):
     """
@@ -80,6 +82,7 @@ class Optimisation:
     placement_value: None | PlacementValue
     counts: list[CountTried]
     front: list[FrontPoint]
+    design_before: OptimisationDesignBefore
     design: OptimisationDesign
     provenance: Provenance
 
@@ -93,6 +96,7 @@ class Optimisation:
         from ..models.moved_fiducial import MovedFiducial  # noqa: PLC0415
         from ..models.moved_pivot import MovedPivot  # noqa: PLC0415
         from ..models.optimisation_design import OptimisationDesign  # noqa: PLC0415
+        from ..models.optimisation_design_before import OptimisationDesignBefore  # noqa: PLC0415
         from ..models.placement_value import PlacementValue  # noqa: PLC0415
         from ..models.provenance import Provenance  # noqa: PLC0415
         from ..models.shadow_price import ShadowPrice  # noqa: PLC0415
@@ -172,6 +176,8 @@ class Optimisation:
             front_item = front_item_data.to_dict()
             front.append(front_item)
 
+        design_before = self.design_before.to_dict()
+
         design = self.design.to_dict()
 
         provenance = self.provenance.to_dict()
@@ -201,6 +207,7 @@ class Optimisation:
                 "placement_value": placement_value,
                 "counts": counts,
                 "front": front,
+                "design_before": design_before,
                 "design": design,
                 "provenance": provenance,
             }
@@ -219,6 +226,7 @@ class Optimisation:
         from ..models.moved_fiducial import MovedFiducial  # noqa: PLC0415
         from ..models.moved_pivot import MovedPivot  # noqa: PLC0415
         from ..models.optimisation_design import OptimisationDesign  # noqa: PLC0415
+        from ..models.optimisation_design_before import OptimisationDesignBefore  # noqa: PLC0415
         from ..models.placement_value import PlacementValue  # noqa: PLC0415
         from ..models.provenance import Provenance  # noqa: PLC0415
         from ..models.shadow_price import ShadowPrice  # noqa: PLC0415
@@ -348,6 +356,8 @@ class Optimisation:
 
             front.append(front_item)
 
+        design_before = OptimisationDesignBefore.from_dict(d.pop("design_before"))
+
         design = OptimisationDesign.from_dict(d.pop("design"))
 
         provenance = Provenance.from_dict(d.pop("provenance"))
@@ -374,6 +384,7 @@ class Optimisation:
             placement_value=placement_value,
             counts=counts,
             front=front,
+            design_before=design_before,
             design=design,
             provenance=provenance,
         )

@@ -12,6 +12,7 @@ from typing import cast
 from typing import Literal, cast
 
 if TYPE_CHECKING:
+    from ..models.allowance import Allowance
     from ..models.convergence import Convergence
     from ..models.error_distribution import ErrorDistribution
     from ..models.headline import Headline
@@ -39,6 +40,7 @@ class Report:
         optimisation (None | Optimisation):
         distributions (list[ErrorDistribution]):
         convergence (list[Convergence]):
+        allowances (list[Allowance]):
         design (ReportDesign):
         reproduction (Reproduction): How to get the same numbers again.
         provenance (Provenance):
@@ -52,11 +54,13 @@ class Report:
     optimisation: None | Optimisation
     distributions: list[ErrorDistribution]
     convergence: list[Convergence]
+    allowances: list[Allowance]
     design: ReportDesign
     reproduction: Reproduction
     provenance: Provenance
 
     def to_dict(self) -> dict[str, Any]:
+        from ..models.allowance import Allowance  # noqa: PLC0415
         from ..models.convergence import Convergence  # noqa: PLC0415
         from ..models.error_distribution import ErrorDistribution  # noqa: PLC0415
         from ..models.headline import Headline  # noqa: PLC0415
@@ -97,6 +101,11 @@ class Report:
             convergence_item = convergence_item_data.to_dict()
             convergence.append(convergence_item)
 
+        allowances = []
+        for allowances_item_data in self.allowances:
+            allowances_item = allowances_item_data.to_dict()
+            allowances.append(allowances_item)
+
         design = self.design.to_dict()
 
         reproduction = self.reproduction.to_dict()
@@ -115,6 +124,7 @@ class Report:
                 "optimisation": optimisation,
                 "distributions": distributions,
                 "convergence": convergence,
+                "allowances": allowances,
                 "design": design,
                 "reproduction": reproduction,
                 "provenance": provenance,
@@ -125,6 +135,7 @@ class Report:
 
     @classmethod
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        from ..models.allowance import Allowance  # noqa: PLC0415
         from ..models.convergence import Convergence  # noqa: PLC0415
         from ..models.error_distribution import ErrorDistribution  # noqa: PLC0415
         from ..models.headline import Headline  # noqa: PLC0415
@@ -190,6 +201,13 @@ class Report:
 
             convergence.append(convergence_item)
 
+        allowances = []
+        _allowances = d.pop("allowances")
+        for allowances_item_data in _allowances:
+            allowances_item = Allowance.from_dict(allowances_item_data)
+
+            allowances.append(allowances_item)
+
         design = ReportDesign.from_dict(d.pop("design"))
 
         reproduction = Reproduction.from_dict(d.pop("reproduction"))
@@ -205,6 +223,7 @@ class Report:
             optimisation=optimisation,
             distributions=distributions,
             convergence=convergence,
+            allowances=allowances,
             design=design,
             reproduction=reproduction,
             provenance=provenance,

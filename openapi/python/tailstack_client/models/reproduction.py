@@ -20,19 +20,43 @@ class Reproduction:
 
     Attributes:
         commands (list[str]):
+        parts (list[str]):
         seed (int | None):
+        trials (int | None):
+        precision (float | None):
+        max_trials (int | None):
+        starts (int | None):
         statement (str):
     """
 
     commands: list[str]
+    parts: list[str]
     seed: int | None
+    trials: int | None
+    precision: float | None
+    max_trials: int | None
+    starts: int | None
     statement: str
 
     def to_dict(self) -> dict[str, Any]:
         commands = self.commands
 
+        parts = self.parts
+
         seed: int | None
         seed = self.seed
+
+        trials: int | None
+        trials = self.trials
+
+        precision: float | None
+        precision = self.precision
+
+        max_trials: int | None
+        max_trials = self.max_trials
+
+        starts: int | None
+        starts = self.starts
 
         statement = self.statement
 
@@ -41,7 +65,12 @@ class Reproduction:
         field_dict.update(
             {
                 "commands": commands,
+                "parts": parts,
                 "seed": seed,
+                "trials": trials,
+                "precision": precision,
+                "max_trials": max_trials,
+                "starts": starts,
                 "statement": statement,
             }
         )
@@ -53,6 +82,8 @@ class Reproduction:
         d = dict(src_dict)
         commands = cast(list[str], d.pop("commands"))
 
+        parts = cast(list[str], d.pop("parts"))
+
         def _parse_seed(data: object) -> int | None:
             if data is None:
                 return data
@@ -60,11 +91,44 @@ class Reproduction:
 
         seed = _parse_seed(d.pop("seed"))
 
+        def _parse_trials(data: object) -> int | None:
+            if data is None:
+                return data
+            return cast(int | None, data)
+
+        trials = _parse_trials(d.pop("trials"))
+
+        def _parse_precision(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        precision = _parse_precision(d.pop("precision"))
+
+        def _parse_max_trials(data: object) -> int | None:
+            if data is None:
+                return data
+            return cast(int | None, data)
+
+        max_trials = _parse_max_trials(d.pop("max_trials"))
+
+        def _parse_starts(data: object) -> int | None:
+            if data is None:
+                return data
+            return cast(int | None, data)
+
+        starts = _parse_starts(d.pop("starts"))
+
         statement = d.pop("statement")
 
         reproduction = cls(
             commands=commands,
+            parts=parts,
             seed=seed,
+            trials=trials,
+            precision=precision,
+            max_trials=max_trials,
+            starts=starts,
             statement=statement,
         )
 
