@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tailstack.design.reading import DEFAULT_LIMITS, Limits, _careful_copy, decode, plain_data, read_text
+from tailstack.design.reading import DEFAULT_LIMITS, Limits, _careful_copy, decode, plain_data, read_text, shown
 from tailstack.errors import DesignError, LimitError
 
 
@@ -122,6 +122,27 @@ def test_plain_data_refuses_what_json_has_not():
     loop["a"] = loop
     with pytest.raises(LimitError):
         plain_data(loop, DEFAULT_LIMITS)
+
+
+@pytest.mark.parametrize(
+    ("digits", "told"),
+    [
+        (21, "1" + "0" * 20),
+        (30, "1" + "0" * 29),
+        (31, "1" + "0" * 23 + "... (31 digits)"),
+        (401, "1" + "0" * 23 + "... (401 digits)"),
+        (5001, "an integer of more than 4300 digits"),
+    ],
+)
+def test_whole_numbers_beyond_every_range_are_infinite_and_told_as_they_came(digits, told):
+    number = 10 ** (digits - 1)
+    handed_over, negative = plain_data({"a": [number, -number]}, DEFAULT_LIMITS)["a"]
+    assert (handed_over, shown(handed_over), negative) == (math.inf, told, -math.inf)
+    assert shown(negative) == (told if digits > 4300 else "-" + told)
+    if digits < 4000:
+        for form in ("json", "yaml"):
+            read = read_text(f'{{"a": [{number}]}}', DEFAULT_LIMITS, file=None, directory=None, form=form).data["a"][0]
+            assert (read, shown(read)) == (handed_over, told)
 
 
 def test_limits_are_stated():

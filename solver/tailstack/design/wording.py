@@ -27,6 +27,18 @@ class Limits:
 DEFAULT_LIMITS = Limits()
 
 
+class Vast(float):
+    """A whole number beyond any field's range: infinite, so that it is refused where it stands, but told as it came."""
+
+    __slots__ = ("written",)
+    written: str
+
+    def __new__(cls, written: str) -> Vast:
+        made = super().__new__(cls, "-inf" if written.startswith("-") else "inf")
+        made.written = written
+        return made
+
+
 def problem(code: str, detail: str, hint: str = "", *, file: str | None = None, mark: Any = None) -> Problem:
     """A problem of the document as a whole, at a YAML mark if there is one."""
     line = None if mark is None else mark.line + 1
@@ -43,6 +55,12 @@ def shown(value: Any, length: int = 60) -> str:
         return "nothing (null)"
     if isinstance(value, bool):
         return "true" if value else "false"
+    if isinstance(value, Vast):
+        digits = value.written.lstrip("+-")
+        if not digits:
+            return "an integer of more than 4300 digits"
+        cut = digits if len(digits) <= length // 2 else f"{digits[:24]}... ({len(digits)} digits)"
+        return "-" * (value < 0) + cut
     if isinstance(value, int | float):
         try:
             text = repr(value)
@@ -53,6 +71,8 @@ def shown(value: Any, length: int = 60) -> str:
         names = ", ".join([str(key)[:20] for key in list(value)[:4]] + (["..."] if len(value) > 4 else []))
         return f"a mapping with {len(value)} field(s)" + (f" ({names})" if names else "")
     if isinstance(value, list | tuple):
+        if not value:
+            return "an empty list"
         scalars = all(isinstance(item, int | float | str) and len(str(item)) < 20 for item in value[:7])
         body = f" {list(value)!r}" if scalars and len(value) <= 6 else ""
         return f"a list of {len(value)}" + body
