@@ -74,6 +74,35 @@ def test_a_full_lane_refuses_and_recovers() -> None:
     asyncio.run(story())
 
 
+def test_one_after_the_other_but_not_behind_a_long_one() -> None:
+    """Short computations of a lane with two threads never overlap; behind one that goes on, the next starts."""
+
+    async def story() -> None:
+        lane, at_once, most = Lane("score", 2, 8), 0, 0
+
+        def short() -> None:
+            nonlocal at_once, most
+            at_once += 1
+            most = max(most, at_once)
+            time.sleep(0.002)
+            at_once -= 1
+
+        await asyncio.gather(*(lane.run(request(), watch(), short) for _ in range(8)))
+        assert most == 1
+        long = watch()
+        running = asyncio.create_task(lane.run(request(), long, lambda: until_told(long)))
+        await asyncio.sleep(0)
+        assert await asyncio.wait_for(lane.run(request(), watch(), lambda: 1), 5.0) == 1
+        assert not running.done()
+        long.unwanted.set()
+        with pytest.raises(Stopped):
+            await running
+        assert lane.taken == 0
+        lane.close()
+
+    asyncio.run(story())
+
+
 def test_a_computation_nobody_waits_for_is_ended() -> None:
     async def story() -> None:
         lane, mine = Lane("score", 1, 0), watch()

@@ -246,7 +246,8 @@ def test_units_left_unsolved_are_told_apart_rightly(p):
     # The control moves the share by the sampling error it takes away, and not by more.
     assert abs(risk.yield_fraction - 0.7) < 4 * sqrt(0.3 * 0.7 / risk.units)
     for rank in (100, 1500, 1945):
-        assert np.sort(_solved_between(narrow, rank, rank)[0])[rank] == pytest.approx(np.sort(own)[rank], rel=1e-12)
+        # 1e-8: the contours of a sample stop at half the nodes of those of a single law.
+        assert np.sort(_solved_between(narrow, rank, rank)[0])[rank] == pytest.approx(np.sort(own)[rank], rel=1e-8)
 
 
 def test_several_limits_are_one_sample():

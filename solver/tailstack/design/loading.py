@@ -185,14 +185,10 @@ def _referenced(name: str, source: Source, allow_files: bool) -> Path:
 
 
 def _digest(document: DesignDocument, fiducials: FiducialList) -> str:
-    content = document.model_dump(mode="json", by_alias=True, exclude_none=True)
-    content["fiducials"].pop("file", None)
-    content["fiducials"]["points"] = [
-        {"label": label, "position_mm": list(position)}
-        for label, position in zip(fiducials.labels, fiducials.positions_mm, strict=True)
-    ]
-    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    return hashlib.sha256(canonical.encode()).hexdigest()
+    elsewhere = {"fiducials": {"points", "file"}}
+    content = document.model_dump_json(by_alias=True, exclude_none=True, exclude=elsewhere)  # fields in one order
+    points = json.dumps([fiducials.labels, fiducials.positions_mm], ensure_ascii=False, allow_nan=False)
+    return hashlib.sha256(f"{content}\n{points}".encode()).hexdigest()
 
 
 # --- writing ----------------------------------------------------------------------------------------

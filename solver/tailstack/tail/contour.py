@@ -37,7 +37,7 @@ from ..system import Array
 
 MAX_NODES = 1024
 _SLOPE = 0.85  # of the asymptotes: at 1 a Gaussian factor stops decaying far out, at 0.5 the nodes double
-_AGREE = 3e-8  # two successive steps agree to this: the finer one, twice as many digits, is at rounding
+EXACT = 3e-8  # two successive steps agree to this: the finer one, twice as many digits, is at rounding
 
 
 @njit(cache=True, error_model="numpy")
@@ -155,12 +155,14 @@ def tail_nodes(
     si: Array,
     gr: Array,
     gi: Array,
+    agreement: float = EXACT,
 ) -> tuple[int, float, bool]:
     """Fill nodes ``s`` and weights ``g`` so that, over the n nodes returned, with the returned log factor b,
 
         1/(2 pi i) int h(s) exp(k(s) - s d) ds = exp(b) sum_k Re[ h(s_k) g_k ]
 
-    for any h that is real on the real axis.  sr, si, gr, gi: (MAX_NODES,) work arrays.  Returns (n, b, converged).
+    for any h that is real on the real axis.  sr, si, gr, gi: (MAX_NODES,) work arrays.  Returns (n, b, converged):
+    two successive steps agree to ``agreement``, relative, and the finer one is the answer.
     """
     c = saddle(d, upper, l, m)
     k0, _, k2, k3 = cumulant(c, l, m)
@@ -172,7 +174,7 @@ def tail_nodes(
     size = 0.5 * _SLOPE / a
     step = 1.0 / (sqrt(f2) * size)
     # Deep in the lower tail of a biased law s d cancels against s |m|^2; what rounding leaves is not disagreement.
-    agree = _AGREE + min(2e-15 * fabs(c * d), 0.1)
+    agree = agreement + min(2e-15 * fabs(c * d), 0.1)
     n = 0
     tail = 0.0  # sum Re[g / s]
     density = 0.0  # sum Re[g]
@@ -245,13 +247,19 @@ def moments_on_nodes(
 
 
 @njit(cache=True, error_model="numpy")
-def log_tail(d: float, upper: bool, l: Array, m: Array) -> tuple[float, float, bool]:  # noqa: E741
+def log_tail(
+    d: float,
+    upper: bool,
+    l: Array,  # noqa: E741
+    m: Array,
+    agreement: float = EXACT,
+) -> tuple[float, float, bool]:
     """(log of the tail probability, density of Q over the tail probability, converged) at excess d."""
     sr = np.empty(MAX_NODES)
     si = np.empty(MAX_NODES)
     gr = np.empty(MAX_NODES)
     gi = np.empty(MAX_NODES)
-    n, b, converged = tail_nodes(d, upper, l, m, sr, si, gr, gi)
+    n, b, converged = tail_nodes(d, upper, l, m, sr, si, gr, gi, agreement)
     a0, a1, _, _ = moments_on_nodes(0.0, n, sr, si, gr, gi)
     t = a0 if upper else -a0
     return b + log(t), a1 / t, converged

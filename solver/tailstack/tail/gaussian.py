@@ -16,7 +16,7 @@ from numba import njit
 
 from ..errors import NotConvergedError, Problem
 from ..system import Array
-from .contour import MAX_NODES, log_tail, tail_nodes
+from .contour import EXACT, MAX_NODES, log_tail, tail_nodes
 from .quantile import excess_quantile, norm_quantile_jit
 from .spectrum import law_iv, principal_axes
 
@@ -43,7 +43,12 @@ def norm_law_jit(mean: Array, covariance: Array, r: float) -> tuple[float, float
 
 
 @njit(cache=True, error_model="numpy")
-def law_on_axes(l: Array, m: Array, r: float) -> tuple[float, float, float]:  # noqa: E741
+def law_on_axes(
+    l: Array,  # noqa: E741
+    m: Array,
+    r: float,
+    agreement: float = EXACT,
+) -> tuple[float, float, float]:
     """:func:`norm_law_jit` with the covariance's principal axes known: variances (3,), mean (3,) along them."""
     size = sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
     d = (r - size) * (r + size)
@@ -58,7 +63,7 @@ def law_on_axes(l: Array, m: Array, r: float) -> tuple[float, float, float]:  # 
     if r <= 0.0 or d - floor <= -1e-15 * floor:  # outside the support, or at its edge to the last digit
         return 0.0, 1.0, 0.0
     upper = d > total
-    tail, hazard, converged = log_tail(d, upper, l, m)
+    tail, hazard, converged = log_tail(d, upper, l, m, agreement)
     if not converged:
         return np.nan, np.nan, np.nan
     probability = exp(tail)

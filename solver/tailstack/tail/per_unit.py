@@ -37,6 +37,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from ..system import Array
+from .contour import EXACT
 from .declared import LinearLaw, lattice_columns, law_cdf_coarse, law_quantile_coarse
 from .gaussian import probability_iv
 from .quantile import norm_quantile_jit, normal_quantile_jit
@@ -54,6 +55,9 @@ from .unit_kernels import (
 
 _CORRECTED = 12
 _PILOT = 32
+# Agreement of two steps of a contour where units are a sample: quantiles are good to 1e-8 on half the nodes, and
+# thousands of units know their own to 1e-3.
+_SAMPLED = 1e-4
 _WINDOW = 50  # ranks within 1/50 of all units are averaged
 
 
@@ -127,6 +131,10 @@ class _Units:
     guess: Array | None  # (n,) mm, closed form of R(d); None where there are no shots
     mixed: bool  # whether the shape of the shot's columns matters
 
+    @property
+    def agreement(self) -> float:
+        return EXACT if self.blocks == 1 else _SAMPLED
+
 
 def _principal_root(installation: LinearLaw) -> Array:
     """(3, rank) root of the Gaussian part, the largest variance first: it gets the most even of Sobol's coordinates."""
@@ -187,7 +195,7 @@ def _narrowed(units: _Units) -> _Units:
         return units
     ranks = _evenly(n, _PILOT)
     pilot = np.argpartition(guess, ranks)[ranks]
-    difference = gaussian_quantiles(units.p, units.d[pilot], S) - guess[pilot]
+    difference = gaussian_quantiles(units.p, units.d[pilot], S, units.agreement) - guess[pilot]
     least, most = float(difference.min()), float(difference.max())
     low, high = drawn_together(units.low, units.high, guess, 2 * least - most, 2 * most - least)
     return replace(units, low=low, high=high)
@@ -208,7 +216,9 @@ def _solved_between(units: _Units, first: int, last: int) -> tuple[Array, int]:
     """
     low, high = units.low, units.high
     floor, ceiling = np.partition(low, first)[first], np.partition(high, last)[last]
-    return solve_within(units.p, units.d, units.covariance, low, high, floor, ceiling)  # type: ignore[no-any-return]
+    return solve_within(  # type: ignore[no-any-return]
+        units.p, units.d, units.covariance, low, high, floor, ceiling, units.agreement
+    )
 
 
 def unit_quantile(
@@ -291,12 +301,12 @@ def _yield(
     level, doubt = limit, 0.0
     if units.mixed:
         near = _spread(np.flatnonzero((units.low <= limit) & (units.high >= limit)))
-        own = gaussian_quantiles(units.p, units.d[near], units.covariance)
+        own = gaussian_quantiles(units.p, units.d[near], units.covariance, units.agreement)
         shift, doubt = _correction(units.p, shot, units.d[near], own)
         level -= shift
     good = narrow.high <= level
     between = np.flatnonzero((narrow.low <= level) & ~good)
-    good[between] = gaussian_meets(units.p, level, units.d[between], units.covariance)
+    good[between] = gaussian_meets(units.p, level, units.d[between], units.covariance, units.agreement)
     excess = good - _control(installation, units, 0.5 * (narrow.low + narrow.high), level)
     # Units within the correction's own spread of the level, counted by their lower bound.
     unsure = float(((narrow.low > level - doubt) & (narrow.low <= level + doubt)).mean()) / 2 if doubt else 0.0

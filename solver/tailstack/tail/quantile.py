@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from ..system import Array
-from .contour import MAX_NODES, cumulant, moments_on_nodes, tail_nodes
+from .contour import EXACT, MAX_NODES, cumulant, moments_on_nodes, tail_nodes
 from .spectrum import principal_axes
 
 _SQRT2PI = sqrt(2 * 3.141592653589793)
@@ -104,8 +104,16 @@ def _lower_start(p: float, l: Array, m: Array) -> float:  # noqa: E741
 
 
 @njit(cache=True, error_model="numpy")
-def excess_quantile(p: float, l: Array, m: Array) -> tuple[float, float, bool]:  # noqa: E741
-    """(d, density of Q at it, converged) with ``P(|e|^2 - |m|^2 <= d) = p``.  l, m: eigenbasis, l[0] > 0."""
+def excess_quantile(
+    p: float,
+    l: Array,  # noqa: E741
+    m: Array,
+    agreement: float = EXACT,
+) -> tuple[float, float, bool]:
+    """(d, density of Q at it, converged) with ``P(|e|^2 - |m|^2 <= d) = p``.  l, m: eigenbasis, l[0] > 0.
+
+    agreement: of two successive steps on the contour (``tail_nodes``).
+    """
     floor = 0.0  # the support of d starts here: e cannot leave the mean along an axis of zero variance
     total = 0.0  # the mean of d
     for i in range(3):
@@ -134,7 +142,7 @@ def excess_quantile(p: float, l: Array, m: Array) -> tuple[float, float, bool]: 
     sound = False
     for _ in range(100):
         if not fresh:
-            n, log_factor, sound = tail_nodes(d, upper, l, m, sr, si, gr, gi)
+            n, log_factor, sound = tail_nodes(d, upper, l, m, sr, si, gr, gi, agreement)
             base = d
             fresh = True
         a0, a1, a2, a3 = moments_on_nodes(d - base, n, sr, si, gr, gi)
@@ -180,12 +188,12 @@ def excess_quantile(p: float, l: Array, m: Array) -> tuple[float, float, bool]: 
 
 
 @njit(cache=True, error_model="numpy")
-def quantile_on_axes(p: float, variances: Array, m: Array) -> float:
+def quantile_on_axes(p: float, variances: Array, m: Array, agreement: float = EXACT) -> float:
     """:func:`norm_quantile_jit` with the covariance's principal axes known: variances (3,), mean (3,) along them."""
     size = sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
     if variances[0] == 0.0:
         return size
-    d, _, converged = excess_quantile(p, variances, m)
+    d, _, converged = excess_quantile(p, variances, m, agreement)
     if not converged:
         return np.nan
     return sqrt(max(size * size + d, 0.0))

@@ -95,25 +95,25 @@ def _turned(d: Array, axes: Array, out: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def gaussian_quantiles(p: float, d: Array, covariance: Array) -> Array:
+def gaussian_quantiles(p: float, d: Array, covariance: Array, agreement: float) -> Array:
     """(n,) p-quantile of |d + shot| for each row of d (n, 3); NaN: not converged.  The axes are found once for all."""
     out = np.empty(d.shape[0])
     m = np.zeros(3)
     variances, _, axes = principal_axes(m, covariance)
     for i in range(d.shape[0]):
         _turned(d[i], axes, m)
-        out[i] = quantile_on_axes(p, variances, m)
+        out[i] = quantile_on_axes(p, variances, m, agreement)
     return out
 
 
 @njit(cache=True, error_model="numpy")
-def gaussian_meets(p: float, limit: float, d: Array, covariance: Array) -> NDArray[np.bool_]:
+def gaussian_meets(p: float, limit: float, d: Array, covariance: Array, agreement: float) -> NDArray[np.bool_]:
     out = np.empty(d.shape[0], dtype=np.bool_)
     m = np.zeros(3)
     variances, _, axes = principal_axes(m, covariance)
     for i in range(d.shape[0]):
         _turned(d[i], axes, m)
-        out[i] = law_on_axes(variances, m, limit)[0] >= p
+        out[i] = law_on_axes(variances, m, limit, agreement)[0] >= p
     return out
 
 
@@ -131,7 +131,14 @@ def drawn_together(low: Array, high: Array, guess: Array, below: float, above: f
 
 @njit(cache=True, error_model="numpy")
 def solve_within(
-    p: float, d: Array, covariance: Array, low: Array, high: Array, floor: float, ceiling: float
+    p: float,
+    d: Array,
+    covariance: Array,
+    low: Array,
+    high: Array,
+    floor: float,
+    ceiling: float,
+    agreement: float,
 ) -> tuple[Array, int]:
     """(R (n,), how many were solved): exact where the bounds reach into [floor, ceiling], else their middle."""
     n = low.size
@@ -143,7 +150,7 @@ def solve_within(
         out[i] = 0.5 * (low[i] + high[i])
         if low[i] <= ceiling and high[i] >= floor and low[i] < high[i]:
             _turned(d[i], axes, m)
-            out[i] = quantile_on_axes(p, variances, m)
+            out[i] = quantile_on_axes(p, variances, m, agreement)
             solved += 1
     return out, solved
 
