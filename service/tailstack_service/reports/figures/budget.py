@@ -46,7 +46,7 @@ def without_svg(
 ) -> str:
     """First-order P95 were each contributor perfect, largest gain first, with P95 as it is and the limit."""
     lines = sorted(single_lines(contributors), key=lambda entry: entry.p95_without_mm)[:MOST]
-    scale = Scale(0.0, 1.08 * max(p95_mm, limit_mm or 0.0, 1e-9), LABELS, WIDTH - 80)
+    scale = Scale(0.0, 1.08 * max(p95_mm, limit_mm or 0.0, 1e-9), LABELS, WIDTH - 90)
     bottom = TOP + 8 + ROW * len(lines)
     parts = scale.axis(bottom + 4, "first-order P95 at the target, mm", top=TOP + 4)
     for index, entry in enumerate(lines):
@@ -56,9 +56,9 @@ def without_svg(
         parts.append(box(scale.at(0), y + 3, scale.at(entry.p95_without_mm), y + ROW - 3, f'fill="{BAR}"'))
         parts.append(text(scale.at(0) + 6, y + 14, fixed(entry.p95_without_mm, 3), colour=INK))
     ours, theirs = sides(p95_mm, limit_mm)
-    parts += marker(scale, p95_mm, TOP, bottom + 4, f"P95 {p95_mm:.3f}", VALUE_COLOUR, ours)
+    parts += marker(scale, p95_mm, TOP, bottom + 4, f"P95 {p95_mm:.3f} mm", VALUE_COLOUR, ours)
     if limit_mm is not None:
-        parts += marker(scale, limit_mm, TOP, bottom + 4, f"limit {limit_mm:g}", LIMIT_COLOUR, theirs, "5 3")
+        parts += marker(scale, limit_mm, TOP, bottom + 4, f"limit {limit_mm:g} mm", LIMIT_COLOUR, theirs, "5 3")
     listed = "; ".join(f"without {named(entry)} {entry.p95_without_mm:.3f} mm" for entry in lines)
     words = f"P95 is {p95_mm:.3f} mm. {listed}."
     return picture(name, f"P95 at target {target} without each contributor", words, bottom + 44, parts)

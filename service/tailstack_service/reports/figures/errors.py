@@ -4,9 +4,21 @@ from __future__ import annotations
 
 from math import log2
 
-from ...rendering.svg import FAINT, INK, MUTED, box, line, rounded, text
+from ...rendering.svg import FAINT, FONT, INK, MUTED, box, line, rounded, text
 from ..records import Convergence, ErrorDistribution
-from .frame import BAR, BAR_PALE, LAW_COLOUR, LIMIT_COLOUR, VALUE_COLOUR, WIDTH, Scale, marker, picture, sides
+from .frame import (
+    BAR,
+    BAR_PALE,
+    LAW_COLOUR,
+    LIMIT_COLOUR,
+    VALUE_COLOUR,
+    WIDTH,
+    Scale,
+    density_axis,
+    marker,
+    picture,
+    sides,
+)
 
 LEFT, RIGHT, TOP, HEIGHT = 62, WIDTH - 22, 44, 210
 
@@ -31,8 +43,7 @@ def distribution_svg(
         return bottom - HEIGHT * density / top
 
     parts = scale.axis(bottom, "error at the tool, mm", top=TOP)
-    parts.append(text(LEFT - 8, TOP + 4, "density", anchor="end", colour=MUTED))
-    parts.append(text(LEFT - 8, TOP + 18, "1/mm", anchor="end", colour=MUTED))
+    parts += density_axis(top, LEFT, RIGHT, TOP, bottom)
     if interval_mm is not None and interval_mm[1] is not None:
         x0, x1 = scale.at(interval_mm[0]), scale.at(interval_mm[1])
         parts.append(box(x0, TOP, max(x1, x0 + 1), bottom, 'fill="#0072b2" fill-opacity="0.18"'))
@@ -54,8 +65,11 @@ def distribution_svg(
     words = f"Error at target {shown.target}: the first-order law is drawn as a line"
     if shown.sampled is not None:
         parts.append(box(LEFT + 130, y - 10, LEFT + 152, y + 1, f'fill="{BAR_PALE}" stroke="{BAR}" stroke-width="0.6"'))
-        parts.append(text(LEFT + 158, y, f"Monte Carlo, {shown.trials:,} trials; shaded: confidence interval of P95"))
+        parts.append(text(LEFT + 158, y, f"Monte Carlo, {shown.trials:,} trials"))
         words += f", {shown.trials:,} Monte Carlo trials as bars"
+    if interval_mm is not None and interval_mm[1] is not None:
+        parts.append(box(LEFT + 322, y - 10, LEFT + 344, y + 1, 'fill="#0072b2" fill-opacity="0.18"'))
+        parts.append(text(LEFT + 350, y, f"interval of P95, {interval_mm[0]:.3f} to {interval_mm[1]:.3f} mm"))
     words += f". P95 is {p95_mm:.3f} mm" + ("" if limit_mm is None else f", the limit {limit_mm:g} mm") + "."
     return picture(name, f"Distribution of the error at target {shown.target}", words, bottom + 62, parts)
 
@@ -91,7 +105,9 @@ def scale_svg(
     for label, value in others:
         x = scale.at(value)
         parts.append(f'<path d="M{rounded(x)} 84L{rounded(x - 4)} 93L{rounded(x + 4)} 93Z" fill="{INK}"/>')
-        parts.append(text(x, 82, label, anchor="middle", colour=INK))
+        near = limit_mm is not None and abs(x - scale.at(limit_mm)) < 0.35 * FONT * len(label)
+        beside = "middle" if not near or limit_mm is None else "end" if value < limit_mm else "start"
+        parts.append(text(x + {"end": 3, "start": -3}.get(beside, 0), 82, label, anchor=beside, colour=INK))
     words = f"{quantile} at target {target} is {p95_mm:.3f} mm"
     if interval_mm[1] is not None:
         words += f", between {interval_mm[0]:.3f} and {interval_mm[1]:.3f} mm"
@@ -130,7 +146,8 @@ def convergence_svg(shown: Convergence, limit_mm: float | None, name: str) -> st
         parts.append(line(LEFT + 10, up(limit_mm), RIGHT, up(limit_mm), LIMIT_COLOUR, 1.6, "5 3"))
         parts.append(text(RIGHT, up(limit_mm) - 5, f"limit {limit_mm:g} mm", anchor="end", colour=LIMIT_COLOUR))
     parts.append(line(LEFT + 10, bottom, RIGHT, bottom, FAINT))
-    parts.append(text((LEFT + RIGHT) / 2, bottom + 34, "trials", anchor="middle", colour=MUTED))
+    said = f"trials; bars: {100 * shown.confidence:g} % interval of P95, each by itself"
+    parts.append(text((LEFT + RIGHT) / 2, bottom + 34, said, anchor="middle", colour=MUTED))
     parts.append(text(LEFT + 4, 12, "P95, mm", anchor="end", colour=MUTED))
     last = points[-1]
     words = (

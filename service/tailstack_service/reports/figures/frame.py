@@ -53,10 +53,26 @@ class Scale:
             x = self.at(value)
             if top is not None:
                 parts.append(line(x, top, x, y, "#e3e3e3", 0.7))
-            parts += [line(x, y, x, y + 4, FAINT), text(x, y + 16, f"{value:g}", anchor="middle", colour=MUTED)]
+            parts += [line(x, y, x, y + 4, FAINT), text(x, y + 16, plain(value), anchor="middle", colour=MUTED)]
         parts.append(line(self.left, y, self.right, y, FAINT))
         parts.append(text((self.left + self.right) / 2, y + 32, title, anchor="middle", colour=MUTED))
         return parts
+
+
+def plain(value: float) -> str:
+    """A number of an axis: no digits that say nothing, and a minus sign that is one."""
+    return f"{value:g}".replace("-", "−")
+
+
+def density_axis(highest: float, left: float, right: float, top: float, bottom: float) -> list[str]:
+    """The upward scale of a density from 0 to ``highest``, 1/mm, with its title."""
+    step = round_step(2.5 * 40 * highest / (bottom - top))
+    parts = [text(8, top - 10, "density, 1/mm", colour=MUTED)]
+    for k in range(floor(highest / step) + 1):
+        y = bottom - (bottom - top) * step * k / highest
+        parts.append(line(left, y, right, y, "#e3e3e3", 0.7))
+        parts.append(text(left - 6, y + 4, plain(step * k), anchor="end", colour=MUTED))
+    return parts
 
 
 def sides(value: float, limit: float | None) -> tuple[str, str]:

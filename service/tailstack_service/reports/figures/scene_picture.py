@@ -65,8 +65,9 @@ def scene_svg(scene: Scene, name: str = "layout", camera: str = "iso") -> str:
     ]
     parts += _panel(near, items, f"{name}-near")
     parts += _panel(far, around, f"{name}-far")
-    parts += _legend(scene, [*items, *around], FAR[0] + 14, FAR[1] + FAR[3] + 20)
-    y = NEAR[1] + NEAR[3] + 18.0
+    legend, foot = _legend(scene, [*items, *around], FAR[0] + 14, FAR[1] + FAR[3] + 20)
+    parts += legend
+    y = max(NEAR[1] + NEAR[3] + 18.0, foot + 10)
     for sentence in _broken(scene.note, 118):
         parts.append(text(NEAR[0], y, sentence, colour=MUTED))
         y += 14
@@ -200,10 +201,12 @@ def _labels(sight: Sight, items: Sequence[Item]) -> list[str]:
     """Names beside what they name; those of fiducials only where there is room for them."""
     left, top, width, height = sight.panel
     inside = (left + 2, top + 2, left + width - 2, top + height - 2)
+    foot = top + height - 60  # of the axes, which labels leave alone
     places = [sight.page(np.array(item.points[:1]))[0] for item in items if item.layer == "fiducials"]
     spread = np.ptp(np.array(places), axis=0) + 40 if places else np.zeros(2)
     crowded = len(places) > 1 and float(spread[0] * spread[1]) < ROOM * len(places)
-    points, colours, lines = [], [], []
+    points, colours = [], []
+    lines = [(left + 20, top + height - 20, left + 70, top + height - 20), (left + 40, foot, left + 40, foot + 40)]
     for item in items:
         if item.look == "image" or not (item.label or item.kind == "mark" or item.look == "ray"):
             continue
@@ -258,8 +261,8 @@ _LOOK_WORDS = {
 MAGNIFIED = ("tcp", "tcp-before", "bias", "bias-before", "localisation")
 
 
-def _legend(scene: Scene, items: Sequence[Item], x: float, y: float) -> list[str]:
-    """What the marks mean, one below the other."""
+def _legend(scene: Scene, items: Sequence[Item], x: float, y: float) -> tuple[list[str], float]:
+    """What the marks mean, one below the other, and where they end."""
     used = {item.look for item in items}
     parts = []
     for look, words in (*_WORDS.items(), *_LOOK_WORDS.items()):
@@ -269,8 +272,8 @@ def _legend(scene: Scene, items: Sequence[Item], x: float, y: float) -> list[str
         said += f", × {scene.magnification:g}" if look in MAGNIFIED else ""
         parts.append(mark(look, x, y - 4) if look in _WORDS else _sample(look, x, y - 4))
         parts.append(text(x + 16, y, said))
-        y += 17
-    return parts
+        y += 16
+    return parts, y
 
 
 def _sample(look: str, x: float, y: float) -> str:

@@ -6,7 +6,8 @@
   const INK = "#222222", MUTED = "#555555", PAPER = "#ffffff";
   const LABELS = { target: "#a84600", "pivot 1": "#00795a", "pivot 2": "#a8477f", source: MUTED };
   const DEGREE = Math.PI / 180, TURN = 5 * DEGREE, STEP = 24, ZOOM = 1.2;
-  const ROOM = 1100, RING = 48; // area of page for each label of a fiducial: with less, none is shown
+  const RING = 48;
+  const ROOM = 1100, NAMED_ALWAYS = ["targets", "beams", "directions"]; // area of page that a label needs
   const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
 
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -299,6 +300,10 @@
         return { item, deep, rank: order[item.kind], below: item.layer === "floor" };
       });
       items.sort((a, b) => b.below - a.below || a.rank - b.rank || a.deep - b.deep);
+      const dots = items.filter(({ item }) => item.layer === "fiducials").map(({ item }) => this.page(item.points[0]));
+      const area = [0, 1].map((k) => Math.max(...dots.map((p) => p[k])) - Math.min(...dots.map((p) => p[k])) + 40);
+      this.crowded = dots.length > 1 && area[0] * area[1] < ROOM * dots.length;
+      this.size = this.crowded ? 0.65 : 1;
       const labels = [];
       for (const { item } of items) {
         const page = item.kind === "ellipsoid" ? [this.page(item.points[0])] : item.points.map((p) => this.page(p));
@@ -314,7 +319,7 @@
     }
 
     item(context, item, page, eye) {
-      if (item.kind === "mark") { this.mark(context, item.look, ...page[0]); return; }
+      if (item.kind === "mark") { this.mark(context, item.look, ...page[0], this.size); return; }
       const look = this.scene.looks[item.look];
       this.pen(context, look);
       context.beginPath();
@@ -380,7 +385,15 @@
       context.globalAlpha = 1;
     }
 
-    mark(context, look, x, y) {
+    mark(context, look, x, y, size = 1) {
+      context.save();
+      context.translate((1 - size) * x, (1 - size) * y);
+      context.scale(size, size);
+      this.shape(context, look, x, y);
+      context.restore();
+    }
+
+    shape(context, look, x, y) {
       const disc = (radius, fill, stroke, width) => {
         context.beginPath();
         context.arc(x, y, radius, 0, 2 * Math.PI);
@@ -424,13 +437,10 @@
       context.textBaseline = "alphabetic";
       const inside = ([x, y]) => x > 0 && y > 0 && x < this.width && y < this.height;
       const seen = labels.filter(({ at }) => inside(at));
-      const dots = seen.filter(({ item }) => item.layer === "fiducials").map(({ at }) => at);
-      const area = [0, 1].map((k) => Math.max(...dots.map((p) => p[k])) - Math.min(...dots.map((p) => p[k])) + 40);
-      const crowded = dots.length > 1 && area[0] * area[1] < ROOM * dots.length;
       const taken = seen.filter(({ item }) => item.kind === "mark").map(({ at: [x, y] }) => [x - 5, y - 5, x + 5, y + 5]);
       const marks = taken.length;
       for (const { item, at: [x, y] } of seen) {
-        if (!item.label || (crowded && item.layer === "fiducials")) continue;
+        if (!item.label || (this.crowded && !NAMED_ALWAYS.includes(item.layer))) continue;
         const wide = context.measureText(item.label).width;
         let best = null;
         [[8, 4], [-8 - wide, 4], [-wide / 2, -9], [-wide / 2, 18], [7, -6], [-7 - wide, -6], [7, 15], [-7 - wide, 15],
