@@ -387,6 +387,6 @@ def test_rules_and_policy_name_the_same_rules() -> None:
     from tailstack_service.gate.policy_document import Rules
 
     names = {info.alias or name for name, info in Rules.model_fields.items()}
-    assert names == set(RULES) - {"invalid-design", "not-evaluated"}
+    assert names == set(RULES) - {"invalid-design", "invalid-input", "not-evaluated"}
     for name, info in Rules.model_fields.items():
         assert getattr(Rules(), name).severity == RULES[info.alias or name].severity

@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+import unicodedata
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .answer import PASS, Answer
+from .answer import BAD_INPUT, FAIL, INCONCLUSIVE, NOT_EVALUATED, PASS, Answer
+from .answer import INTERRUPTED as INTERRUPTED_CODE
 from .progress import Progress
 
 if TYPE_CHECKING:
+    from datetime import date
+
     from ..gate.designs import Gate, GateDesign
+    from ..gate.records import GateRecord
+    from .gate_outputs import Outputs
 
 HELP = "designs against a policy, for a pipeline: findings and an exit code"
 
-FORMATS = ("text", "json", "markdown", "sarif")
+FORMATS = ("text", "json", "sarif", "junit", "github", "gitlab", "markdown")
 MODES = ("analytic", "verify", "auto")
 WILD = "*?["
+LONGEST_NAME = 400
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--format", type=_format, action="append", metavar="FORMAT[=FILE]",
         help=f"{', '.join(FORMATS)}; several may be given, all but one with a file (default text)",
     )  # fmt: skip
+    parser.add_argument(
+        "--remote", metavar="URL", help="let a running service judge, with the key in TAILSTACK_KEY; same answer"
+    )
     parser.add_argument("--explain", metavar="RULE", help="print the page of a rule; 'all' lists the rules")
 
 
@@ -65,29 +77,79 @@ def _format(text: str) -> tuple[str, str | None]:
 def run(arguments: argparse.Namespace) -> Answer:
     if arguments.explain is not None:
         return Answer(_explained(arguments.explain), PASS)
-    formats = arguments.format or [("text", None)]
-    _check_outputs(formats)
-    files = _files(arguments.design)
-    gate = _gate(arguments, files)  # policy and waivers are refused before anything is computed
 
-    from ..gate.formats import FORMATS as WRITERS
-    from ..gate.judging import judge
-    from ..gate.checking import verified
-    from ..gate.terminal import gate_text
-    from .design_input import coloured_output
+    from .gate_outputs import outputs_of, say
 
-    with Progress("gate"):
-        record = judge(gate, verified)
-    body: str | bytes = ""
-    for name, file in formats:
-        if file is not None:
-            _write(Path(file), WRITERS[name].write(record))
+    inputs = [arguments.policy, arguments.waivers, arguments.baseline, *arguments.design]
+    outputs, wrong = outputs_of(arguments.format or [("text", None)], [name for name in inputs if name is not None])
+    record = _record(arguments, outputs, wrong)
+    failed = [*outputs.files(record), *outputs.summary(record)]
+    for _, file in outputs.usable:
+        if not any(file in line for line in failed):
             print(f"wrote {file}", file=sys.stderr)
-        elif name == "text":
-            body = gate_text(record, colour=coloured_output())
-        else:
-            body = WRITERS[name].write(record)
-    return Answer(body, record.exit_code)
+    say(failed)
+    code = NOT_EVALUATED if failed and record.exit_code in (PASS, FAIL, INCONCLUSIVE) else record.exit_code
+    refused = record.provenance.policy_sha256 is None and ("text", None) in outputs.formats
+    return Answer("" if refused else outputs.stdout(record), code)  # a refusal in words stands on stderr
+
+
+def _record(arguments: argparse.Namespace, outputs: Outputs, wrong: list[str]) -> GateRecord:
+    """The record of the gate, whatever becomes of it: what stops it is told on stderr and kept in the record."""
+    from tailstack.errors import Problem, TailstackError
+
+    from ..gate.unfinished import INTERRUPTED, NOT_FINISHED, unfinished
+    from ..problems import RequestError
+    from .gate_outputs import say
+    from .refusals import report_error, report_failure
+
+    known = partial(
+        unfinished, today=today(), mode=arguments.mode, fail_level=arguments.fail_level,
+        on_inconclusive=arguments.on_inconclusive, max_regression_percent=arguments.max_regression,
+    )  # fmt: skip
+    files: list[str] = []
+    try:
+        say(outputs.files(known(files, (NOT_FINISHED,), NOT_EVALUATED)))
+        if wrong:
+            raise RequestError([Problem("", "bad-output", detail) for detail in wrong])
+        designs = _files(arguments.design)
+        files = [_shown(name) for name in designs]
+        return _judged(arguments, designs)
+    except KeyboardInterrupt:
+        print("tailstack: interrupted", file=sys.stderr)
+        return known(files, (INTERRUPTED,), INTERRUPTED_CODE)
+    except (TailstackError, OSError) as error:
+        if os.environ.get("TAILSTACK_TRACEBACK"):
+            raise
+        code = report_error(error, arguments)
+        problems = error.problems if isinstance(error, TailstackError) else (Problem("", "os-error", str(error)),)
+        return known(files, problems, code if code == BAD_INPUT else NOT_EVALUATED)
+    except Exception as error:
+        if os.environ.get("TAILSTACK_TRACEBACK"):
+            raise
+        report_failure(error, arguments)
+        problem = Problem("", "internal-error", f"internal error, {type(error).__name__}: {error}")
+        return known(files, (problem,), NOT_EVALUATED)
+
+
+def today() -> date:
+    """The day by which waivers are judged, UTC."""
+    from datetime import UTC, datetime
+
+    return datetime.now(UTC).date()
+
+
+def _judged(arguments: argparse.Namespace, designs: list[str]) -> GateRecord:
+    gate = _gate(arguments, designs)  # policy and waivers are refused before anything is computed
+    with Progress("gate") as progress:
+        if arguments.remote is not None:
+            from .gate_remote import asked
+
+            return asked(gate, arguments.remote, progress)
+
+        from ..gate.checking import verified
+        from ..gate.judging import judge
+
+        return judge(gate, verified, progress.report)
 
 
 def _explained(rule: str) -> str:
@@ -105,21 +167,6 @@ def _explained(rule: str) -> str:
         hint = f"did you mean {close[0]}?" if close else f"rules: {', '.join(RULES)}"
         raise RequestError(Problem("", "unknown-rule", f"no rule is called {rule!r}", hint))
     return explanation(RULES[rule])
-
-
-def _check_outputs(formats: list[tuple[str, str | None]]) -> None:
-    """One format at most goes to stdout, and every file can be written.  Raises RequestError."""
-    from tailstack.errors import Problem
-
-    from ..problems import RequestError
-
-    if sum(file is None for _, file in formats) > 1:
-        detail = "two formats would be written to stdout"
-        raise RequestError(Problem("", "two-outputs", detail, "give all but one a file: --format json=gate.json"))
-    for _, file in formats:
-        if file is not None and (not Path(file).parent.is_dir() or Path(file).is_dir()):
-            detail = f"cannot write {file}: no such directory, or a directory"
-            raise RequestError(Problem("", "file-unwritable", detail))
 
 
 def _files(given: list[str]) -> list[str]:
@@ -141,18 +188,32 @@ def _files(given: list[str]) -> list[str]:
             files.append(name)
     if not files:
         raise RequestError(Problem("", "no-design", "no design was given", "tailstack gate DESIGN..."))
-    return list(dict.fromkeys(files))
+    files = list({_shown(name): name for name in reversed(files)}.values())[::-1]
+    if long := next((name for name in files if len(_shown(name)) > LONGEST_NAME), None):
+        raise RequestError(
+            Problem("", "too-long", f"a path has {LONGEST_NAME} characters at most; got {long[:60]!r}...")
+        )
+    return files
+
+
+def _shown(name: str) -> str:
+    """How findings call a file: from the working directory where it is below that, in characters that can be shown."""
+    if name == "-":
+        return "<stdin>"
+    path = os.path.normpath(name)
+    if os.path.isabs(path) and Path(path).is_relative_to(Path.cwd()):
+        path = os.path.relpath(path)
+    readable = os.fsencode(path.replace(os.sep, "/")).decode("utf-8", "replace")
+    return "".join("\ufffd" if unicodedata.category(c) == "Cc" else c for c in readable)
 
 
 def _gate(arguments: argparse.Namespace, files: list[str]) -> Gate:
-    from datetime import UTC, datetime
-
     from ..gate.designs import Gate, seed_of
     from ..gate.reading import read_baseline, read_policy, read_waivers
 
-    today = datetime.now(UTC).date()
+    day = today()
     policy = read_policy(None if arguments.policy is None else Path(arguments.policy))
-    waivers = None if arguments.waivers is None else read_waivers(Path(arguments.waivers), today)
+    waivers = None if arguments.waivers is None else read_waivers(Path(arguments.waivers), day)
     baseline = None if arguments.baseline is None else read_baseline(Path(arguments.baseline))
     return Gate(
         designs=tuple(_design(name) for name in files),
@@ -161,7 +222,7 @@ def _gate(arguments: argparse.Namespace, files: list[str]) -> Gate:
         baseline=baseline,
         mode=arguments.mode,
         seed=seed_of(None, policy, baseline),
-        today=today,
+        today=day,
         fail_level=arguments.fail_level,
         on_inconclusive=arguments.on_inconclusive,
         max_regression_percent=arguments.max_regression,
@@ -176,18 +237,6 @@ def _design(name: str) -> GateDesign:
     from .design_input import read_design
 
     try:
-        return GateDesign(name, read_design(name))
+        return GateDesign(_shown(name), read_design(name))
     except (DesignError, LimitError) as error:
-        return GateDesign(name, None, error)
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all."""
-    import os
-
-    beside = path.with_name(path.name + f".{os.getpid()}.part")
-    try:
-        beside.write_bytes(content)
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
+        return GateDesign(_shown(name), None, error)

@@ -22,7 +22,8 @@ class Case:
     verification: Verification | None
     numbers: tuple[GateNumber, ...]  # what was held against limits
     added: Mapping[str, str]  # requirements that the policy added: name -> rule
-    baseline: GatedDesign | None
+    compared: bool  # there is a baseline
+    baseline: GatedDesign | None  # what it says of this design
     max_regression_percent: float
 
 

@@ -9,7 +9,7 @@ from .waiving import accepted_values
 
 if TYPE_CHECKING:
     from tailstack.results import Verification
-    from tailstack.runs import Sampling
+    from tailstack.runs import Progress, Sampling
 
 
 def sampling_of(gate: Gate, computed: Computed) -> Sampling:
@@ -47,13 +47,13 @@ def sampling_of(gate: Gate, computed: Computed) -> Sampling:
     )
 
 
-def verified(gate: Gate, computed: Computed) -> Verification:
+def verified(gate: Gate, computed: Computed, progress: Progress | None = None) -> Verification:
     """Monte Carlo as the policy says, here and now.  Raises TailstackError."""
     from tailstack.runs import prepare
     from tailstack.verifying import verify_prepared
 
     assert computed.held is not None
-    return verify_prepared(prepare(computed.held), sampling_of(gate, computed))
+    return verify_prepared(prepare(computed.held), sampling_of(gate, computed), progress=progress)
 
 
 def looks_of(gate: Gate) -> int:

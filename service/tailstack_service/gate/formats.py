@@ -6,6 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..documents import to_json
+from .github import github_text
+from .gitlab import gitlab_text
+from .junit import junit_text
 from .markdown import markdown_text
 from .records import GateRecord
 from .sarif import sarif_text
@@ -18,6 +21,7 @@ class Format:
 
     name: str
     write: Callable[[GateRecord], bytes]
+    in_repository: bool = False  # files are named from the root of the repository, see ``places``
 
 
 def _json(record: GateRecord) -> bytes:
@@ -36,12 +40,27 @@ def _sarif(record: GateRecord) -> bytes:
     return sarif_text(record).encode()
 
 
+def _junit(record: GateRecord) -> bytes:
+    return junit_text(record).encode()
+
+
+def _github(record: GateRecord) -> bytes:
+    return github_text(record).encode()
+
+
+def _gitlab(record: GateRecord) -> bytes:
+    return gitlab_text(record).encode()
+
+
 FORMATS: dict[str, Format] = {
     entry.name: entry
     for entry in (
         Format("text", _text),
         Format("json", _json),
         Format("markdown", _markdown),
-        Format("sarif", _sarif),
+        Format("sarif", _sarif, in_repository=True),
+        Format("junit", _junit),
+        Format("github", _github, in_repository=True),
+        Format("gitlab", _gitlab, in_repository=True),
     )
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
+from tailstack.design import Design
 from tailstack.design.refusals import place
 from tailstack.errors import Problem, TailstackError
 from tailstack.results import Score, Severity, Verification
@@ -22,18 +23,29 @@ from .waiving import accepting, in_words, remarks_on_waivers
 
 WORST_FIRST: tuple[GateVerdict, ...] = ("not evaluated", "fail", "inconclusive", "pass")
 JUDGING = ("p95", "cvar", "exceedance", "per_unit_yield")
-Verify = Callable[[Gate, Computed], Verification]
+Progress = Callable[[int, int], None]
+Verify = Callable[[Gate, Computed, Progress], Verification]
 
 
-def judge(gate: Gate, verify: Verify) -> GateRecord:
-    """The whole gate; ``verify`` draws Monte Carlo for a design, and may raise TailstackError."""
+def judge(gate: Gate, verify: Verify, told: Callable[[float, float], None] | None = None) -> GateRecord:
+    """The whole gate; ``verify`` draws Monte Carlo for a design, and may raise TailstackError.
+
+    ``told(done, total)`` is called on the way, in designs and parts of designs.
+    """
     checks: list[Verification | TailstackError | None] = []
     scored = first_order(gate)
-    for computed in scored:
+    wanted = [wants_check(gate, computed) and computed.held is not None for computed in scored]
+    for computed, wants in zip(scored, wanted, strict=True):
         check: Verification | TailstackError | None = None
-        if wants_check(gate, computed) and computed.held is not None:
+        if wants:
+            before = sum(wanted[: len(checks)])
+
+            def tell(done: int, total: int, before: int = before) -> None:
+                if told is not None:
+                    told(before + done / total, sum(wanted))
+
             try:
-                check = verify(gate, computed)
+                check = verify(gate, computed, tell)
             except TailstackError as error:
                 check = error
         checks.append(check)
@@ -59,7 +71,7 @@ def conclude(
             said, gated = [], _unread(computed)
         if refusal is not None:
             refusals.append(refusal)
-            said = _refused(computed.entry, refusal)
+            said = refused(computed.entry, refusal)
             gated = replace(gated, verdict="not evaluated")
         findings += said
         designs.append(gated)
@@ -109,9 +121,16 @@ def _case(gate: Gate, computed: Computed, scored: Score, check: Verification | N
             scored, check, computed.rules, computed.added, computed.held, 1 if check is None else looks_of(gate)
         ),
         added=computed.added,
-        baseline=None if gate.baseline is None else gate.baseline.of(computed.entry.file, design.name),
+        compared=gate.baseline is not None,
+        baseline=_earlier(gate, computed.entry.file, design),
         max_regression_percent=computed.rules.regression.max_percent if allowed is None else allowed,
     )
+
+
+def _earlier(gate: Gate, file: str, design: Design) -> GatedDesign | None:
+    """What the baseline says of a design."""
+    present = {entry.file for entry in gate.designs}
+    return None if gate.baseline is None else gate.baseline.of(file, design.name, design.sha256, present)
 
 
 def _findings(gate: Gate, computed: Computed, case: Case, used: set[int]) -> list[GateFinding]:
@@ -180,7 +199,7 @@ class NothingToJudge(TailstackError):
     exit_code = 3
 
 
-def _refused(entry: GateDesign, refusal: TailstackError) -> list[GateFinding]:
+def refused(entry: GateDesign, refusal: TailstackError) -> list[GateFinding]:
     """A refusal as findings: one for each of its problems."""
     rule = "invalid-design" if refusal.exit_code == 2 else "not-evaluated"
     source = None if entry.design is None else entry.design.source.placed()
@@ -211,14 +230,15 @@ def _version_findings(gate: Gate, severity: str) -> list[GateFinding]:
     version = gate.baseline.record.provenance.tailstack_version
     if version == __version__:
         return []
+    placed = place(Problem("/provenance/tailstack_version", "model-version", ""), gate.baseline.source)
     return [
         GateFinding(
             rule="model-version",
             severity=severity,  # type: ignore[arg-type]
             file=gate.baseline.file,
-            line=None,
-            column=None,
-            pointer="/provenance/tailstack_version",
+            line=placed.line,
+            column=placed.column,
+            pointer=placed.pointer,
             message=f"the baseline was computed by tailstack {version}, this is {__version__}: numbers may differ for "
             "that reason; write a new baseline",
             value=None,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from datetime import date, timedelta
 from difflib import get_close_matches
@@ -84,14 +84,18 @@ class ReadBaseline:
     """An earlier gate, to compare with."""
 
     record: GateRecord
+    source: Source
     file: str
     sha256: str
 
-    def of(self, file: str, name: str) -> GatedDesign | None:
-        """The same design then: of that file, or else the only one of that name."""
+    def of(self, file: str, name: str, sha256: str, present: Collection[str]) -> GatedDesign | None:
+        """The same design then: of that file; or, if the file was renamed, the only one of that content or name among
+        the files that are not ``present`` any more."""
         by_file = [entry for entry in self.record.designs if entry.file == file]
-        by_name = [entry for entry in self.record.designs if entry.name == name]
-        return by_file[0] if by_file else by_name[0] if len(by_name) == 1 else None
+        gone = [entry for entry in self.record.designs if entry.file not in present]
+        by_content = [entry for entry in gone if entry.sha256 == sha256]
+        by_name = [entry for entry in gone if entry.name == name]
+        return next((found[0] for found in (by_file, by_content, by_name) if len(found) == 1), None)
 
 
 def read_policy(given: Given | None, *, name: str = "policy", prefix: str = "") -> ReadPolicy:
@@ -129,7 +133,10 @@ def read_baseline(given: Given, *, name: str = "baseline", prefix: str = "") -> 
         raise _refused(refuse(error, source, LIMITS, BaseModel), prefix) from None
     if (problem := _beyond_numbers(source.data, record.seed)) is not None:
         raise GateError(_prefixed(place(problem, source), prefix))
-    return ReadBaseline(record, source.file or name, _digest(source.data))
+    if not any(design.targets for design in record.designs):
+        detail = f"nothing was judged by this gate (verdict: {record.verdict}): it has no numbers to compare with"
+        raise GateError(_prefixed(place(Problem("/designs", "no-numbers", detail, hint), source), prefix))
+    return ReadBaseline(record, source, source.file or name, _digest(source.data))
 
 
 def _beyond_numbers(data: Any, seed: int) -> Problem | None:

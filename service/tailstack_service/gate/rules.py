@@ -37,7 +37,9 @@ The error at the tool (or of the localised target) has a quantile, P95 unless th
 above its limit: the lower end of its interval does. Judged are all pooled requirements of the design and, if the
 policy sets `limit_mm`, the P95 of the TCP error at every target.
 
-To first order the interval is the calibrated error of the linearisation; by Monte Carlo it is a confidence interval.
+To first order the interval is the calibrated error of the linearisation; by Monte Carlo it is made of order statistics,
+which takes no law for granted, and holds at all looks together: pass is said of a design that fails, or fail of one
+that passes, with a probability of at most (1 - confidence) / 2 each (2.5 %).
 
 What to do: the message names the tolerance with the largest share of the variance; `tailstack score DESIGN` prints
 the whole budget, `tailstack optimise DESIGN` looks for the cheapest design that keeps the limit.
@@ -54,7 +56,7 @@ Policy: severity, limit_mm, confidence. Waiver: max_value in mm, compared with t
         """\
 CVaR95 is the mean error of the worst 5 % of shots: unlike P95 it says how bad the bad ones are. Judged only if the
 policy sets `limit_mm`. To first order its interval is twice the calibrated error of the linearisation; by Monte Carlo
-it comes from a bound of its standard error.
+it comes from a bound of its standard error, with the normal law of a mean, Bonferroni over the looks.
 
 What to do: as for p95; heavy tails come from few, wide, non-normal contributors.
 
@@ -195,9 +197,10 @@ the unit of the tolerance.""",
         "%",
         """\
 The P95 of the TCP error at a target is more than `max_percent` (--max-regression) above that of the baseline, an
-earlier gate written with --format json=FILE. Both are computed with the same seed. Monte Carlo is compared where both
-drew as many trials, first order otherwise, so that a difference is the design's and not chance. Absolute limits stay
-absolute: a failed limit fails whatever the baseline says.
+earlier gate written with --format json=FILE. Compared is first order, in which there is no chance; where the calibrated
+error of first order is above first-order-gap's max_percent and both drew as many trials, Monte Carlo with the same
+seed. Absolute limits stay absolute: a failed limit fails whatever the baseline says. A design is found again by its
+file, or by its content or name if that file is gone; a design or target that the baseline does not have is noted.
 
 Policy: severity, max_percent. Waiver: max_value in per cent.""",
         regressions,
@@ -210,8 +213,9 @@ Policy: severity, max_percent. Waiver: max_value in per cent.""",
         "",
         """\
 Neither pass nor fail can be said: the limit lies within the interval. To first order the calibrated error of the
-linearisation is too wide; by Monte Carlo the cap on trials was reached. The gate then leaves with exit code 4, which
---on-inconclusive folds into 1 (fail) or 0 (warn).
+linearisation is too wide; by Monte Carlo the cap on trials was reached. A design exactly on its limit stays open with
+a probability of at least its confidence (95 %). The gate then leaves with exit code 4, which --on-inconclusive folds
+into 1 (fail) or 0 (warn).
 
 What to do: --mode verify; a larger verification.max_trials in the policy; or a design that is not on its limit.
 
@@ -265,6 +269,17 @@ judged, and the gate leaves with exit code 2. `tailstack validate DESIGN` says t
 the rule book.""",
     ),
     Rule(
+        "invalid-input",
+        "Policy, waivers, baseline or an option cannot be used",
+        "error",
+        "fixed",
+        "",
+        """\
+What the gate judges by, or how it was called, is not usable: a policy that breaks its rules, a waiver without an owner,
+a baseline that is no record of a gate or has no numbers, a pattern that matches no file. No design was judged, and the
+gate leaves with exit code 2. `tailstack schema policy` and `tailstack schema waivers` are the rule books.""",
+    ),
+    Rule(
         "not-evaluated",
         "The design could not be evaluated",
         "error",
@@ -272,7 +287,8 @@ the rule book.""",
         "",
         """\
 The geometry does not determine the answer, a method was outside its range, a computation did not converge, or nothing
-was there to judge: the design states no requirement and the policy sets no limit. The gate leaves with exit code 3; a
+was there to judge: the design states no requirement and the policy sets no limit. Also: the gate itself broke off, was
+interrupted (exit code 130), was killed, or lost the service that it asked. Otherwise it leaves with exit code 3; a
 design that was not judged never passes.""",
     ),
 )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from pathlib import PurePath
 from typing import Any
 from urllib.parse import quote
 
+from .places import fingerprints
 from .records import GateFinding, GateRecord
 from .rules import RULES, Rule
 
@@ -33,7 +33,10 @@ def sarif_text(record: GateRecord) -> str:
                 "exitCode": record.exit_code,
             }
         ],
-        "results": [_result(finding, order[finding.rule]) for finding in record.findings],
+        "results": [
+            _result(finding, order[finding.rule], print_)
+            for finding, print_ in zip(record.findings, fingerprints(record.findings), strict=True)
+        ],
         "properties": {
             "verdict": record.verdict,
             "mode": record.mode,
@@ -48,18 +51,20 @@ def sarif_text(record: GateRecord) -> str:
 def _rule(rule: Rule) -> dict[str, Any]:
     return {
         "id": rule.id,
+        "name": "".join(part.capitalize() for part in rule.id.split("-")),
         "shortDescription": {"text": rule.title},
         "fullDescription": {"text": rule.page.split("\n\n")[0].replace("\n", " ")},
-        "help": {"text": rule.page},
+        "help": {"text": rule.page, "markdown": rule.page},
         "defaultConfiguration": {"level": rule.severity},
+        "properties": {"tags": ["tolerance"]},
     }
 
 
-def _result(finding: GateFinding, index: int) -> dict[str, Any]:
-    location: dict[str, Any] = {"physicalLocation": {"artifactLocation": {"uri": file_uri(finding.file)}}}
-    if finding.line is not None:
-        region = {"startLine": finding.line}
-        location["physicalLocation"]["region"] = region | ({"startColumn": finding.column} if finding.column else {})
+def _result(finding: GateFinding, index: int, print_: str) -> dict[str, Any]:
+    # A viewer of code needs a line: what is about a whole document stands at its first.
+    region = {"startLine": finding.line or 1} | ({"startColumn": finding.column} if finding.column else {})
+    place: dict[str, Any] = {"artifactLocation": {"uri": file_uri(finding.file)}, "region": region}
+    location: dict[str, Any] = {"physicalLocation": place}
     if finding.pointer:
         location["logicalLocations"] = [{"fullyQualifiedName": finding.pointer, "kind": "member"}]
     result: dict[str, Any] = {
@@ -68,19 +73,13 @@ def _result(finding: GateFinding, index: int) -> dict[str, Any]:
         "level": finding.severity,
         "message": {"text": finding.message},
         "locations": [location],
-        "partialFingerprints": {"tailstackFinding/v1": fingerprint(finding)},
+        # GitHub tells alerts of two runs apart by the second of these, and would compute it from the line if absent.
+        "partialFingerprints": {"tailstackFinding/v1": print_, "primaryLocationLineHash": f"{print_[:16]}:1"},
         "properties": {"value": finding.value, "limit": finding.limit},
     }
     if finding.suppressed_by is not None:
         result["suppressions"] = [{"kind": "external", "status": "accepted", "justification": finding.suppressed_by}]
     return result
-
-
-def fingerprint(finding: GateFinding) -> str:
-    """The same for the same rule at the same place of the same document, whatever line or value it has today."""
-    named = finding.message.split(": ", 1)[0]  # requirement and target, where the rule has them
-    parts = (finding.rule, finding.file, finding.pointer, named if ", target " in named else "")
-    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
 def file_uri(file: str) -> str:

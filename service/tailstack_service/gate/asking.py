@@ -1,0 +1,91 @@
+"""A gate that another service judges: what is sent, and the record that comes back, at places in the files here."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Any
+
+from tailstack.design import Design, design_to_data
+from tailstack.design.refusals import place
+from tailstack.errors import Problem
+
+from .designs import Gate
+from .judging import WORST_FIRST, refused
+from .records import GatedDesign, GateFinding, GateRecord
+from .waiving import in_words
+
+# What a service calls documents that came without a file of their own.
+POLICY, WAIVERS, BASELINE = "policy", "waivers", "baseline"
+_WAIVED = re.compile(rf"{WAIVERS}#/waivers/(\d+), ")
+_POINT = re.compile(r"/fiducials/points(/\d+.*)?")
+
+
+def request_of(gate: Gate) -> dict[str, Any]:
+    """Body of ``POST /v1/gates``: every design that could be read, with the points of its fiducial file in it."""
+    designs = [
+        {"file": entry.file, "design": design_to_data(entry.design)}
+        for entry in gate.designs
+        if entry.design is not None
+    ]
+    given = {
+        "policy": gate.policy.source.data,
+        "waivers": None if gate.waivers is None else gate.waivers.source.data,
+        "baseline": None if gate.baseline is None else gate.baseline.source.data,
+        "on_inconclusive": gate.on_inconclusive,
+        "max_regression_percent": gate.max_regression_percent,
+    }
+    return {
+        "designs": designs,
+        "mode": gate.mode,
+        "seed": gate.seed,
+        "today": gate.today.isoformat(),
+        "fail_level": gate.fail_level,
+        **{name: value for name, value in given.items() if value is not None},
+    }
+
+
+def completed(record: GateRecord, gate: Gate) -> GateRecord:
+    """The record of a service with findings at their lines here, and with the designs that were not sent because they
+    could not be read."""
+    sent = iter(record.designs)
+    designs: list[GatedDesign] = []
+    findings = [_placed(finding, gate) for finding in record.findings]
+    unread: list[GateFinding] = []
+    for entry in gate.designs:
+        if entry.design is not None:
+            designs.append(next(sent))
+        else:
+            assert entry.refusal is not None
+            designs.append(GatedDesign(entry.file, None, None, None, "not evaluated", "none", None, (), ()))
+            unread += refused(entry, entry.refusal)
+    order = {entry.file: index for index, entry in enumerate(gate.designs)}
+    findings = sorted([*findings, *unread], key=lambda finding: order.get(finding.file, len(order)))
+    if not unread:
+        return replace(record, findings=tuple(findings), designs=tuple(designs))
+    return replace(record, verdict=WORST_FIRST[0], exit_code=2, findings=tuple(findings), designs=tuple(designs))
+
+
+def _placed(finding: GateFinding, gate: Gate) -> GateFinding:
+    design = next((entry.design for entry in gate.designs if entry.file == finding.file), None)
+    if design is not None:
+        pointer = _own_pointer(finding.pointer, design)
+        placed = place(Problem(pointer, finding.rule, ""), design.source)
+        finding = replace(finding, pointer=pointer, line=placed.line, column=placed.column)
+    elif finding.file == WAIVERS and gate.waivers is not None:
+        placed = place(Problem(finding.pointer, finding.rule, ""), gate.waivers.source)
+        finding = replace(finding, file=gate.waivers.file, line=placed.line, column=placed.column)
+    elif finding.file == BASELINE and gate.baseline is not None:
+        placed = place(Problem(finding.pointer, finding.rule, ""), gate.baseline.source)
+        finding = replace(finding, file=gate.baseline.file, line=placed.line, column=placed.column)
+    found = None if finding.suppressed_by is None else _WAIVED.match(finding.suppressed_by)
+    if found is not None and gate.waivers is not None:
+        finding = replace(finding, suppressed_by=in_words(gate.waivers, int(found.group(1))))
+    return finding
+
+
+def _own_pointer(pointer: str, design: Design) -> str:
+    """Points that were sent inside the design stand in a file of their own."""
+    if design.document.fiducials.file is not None and _POINT.fullmatch(pointer):
+        return "/fiducials/file"
+    return pointer
