@@ -4116,6 +4116,8 @@ export interface components {
             engine: string;
             /** Precision Requested */
             precision_requested: number | null;
+            /** Max Trials */
+            max_trials: number | null;
             /** Precision Reached */
             precision_reached: number;
             /** Stopping */
@@ -4327,7 +4329,7 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description Problem: busy, stopping, store-unavailable, store-error. */
+        /** @description Problem: busy, warming-up, stopping, store-unavailable, store-error. */
         Problem503: {
             headers: {
                 "X-Request-ID": components["headers"]["RequestId"];

@@ -149,6 +149,13 @@ CATALOGUE: dict[str, ProblemType] = {
             "The Allow header lists the methods that it answers to.",
         ),
         ProblemType(
+            "head-timeout",
+            "The head of the request did not arrive in time",
+            408,
+            "A request was begun, and its request line and headers were not complete in time.",
+            "Send the request again, its head in one piece.",
+        ),
+        ProblemType(
             "body-timeout",
             "The body did not arrive in time",
             408,
@@ -161,6 +168,13 @@ CATALOGUE: dict[str, ProblemType] = {
             503,
             "The service bounds how much it computes at once, how much may wait, and how many event streams are open.",
             "Send the request again after the time in the Retry-After header.",
+        ),
+        ProblemType(
+            "warming-up",
+            "The service has just been started",
+            503,
+            "The numerical kernels are being compiled: a minute at the first start on a machine, later a second or two.",
+            "Send the request again after the time in Retry-After; GET /health/ready answers 200 once they are there.",
         ),
         ProblemType(
             "stopping",

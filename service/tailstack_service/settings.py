@@ -37,7 +37,9 @@ class Settings:
 
     # What one request may ask for
     max_body_bytes: int = _setting(1_000_000, "bytes of a request body", 1_000, 100_000_000)
+    head_seconds: float = _setting(10.0, "seconds for the request line and the headers to arrive", 0.1, 3_600)
     body_seconds: float = _setting(20.0, "seconds for a body to arrive", 0.1, 3_600)
+    answer_seconds: float = _setting(60.0, "seconds for which a client may take nothing of a long answer", 0.1, 3_600)
     max_fiducials: int = _setting(200, "fiducials of a design", 6, 1000)
     max_targets: int = _setting(50, "targets of a design, regions expanded", 1, 200)
     max_views: int = _setting(8, "views of a design", 2, 16)
@@ -48,6 +50,7 @@ class Settings:
 
     # What is computed while the caller waits
     max_seconds: float = _setting(60.0, "seconds of one computation that is answered at once", 0.1, 86_400)
+    warm_up_seconds: float = _setting(5.0, "seconds that a request waits for the kernels to be compiled", 0, 600)
     max_wait_seconds: float = _setting(60.0, "seconds that `Prefer: wait` may ask for", 0, 600)
     short_workers: int = _setting(2, "scores, validations and the like computed at once, per API process", 1, 256)
     max_waiting: int = _setting(64, "scores, validations and the like that may wait, per API process", 0, 100_000)

@@ -121,6 +121,15 @@ def test_without_a_credential_of_ours_nothing_is_answered(guarded: Guarded, head
         assert response.headers["www-authenticate"].startswith("Bearer realm=")
 
 
+def test_two_credentials_are_none(guarded: Guarded) -> None:
+    good, bad = f"Bearer {guarded.key('read')}", "Bearer tsk_000000000000_" + "a" * 43
+    assert guarded.client.get("/v1/jobs", headers=[("Authorization", good)]).status_code == 200
+    for pair in ((good, bad), (bad, good), (good, good), (good, "")):
+        response = guarded.client.get("/v1/jobs", headers=[("Authorization", value) for value in pair])
+        assert "2 Authorization headers" in check_problem(response, 401, "unauthenticated")["errors"][0]["detail"]
+        assert 'error="invalid_request"' in response.headers["www-authenticate"]
+
+
 @pytest.mark.parametrize("path", ["/health/live", "/health/ready", "/version", "/openapi.json", "/v1/schemas",
                                   "/v1/schemas/design", "/v1/problems/busy"])  # fmt: skip
 def test_what_anybody_may_read(guarded: Guarded, path: str) -> None:

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import socket
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 
 import httpx
 import pytest
+from jsonschema import Draft202012Validator
 from service_scenes import check_problem, client_with, read_answer
 
+from tailstack_service.documents import json_schema
+from tailstack_service.http.connections import GRACE_SECONDS
 from tailstack_service.settings import Settings
 
 HEAD = b"POST %b HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
-QUICK = replace(Settings(), body_seconds=0.3, max_body_bytes=50_000)
+QUICK = replace(Settings(), head_seconds=0.4, body_seconds=0.3, answer_seconds=0.5, max_body_bytes=50_000)
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +38,89 @@ def test_a_body_that_never_comes_is_408_and_the_connection_is_closed(client: htt
     assert status == b"HTTP/1.1 408 Request Timeout"
     assert b"1 bytes arrived" in rest
     assert b"connection: close" in rest.lower()
+
+
+def seconds_until_closed(connection: socket.socket, drip: bytes = b"") -> tuple[float, bytes]:
+    """How long the other side keeps the connection, and what it said; ``drip`` is sent again and again meanwhile."""
+    connection.settimeout(0.1)
+    began, received = time.monotonic(), b""
+    while time.monotonic() - began < 15:
+        try:
+            if drip:
+                connection.sendall(drip)
+            more = connection.recv(65536)
+        except TimeoutError:
+            continue
+        except OSError:  # what was sent after the end is answered with a reset
+            break
+        if not more:
+            break
+        received += more
+    return time.monotonic() - began, received
+
+
+@pytest.mark.parametrize(
+    ("begun", "drip"),
+    [
+        (b"G", b""),
+        (b"GET /health/live HT", b""),
+        (b"GET /health/live HTTP/1.1\r\nHost: localhost\r\n", b""),
+        (b"GET /health/live HTTP/1.1\r\n", b"x-a: b\r\n"),
+    ],
+)
+def test_a_head_that_never_ends_is_408(client: httpx.Client, begun: bytes, drip: bytes) -> None:
+    with connect(client) as connection:
+        connection.sendall(begun)
+        took, received = seconds_until_closed(connection, drip)
+    assert 0.3 < took < 3
+    head, _, body = received.rpartition(b"\r\n\r\n")
+    assert b"HTTP/1.1 408 Request Timeout" in head
+    assert b"connection: close" in head.lower()
+    document = json.loads(body)
+    Draft202012Validator(json_schema("problem")).validate(document)
+    assert document["type"] == "/v1/problems/head-timeout"
+    assert "TAILSTACK_HEAD_SECONDS" in document["errors"][0]["hint"]
+    assert f"x-request-id: {document['request_id']}".encode() in head.lower()
+
+
+def test_a_connection_that_says_nothing_is_closed_without_a_word(client: httpx.Client) -> None:
+    with connect(client) as connection:
+        took, received = seconds_until_closed(connection)
+    assert (0.3 < took < 3, received) == (True, b"")
+
+
+@pytest.mark.parametrize("path", [b"/v1/scores", b"/health/live", b"/nowhere"])
+def test_a_body_that_drips_for_ever_is_cut_off_even_where_none_is_read(client: httpx.Client, path: bytes) -> None:
+    with connect(client) as connection:
+        connection.sendall(HEAD % path + b"Content-Length: 100000\r\n\r\n")
+        took, received = seconds_until_closed(connection, b" ")
+    assert took < 0.3 + GRACE_SECONDS + 2
+    assert received.startswith(b"HTTP/1.1 4")
+
+
+def test_an_answer_that_nobody_takes_is_cut_off(client: httpx.Client) -> None:
+    """Many large answers asked for at once, none of them read: more than what fits on the way."""
+    ask = b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    with socket.socket() as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        connection.settimeout(20)
+        connection.connect((client.base_url.host, client.base_url.port or 80))
+        connection.sendall(ask * 100)
+        time.sleep(3)
+        _, received = seconds_until_closed(connection)
+    assert received.count(b"HTTP/1.1 200 OK") < 100
+    assert client.get("/health/live").status_code == 200
+
+
+def test_a_kept_connection_serves_one_request_after_another(client: httpx.Client) -> None:
+    """Longer in all than a head may take, and a body in two pieces."""
+    with connect(client) as connection:
+        for _ in range(4):
+            connection.sendall(HEAD % b"/v1/scores" + b"Content-Length: 2\r\n\r\n{")
+            time.sleep(0.15)
+            connection.sendall(b"}")
+            status, _ = read_answer(connection)
+            assert status == b"HTTP/1.1 422 Unprocessable Entity"
 
 
 def test_a_body_that_breaks_off_hurts_nobody(client: httpx.Client) -> None:

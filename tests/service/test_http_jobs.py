@@ -12,11 +12,13 @@ import httpx
 import pytest
 from jsonschema import Draft202012Validator
 from service_scenes import check_problem, client_with, limited, small_design
+from starlette.requests import Request
 
 from tailstack import load_design, verify
 from tailstack.design.loading import data_to_yaml
 from tailstack_service.cli.remote import Event, Service, parsed
 from tailstack_service.documents import json_schema, to_json
+from tailstack_service.http.preferences import wait_seconds
 from tailstack_service.settings import Settings
 
 ENDLESS = {"design": small_design(), "trials": 1_000_000_000}  # minutes of computing
@@ -147,6 +149,19 @@ def test_a_job_that_fails_answers_with_its_own_problem(client: httpx.Client) -> 
     job = ended(client, response.headers["location"].rpartition("/")[2])
     assert (job["state"], job["problem"]["type"]) == ("failed", "/v1/problems/infeasible")
     assert check_problem(client.get(job["links"]["self"] + "/result"), 422, "infeasible")["errors"] == waited["errors"]
+
+
+@pytest.mark.parametrize(
+    ("said", "granted"),
+    [
+        (["wait=5"], 5), (["wait=60"], 30), (["wait=9999999999"], 30), (["wait=" + "9" * 2000], 30),
+        (["wait=0000000000000000000005"], 5), (["wait=0"], 0), (["respond-async", 'WAIT="7"; x=y'], 7),
+        (["wait=3, wait=9"], 3), (["wait="], None), (["wait=1.5"], None), (["waits=3"], None), ([], None),
+    ],
+)  # fmt: skip
+def test_a_wait_is_cut_to_the_limit(said: list[str], granted: int | None) -> None:
+    headers = [(b"prefer", value.encode()) for value in said]
+    assert wait_seconds(Request({"type": "http", "headers": headers}), 30.7) == granted
 
 
 def test_who_cannot_wait_long_enough_gets_the_job(idle: httpx.Client) -> None:
@@ -322,7 +337,7 @@ def test_pages_lead_to_every_job_once(idle: httpx.Client) -> None:
     ("query", "pointer"),
     [
         ("limit=0", "/limit"), ("limit=201", "/limit"), ("limit=x", "/limit"), ("state=lost", "/state"),
-        ("kind=score", "/kind"), ("cursor=abc", "/cursor"), ("limit=1&limit=2", "/limit"), ("colour=red", ""),
+        ("kind=score", "/kind"), ("cursor=abc", "/cursor"), ("limit=1&limit=2", "/limit"), ("colour=red", "/colour"),
     ],
 )  # fmt: skip
 def test_bad_questions_about_jobs(idle: httpx.Client, query: str, pointer: str) -> None:

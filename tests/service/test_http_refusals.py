@@ -110,6 +110,31 @@ def test_numbers_that_are_not_finite_are_pointed_at(client: httpx.Client, number
     assert document["errors"][0]["pointer"] == "/design/views/0/target_noise_px"
 
 
+LONG = "12345678901234567890123" + "7" * 377
+
+
+@pytest.mark.parametrize("sign", ["", "-"])
+def test_whole_numbers_beyond_every_range_are_told_as_they_came(client: httpx.Client, sign: str) -> None:
+    design = json.dumps(changed("views/0/target_noise_px", "@")).replace('"@"', sign + LONG)
+    small = json.dumps(small_design())
+    policy = f'{{"schema": "tailstack/policy/1", "verification": {{"max_trials": {sign}{LONG}}}}}'
+    for path, text, headers in (
+        ("/v1/scores", f'{{"design": {design}}}', JSON),
+        ("/v1/scores", design, YAML),
+        ("/v1/verifications", f'{{"design": {small}, "trials": {sign}{LONG}}}', JSON),
+        ("/v1/verifications", f'{{"design": {small}, "precision": {sign}{LONG}}}', JSON),
+        ("/v1/sweeps", f'{{"design": {small}, "axes": [{{"pointer": "/a", "values": [{sign}{LONG}]}}]}}', JSON),
+        ("/v1/gates", f'{{"designs": [{{"file": "a", "design": {small}}}], "policy": {policy}}}', JSON),
+        ("/v1/gates", f'{{"designs": [{{"file": "a", "design": {small}}}], "seed": {sign}{LONG}}}', JSON),
+    ):
+        response = client.post(path, content=text, headers=headers)
+        assert response.status_code == 422, response.text
+        entry = response.json()["errors"][0]
+        assert f"got {sign}1234567890123456789" in entry["detail"]
+        assert "(400 digits)" in entry["detail"]
+        assert "inf" not in entry["detail"].replace("infinite", "")
+
+
 @pytest.mark.parametrize("design", [None, [], "x", 3, True])
 def test_a_design_that_is_no_mapping(client: httpx.Client, design: Any) -> None:
     document = check_problem(client.post("/v1/scores", json={"design": design}), 422, "invalid-design")
@@ -138,6 +163,42 @@ def test_a_design_that_is_no_mapping(client: httpx.Client, design: Any) -> None:
 def test_bad_options_are_pointed_at(client: httpx.Client, path: str, options: dict[str, Any], pointer: str) -> None:
     document = check_problem(client.post(path, json={"design": small_design(), **options}), 422, "invalid-request")
     assert [entry["pointer"] for entry in document["errors"]] == [pointer]
+
+
+@pytest.mark.parametrize(
+    ("path", "options", "pointer", "rule", "arrived"),
+    [
+        ("/v1/sweeps", {"axes": []}, "/axes", "at least 1 entry", "an empty list"),
+        ("/v1/sweeps", {"axes": [{"pointer": "/a", "values": [1]}] * 7}, "/axes", "at most 6 entries", "a list of 7"),
+        ("/v1/sweeps", {"axes": [{"pointer": "/a", "values": []}]}, "/axes/0/values", "at least 1", "an empty list"),
+        ("/v1/sweeps", {"axes": [{"pointer": "", "values": [1]}]}, "/axes/0/pointer", "must not be empty", '""'),
+        ("/v1/sweeps", {"axes": [{"pointer": "x" * 501, "values": [1]}]}, "/axes/0/pointer", "at most 500", "xxx"),
+        ("/v1/reports", {"parts": []}, "/parts", "at least 1 entry", "an empty list"),
+        ("/v1/reports", {"parts": ["score"] * 4}, "/parts", "at most 3 entries", "a list of 4"),
+    ],
+)
+def test_lists_and_texts_of_a_wrong_length_are_told_in_our_words(
+    client: httpx.Client, path: str, options: dict[str, Any], pointer: str, rule: str, arrived: str
+) -> None:
+    document = check_problem(client.post(path, json={"design": small_design(), **options}), 422, "invalid-request")
+    (entry,) = document["errors"]
+    assert entry["pointer"] == pointer
+    assert f"{rule}" in entry["detail"].partition("; got ")[0]
+    assert arrived in entry["detail"].partition("; got ")[2]
+    example = json.loads(entry["hint"].removeprefix("for example: "))
+    assert list(example) == [pointer.rpartition("/")[2]]
+
+
+def test_no_words_of_the_library_that_checks_reach_anybody(client: httpx.Client) -> None:
+    """Every way in which an option can be of the wrong type or size, by every value of a wrong kind."""
+    wrong = (None, True, -1, 0, 1.5, 2**63, "", "x" * 5000, [], ["x"] * 50, [[]], {}, {"a": 1}, [{}], [{"pointer": 3}])
+    names = ("second_order", "trials", "precision", "seed", "method", "starts", "axes", "check", "parts")
+    for path in POSTS:
+        for name in names:
+            for value in wrong:
+                answer = client.post(path, json={"design": {}, name: value}).text
+                for word in ("List should", "Input should", "String should", "Value error", "valid "):
+                    assert word not in answer, (path, name, value, answer)
 
 
 def test_an_unknown_option_is_answered_with_the_nearest_known_one(client: httpx.Client) -> None:
@@ -236,7 +297,18 @@ def test_other_methods_are_405_with_the_allowed_ones(
 
 def test_query_parameters_that_mean_nothing_are_refused(client: httpx.Client) -> None:
     body = {"design": small_design()}
-    check_problem(client.post("/v1/scores?second_order=true", json=body), 422, "invalid-request")
+    for method, target, pointer in (
+        ("POST", "/v1/scores?second_order=true", "/second_order"),
+        ("GET", "/v1/jobs?state=queued&stat=x", "/stat"),
+        ("GET", "/v1/jobs?a/b~c=x", "/a~1b~0c"),
+        ("POST", "/v1/jobs/01k4z8t5r2w7x3y9v6n1m0q8pc/cancel?now=1", "/now"),
+        ("GET", f"/v1/results/{'a' * 64}/report?fmt=pdf", "/fmt"),
+        ("GET", f"/v1/results/{'a' * 64}/report?format=", "/format"),
+        ("GET", "/v1/jobs/01k4z8t5r2w7x3y9v6n1m0q8pc/events?after=", "/after"),
+    ):
+        response = client.request(method, target, json=body if method == "POST" else None)
+        document = check_problem(response, 422, "invalid-request")
+        assert document["errors"][0]["pointer"] == pointer
     check_problem(client.post("/v1/scores?x=1", content=b"a: 1", headers=YAML), 422, "invalid-request")
     check_problem(client.post("/v1/scores?second_order=maybe", content=b"a: 1", headers=YAML), 422, "invalid-request")
 

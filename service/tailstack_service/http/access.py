@@ -99,7 +99,10 @@ class Access:
         return caller
 
     async def _caller(self, request: Request) -> Caller:
-        kind, _, credential = request.headers.get("authorization", "").partition(" ")
+        sent = request.headers.getlist("authorization")
+        if len(sent) > 1:
+            raise unauthenticated(f"{len(sent)} Authorization headers arrived; one is sent", "invalid_request")
+        kind, _, credential = "".join(sent).partition(" ")
         credential = credential.strip()
         if not kind:
             raise unauthenticated("no Authorization header arrived", error="")

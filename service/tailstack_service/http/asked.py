@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar
 from starlette.requests import Request
 
 from tailstack.design import Design
+from tailstack.design.refusals import pointer
 from tailstack.errors import Problem
 
 from ..problems import RequestError
@@ -56,12 +57,12 @@ async def read_asked(request: Request, kind: type[O]) -> Asked[O]:
 
 
 def refuse_query(request: Request, known: tuple[str, ...], hint: str = "") -> None:
-    """Refuse query parameters that mean nothing here.  Raises RequestError."""
+    """Refuse query parameters that mean nothing here, each with a pointer to its name.  Raises RequestError."""
     for name in request.query_params:
         if name not in known:
             hint = hint or (f"known: {', '.join(known)}" if known else "this operation takes none")
             detail = f"there is no query parameter {name[:60]!r}"
-            raise RequestError(Problem("", "unknown-parameter", detail, hint))
+            raise RequestError(Problem(pointer([name[:60]]), "unknown-parameter", detail, hint))
 
 
 def _query_options(kind: type[O], request: Request) -> O:

@@ -33,7 +33,9 @@ class ConversionOptions(Options):
     """The content and what to make of it."""
 
     format: Format = Field(description="What the content is; yaml and json are designs.")
-    content: Annotated[str, Field(min_length=1)] = Field(description="The text of the file.")
+    content: Annotated[str, Field(min_length=1)] = Field(
+        description="The text of the file.", examples=["label,x_mm,y_mm,z_mm\nF1,0,0,0\n"]
+    )
     to: Format = Field("yaml", description="What to make of it; a design becomes a design, or its fiducials.")
 
 
@@ -84,7 +86,7 @@ async def create_conversion(request: Request) -> Response:
             notes=made.notes,
         )
 
-    return record_response(await in_short_lane(request, converted))
+    return record_response(await in_short_lane(request, converted, kernels=False))
 
 
 def _vector(values: list[float]) -> tuple[float, float, float]:

@@ -67,7 +67,8 @@ class _Seated(StreamingResponse):
 
 def _last_seen(request: Request) -> int:
     """Sequence of the last event the client saw: Last-Event-ID, or ?after= for what cannot set headers."""
-    texts = [text for text in (request.headers.get("last-event-id", "").strip(), single(request, "after")) if text]
+    header, parameter = request.headers.get("last-event-id", "").strip(), single(request, "after")
+    texts = ([header] if header else []) + ([] if parameter is None else [parameter])
     for text in texts:
         if not (text.isascii() and text.isdigit() and len(text) < 16):
             detail = f"the id of an event is a whole number; got {text[:40]!r}"

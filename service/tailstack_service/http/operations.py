@@ -19,6 +19,7 @@ from .bodies import Placed
 from .computing import Watch
 from .options import Options, ScoreOptions, ValidationOptions
 from .service import service_of
+from .warmth import warmed
 
 T = TypeVar("T")
 
@@ -49,9 +50,14 @@ VALIDATIONS = Operation("/v1/validations", "Read and check a design", Validation
 OPERATIONS = (SCORES, VALIDATIONS)
 
 
-async def in_short_lane(request: Request, compute: Callable[[], T]) -> T:
-    """What ``compute`` returns.  Raises what it raises, and TransportError (busy, stopping)."""
+async def in_short_lane(request: Request, compute: Callable[[], T], *, kernels: bool = True) -> T:
+    """What ``compute`` returns.  Raises what it raises, and TransportError (busy, stopping, warming-up).
+
+    ``kernels``: it needs them, and so waits a little while they are being compiled.
+    """
     service = service_of(request)
+    if kernels and service.warmth == "warming up":
+        await warmed(service)
     return await service.short.run(request, Watch(service.settings.max_seconds, service.stopping), compute)
 
 

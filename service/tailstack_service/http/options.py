@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import difflib
+import json
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from tailstack.design.reading import shown
+from tailstack.design.reading import Vast, shown
 from tailstack.errors import LimitError, Problem
 from tailstack.precision import FINEST_PRECISION
 
@@ -78,9 +79,12 @@ class Axis(Options):
 
     pointer: Annotated[str, Field(min_length=1, max_length=500)] = Field(
         description="JSON pointer to a number of the design as it was sent, /views/0/fiducial_noise_px, or a path of "
-        "names, views.AP.fiducial_noise_px; * stands for every element."
+        "names, views.AP.fiducial_noise_px; * stands for every element.",
+        examples=["/views/0/fiducial_noise_px"],
     )
-    values: Annotated[list[float], Field(min_length=1)] | None = Field(None, description="The values, in this order.")
+    values: Annotated[list[float], Field(min_length=1)] | None = Field(
+        None, description="The values, in this order.", examples=[[0.1, 0.2, 0.4]]
+    )
     start: float | None = Field(None, description="First value of a range.")
     stop: float | None = Field(None, description="Last value of a range, included.")
     count: Annotated[int, Field(ge=1)] | None = Field(None, description="Number of values of a range, evenly spaced.")
@@ -101,7 +105,8 @@ class Axis(Options):
 
 class SweepOptions(Options):
     axes: Annotated[list[Axis], Field(min_length=1, max_length=6)] = Field(
-        description="Numbers of the design that vary; every combination of their values is a point."
+        description="Numbers of the design that vary; every combination of their values is a point.",
+        examples=[[{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2, 0.4]}]],
     )
     check: Literal["score", "verification"] = Field("score", description="What is computed at each point.")
     trials: Annotated[int, Field(ge=1)] | None = Field(
@@ -147,13 +152,16 @@ Part = Literal["score", "verification", "optimisation"]
 
 class ReportOptions(CheckOptions):
     parts: Annotated[list[Part], Field(min_length=1, max_length=3)] = Field(
-        ["score", "verification"], description="What the record holds, each once; optimisation: before and after."
+        ["score", "verification"],
+        description="What the record holds, each once; optimisation: before and after.",
+        examples=[["score", "verification"]],
     )
 
     @model_validator(mode="after")
     def _each_once(self) -> ReportOptions:
         if len(set(self.parts)) < len(self.parts):
-            raise PydanticCustomError("given-twice", "each part is named once", {"at": "/parts"})
+            named = ", ".join(self.parts)
+            raise PydanticCustomError("given-twice", f"each part is named once; got {named}", {"at": "/parts"})
         return self
 
     @classmethod
@@ -174,7 +182,7 @@ def options_of(kind: type[O], data: dict[str, Any]) -> O:
         return kind.model_validate({key: value for key, value in data.items() if key != "design"})
     except ValidationError as error:
         known = ["design", *kind.model_fields]
-        problems = [_translated(entry, known) for entry in error.errors(include_url=False)]
+        problems = [_translated(entry, known, kind) for entry in error.errors(include_url=False)]
         problems.sort(key=lambda problem: problem.code != "unknown-field")  # a slip in a name explains what is missing
         raise RequestError(problems[:25]) from None
 
@@ -190,7 +198,7 @@ _WANTED = {
 }
 
 
-def _translated(entry: Any, known: list[str]) -> Problem:
+def _translated(entry: Any, known: list[str], options: type[Options]) -> Problem:
     context, kind, value = entry.get("ctx", {}), entry["type"], entry.get("input")
     pointer = "".join("/" + str(step).replace("~", "~0").replace("/", "~1") for step in entry["loc"])
     pointer += str(context.get("at", ""))
@@ -202,6 +210,8 @@ def _translated(entry: Any, known: list[str]) -> Problem:
     if kind == "missing":
         detail = f"the field {str(entry['loc'][-1])!r} is required"
         return Problem(pointer.rpartition("/")[0], "missing-field", detail, "GET /openapi.json describes it")
+    if isinstance(value, Vast):
+        return Problem(pointer, "out-of-range", f"the number is too large; got {shown(value)}")
     if kind in _WANTED:
         return Problem(pointer, "wrong-type", f"expected {_WANTED[kind]}; got {shown(value)}")
     if kind == "finite_number":
@@ -212,7 +222,22 @@ def _translated(entry: Any, known: list[str]) -> Problem:
         return Problem(pointer, "out-of-range", f"must be {word} {limit}; got {shown(value)}")
     if kind == "literal_error":
         return Problem(pointer, "unknown-value", f"must be {context['expected']}; got {shown(value)}")
+    if kind in ("too_short", "too_long"):
+        word, bound = ("at least", "min_length") if kind == "too_short" else ("at most", "max_length")
+        many = f"{context[bound]} {'entry' if context[bound] == 1 else 'entries'}"
+        detail = f"needs {word} {many}; got {shown(value)}"
+        return Problem(pointer, kind.replace("_", "-"), detail, _example(entry["loc"], options))
+    if kind in ("string_too_short", "string_too_long"):
+        bound = "must not be empty" if kind == "string_too_short" else f"has at most {context['max_length']} characters"
+        return Problem(pointer, "bad-text", f"the text {bound}; got {shown(value)}", _example(entry["loc"], options))
     return Problem(pointer, kind.replace("_", "-"), f"{entry['msg']}")
+
+
+def _example(path: tuple[str | int, ...], options: type[Options]) -> str:
+    """The example of the field at an error's path, to be typed."""
+    name = [step for step in path if isinstance(step, str)][-1]
+    examples = {**Axis.model_fields, **options.model_fields}[name].examples
+    return f"for example: {json.dumps({name: examples[0]})}" if examples else ""
 
 
 def within(value: int | None, setting: str, settings: Settings, pointer: str) -> None:

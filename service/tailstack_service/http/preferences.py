@@ -11,6 +11,7 @@ from tailstack.errors import Problem
 from ..problems import RequestError
 
 LONGEST_KEY = 255
+DIGITS = 9
 _PREFERENCE = re.compile(
     r'\s*(?P<name>[!#$%&\'*+\-.^_`|~0-9A-Za-z]+)\s*(?:=\s*(?:"(?P<quoted>[^"]*)"|(?P<token>[^\s;,"]*)))?\s*'
 )
@@ -20,13 +21,16 @@ _TAG = re.compile(r'(?:W/)?"(?P<opaque>[^"]*)"')
 def wait_seconds(request: Request, limit: float) -> int | None:
     """Seconds that the caller is willing to wait, at most ``limit``; None without such a wish.
 
-    A preference that cannot be read is no preference (RFC 7240, 2): nothing is raised.
+    A preference that cannot be read is no preference (RFC 7240, 2): nothing is raised.  The first one counts.
     """
     for part in ",".join(request.headers.getlist("prefer")).split(","):
         found = _PREFERENCE.match(part)
         if found and found["name"].lower() == "wait":
             value = found["quoted"] if found["quoted"] is not None else found["token"] or ""
-            return min(int(value), int(limit)) if re.fullmatch(r"[0-9]{1,9}", value) else None
+            if not re.fullmatch(r"[0-9]+", value):
+                return None
+            digits = value.lstrip("0")[:DIGITS]  # of what is longer, all that counts is that it is over the limit
+            return min(int(digits or "0"), int(limit))
     return None
 
 

@@ -44,7 +44,8 @@ async def get_result(request: Request) -> Response:
 
 
 async def get_report(request: Request) -> Response:
-    form = single(request, "format") or "html"
+    form = single(request, "format")
+    form = "html" if form is None else form
     if form not in FORMATS:
         detail = f"format is one of {', '.join(FORMATS)}; got {form[:40]!r}"
         raise RequestError(Problem("/format", "unknown-value", detail))

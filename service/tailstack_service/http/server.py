@@ -78,6 +78,7 @@ class Server(uvicorn.Server):
 
     def __init__(self, settings: Settings, *, warm_up: bool = True, on_stop: Callable[[], None] | None = None) -> None:
         from .app import create_app  # the web framework takes a third of a second: the worker starts meanwhile
+        from .connections import connections
 
         app = create_app(settings, warm_up=warm_up)
         super().__init__(
@@ -86,7 +87,7 @@ class Server(uvicorn.Server):
                 log_config=None,
                 access_log=False,
                 lifespan="on",
-                http="h11",  # strict: httptools takes requests with two Host headers or none
+                http=connections(settings),
                 timeout_graceful_shutdown=GRACE_SECONDS,
                 server_header=False,
                 ws="none",

@@ -16,10 +16,21 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import DesignError, LimitError, Problem
-from .wording import DEFAULT_LIMITS, Limits, problem, shown, size_problem
-from .yaml_tree import LONGEST_KEY, Place, big_integer, integer, read_yaml
+from .wording import DEFAULT_LIMITS, Limits, Vast, problem, shown, size_problem
+from .yaml_tree import LONGEST_KEY, Place, integer, read_yaml
 
-__all__ = ["DEFAULT_LIMITS", "Format", "Limits", "Source", "decode", "plain_data", "read_bytes", "read_text", "shown"]
+__all__ = [
+    "DEFAULT_LIMITS",
+    "Format",
+    "Limits",
+    "Source",
+    "Vast",
+    "decode",
+    "plain_data",
+    "read_bytes",
+    "read_text",
+    "shown",
+]
 
 Format = Literal["auto", "yaml", "json"]
 
@@ -204,10 +215,10 @@ def _careful_copy(value: Any, limits: Limits) -> Any:
         if isinstance(item, list | tuple):
             return [copy(child, f"{path}/{index}", depth + 1) for index, child in enumerate(item)]
         if isinstance(item, int) and not isinstance(item, bool) and item.bit_length() > 64:
-            return big_integer("-" if item < 0 else "")
+            return _vast(item)
         if isinstance(item, str):
             _refuse_surrogates(item, path, None)
-        if item is None or type(item) in (str, int, float, bool):
+        if item is None or type(item) in (str, int, float, bool, Vast):
             return item
         raise DesignError(
             Problem(
@@ -216,6 +227,13 @@ def _careful_copy(value: Any, limits: Limits) -> Any:
         )
 
     return copy(value, "", 0)
+
+
+def _vast(number: int) -> Vast:
+    try:
+        return Vast(str(number))
+    except ValueError:  # more digits than Python writes down
+        return Vast("-" if number < 0 else "+")
 
 
 def _refuse_surrogates(text: str, path: str, file: str | None) -> None:

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from ..errors import DesignError, Problem
 from .document import DesignDocument
-from .reading import Limits, Source, shown
+from .reading import Limits, Source, Vast, shown
 from .view_document import VIEW_KINDS, Pose
 
 _TAGS: dict[str, type[BaseModel] | None] = {**VIEW_KINDS, "<pose>": Pose, "<matrix>": None}
@@ -111,6 +111,8 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
     kind, value, context = entry["type"], entry.get("input"), entry.get("ctx", {})
     if kind == "extra_forbidden":
         return _unknown(raw, path, value, root)
+    if isinstance(value, Vast):
+        return Problem(pointer(path), "out-of-range", f"the number is too large; got {shown(value)}")
     if kind == "missing" and isinstance(path[-1], int):
         return Problem(pointer(path[:-1]), "too-short", f"the list has too few entries; got {shown(value)}")
     if kind == "missing":
@@ -141,8 +143,8 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
         return Problem(pointer(path), "unknown-value", f"must be {words}; got {shown(value)}", hint)
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length", context.get("max_length"))
-        many = "at least" if kind == "too_short" else "at most"
-        return Problem(pointer(path), kind.replace("_", "-"), f"needs {many} {bound} entries; got {shown(value)}")
+        many = f"{'at least' if kind == 'too_short' else 'at most'} {bound} {'entry' if bound == 1 else 'entries'}"
+        return Problem(pointer(path), kind.replace("_", "-"), f"needs {many}; got {shown(value)}")
     if kind in ("string_too_short", "string_too_long", "string_pattern_mismatch"):
         detail = {"string_too_short": "must not be empty", "string_too_long": "is too long"}.get(
             kind, PATTERNS.get(str(context.get("pattern")), "is not of the form that is asked for")

@@ -18,7 +18,7 @@ from typing import Any
 import yaml
 
 from ..errors import DesignError, LimitError
-from .wording import Limits, problem, shown, size_problem
+from .wording import Limits, Vast, problem, shown, size_problem
 
 LONGEST_KEY = 100  # characters; keys end up in pointers
 _INTEGER = re.compile(r"[-+]?(0|[1-9][0-9]*)\Z")
@@ -54,14 +54,9 @@ class Place:
         return at_key if key else here
 
 
-def big_integer(sign: str) -> float:
-    """Integers beyond any field's range are read as infinite, and refused where they stand."""
-    return float(sign + "inf")
-
-
 def integer(text: str) -> int | float:
     """An integer of the document; JSON's and YAML's alike."""
-    return int(text) if len(text) < 20 else big_integer("-" if text.startswith("-") else "")
+    return int(text) if len(text) < 20 else Vast(text)
 
 
 def scalar(text: str) -> Any:

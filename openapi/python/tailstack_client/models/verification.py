@@ -34,6 +34,7 @@ class Verification:
         method (VerificationMethod):
         engine (str):
         precision_requested (float | None):
+        max_trials (int | None):
         precision_reached (float):
         stopping (str):
         targets (list[TargetEstimate]):
@@ -50,6 +51,7 @@ class Verification:
     method: VerificationMethod
     engine: str
     precision_requested: float | None
+    max_trials: int | None
     precision_reached: float
     stopping: str
     targets: list[TargetEstimate]
@@ -76,6 +78,9 @@ class Verification:
 
         precision_requested: float | None
         precision_requested = self.precision_requested
+
+        max_trials: int | None
+        max_trials = self.max_trials
 
         precision_reached = self.precision_reached
 
@@ -104,6 +109,7 @@ class Verification:
                 "method": method,
                 "engine": engine,
                 "precision_requested": precision_requested,
+                "max_trials": max_trials,
                 "precision_reached": precision_reached,
                 "stopping": stopping,
                 "targets": targets,
@@ -143,6 +149,13 @@ class Verification:
 
         precision_requested = _parse_precision_requested(d.pop("precision_requested"))
 
+        def _parse_max_trials(data: object) -> int | None:
+            if data is None:
+                return data
+            return cast(int | None, data)
+
+        max_trials = _parse_max_trials(d.pop("max_trials"))
+
         precision_reached = d.pop("precision_reached")
 
         stopping = d.pop("stopping")
@@ -169,6 +182,7 @@ class Verification:
             method=method,
             engine=engine,
             precision_requested=precision_requested,
+            max_trials=max_trials,
             precision_reached=precision_reached,
             stopping=stopping,
             targets=targets,

@@ -1,0 +1,98 @@
+"""Before the kernels are compiled: a request waits for a moment, then is told to come back; never for a minute."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from service_scenes import check_problem, small_design
+
+from tailstack_service.http.app import create_app
+from tailstack_service.http.service import Service
+from tailstack_service.settings import Settings
+from tailstack_service.store.database import open_database
+
+BODY = {"design": small_design()}
+GATE = {"designs": [{"file": "a.yaml", "design": small_design()}], "mode": "analytic"}
+BEADS = {"format": "csv", "content": "label,x_mm,y_mm,z_mm\nF1,0,0,0\nF2,40,0,5\nF3,0,35,-10\n"}
+
+
+def told(tmp_path: Path, seconds: float, story: Callable[[httpx.AsyncClient, Service], Awaitable[None]]) -> None:
+    """Tell a story about a service that is warming up."""
+    url = f"sqlite:///{tmp_path / 'jobs.sqlite3'}"
+    open_database(url, migrate=True).close()
+    app = create_app(Settings(database=url, warm_up_seconds=seconds), warm_up=False)
+    service: Service = app.state.service
+    service.warmth = "warming up"
+
+    async def tell() -> None:
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost", timeout=60) as client:
+            await story(client, service)
+
+    try:
+        asyncio.run(tell())
+    finally:
+        for part in (service.short, service.reports, service.storage):
+            part.close()
+
+
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("/v1/scores", BODY),
+        ("/v1/validations", BODY),
+        ("/v1/verifications", {**BODY, "trials": 1000}),
+        ("/v1/gates", GATE),
+    ],
+)
+def test_a_computation_waits_a_little_and_is_told_to_come_back(tmp_path: Path, path: str, body: Any) -> None:
+    async def story(client: httpx.AsyncClient, service: Service) -> None:
+        begun = time.monotonic()
+        response = await client.post(path, json=body)
+        assert 0.3 <= time.monotonic() - begun < 5
+        entry = check_problem(response, 503, "warming-up")["errors"][0]
+        assert 1 <= int(response.headers["retry-after"]) <= 30
+        assert "0.3 s" in entry["detail"]
+        assert "/health/ready" in entry["hint"]
+        assert (await client.get("/health/ready")).json()["status"] == "warming up"
+
+    told(tmp_path, 0.3, story)
+
+
+def test_who_comes_shortly_before_is_answered(tmp_path: Path) -> None:
+    async def story(client: httpx.AsyncClient, service: Service) -> None:
+        asking = asyncio.create_task(client.post("/v1/scores", json=BODY))
+        await asyncio.sleep(0.2)
+        assert not asking.done()
+        service.warmth = "ready"
+        assert (await asking).status_code == 200
+
+    told(tmp_path, 60.0, story)
+
+
+def test_a_service_that_stops_meanwhile_says_so(tmp_path: Path) -> None:
+    async def story(client: httpx.AsyncClient, service: Service) -> None:
+        asking = asyncio.create_task(client.post("/v1/scores", json=BODY))
+        await asyncio.sleep(0.1)
+        service.stopping.set()
+        check_problem(await asking, 503, "stopping")
+
+    told(tmp_path, 60.0, story)
+
+
+def test_what_needs_no_kernels_is_answered_at_once(tmp_path: Path) -> None:
+    async def story(client: httpx.AsyncClient, service: Service) -> None:
+        begun = time.monotonic()
+        assert (await client.post("/v1/conversions", json=BEADS)).status_code == 200
+        assert (await client.get("/v1/jobs")).status_code == 200
+        check_problem(await client.post("/v1/scores", json={}), 503, "warming-up")
+        check_problem(await client.post("/v1/scores?x=1", json={}), 422, "invalid-request")
+        assert time.monotonic() - begun < 5
+
+    told(tmp_path, 0.0, story)
