@@ -18,7 +18,9 @@ from pydantic import TypeAdapter
 
 from tailstack.design import Design, check_design, design_json_schema, list_presets
 from tailstack.results import Finding, Optimisation, Score, Verification, ViewCheck
+from tailstack.studies.comparison_records import StudyComparison
 from tailstack.studies.coupling_records import StudyCoupling
+from tailstack.studies.linearity_records import StudyLinearity
 from tailstack.studies.paper_records import StudyPaper
 from tailstack.sweep_results import Sweep
 
@@ -88,7 +90,9 @@ RECORDS: dict[str, type] = {
     "optimisation": Optimisation,
     "sweep": Sweep,
     "study-paper": StudyPaper,
+    "study-linearity": StudyLinearity,
     "study-coupling": StudyCoupling,
+    "study-comparison": StudyComparison,
     "validation": Validation,
     "gate": GateRecord,
     "report": Report,
@@ -186,6 +190,8 @@ _TITLES = {
     "optimisation": "answer of optimise: the new design and its certificate",
     "sweep": "answer of sweep: every point of a grid of designs",
     "study-paper": "answer of study paper: the published tables cell by cell, printed and reproduced",
+    "study-linearity": "answer of study linearity: first order over Monte Carlo, point by point of a grid",
+    "study-comparison": "answer of study compare: bench measurements against prediction",
     "study-coupling": "answer of study coupling: the tail together against its parts, with intervals",
     "validation": "answer of validate over HTTP",
     "gate": "answer of gate: verdict, exit code, findings at their places",

@@ -10,7 +10,7 @@ from .answer import Answer
 
 HELP = "studies: the paper's tables, reach of first order, coupling, measurements"
 # A study is a module of ``cli/studies`` with ``add(parsers)``, which parses, and ``run(arguments) -> Answer``.
-STUDIES: tuple[str, ...] = ("paper", "coupling")
+STUDIES: tuple[str, ...] = ("paper", "linearity", "coupling", "compare")
 
 
 def _module(name: str) -> ModuleType:
