@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenes import cube_fiducials, mount, system_of, target, with_noise
 from tailstack.errors import IllPosedError
-from tailstack.estimation.checks import check_geometry, check_views, closest_pair, examine, imaged_fiducials
+from tailstack.estimation.checks import check_geometry, check_views, examine, imaged_fiducials
+from tailstack.estimation.resection import design_matrix, hartley_similarity, homogeneous, project
+from tailstack.estimation.sighting import closest_two, design_squares, sight
 from tailstack.geometry.camera import camera_centre
 from tailstack.geometry.rotation import rotation_xyz
 from tailstack.system import Reading
@@ -177,16 +179,43 @@ def test_view_checks_of_the_cube():
     assert far.outside == ("F1", "F5")  # low and near: f 105 / 650 = 849 > 768, but f 105 / 750 = 736
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(*[st.integers(-1000, 1000)] * 2), min_size=2, max_size=30, unique=True))
 def test_closest_pair_is_the_brute_force_one(points):
     array = np.array(points, dtype=float)
     distances = [np.linalg.norm(a - b) for i, a in enumerate(array) for b in array[:i]]
-    (first, second), distance = closest_pair(array)
+    first, second, distance = closest_two(array)
     assert first < second
     assert distance == pytest.approx(min(distances))
     assert np.linalg.norm(array[first] - array[second]) == distance
 
 
+def test_fewer_than_two_points_are_not_close():
+    assert closest_two(np.zeros((1, 3))) == (0, 0, np.inf)
+    assert closest_two(np.array([[0.0, 0], [np.nan, 0], [3, 4]])) == (0, 2, 5.0)
+
+
+def test_sight_and_squares_are_those_of_the_resection():
+    """Against the plain projection, and the design matrix of Eq 2 in Hartley's frames."""
+    rng = np.random.default_rng(5)
+    view = system_of(CUBE).views[0]
+    points = np.vstack([rng.uniform(-60, 60, (9, 3)), -2 * camera_centre(view.projection), [[0, -800.0, 0]]])
+    depth, images, margin = sight(view.projection, points, 1536.0, 1024.0)
+    np.testing.assert_allclose(depth, points @ view.projection[2, :3] + view.projection[2, 3], rtol=1e-13)
+    expected = project(view.projection, points[:9])
+    np.testing.assert_allclose(images[:9], expected, rtol=1e-12)
+    edges = np.hstack([expected + 0.5, np.array([1535.5, 1023.5]) - expected])
+    np.testing.assert_allclose(margin[:9], edges.min(axis=1), atol=1e-9)
+    assert np.isnan(images[10]).all()
+    assert np.isnan(margin[10])
+    rows = design_matrix(
+        homogeneous(points[:9]) @ hartley_similarity(points[:9]).T,
+        (homogeneous(expected) @ hartley_similarity(expected).T)[:, :2],
+    )
+    np.testing.assert_allclose(design_squares(points[:9], expected), rows.T @ rows, atol=1e-12)
+
+
+@settings(deadline=None)  # the first call may compile
 @given(st.integers(0, 10_000))
 def test_verdicts_do_not_depend_on_where_the_frame_lies(seed):
     rng = np.random.default_rng(seed)

@@ -13,15 +13,15 @@ from itertools import combinations
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import IllPosedError, Problem
-from ..geometry.camera import camera_centre, depths
+from ..geometry.camera import camera_centre
 from ..geometry.naming import direction_name
 from ..geometry.rotation import cross, displacement
 from ..results import Finding, ViewCheck
 from ..system import Array, Reading, System, View
-from .resection import design_matrix, hartley_similarity, homogeneous, project
+from .resection import design_matrix, hartley_similarity, homogeneous
+from .sighting import closest_two, design_squares, sight
 
 FEWEST = 6  # Eq 2: two rows a fiducial for eleven unknowns
 TOUCHING_MM = 1e-3  # two fiducials closer than this are one
@@ -47,11 +47,10 @@ def check_geometry(system: System) -> tuple[Finding, ...]:
 def examine(system: System) -> tuple[tuple[Finding, ...], tuple[ViewCheck, ...]]:
     """:func:`check_geometry` and :func:`check_views` at once."""
     findings = _check_fiducials(system)
-    imaged = imaged_fiducials(system)
-    seen = [_see(view, imaged) for view in system.views]
-    views = tuple(_check_view(system, view, each) for view, each in zip(system.views, seen, strict=True))
-    findings += _check_visibility(system, views, imaged)
-    findings += _check_resection(system, [each.images for each in seen])
+    seen = _look(system)
+    views = tuple(_check_view(system, each) for each in seen)
+    findings += _check_visibility(system, views, seen)
+    findings += _check_resection(system, [each.images[: len(system.fiducials_mm)] for each in seen])
     return (*findings, *_check_triangulation(system)), views
 
 
@@ -70,71 +69,44 @@ def check_views(system: System) -> tuple[ViewCheck, ...]:
     A margin is the distance of an image from the nearest edge of the image, negative outside; a point at
     or behind the source counts as outside.
     """
-    imaged = imaged_fiducials(system)
-    return tuple(_check_view(system, view, _see(view, imaged)) for view in system.views)
+    return tuple(_check_view(system, each) for each in _look(system))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """The fiducials in one view."""
+    """The N fiducials, as they stand when they are imaged, and the T targets behind them, in one view."""
 
-    depth: Array  # (N,) mm
-    in_front: NDArray[np.bool_]  # (N,)
-    images: Array  # (N, 2) px; NaN where not in front
+    view: View
+    depth: Array  # (N + T,) mm
+    images: Array  # (N + T, 2) px; NaN where not in front
+    margin: Array  # (N + T,) px; NaN where not in front, or where the size of the image is not stated
 
 
-def _see(view: View, points: Array) -> _Seen:
-    depth = depths(view.projection, points)
+def _look(system: System) -> list[_Seen]:
+    points = np.concatenate([imaged_fiducials(system), [target.position_mm for target in system.targets]])
+    nothing = (float("nan"), float("nan"))
+    return [_Seen(view, *sight(view.projection, points, *(view.image_size_px or nothing))) for view in system.views]
+
+
+def _check_view(system: System, seen: _Seen) -> ViewCheck:
+    labels, view = system.fiducial_labels, seen.view
+    depth, margin = seen.depth[: len(labels)], seen.margin[: len(labels)]
     in_front = depth > 0
-    if in_front.all():
-        return _Seen(depth, in_front, project(view.projection, points))
-    images = np.full((len(points), 2), np.nan)
-    images[in_front] = project(view.projection, points[in_front])
-    return _Seen(depth, in_front, images)
-
-
-def _check_view(system: System, view: View, seen: _Seen) -> ViewCheck:
-    in_front, images = seen.in_front, seen.images
-    labels: Sequence[str] = system.fiducial_labels
     outside = ~in_front
     smallest = None
     if view.image_size_px is not None and in_front.any():
-        margin = _margins(images, view.image_size_px)
-        outside = outside | (margin < 0)
+        outside |= margin < 0
         smallest = float(np.nanmin(margin))
-    out = tuple(labels[i] for i in np.flatnonzero(outside).tolist())
-    if not in_front.all():
-        images = images[in_front]
-        labels = [labels[i] for i in np.flatnonzero(in_front).tolist()]
-    pair, distance = closest_pair(images)
+    first, second, distance = closest_two(seen.images[: len(labels)])
     return ViewCheck(
         view=view.name,
         checked=view.image_size_px is not None,
-        depth_range_mm=(float(seen.depth.min()), float(seen.depth.max())),
-        outside=out,
+        depth_range_mm=(float(depth.min()), float(depth.max())),
+        outside=tuple(labels[i] for i in np.flatnonzero(outside).tolist()),
         smallest_margin_px=smallest,
-        closest_pair=(labels[pair[0]], labels[pair[1]]) if len(labels) > 1 else ("", ""),
+        closest_pair=(labels[first], labels[second]) if first < second else ("", ""),
         closest_pair_px=distance,
     )
-
-
-def _margins(images: Array, size: tuple[int, int]) -> Array:
-    """Distance to the nearest edge; pixel centres are integers, so the image spans -0.5 ... size - 0.5."""
-    far = np.array((size[0] - 0.5, size[1] - 0.5))
-    return np.asarray(np.minimum(images + 0.5, far - images).min(axis=-1))
-
-
-def closest_pair(points: Array) -> tuple[tuple[int, int], float]:
-    """Indices and distance of the two closest of (N, d) points; infinity when there are fewer than two."""
-    if len(points) < 2:
-        return (0, 0), float("inf")
-    local = points - points.mean(axis=0)
-    square = (local**2).sum(axis=1)
-    distance = square[:, None] + square - 2 * local @ local.T
-    distance.ravel()[:: len(points) + 1] = np.inf
-    first, second = divmod(int(distance.argmin()), len(points))
-    apart = points[first] - points[second]
-    return (min(first, second), max(first, second)), sqrt(float(apart @ apart))
 
 
 # --- fiducials --------------------------------------------------------------------------------------
@@ -155,7 +127,7 @@ def _check_fiducials(system: System) -> list[Finding]:
                 f"use at least {FEWEST}; 8 or more give a margin",
             )
         )
-    (first, second), distance = closest_pair(points)
+    first, second, distance = closest_two(points)
     if distance < TOUCHING_MM:
         raise IllPosedError(
             _refuse(
@@ -213,13 +185,12 @@ def _extent(centred: Array, direction: Array) -> float:
 # --- what each view sees ----------------------------------------------------------------------------
 
 
-def _check_visibility(system: System, checks: tuple[ViewCheck, ...], imaged: Array) -> list[Finding]:
+def _check_visibility(system: System, checks: tuple[ViewCheck, ...], seen: Sequence[_Seen]) -> list[Finding]:
     problems: list[Problem] = []
     findings: list[Finding] = []
-    points = np.concatenate([imaged, [target.position_mm for target in system.targets]])
-    for index, (view, check) in enumerate(zip(system.views, checks, strict=True)):
+    for index, (each, check) in enumerate(zip(seen, checks, strict=True)):
         pointer = f"/views/{index}"
-        depth = depths(view.projection, points)
+        view, depth = each.view, each.depth
         behind = [_name_of(system, index) for index in np.flatnonzero(depth <= 0).tolist()]
         if behind:
             listed = ", ".join(behind[:6]) + (f" and {len(behind) - 6} more" if len(behind) > 6 else "")
@@ -236,7 +207,7 @@ def _check_visibility(system: System, checks: tuple[ViewCheck, ...], imaged: Arr
             text = f"the image size of view {view.name} is not stated: the field of view was not checked"
             findings.append(Finding("field-of-view-not-checked", "note", text, pointer))
         elif (depth > 0).all():
-            problems += _outside(system, view, view.image_size_px, points, pointer)
+            problems += _outside(system, each, view.image_size_px, pointer)
         if check.closest_pair_px < OVERLAP_PX:
             findings.append(
                 Finding(
@@ -262,9 +233,8 @@ def _name_of(system: System, index: int) -> str:
     return f"target {system.targets[index - len(labels)].name}"
 
 
-def _outside(system: System, view: View, size: tuple[int, int], points: Array, pointer: str) -> list[Problem]:
-    images = project(view.projection, points)
-    margin = _margins(images, size)
+def _outside(system: System, seen: _Seen, size: tuple[int, int], pointer: str) -> list[Problem]:
+    view, images, margin = seen.view, seen.images, seen.margin
     return [
         _refuse(
             pointer,
@@ -283,17 +253,21 @@ def _outside(system: System, view: View, size: tuple[int, int], points: Array, p
 def _check_resection(system: System, seen: Sequence[Array]) -> list[Finding]:
     """seen: (N, 2) px of the fiducials in each view."""
     told = system.fiducials_mm
-    object_frame = hartley_similarity(told)
-    points = homogeneous(told) @ object_frame.T
     findings = []
-    for view, images in zip(system.views, seen, strict=True):
+    squares = np.stack([design_squares(told, images) for images in seen])
+    values = np.linalg.eigvalsh(squares)
+    # Squared singular values: good to 1e-7 of the largest.  What may be remarked on is decided by the plain ones.
+    doubtful = ~(values[:, 1] > (2 * WEAK) ** 2 * values[:, 11])
+    for index in np.flatnonzero(doubtful).tolist():
+        view, images = system.views[index], seen[index]
+        object_frame = hartley_similarity(told)
+        points = homogeneous(told) @ object_frame.T
         image_frame = hartley_similarity(images)
         rows = design_matrix(points, (homogeneous(images) @ image_frame.T)[:, :2])
-        values = np.linalg.svd(rows, compute_uv=False)
-        strength = float(values[10] / values[0])
+        _, singular, right = np.linalg.svd(rows, full_matrices=False)
+        strength = float(singular[10] / singular[0])
         if strength > WEAK:
             continue
-        right = np.linalg.svd(rows, full_matrices=False)[2]
         estimate = np.linalg.solve(image_frame, right[11].reshape(3, 4) @ object_frame)
         change = np.linalg.solve(image_frame, right[10].reshape(3, 4) @ object_frame)
         motion = f"the source of view {view.name} may slide along {_slide(estimate, change)}"

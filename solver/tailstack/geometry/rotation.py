@@ -7,7 +7,8 @@ small-angle form is ``R = I + [omega]x`` (Eq 13): first order in the angles, and
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
+from functools import lru_cache
+from math import cos, sin, sqrt
 
 import numpy as np
 
@@ -134,11 +135,19 @@ def displacement(torsor: Array, pivot_mm: Array, form: RotationForm = RotationFo
     The same numbers as :func:`torsor_transform` and :func:`torsor_derivatives`, which take batches and each turn their
     own angles.
     """
+    rotation, by_angle = _turning(*torsor[:3].tolist(), form)
+    return Displacement(pivot_mm, rotation, pivot_mm - rotation @ pivot_mm + torsor[3:], by_angle)
+
+
+@lru_cache(maxsize=256)  # a design asks for each of its few biases several times, and most are 0
+def _turning(rx: float, ry: float, rz: float, form: RotationForm) -> tuple[Array, Array]:
+    """Rotation (3, 3) and its derivatives (3, 3, 3), angle first; read-only."""
     if form is RotationForm.SMALL_ANGLE:
-        rotation, by_angle = rotation_xyz(torsor[:3], form), rotation_derivatives(torsor[:3], form)
+        angles = np.array([rx, ry, rz])
+        rotation, by_angle = rotation_xyz(angles, form), rotation_derivatives(angles, form)
     else:
-        cx, cy, cz = np.cos(torsor[:3]).tolist()
-        sx, sy, sz = np.sin(torsor[:3]).tolist()
+        cx, cy, cz = cos(rx), cos(ry), cos(rz)
+        sx, sy, sz = sin(rx), sin(ry), sin(rz)
         about_z = np.array([[cz, -sz, 0.0], [sz, cz, 0.0], [0.0, 0.0, 1.0]])
         by_z = np.array([[-sz, -cz, 0.0], [cz, -sz, 0.0], [0.0, 0.0, 0.0]])
         # Rx Ry and its derivatives by rx and ry: every entry is one product.
@@ -150,9 +159,11 @@ def displacement(torsor: Array, pivot_mm: Array, form: RotationForm = RotationFo
             ]
         )
         turned = before @ about_z
-        rotation = turned[0]
+        rotation = turned[0].copy()
         by_angle = np.stack((turned[1], turned[2], before[0] @ by_z))
-    return Displacement(pivot_mm, rotation, pivot_mm - rotation @ pivot_mm + torsor[3:], by_angle)
+    rotation.setflags(write=False)
+    by_angle.setflags(write=False)
+    return rotation, by_angle
 
 
 def rigid_inverse(transform: Array) -> Array:

@@ -128,11 +128,10 @@ def chain_of(system: System) -> Chain:
     projections, points, per_error = _estimator_geometry(system, first)
     homogeneous = np.ones((len(points), 4))
     homogeneous[:, :3] = points
-    per_depth = np.empty((len(projections), len(points), 2, 3))
-    for out, projection in zip(per_depth, projections, strict=True):
-        image = homogeneous @ projection.T
-        per_mm = projection[None, :2, :3] - image[:, :2, None] / image[:, 2, None, None] * projection[2, :3]
-        out[:] = per_mm @ per_error / image[:, 2, None, None]
+    image = homogeneous @ projections.transpose(0, 2, 1)  # (V, N, 3)
+    depth = image[:, :, 2, None, None]
+    per_mm = projections[:, None, :2, :3] - image[:, :, :2, None] / depth * projections[:, None, 2:, :3]
+    per_depth = per_mm @ per_error / depth
     std = system.manufacturing_std_mm
     centroid = points.mean(axis=0)
     return Chain(
