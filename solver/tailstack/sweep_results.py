@@ -50,5 +50,6 @@ class Sweep:
     check: Literal["score", "verification"]
     seed: int | None  # of every point's check, so that points differ by their designs alone; None for scores
     trials: int | None  # asked for at every point; None: a score, or as many as the precision takes
+    max_trials: int | None  # at every point at most so many; None: a score, or trials were asked for
     points: tuple[SweepPoint, ...]
     provenance: Provenance  # of the design as it stands

@@ -120,7 +120,7 @@ def sweep(
         )
         if progress is not None:
             progress(number + 1, total)
-    return assembled(design, axes, points, check=check, trials=trials, seed=seed)
+    return assembled(design, axes, points, check=check, trials=trials, seed=seed, max_trials=max_trials)
 
 
 def sweep_points(
@@ -147,8 +147,9 @@ def sweep_points(
 
 
 def assembled(
-    design: Design, axes: Sequence[Axis], points: Sequence[SweepPoint], *, check: Check, trials: int | None, seed: int
-) -> Sweep:
+    design: Design, axes: Sequence[Axis], points: Sequence[SweepPoint], *, check: Check, trials: int | None, seed: int,
+    max_trials: int = MAX_TRIALS,
+) -> Sweep:  # fmt: skip
     """The record, from all points in their order.  Raises what compiling the design raises."""
     checked = check == "verification"
     return Sweep(
@@ -157,6 +158,7 @@ def assembled(
         check=check,
         seed=seed if checked else None,
         trials=trials if checked else None,
+        max_trials=max_trials if checked and trials is None else None,
         points=tuple(points),
         provenance=_provenance(design, checked),
     )

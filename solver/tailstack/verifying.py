@@ -87,6 +87,7 @@ def verify_prepared(
         method=sampling.method,
         engine="structured resection, eight lanes (numba); trials without a proven solution redone by SVD",
         precision_requested=sampling.precision or PRECISION if plain else None,
+        max_trials=sampling.max_trials if plain else None,
         precision_reached=run.precision_reached,
         stopping=run.stopping,
         targets=targets,

@@ -44,7 +44,7 @@ def verification(status: Any = "pass", p95_mm: float = 0.9985) -> Verification:
     check = Check("tip-accuracy", "tip", "tcp", "pooled", 0.95, p95_mm, (low, high), 1.0, None, None, status)
     verdict = Verdict(status, "Monte Carlo", (check,), (Finding("far-target", "warning", "the target is far away"),))
     return Verification(
-        "tailstack/verification/1", 77, 1_048_576, "plain", "numba", None, 0.0012, "done", (target,),
+        "tailstack/verification/1", 77, 1_048_576, "plain", "numba", None, None, 0.0012, "done", (target,),
         Reprojection(1000, 0.4, 0.6), 0.999, verdict, PROVENANCE,
     )  # fmt: skip
 

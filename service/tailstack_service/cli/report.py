@@ -1,4 +1,4 @@
-"""Write a tolerance-budget report of a design, or render a result that was computed before."""
+"""Write a tolerance-budget report of a design, of two designs side by side, or of a result; or verify a report."""
 
 from __future__ import annotations
 
@@ -6,34 +6,39 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
-from .answer import EXIT_CODE, NOT_EVALUATED, PASS, Answer
+from .answer import EXIT_CODE, FAIL, NOT_EVALUATED, PASS, Answer
 from .design_input import whole
 from .progress import Progress
-from .verify import precision
+from .verify import add_most, precision
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from tailstack.design import Design
+
+    from ..reports.assembling import ReportOptions
+    from ..reports.reading import ReadResult
 
 HELP = "tolerance-budget report: HTML, PDF, spreadsheet, JSON"
 
 FORMATS = ("html", "pdf", "xlsx", "json")
 PARTS = ("score", "verification", "optimisation")
-SCHEMA = "tailstack/"
+OF_A_DESIGN = ("parts", "trials", "precision", "max_trials", "seed", "starts")
+MOST_BYTES = 200_000_000  # of a file that is verified
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "source", metavar="RESULT|DESIGN", help="a design document, or the JSON of a result of tailstack; - reads stdin"
-    )
-    parser.add_argument(
-        "--format", type=_listed(FORMATS), default=("html",), metavar="LIST",
-        help="html, pdf, xlsx, json, separated by commas (default html)",
+        "sources", metavar="RESULT|DESIGN", nargs="+",
+        help="a design document, or the JSON of a result of tailstack; two designs are compared; - reads stdin",
     )  # fmt: skip
     parser.add_argument(
-        "-o", "--output", metavar="DIR", default=".", help="directory for the files (default: this one)"
-    )
+        "--format", type=_listed(FORMATS), metavar="LIST",
+        help="html, pdf, xlsx, json, separated by commas (default html)",
+    )  # fmt: skip
+    parser.add_argument("-o", "--output", metavar="DIR", help="directory for the files (default: this one)")
     parser.add_argument(
         "--parts", type=_listed(PARTS), metavar="LIST",
         help="of a design: score, verification, optimisation (default score,verification)",
@@ -41,7 +46,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--trials", type=whole(1), metavar="N", help="of a design: trials of its check")
     size.add_argument("--precision", type=precision, metavar="REL", help="of a design: see tailstack verify")
+    add_most(parser)
     parser.add_argument("--seed", type=whole(0, 2**63 - 1), metavar="N", help="of a design: seed of its check (0)")
+    parser.add_argument("--starts", type=whole(1, 10_000), metavar="N", help="of a design: starts of the optimiser")
+    parser.add_argument(
+        "--verify", action="store_true",
+        help="RESULT is a report or result in any format: compute its hash, pages and numbers again and compare; of a "
+        "result without its design give the design as well",
+    )  # fmt: skip
+    parser.add_argument("--fast", action="store_true", help="with --verify: without Monte Carlo and optimiser")
 
 
 def _listed(known: Sequence[str]) -> type:
@@ -58,70 +71,137 @@ def _listed(known: Sequence[str]) -> type:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from tailstack.design.loading import read_source
+    if len(arguments.sources) > 2 or arguments.sources.count("-") > 1:
+        hint = "tailstack report DESIGN, or tailstack report FIRST SECOND"
+        _refuse("too-many", f"one or two documents are reported; {len(arguments.sources)} were given", hint)
+    if arguments.verify:
+        return _verified(arguments)
+    if arguments.fast:
+        _refuse("unused-option", "--fast: it is read only with --verify", "leave it out")
 
-    from ..gate.reading import LIMITS
-    from ..reports import render
-
-    output = _directory(arguments.output)
-    name = arguments.source
-    given = sys.stdin.buffer.read(LIMITS.document_bytes + 1) if name == "-" else Path(name)
-    data = read_source(given, limits=LIMITS).data
-    schema = str(data.get("schema", "")) if isinstance(data, dict) else ""
-    if schema.startswith(SCHEMA) and schema != "tailstack/design/1":
-        kind, body = _result(arguments, schema, data)
+    output = _directory(arguments.output or ".")
+    given = [_read(name) for name in arguments.sources]
+    if len(given) == 2:
+        kind, body = "comparison", _compared(arguments, given)
+    elif not isinstance(given[0], bytes | Path):
+        kind, body = given[0].kind, given[0].body
+        _no_options(arguments, OF_A_DESIGN, "a result is rendered as it is", "give the design instead")
     else:
-        kind, body = "report", _computed(arguments, given)
-    stem = "report" if name == "-" else Path(name).name.split(".")[0]
+        kind, body = "report", _computed(arguments, given[0])
+    stem = "-".join("stdin" if name == "-" else Path(name).name.split(".")[0] for name in arguments.sources)
+    stem = "report" if stem == "stdin" else stem
     written = []
-    for form in arguments.format:
-        rendered, _ = render(kind, body, form)
+    for form, content in _rendered(kind, body, arguments.format or ("html",)):
         path = output / f"{stem}.{'report.' if form == 'json' else ''}{form}"
-        _replace(path, rendered)
+        _replace(path, content)
         written.append(str(path))
     return Answer("".join(f"{path}\n" for path in written), _exit_code(kind, body))
 
 
-def _computed(arguments: argparse.Namespace, given: bytes | Path) -> bytes:
-    """The report of a design, computed here."""
+def _rendered(kind: str, body: bytes, forms: Sequence[str]) -> list[tuple[str, bytes]]:
+    from ..reports.rendering import rendered_all
+
+    with Progress("report"):
+        return rendered_all(kind, body, forms)
+
+
+def _read(name: str) -> ReadResult | bytes | Path:
+    """A result, or where a design is to be loaded from.  Raises RequestError, LimitError."""
+    from ..gate.reading import LIMITS
+    from ..reports.reading import ReadResult, read_document
+
+    given = sys.stdin.buffer.read(LIMITS.document_bytes + 1) if name == "-" else Path(name)
+    found = read_document(given, "<stdin>" if name == "-" else name)
+    return found if isinstance(found, ReadResult) else given
+
+
+def _options(arguments: argparse.Namespace) -> ReportOptions:
+    from ..reports.assembling import options_of
+
+    return options_of({name: getattr(arguments, name) for name in OF_A_DESIGN})
+
+
+def _design(given: bytes | Path) -> Design:
     from tailstack.design import load_design
 
+    return load_design(given, base_directory=Path.cwd() if isinstance(given, bytes) else None)
+
+
+def _computed(arguments: argparse.Namespace, given: bytes | Path) -> bytes:
+    """The report of a design, computed here."""
     from ..documents import to_json
-    from ..reports.assembling import ReportOptions, compute_report
+    from ..reports.assembling import compute_report
 
-    design = load_design(given, base_directory=Path.cwd() if isinstance(given, bytes) else None)
-    parts = arguments.parts or ("score", "verification")
-    options = ReportOptions(parts, arguments.trials, arguments.precision, arguments.seed or 0)
-    with Progress("report"):
-        return to_json(compute_report(design, options))
+    design, options = _design(given), _options(arguments)
+    with Progress("report") as progress:
+        return to_json(compute_report(design, options, progress=progress.report))
 
 
-def _result(arguments: argparse.Namespace, schema: str, data: dict[str, object]) -> tuple[str, bytes]:
-    """Kind and canonical body of a result that was read from a file.  Raises RequestError."""
-    from pydantic import ValidationError
+def _compared(arguments: argparse.Namespace, given: Sequence[ReadResult | bytes | Path]) -> bytes:
+    """The comparison of two designs, computed here; a result that holds its design stands for that."""
+    from ..documents import to_json
+    from ..reports.comparing import compute_comparison
 
+    designs = [
+        _design(one) if isinstance(one, bytes | Path) else _held_design(one, name)
+        for one, name in zip(given, arguments.sources, strict=True)
+    ]
+    with Progress("report") as progress:
+        made = compute_comparison(designs[0], designs[1], _options(arguments), progress=progress.report)
+    return to_json(made)
+
+
+def _held_design(result: ReadResult, file: str) -> Design:
+    from tailstack.design import load_design
+
+    if result.kind not in ("report", "optimisation"):
+        detail = f"a {result.kind} does not hold the design that it is of"
+        _refuse("missing-design", detail, "give the design document", file)
+    return load_design(result.record.design, allow_files=False)
+
+
+def _verified(arguments: argparse.Namespace) -> Answer:
+    """Exit code 0 when everything is the same, 1 when something differs, 3 when it could not be compared."""
+    from ..reports.audit import audit
+    from ..reports.audit.findings import audit_text
+
+    _no_options(arguments, ("format", "output", *OF_A_DESIGN), "a report is verified as it is", "leave it out")
+    name, *rest = arguments.sources
+    if name == "-":
+        content, file = sys.stdin.buffer.read(MOST_BYTES + 1), "<stdin>"
+    else:
+        content, file = _bytes_of(Path(name)), name
+    design = _design(sys.stdin.buffer.read() if rest[0] == "-" else Path(rest[0])) if rest else None
+    with Progress("verify") as progress:
+        found = audit(content, file, design, fast=arguments.fast, progress=progress.report)
+    code = {"verified": PASS, "differs": FAIL, "not verified": NOT_EVALUATED}[found.verdict]
+    return Answer(audit_text(found), code)
+
+
+def _bytes_of(path: Path) -> bytes:
+    from tailstack.design.reading import read_bytes
+    from tailstack.errors import DesignError
+
+    from ..problems import RequestError
+
+    try:
+        return read_bytes(path, MOST_BYTES, str(path))
+    except DesignError as error:
+        raise RequestError(error.problems) from None
+
+
+def _no_options(arguments: argparse.Namespace, names: Sequence[str], reason: str, hint: str) -> None:
+    given = [f"--{name.replace('_', '-')}" for name in names if getattr(arguments, name) is not None]
+    if given:
+        _refuse("unused-option", f"{', '.join(given)}: {reason}", hint, arguments.sources[0])
+
+
+def _refuse(code: str, detail: str, hint: str, file: str | None = None) -> NoReturn:
     from tailstack.errors import Problem
 
-    from ..documents import from_plain, to_json
     from ..problems import RequestError
-    from ..reports.rendering import CHAPTERS
 
-    file = arguments.source
-    given = [f"--{name}" for name in ("parts", "trials", "precision", "seed") if getattr(arguments, name) is not None]
-    if given:
-        detail = f"{', '.join(given)}: a result is rendered as it is"
-        raise RequestError(Problem("", "unused-option", detail, "give the design instead", file))
-    kind = schema.removeprefix(SCHEMA).partition("/")[0]
-    if kind not in CHAPTERS or schema != f"{SCHEMA}{kind}/1":
-        hint = f"results: {', '.join(CHAPTERS)}"
-        raise RequestError(Problem("/schema", "unsupported-schema", f"no report is made of {schema!r}", hint, file))
-    try:
-        return kind, to_json(from_plain(kind, data))
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        pointer = "".join(f"/{step}" for step in first["loc"])
-        detail = f"this is not a whole {schema}: {first['msg'].lower()}"
-        raise RequestError(Problem(pointer, "bad-result", detail, "write it anew with --json", file)) from None
+    raise RequestError(Problem("", code, detail, hint, file))
 
 
 def _exit_code(kind: str, body: bytes) -> int:
@@ -129,7 +209,7 @@ def _exit_code(kind: str, body: bytes) -> int:
     data = json.loads(body)
     if kind == "gate":
         return int(data["exit_code"])
-    if kind == "report":
+    if kind in ("report", "comparison"):
         return EXIT_CODE[data["headline"]["status"]]
     if kind in ("score", "verification"):
         return EXIT_CODE.get(data["verdict"]["status"], NOT_EVALUATED)

@@ -21,11 +21,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="REL",
         help="stop when the interval of P95 is within +-REL of it, e.g. 0.01",
     )
+    add_most(parser)
     parser.add_argument("--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="seed (default %(default)s)")
     parser.add_argument(
         "--method", choices=("plain", "radial"), default="plain", help="estimator of the quantile (default %(default)s)"
     )
     parser.add_argument("--threads", type=whole(1, 1024), metavar="N", help="threads; the answer does not depend on it")
+
+
+def add_most(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--max-trials", type=whole(1000), metavar="N",
+        help="give up --precision after so many (default 4194304; a service may be set to another number)",
+    )  # fmt: skip
 
 
 def precision(text: str) -> float:
@@ -46,6 +54,7 @@ def precision(text: str) -> float:
 def run(arguments: argparse.Namespace) -> Answer:
     design = read_design(arguments.design)  # bad input is refused before the solver is loaded
 
+    from tailstack.runs import MAX_TRIALS
     from tailstack.verifying import verify
 
     from ..documents import to_json
@@ -58,6 +67,7 @@ def run(arguments: argparse.Namespace) -> Answer:
             precision=arguments.precision,
             seed=arguments.seed,
             method=arguments.method,
+            max_trials=arguments.max_trials or MAX_TRIALS,
             threads=arguments.threads,
             progress=progress.report,
         )

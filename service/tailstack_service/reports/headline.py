@@ -45,6 +45,12 @@ def decisive_check(checks: Sequence[Check]) -> Check | None:
     return min(checks, key=urgency, default=None)
 
 
+def tightest_check(checks: Sequence[Check], target: str) -> Check | None:
+    """The pooled requirement at a target that is nearest to its limit, or furthest beyond it."""
+    judged = [check for check in checks if check.target == target and check.risk == "pooled"]
+    return max(judged, key=lambda check: check.value_mm / check.limit_mm, default=None)
+
+
 def urgency(check: Check) -> tuple[int, float]:
     """Sorts checks: failures before open questions before the rest, then by value over limit, largest first."""
     return _ORDER[check.status], -check.value_mm / check.limit_mm

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from threading import Lock
 from typing import Any
 
@@ -17,8 +18,15 @@ from .html import html_report
 PACKAGES = "apt install libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"
 
 
-def pdf_report(document: Document) -> bytes:
-    """The report as PDF; the same document gives the same bytes.  Raises PdfUnavailable."""
+RECORD_NAME = "tailstack-record.json"
+MADE = datetime(2000, 1, 1, tzinfo=UTC)  # a PDF says when its attachments were made; a report must not
+
+
+def pdf_report(document: Document, record: bytes) -> bytes:
+    """The report as PDF with its record as an attachment; the same document gives the same bytes.
+
+    Raises PdfUnavailable.
+    """
     try:
         import weasyprint
     except ImportError:
@@ -31,7 +39,11 @@ def pdf_report(document: Document) -> bytes:
         raise PdfUnavailable(Problem("", "missing-library", detail, PACKAGES)) from None
     page = weasyprint.HTML(string=html_report(document, None), url_fetcher=_refuse)
     with _fixed_clock():
-        content: bytes = page.write_pdf()
+        attached = weasyprint.Attachment(
+            string=record, name=RECORD_NAME, description="The record that this report renders", created=MADE,
+            modified=MADE, relationship="Source",
+        )  # fmt: skip
+        content: bytes = page.write_pdf(attachments=[attached])
     return content
 
 

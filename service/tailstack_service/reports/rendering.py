@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -15,29 +15,35 @@ MEDIA_TYPES = {
     "xlsx": "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
     "json": "application/json",
 }
-CHAPTERS = ("score", "verification", "optimisation", "sweep", "gate", "report")
+CHAPTERS = ("score", "verification", "optimisation", "sweep", "gate", "report", "comparison")
 
 
 def rendered(name: str, body: bytes, form: str) -> tuple[bytes, str]:
     """See :func:`tailstack_service.reports.render`."""
     if form not in MEDIA_TYPES:
         raise ValueError(f"no format is called {form!r}; there are {', '.join(MEDIA_TYPES)}")
-    if form == "json":
-        return body, MEDIA_TYPES[form]
-    document = document_of(name, body)
+    return rendered_all(name, body, (form,))[0][1], MEDIA_TYPES[form]
+
+
+def rendered_all(name: str, body: bytes, forms: Sequence[str]) -> list[tuple[str, bytes]]:
+    """A result in several formats, its chapters and pictures made once.  Raises what ``document_of`` raises."""
+    drawn = [form for form in forms if form != "json"]
+    document = document_of(name, body) if drawn else None
+    return [(form, body if document is None or form == "json" else _content(document, body, form)) for form in forms]
+
+
+def _content(document: Document, body: bytes, form: str) -> bytes:
     if form == "html":
         from .html import html_report
 
-        content = html_report(document, body).encode()
-    elif form == "pdf":
+        return html_report(document, body).encode()
+    if form == "pdf":
         from .pdf import pdf_report
 
-        content = pdf_report(document)
-    else:
-        from .xlsx import xlsx_report
+        return pdf_report(document, body)
+    from .xlsx import xlsx_report
 
-        content = xlsx_report(document)
-    return content, MEDIA_TYPES[form]
+    return xlsx_report(document, body)
 
 
 def document_of(name: str, body: bytes) -> Document:

@@ -18,6 +18,7 @@ from tailstack.results import Check
 from tailstack.system import System
 from tailstack.tail.declared import law_quantile
 
+from .headline import tightest_check
 from .records import Allowance
 
 FURTHEST = 1024.0  # times the half-width as it is: beyond, it has no influence worth a number
@@ -40,8 +41,7 @@ def allowances(
 
     checks: the first-order ones.  What decides is the pooled requirement at the target that is nearest to its limit.
     """
-    judged = [check for check in checks if check.target == target and check.risk == "pooled"]
-    tightest = max(judged, key=lambda check: check.value_mm / check.limit_mm, default=None)
+    tightest = tightest_check(checks, target)
     priced = prices(design, system)
     found = []
     for line in lines_of(model):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import re
 from datetime import datetime
 from typing import Any
@@ -19,8 +20,11 @@ SHEET_TITLE = 31
 FORMULA_STARTS = ("=", "+", "-", "@")
 
 
-def xlsx_report(document: Document) -> bytes:
-    """The report as XLSX: numbers as numbers with their units in the headers; the same document, the same bytes."""
+def xlsx_report(document: Document, record: bytes) -> bytes:
+    """The report as XLSX: numbers as numbers with their units in the headers; the same document, the same bytes.
+
+    record: the result's JSON, which the last sheet keeps.
+    """
     target = io.BytesIO()
     options = {
         "in_memory": True, "strings_to_formulas": False, "strings_to_urls": False, "strings_to_numbers": False,
@@ -32,11 +36,12 @@ def xlsx_report(document: Document) -> bytes:
         )
         formats = _Formats(book)
         _front(book, formats, document)
-        taken = {"provenance"}
+        taken = {"provenance", "record"}
         for table in tables_of(document):
             _sheet(book, formats, table, _title(table.name, taken))
         for listing in listings_of(document):
             _lines(book, formats, listing, _title("Design", taken))
+        _record(book, formats, record)
     return target.getvalue()
 
 
@@ -151,6 +156,17 @@ def _lines(book: Any, formats: _Formats, listing: Listing, title: str) -> None:
     _text(formats, sheet, 0, 0, listing.caption, formats.bold)
     for index, line in enumerate(listing.text.splitlines(), 1):
         _text(formats, sheet, index, 0, line, formats.mono)
+
+
+def _record(book: Any, formats: _Formats, record: bytes) -> None:
+    """The record in pieces, one below the other: what ``tailstack report --verify`` reads.  ASCII, whatever it says."""
+    sheet = book.add_worksheet("Record")
+    sheet.set_column(0, 0, 110)
+    words = "The record of this report as JSON; the cells below, put together, are what tailstack report --verify reads"
+    _text(formats, sheet, 0, 0, words, formats.bold)
+    text = json.dumps(json.loads(record), ensure_ascii=True, separators=(",", ":"))
+    for row, start in enumerate(range(0, len(text), LONGEST_TEXT), 1):
+        sheet.write_string(row, 0, text[start : start + LONGEST_TEXT])
 
 
 def _cell(formats: _Formats, sheet: Any, row: int, column: int, cell: Cell, look: Any) -> None:

@@ -38,8 +38,9 @@ def advance(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
     return Done(
         to_json(
             assembled(
-                design, axes, points, check=_check(request), trials=request.get("trials"), seed=request.get("seed", 0)
-            )
+                design, axes, points, check=_check(request), trials=request.get("trials"), seed=request.get("seed", 0),
+                max_trials=request.get("max_trials", MAX_TRIALS),
+            )  # fmt: skip
         )
     )
 

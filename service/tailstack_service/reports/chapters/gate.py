@@ -2,10 +2,26 @@
 
 from __future__ import annotations
 
+import shlex
+
 from ...gate.records import GateFinding, GateRecord
-from ..blocks import Block, Bullets, Column, Document, Facts, KeyNumber, Row, Section, Table, tone_of
+from ..blocks import (
+    Block,
+    Bullets,
+    Column,
+    Document,
+    Facts,
+    KeyNumber,
+    Listing,
+    Paragraph,
+    Row,
+    Section,
+    Table,
+    tone_of,
+)
 
 MOST = 200  # rows of a page
+MOST_FILES = 20  # in a command
 
 
 def gate_document(record: GateRecord, sha256: str) -> Document:
@@ -36,7 +52,8 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
         sections=(
             Section("Designs", (_designs_table(record), _numbers_table(record))),
             Section("Findings", tuple(blocks) or (Bullets(("None.",)),)),
-            Section("What is not included", (Bullets(record.provenance.not_included),)),
+            Section("What is not included", (Bullets(record.provenance.not_included),), reader="auditor"),
+            Section("Reproduction", (Listing(_command(record)), Paragraph(REPRODUCTION)), reader="auditor"),
         ),
         provenance=Facts(
             "Provenance",
@@ -52,6 +69,28 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
             ),
         ),
     )
+
+
+REPRODUCTION = (
+    "With the policy, waivers, baseline and designs of the hashes in this record, the seed above (the policy's or "
+    "the baseline's), and the waivers judged by the day named on the first page: one that has expired since then fails "
+    "the gate today."
+)
+
+
+def _command(record: GateRecord) -> str:
+    """The command that gives this gate again, as far as the record knows its files."""
+    made = record.provenance
+    files = " ".join(shlex.quote(design.file) for design in record.designs[:MOST_FILES])
+    files += " ..." if len(record.designs) > MOST_FILES else ""
+    options = [f"--mode {record.mode}", f"--fail-level {record.fail_level}"]
+    options += [] if record.on_inconclusive is None else [f"--on-inconclusive {record.on_inconclusive}"]
+    options += ["--policy POLICY"] if made.policy_name != "default" else []
+    options += ["--waivers WAIVERS"] if made.waivers_sha256 is not None else []
+    options += ["--baseline BASELINE"] if made.baseline_sha256 is not None else []
+    if record.max_regression_percent is not None and made.baseline_sha256 is not None:
+        options.append(f"--max-regression {record.max_regression_percent:g}")
+    return f"tailstack gate {files} {' '.join(options)} --format json"
 
 
 def _counted(count: int, what: str) -> str:

@@ -2,38 +2,48 @@
 
 from __future__ import annotations
 
-from tailstack.design import Design, compile_design, load_design
+from tailstack.design import Design, load_design
+from tailstack.errors import IllPosedError
 from tailstack.results import Score
 
-from ...rendering.layout_picture import layout_svg, single_layout_svg
 from ..blocks import Block, Figure
+from ..figures.images import images_svg
 from ..figures.scene import scene_json, scene_of
 from ..figures.scene_picture import scene_svg
 
 Known = tuple[dict[str, object], Score]  # a design document and what was computed of it
 
 
-def layout_blocks(now: Known, title: str, name: str = "layout", before: Known | None = None) -> tuple[Block, ...]:
-    """Pictures of a layout, drawn over another one if that is given.  ``name`` is kebab-case, unique in the report."""
-    design = _loaded(now[0])
-    old = None if before is None else (_loaded(before[0]), before[1])
-    scene = scene_of(design, now[1], title, old)
+def layout_blocks(
+    now: Known, title: str, name: str = "layout", before: Known | None = None, called: str = "before"
+) -> tuple[Block, ...]:
+    """Pictures of a layout, drawn over another one if that is given.
+
+    name: kebab-case, unique in the report.  called: what the other layout is called.
+    """
+    design, old = loaded(now[0]), None if before is None else (loaded(before[0]), before[1])
+    scene = scene_of(design, now[1], title, old, called)
     caption = "The layout in the connector frame con, mm: nominal positions"
     if scene.magnification > 0:
         size = "to scale" if scene.magnification == 1 else f"{scene.magnification:g} times their size"
         caption += f"; ellipsoids of 95 % of a Gaussian error, about target plus bias, {size}"
-    blocks: list[Block] = [Figure(name, scene_svg(scene, name), f"{caption}.", scene_json(scene))]
-    system = compile_design(design)
-    if old is None:
-        images = single_layout_svg(system, f"{title}: what each view sees", f"{name}-images")
-        words = (
-            "Detector images of the first two views (px, u right, v down) and the connector frame con (mm). Nominal."
-        )
-    else:
-        images = layout_svg(compile_design(old[0]), system, f"{title}: before above after")
-        words = "Before above after: detector images of the first two views (px) and the connector frame con (mm)."
-    return (*blocks, Figure(f"{name}-images", images, words))
+    caption += "." if old is None else f". In grey: {called}."
+    images = images_svg(design, f"{title}: what each view sees", f"{name}-images", None if old is None else old[0])
+    return (
+        Figure(name, scene_svg(scene, name), caption, scene_json(scene)),
+        Figure(f"{name}-images", images, "What each view sees: as the structure sits with its known bias, no noise."),
+    )
 
 
-def _loaded(data: dict[str, object]) -> Design:
+def scored(data: dict[str, object]) -> Known | None:
+    """A design with its score, for its picture; None where its layout does not determine an answer."""
+    from tailstack.scoring import score
+
+    try:
+        return data, score(loaded(data))
+    except IllPosedError:
+        return None
+
+
+def loaded(data: dict[str, object]) -> Design:
     return load_design(data, allow_files=False)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from tailstack.results import Optimisation
 
-from ..blocks import Block, Bullets, Column, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Row, Section, Table
+from ..blocks import Block, Bullets, Column, Document, Facts, KeyNumber, Listing, Paragraph, Row, Section, Table
+from .layout import layout_blocks, scored
 from .tables import not_included, provenance_facts
 from .verification import sampling_blocks, verification_blocks
 
@@ -37,7 +38,7 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
         numbers=optimisation_numbers(found),
         matters=(binding, *(sentence_of(price.sentence) for price in found.shadow_prices[:2])),
         sections=(
-            Section("What changed", (optimised_layout(found), *change_blocks(found)), page=True),
+            Section("What changed", (*optimised_layout(found), *change_blocks(found)), page=True),
             Section("Check of the new design", (*verification_blocks(check), *sampling_blocks(check))),
             Section("Certificate", certificate_blocks(found), reader="auditor"),
             Section("What is not included", (not_included(found.provenance),), reader="auditor"),
@@ -92,18 +93,12 @@ def optimisation_numbers(found: Optimisation) -> tuple[KeyNumber, ...]:
     return (*numbers, KeyNumber("Starts", f"{proof.converged_starts} of {proof.starts}", "converged"))
 
 
-def optimised_layout(found: Optimisation) -> Figure:
-    """The layout before and after."""
-    from tailstack.design import compile_design, load_design
-
-    from ...rendering.layout_picture import layout_svg
-
-    before, after = (
-        compile_design(load_design(data, allow_files=False)) for data in (found.design_before, found.design)
-    )
-    svg = layout_svg(before, after, f"{found.provenance.design_name}: layout before and after")
-    caption = "Before above after: both views in px, and the connector frame con in mm; nominal positions."
-    return Figure("layout-optimised", svg, caption)
+def optimised_layout(found: Optimisation) -> tuple[Block, ...]:
+    """The new layout over the one that it started from."""
+    now, before = scored(found.design), scored(found.design_before)
+    if now is None:
+        return ()
+    return layout_blocks(now, f"{found.provenance.design_name}: the new layout", "layout-optimised", before)
 
 
 def change_blocks(found: Optimisation) -> tuple[Block, ...]:

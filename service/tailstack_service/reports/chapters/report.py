@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
+from tailstack.design import Design
+from tailstack.results import Check
+
 from ..blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section, tone_of
 from ..figures.errors import convergence_svg, distribution_svg
+from ..figures.tolerance_curves import ToleranceCurves, tolerance_curves
+from ..figures.tolerances import curves_svg
+from ..headline import tightest_check
 from ..records import Report
-from .layout import layout_blocks
+from .layout import layout_blocks, loaded
 from .optimisation import (
     certificate_blocks,
     change_blocks,
@@ -14,7 +22,7 @@ from .optimisation import (
     optimised_layout,
     optimised_sentence,
 )
-from .score import budget_blocks, error_blocks, headline_figure, key_numbers, method_blocks
+from .score import budget_blocks, error_blocks, headline_figure, key_numbers, largest_targets, method_blocks
 from .tables import (
     checks_table,
     estimates_table,
@@ -31,7 +39,7 @@ def report_document(report: Report, sha256: str) -> Document:
     """The whole report."""
     headline = report.headline
     sections = [
-        Section("The budget", budget_blocks(report.score, report.allowances), page=True),
+        Section("The budget", budget_chapter(report), page=True),
         Section("The error", error_chapter(report)),
         Section("The layout", layout_blocks((report.design, report.score), report.title), page=True),
         Section("Requirements and findings", judged_blocks(report)),
@@ -39,7 +47,7 @@ def report_document(report: Report, sha256: str) -> Document:
     if report.optimisation is not None:
         found = report.optimisation
         numbers = "; ".join(f"{n.label} {n.value} ({n.detail})" for n in optimisation_numbers(found)[:2])
-        blocks = (Paragraph(f"{optimised_sentence(found)} {numbers}."), optimised_layout(found), *change_blocks(found))
+        blocks = (Paragraph(f"{optimised_sentence(found)} {numbers}."), *optimised_layout(found), *change_blocks(found))
         sections.append(Section("The optimised design", blocks, page=True))
         check = estimates_table(found.certificate.verification)
         sections.append(Section("Certificate of the optimum", (check, *certificate_blocks(found)), reader="auditor"))
@@ -63,6 +71,28 @@ def report_document(report: Report, sha256: str) -> Document:
         sections=tuple(sections),
         provenance=provenance_facts(report.provenance, sha256, report.schema),
     )
+
+
+def budget_chapter(report: Report, suffix: str = "") -> tuple[Block, ...]:
+    """What binds, shares, the table, and the quantile over each half-width."""
+    blocks = [*budget_blocks(report.score, report.allowances, suffix)]
+    design = loaded(report.design)
+    for k, target in enumerate(largest_targets(report.score)):
+        check = tightest_check(report.score.verdict.checks, target.name)
+        curves = tolerance_curves_of(design, target.name, check)
+        if curves.curves:
+            name = f"tolerances-{k + 1}{suffix}"
+            caption = f"Target {target.name}: the quantile to first order over each half-width, the others as they are."
+            blocks.append(Figure(name, curves_svg(curves, name), caption))
+    return tuple(blocks)
+
+
+def tolerance_curves_of(design: Design, target: str, check: Check | None) -> ToleranceCurves:
+    """Curves of the quantile that the check is about; without one of P95 of the TCP error."""
+    if check is None:
+        return tolerance_curves(design, target)
+    error: Literal["tcp", "localisation"] = "tcp" if check.error == "tcp" else "localisation"
+    return tolerance_curves(design, target, error=error, quantile=check.quantile, limit_mm=check.limit_mm)
 
 
 def error_chapter(report: Report, suffix: str = "") -> tuple[Block, ...]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from tailstack.results import Score, TargetScore
 
 from ...rendering.score import worst_target
-from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Paragraph, Section, tone_of
+from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
 from ..figures.budget import waterfall_svg, without_svg
 from ..figures.errors import scale_svg
 from ..headline import contributor_name, headline_of
@@ -43,9 +43,13 @@ def score_document(score: Score, sha256: str) -> Document:
         sections=(
             Section("Error and requirements", error_blocks(score)),
             Section("Budget", budget_blocks(score)),
-            Section("Method and assumptions", method_blocks(score)),
-            Section("What is not included", (not_included(score.provenance),)),
-            Section("Reproduction", (Paragraph(f"With the design of the hash named below: {command}"),)),
+            Section("Method and assumptions", method_blocks(score), reader="auditor"),
+            Section("What is not included", (not_included(score.provenance),), reader="auditor"),
+            Section(
+                "Reproduction",
+                (Listing(command), Paragraph("With the design of the hash named above.")),
+                reader="auditor",
+            ),
         ),
         provenance=provenance_facts(score.provenance, sha256, score.schema),
     )
@@ -67,16 +71,16 @@ def key_numbers(headline: Headline) -> tuple[KeyNumber, ...]:
     return tuple(numbers)
 
 
-def headline_figure(headline: Headline, score: Score) -> Figure:
+def headline_figure(headline: Headline, score: Score, name: str = "headline") -> Figure:
     """The quantile, its interval and the limit on one scale."""
     found = next((target for target in score.targets if target.name == headline.target), None)
     others = (("mean", found.mean_norm_mm), ("CVaR95", found.cvar95_mm)) if found is not None else ()
     svg = scale_svg(
-        headline.target, headline.value_mm, headline.interval_mm, headline.limit_mm, others, "headline",
+        headline.target, headline.value_mm, headline.interval_mm, headline.limit_mm, others, name,
         f"P{100 * headline.quantile:g}",
     )  # fmt: skip
     caption = f"Norm of the error at target {headline.target}, {headline.basis}: the bar is the interval."
-    return Figure("headline", svg, caption)
+    return Figure(name, svg, caption)
 
 
 def error_blocks(score: Score) -> tuple[Block, ...]:
@@ -94,8 +98,11 @@ def largest_targets(score: Score) -> list[TargetScore]:
     return sorted(score.targets, key=lambda target: target.p95_mm, reverse=True)[:DETAILED]
 
 
-def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[Block, ...]:
-    """What binds, then pictures and table of the budget of the targets with the largest P95."""
+def budget_blocks(score: Score, allowances: Sequence[Allowance] = (), kept_apart: str = "") -> tuple[Block, ...]:
+    """What binds, then pictures and table of the budget of the targets with the largest P95.
+
+    kept_apart: ends the names of pictures where one document holds two budgets.
+    """
     blocks: list[Block] = [Bullets(lines)] if (lines := what_binds(score, allowances)) else []
     if len(score.targets) > DETAILED:
         blocks.append(
@@ -104,7 +111,7 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[B
             )
         )
     for k, target in enumerate(largest_targets(score)):
-        suffix = "" if k == 0 else f"-{k + 1}"
+        suffix = ("" if k == 0 else f"-{k + 1}") + kept_apart
         limit = target.limit_mm
         blocks += [
             Figure(

@@ -101,7 +101,7 @@ def _estimate_row(name: str, metric: TargetEstimate | MetricEstimate, depth: int
     )  # fmt: skip
 
 
-def checks_table(*verdicts: Verdict) -> Table:
+def checks_table(*verdicts: Verdict, name: str = "Checks", of: str = "") -> Table:
     """Each requirement at each target, by each way it was judged; what fails and what is nearest to its limit first."""
     judged = [(verdict.basis, check) for verdict in verdicts for check in verdict.checks]
     rows = [
@@ -113,8 +113,8 @@ def checks_table(*verdicts: Verdict) -> Table:
         for basis, check in sorted(judged, key=lambda entry: urgency(entry[1]))
     ]  # fmt: skip
     return Table(
-        name="Checks",
-        caption="Requirements",
+        name=name,
+        caption=f"Requirements{of}",
         columns=(
             Column("Requirement"), Column("Target"), Column("Quantile"), Column("By"),
             Column("Value", "mm", "fixed", 4), Column("From", "mm", "fixed", 4), Column("To", "mm", "fixed", 4),
@@ -191,12 +191,12 @@ def views_table(views: Sequence[ViewCheck]) -> Table:
     )  # fmt: skip
 
 
-def findings_table(findings: Sequence[Finding]) -> Table:
+def findings_table(findings: Sequence[Finding], *, name: str = "Findings", of: str = "") -> Table:
     """Remarks on the design."""
     rows = [Row((entry.severity, entry.rule, entry.message, entry.pointer)) for entry in findings]
     return Table(
-        name="Findings",
-        caption="Findings",
+        name=name,
+        caption=f"Findings{of}",
         columns=(Column("Severity", kind="status"), Column("Rule"), Column("Finding"), Column("At")),
         rows=tuple(rows),
     )

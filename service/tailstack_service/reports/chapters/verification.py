@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tailstack.results import Verification
+from tailstack.runs import MAX_TRIALS
 
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Section, tone_of
 from ..figures.errors import scale_svg
@@ -43,9 +44,11 @@ def verification_document(check: Verification, sha256: str) -> Document:
         figures=tuple(figures[:1]),
         sections=(
             Section("Error and requirements", (*verification_blocks(check), *figures[1:])),
-            Section("Method", sampling_blocks(check)),
-            Section("What is not included", (not_included(check.provenance),)),
-            Section("Reproduction", (Listing(f"tailstack verify design.yaml {drawn_by(check)} --json"),)),
+            Section("Method", sampling_blocks(check), reader="auditor"),
+            Section("What is not included", (not_included(check.provenance),), reader="auditor"),
+            Section(
+                "Reproduction", (Listing(f"tailstack verify design.yaml {drawn_by(check)} --json"),), reader="auditor"
+            ),
         ),
         provenance=provenance_facts(check.provenance, sha256, check.schema),
     )
@@ -56,7 +59,8 @@ def drawn_by(check: Verification) -> str:
     if check.method == "radial":
         return f"--method radial --seed {check.seed}"
     if check.precision_requested is not None:
-        return f"--precision {check.precision_requested:g} --seed {check.seed}"
+        most = "" if check.max_trials in (None, MAX_TRIALS) else f" --max-trials {check.max_trials}"
+        return f"--precision {check.precision_requested:g} --seed {check.seed}{most}"
     return f"--trials {check.trials} --seed {check.seed}"
 
 

@@ -1,0 +1,272 @@
+"""The chapters of a comparison of two designs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from tailstack.results import Contributor, Score
+
+from ..blocks import (
+    Block,
+    Bullets,
+    Cell,
+    Column,
+    Document,
+    Facts,
+    Figure,
+    KeyNumber,
+    Listing,
+    Paragraph,
+    Row,
+    Section,
+    Table,
+    tone_of,
+)
+from ..headline import contributor_name
+from ..records import Comparison, Difference, Report
+from .layout import layout_blocks
+from .optimisation import design_listing
+from .report import method_chapter
+from .score import headline_figure
+from .tables import checks_table, findings_table, not_included
+
+TOLD = ("First", "Second")
+
+
+def comparison_document(found: Comparison, sha256: str) -> Document:
+    """What sets two designs apart, then each by itself as far as the comparison rests on it."""
+    first, second = found.first, found.second
+    reports = tuple(zip(TOLD, (first, second), strict=True))
+    sections = [
+        Section("The difference", _difference_blocks(found), page=True),
+        Section("What changed in the document", _change_blocks(found)),
+        Section("Both layouts", _layouts(found), page=True),
+        Section("Budgets side by side", tuple(_budgets(found))),
+        Section("Requirements and findings", _judged(found)),
+        Section("Method and assumptions", _method(found), reader="auditor"),
+        Section("What is not included", (not_included(second.provenance),), reader="auditor"),
+        Section("Reproduction", _reproduction(second), reader="auditor"),
+    ]
+    for which, report in reports:
+        listing = design_listing(report.design, f"{which} design, as YAML")
+        sections.append(Section(f"The {which.lower()} design", (listing,), page=True, reader="auditor"))
+    return Document(
+        kind="Comparison of two designs",
+        title=found.title,
+        tone=tone_of(found.headline.status),
+        status=f"second: {found.headline.status}",
+        sentence=found.headline.sentence,
+        numbers=_numbers(found),
+        matters=found.headline.matters,
+        figures=tuple(_scales(found)),
+        sections=tuple(sections),
+        provenance=_provenance(found, sha256),
+    )
+
+
+def _numbers(found: Comparison) -> tuple[KeyNumber, ...]:
+    worst = found.differences[0]
+    quantiles = [
+        KeyNumber(f"P95, {which.lower()} design", f"{value:.3f} mm", f"target {worst.target}, {worst.basis}")
+        for which, value in zip(TOLD, (worst.first_p95_mm, worst.second_p95_mm), strict=True)
+    ]
+    return (*quantiles, KeyNumber("Difference", f"{_signed(worst.difference_mm)} mm", _ends(worst)))
+
+
+def _ends(found: Difference) -> str:
+    if found.interval_mm is None:
+        return "first order"
+    low, high = found.interval_mm
+    return f"{_signed(low)} to {_signed(high)} mm, {found.confidence:.0%}"
+
+
+def _signed(value: float) -> str:
+    return f"{value + 0.0:+.3f}".replace("-", "−")
+
+
+def _scales(found: Comparison) -> Iterator[Figure]:
+    """Each design's quantile and limit on a scale."""
+    for which, report in zip(TOLD, (found.first, found.second), strict=True):
+        name = f"headline-{which.lower()}"
+        figure = headline_figure(report.headline, report.score, name)
+        yield Figure(name, figure.svg, f"{which} design. {figure.caption}")
+
+
+def _difference_blocks(found: Comparison) -> tuple[Block, ...]:
+    rows = [
+        Row((
+            entry.target, entry.first_p95_mm, entry.second_p95_mm, entry.difference_mm,
+            *(entry.interval_mm or (None, None)),
+            entry.difference_mm / entry.first_p95_mm if entry.first_p95_mm > 0 else None, entry.conclusion,
+        ))
+        for entry in found.differences
+    ]  # fmt: skip
+    note = "P95 of the TCP error, second minus first: negative is better."
+    if found.compared_trials is not None:
+        note += (
+            f" Both designs were drawn with the same random numbers, {found.compared_trials:,} trials each; every "
+            "interval holds by itself, they are not corrected for being several."
+        )
+    blocks: list[Block] = [
+        Table(
+            "Differences",
+            "P95 at the targets that both designs have",
+            (
+                Column("Target"), Column("First", "mm", "fixed", 4), Column("Second", "mm", "fixed", 4),
+                Column("Difference", "mm", "fixed", 4), Column("From", "mm", "fixed", 4),
+                Column("To", "mm", "fixed", 4), Column("Of the first", "%", "percent", 1), Column("Second is"),
+            ),
+            tuple(rows),
+            note,
+        )
+    ]  # fmt: skip
+    alone = [
+        f"Only the {which} design has {', '.join(names)}."
+        for which, names in (("first", found.only_first), ("second", found.only_second))
+        if names
+    ]
+    shared = {target.name for target in found.first.score.targets} & {t.name for t in found.second.score.targets}
+    if len(shared) > len(found.differences):
+        alone.append(f"Compared are the {len(found.differences)} targets with the largest P95 of {len(shared)}.")
+    return (*blocks, *((Bullets(tuple(alone)),) if alone else ()))
+
+
+def _change_blocks(found: Comparison) -> tuple[Block, ...]:
+    if not found.changes:
+        return (Paragraph("Nothing: the two documents say the same."),)
+    rows = [
+        Row((entry.name, entry.unit, _said(entry.first), _said(entry.second), entry.kind, entry.pointer))
+        for entry in found.changes
+    ]
+    columns = (
+        Column("Field"), Column("Unit"), Column("First"), Column("Second"), Column("What"),
+        Column("Pointer", on_page=False),
+    )  # fmt: skip
+    note = "Elements of lists are told by their names or labels. Defaults that were not written out are compared too."
+    if found.changes_left_out:
+        note += f" {found.changes_left_out:,} more differ and are left out."
+    return (Table("Changes", "Fields of the design document that differ", columns, tuple(rows), note),)
+
+
+def _said(value: str | None) -> str:
+    return "–" if value is None else value
+
+
+def _layouts(found: Comparison) -> tuple[Block, ...]:
+    first, second = found.first, found.second
+    return layout_blocks(
+        (second.design, second.score), f"{second.title}: second design over the first", "layout",
+        (first.design, first.score), "first design",
+    )  # fmt: skip
+
+
+def _budgets(found: Comparison) -> Iterator[Block]:
+    for k, difference in enumerate(found.differences[:3]):
+        yield _budget_table(found.first.score, found.second.score, difference.target, k)
+
+
+Key = tuple[str, str]
+
+
+def _budget_table(first: Score, second: Score, target: str, place: int) -> Table:
+    a, b = (next(entry for entry in score.targets if entry.name == target) for score in (first, second))
+    before, after = _lines(a.contributors), _lines(b.contributors)
+    spreads = [sum(entry.covariance_mm2[k][k] for k in range(3)) for entry in (a, b)]
+    rows = []
+    for key in [*after, *(key for key in before if key not in after)]:
+        pair = (before.get(key), after.get(key))
+        label = contributor_name(key[0]) + ("" if key[1] == "all" else f" {key[1]}")
+        unit = next((line.unit for line in pair if line is not None and line.unit), "")
+        cells: list[Cell] = [label, unit]
+        cells += [None if line is None else line.half_width for line in pair]
+        cells += [
+            None if line is None else (line.variance_share * total) ** 0.5
+            for line, total in zip(pair, spreads, strict=True)
+        ]
+        cells += [None if line is None else line.variance_share for line in pair]
+        cells += [None if line is None else line.p95_without_mm for line in pair]
+        rows.append(Row(tuple(cells)))
+    return Table(
+        "Budgets" if place == 0 else f"Budgets {place + 1}",
+        f"Budgets at target {target}: first order, P95 {a.p95_mm:.4f} mm and {b.p95_mm:.4f} mm",
+        (
+            Column("Contributor"), Column("Unit"),
+            Column("Half-width, first", "unit", "significant"), Column("Half-width, second", "unit", "significant"),
+            Column("Std, first", "mm", "fixed", 4), Column("Std, second", "mm", "fixed", 4),
+            Column("Share, first", "%", "percent", 1), Column("Share, second", "%", "percent", 1),
+            Column("P95 without, first", "mm", "fixed", 4), Column("P95 without, second", "mm", "fixed", 4),
+        ),
+        tuple(rows),
+        "Std: of the error at the target from this source alone, all three axes together. Shares are of each design's "
+        "own variance.",
+    )  # fmt: skip
+
+
+def _lines(contributors: tuple[Contributor, ...]) -> dict[Key, Contributor]:
+    """Lines that do not overlap, by contributor and component."""
+    single = {entry.name for entry in contributors if entry.component != "all"}
+    return {
+        (entry.name, entry.component): entry
+        for entry in contributors
+        if entry.component != "all" or entry.name not in single
+    }
+
+
+def _judged(found: Comparison) -> tuple[Block, ...]:
+    blocks: list[Block] = []
+    for which, report in zip(TOLD, (found.first, found.second), strict=True):
+        verdicts = [] if report.verification is None else [report.verification.verdict]
+        verdicts.append(report.score.verdict)
+        if verdicts[0].checks:
+            blocks.append(
+                checks_table(*verdicts, name=f"Checks, {which.lower()}", of=f" of the {which.lower()} design")
+            )
+        if verdicts[0].findings:
+            blocks.append(
+                findings_table(
+                    verdicts[0].findings, name=f"Findings, {which.lower()}", of=f" on the {which.lower()} design"
+                )
+            )
+    return tuple(blocks) or (Paragraph("Neither design states a requirement, and nothing was found."),)
+
+
+def _method(found: Comparison) -> tuple[Block, ...]:
+    paired = "Nothing was drawn: differences are to first order and have no interval."
+    if found.compared_trials is not None:
+        paired = (
+            f"Trial k of both designs has the same random numbers. The {found.compared_trials:,} trials are cut into "
+            f"{found.sections} sections; the spread of the sections' differences about the difference of all gives the "
+            "interval (Student's t). That holds however the two samples depend on each other; designs with other "
+            "numbers of fiducials or shots share less, and their interval is wider."
+        )
+    elif found.first.verification is not None:
+        paired = "Too few trials were drawn for an interval of the difference: differences are to first order."
+    blocks: list[Block] = [Bullets((paired,))]
+    for which, report in zip(TOLD, (found.first, found.second), strict=True):
+        blocks.append(Paragraph(f"{which} design:"))
+        blocks += method_chapter(report, f"-{which.lower()}")
+    return tuple(blocks)
+
+
+def _reproduction(second: Report) -> tuple[Block, ...]:
+    words = (
+        "The first command finds in this file all it needs. first.yaml and second.yaml are the designs below. The same "
+        "version of tailstack gives the same digits, whatever the number of threads, workers or machines."
+    )
+    return (Listing("\n".join(second.reproduction.commands), "Commands"), Paragraph(words))
+
+
+def _provenance(found: Comparison, sha256: str) -> Facts:
+    pairs = []
+    for which, report in zip(TOLD, (found.first, found.second), strict=True):
+        pairs.append((f"{which} design", report.title))
+        pairs.append((f"SHA-256 of the {which.lower()} design", report.provenance.design_sha256 or "not known"))
+    made = found.second
+    seed = [] if made.reproduction.seed is None else [("Seed of both", str(made.reproduction.seed))]
+    return Facts(
+        "Provenance",
+        (
+            *pairs, *seed, ("SHA-256 of this record", sha256), ("Record", found.schema),
+            ("Computed by", f"tailstack {made.provenance.tailstack_version}"),
+        ),
+    )  # fmt: skip
