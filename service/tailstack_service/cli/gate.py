@@ -106,7 +106,7 @@ def _record(arguments: argparse.Namespace, outputs: Outputs, wrong: list[str]) -
         unfinished, today=today(), mode=arguments.mode, fail_level=arguments.fail_level,
         on_inconclusive=arguments.on_inconclusive, max_regression_percent=arguments.max_regression,
     )  # fmt: skip
-    files: list[str] = []
+    files = [_shown(name) for name in arguments.design]
     try:
         say(outputs.files(known(files, (NOT_FINISHED,), NOT_EVALUATED)))
         if wrong:

@@ -30,7 +30,8 @@ def markdown_text(record: GateRecord) -> str:
         values = [t.first_order_p95_mm if t.p95_mm is None else t.p95_mm for t in design.targets]
         largest = number(max(values)) if values else "–"
         verdict = f"{_MARK[design.verdict]} {design.verdict}"
-        lines.append(f"| {plain(design.file, 80)} | {verdict} | {largest} | {design.basis} |")
+        basis = design.basis + (f", {design.trials:,} trials" if design.trials is not None else "")
+        lines.append(f"| {plain(design.file, 80)} | {verdict} | {largest} | {basis} |")
     if counted:
         lines += ["", "### Findings", "", *_table(counted)]
     if accepted:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 from ..rendering.tables import coloured, fixed, number, shortened, table, wrapped
 from .records import GateFinding, GateNumber, GateRecord
 
+_COMMAND = re.compile(r"(?m)^([ \t]*)(?=::|##\[)")
 _ROLE = {"error": "fail", "warning": "warning", "pass": "pass", "fail": "fail", "inconclusive": "inconclusive"}
 
 
@@ -23,7 +26,8 @@ def gate_text(record: GateRecord, *, colour: bool = False) -> str:
         + f" (exit code {record.exit_code}; mode {record.mode}, seed {record.seed}, policy "
         + f"{shortened(record.provenance.policy_name, 40)}, waivers judged by {record.provenance.today})"
     )
-    return "\n\n".join(parts) + "\n"
+    # a line that begins like this is a command to the runners of GitHub and Azure, and names come from strangers
+    return _COMMAND.sub(r"\1\\", "\n\n".join(parts)) + "\n"
 
 
 def place_of(finding: GateFinding) -> str:
@@ -41,6 +45,8 @@ def _designs(record: GateRecord, colour: bool) -> str:
         kind = f" [{design.design_class}]" if design.design_class else ""
         verdict = coloured(design.verdict, _ROLE.get(design.verdict, "fail"), colour)
         name = f" ({shortened(design.name, 50)})" if design.name else ""
+        rates = [number.error_rate for number in design.numbers if number.error_rate is not None]
+        basis += f"; each status wrong with a probability of at most {100 * max(rates):.3g} %" if rates else ""
         blocks.append(f"{shortened(design.file, 60)}{name}{kind}: {verdict}" + (f" ({basis})" if basis else ""))
         if design.numbers:
             header = ("requirement", "target", "rule", "value", "interval", "limit", "unit", "status")

@@ -1,0 +1,160 @@
+"""Gates of every exit code, run as a user runs them, in every format at once.
+
+``python tests/service/gate_scenes.py`` (with PYTHONPATH=solver:service:tests) writes the golden files anew; look at
+what has changed with ``git diff tests/data/gate`` before it is committed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import re
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+from service_scenes import ROOT, coplanar_design, limited, small_design
+
+from tailstack.design.loading import data_to_yaml
+from tailstack.version import __version__
+from tailstack_service.cli.main import main
+
+GOLDEN = ROOT / "tests" / "data" / "gate"
+FORMATS = {
+    "text": "txt", "json": "json", "sarif": "sarif", "junit": "xml", "github": "github", "gitlab": "gitlab.json",
+    "markdown": "md",
+}  # fmt: skip
+TODAY = date(2026, 11, 21)
+PASSING, NEAR, FAILING = 1.4, 0.65, 0.3  # limits in mm; P95 of the small design is about 0.65 mm
+STRICT = {"schema": "tailstack/policy/1", "name": "guides", "rules": {"overlap": {"severity": "off"}}}
+_DIGITS = re.compile(r"-?\d+\.\d{6,}(?:[eE][-+]?\d+)?")
+_HASH = re.compile(r'("\w*[sS]ha256": )"[0-9a-f]{64}"')
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Files, the arguments of ``tailstack gate`` and the exit code that they come to."""
+
+    exit_code: int
+    files: dict[str, Any]  # name: document
+    arguments: tuple[str, ...]
+    broken_off_by: type[BaseException] | None = None
+
+
+def waivers(days: int, **changes: Any) -> dict[str, Any]:
+    entry = {
+        "rule": "p95", "owner": "J. Doe, systems", "reason": "first article only; the seat is reworked in rev C",
+        "max_value": 1.0, "expires": date.fromordinal(TODAY.toordinal() + days).isoformat(), **changes,
+    }  # fmt: skip
+    return {"schema": "tailstack/waivers/1", "waivers": [entry]}
+
+
+GOOD, BAD, OPEN = limited(PASSING), limited(FAILING), limited(NEAR)
+QUICK = ("--policy", "policy.yaml", "--mode", "analytic")
+SCENES: dict[str, Scene] = {
+    "pass": Scene(0, {"good.yaml": GOOD, "policy.yaml": STRICT}, ("good.yaml", *QUICK)),
+    "warned": Scene(0, {"good.yaml": GOOD}, ("good.yaml", "--mode", "analytic")),
+    "waived": Scene(
+        0, {"bad.yaml": BAD, "policy.yaml": STRICT, "waivers.yaml": waivers(30)},
+        ("bad.yaml", *QUICK, "--waivers", "waivers.yaml"),
+    ),
+    "open-warned": Scene(
+        0, {"open.yaml": OPEN, "policy.yaml": STRICT}, ("open.yaml", *QUICK, "--on-inconclusive", "warn")
+    ),
+    "fail": Scene(
+        1, {"good.yaml": GOOD, "bad.yaml": BAD, "policy.yaml": STRICT}, ("good.yaml", "b*.yaml", *QUICK)
+    ),
+    "expired": Scene(
+        1, {"good.yaml": GOOD, "policy.yaml": STRICT, "waivers.yaml": waivers(-1)},
+        ("good.yaml", *QUICK, "--waivers", "waivers.yaml"),
+    ),
+    "open-failed": Scene(
+        1, {"open.yaml": OPEN, "policy.yaml": STRICT}, ("open.yaml", *QUICK, "--on-inconclusive", "fail")
+    ),
+    "decided": Scene(
+        1, {"near.yaml": limited(0.62), "policy.yaml": STRICT}, ("near.yaml", "--policy", "policy.yaml")
+    ),
+    "invalid": Scene(
+        2, {"good.yaml": GOOD, "broken.yaml": {"schema": "tailstack/design/1", "name": "half a design"}},
+        ("broken.yaml", "good.yaml", "absent.yaml", "--mode", "analytic"),
+    ),
+    "refused": Scene(
+        2, {"good.yaml": GOOD, "policy.yaml": {**STRICT, "rules": {"p95": {"limit": 2.0}}}}, ("good.yaml", *QUICK)
+    ),
+    "not-evaluated": Scene(
+        3, {"flat.yaml": coplanar_design(), "good.yaml": GOOD, "policy.yaml": STRICT,
+            "bare.yaml": small_design(requirements=None, optimise=None)},
+        ("flat.yaml", "good.yaml", "bare.yaml", *QUICK),
+    ),
+    "broken-off": Scene(
+        3, {"good.yaml": GOOD, "policy.yaml": STRICT}, ("good.yaml", *QUICK), broken_off_by=RuntimeError
+    ),
+    "open": Scene(4, {"open.yaml": OPEN, "policy.yaml": STRICT}, ("open.yaml", *QUICK)),
+    "interrupted": Scene(
+        130, {"good.yaml": GOOD, "policy.yaml": STRICT}, ("good.yaml", *QUICK), broken_off_by=KeyboardInterrupt
+    ),
+}  # fmt: skip
+
+
+def run(scene: Scene, folder: Path) -> tuple[int, dict[str, bytes]]:
+    """Exit code and what was written in each format, by a gate that runs in ``folder``."""
+    for name, document in scene.files.items():
+        (folder / name).write_text(data_to_yaml(document), encoding="utf-8")
+    wanted = [f"--format={name}=out.{end}" for name, end in FORMATS.items()]
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(contextlib.chdir(folder))
+        stack.enter_context(patch("tailstack_service.cli.gate.today", lambda: TODAY))
+        stack.enter_context(patch.dict(os.environ))
+        for variable in ("GITHUB_STEP_SUMMARY", "GITHUB_WORKSPACE", "CI_PROJECT_DIR", "TAILSTACK_TRACEBACK"):
+            os.environ.pop(variable, None)
+        if scene.broken_off_by is not None:
+            stack.enter_context(patch("tailstack_service.gate.judging.judge", _raising(scene.broken_off_by)))
+        code = main(["gate", *scene.arguments, *wanted])
+    return code, {name: (folder / f"out.{end}").read_bytes() for name, end in FORMATS.items()}
+
+
+def _raising(kind: type[BaseException]) -> Callable[..., Any]:
+    def judge(*_: Any) -> Any:
+        raise kind("the linear algebra gave up")
+
+    return judge
+
+
+def settled(name: str, content: bytes) -> str:
+    """What does not change from machine to machine: six digits, no version, no hash of a document; the rules of SARIF,
+    which are the pages of ``--explain``, are left out."""
+    text = content.decode()
+    if name == "sarif":
+        log = json.loads(text)
+        for rule in log["runs"][0]["tool"]["driver"]["rules"]:
+            for field in ("fullDescription", "help"):
+                rule[field] = dict.fromkeys(rule[field], "...")
+        text = json.dumps(log, indent=2, ensure_ascii=False) + "\n"
+    text = _DIGITS.sub(lambda found: f"{float(found.group()):.6g}", text)
+    return _HASH.sub(r'\1"..."', text).replace(__version__, "VERSION")
+
+
+def golden(scene: str, name: str) -> Path:
+    return GOLDEN / f"{scene}.{FORMATS[name]}"
+
+
+def regenerate() -> None:
+    GOLDEN.mkdir(parents=True, exist_ok=True)
+    for old in GOLDEN.iterdir():
+        old.unlink()
+    for title, scene in SCENES.items():
+        with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
+            code, contents = run(scene, Path(folder))
+        print(f"{title}: exit code {code}" + ("" if code == scene.exit_code else f", EXPECTED {scene.exit_code}"))
+        for name, content in contents.items():
+            golden(title, name).write_text(settled(name, content), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    regenerate()
