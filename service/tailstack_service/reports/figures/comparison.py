@@ -107,7 +107,7 @@ def distributions_svg(
         return bottom - height * density / highest
 
     parts = scale.axis(bottom, f"error at the tool, target {printable(second.target, 40)}, mm", top=top)
-    parts += density_axis(highest, left, right, top, bottom)
+    parts += density_axis(highest, left, right, top, bottom, top - 8)
     areas, outlines = [], []
     for values, ends, colour, dashes, fill in (
         (densities[0], edges[0], FIRST, ' stroke-dasharray="5 3"', "none"),

@@ -43,7 +43,7 @@ def distribution_svg(
         return bottom - HEIGHT * density / top
 
     parts = scale.axis(bottom, "error at the tool, mm", top=TOP)
-    parts += density_axis(top, LEFT, RIGHT, TOP, bottom)
+    parts += density_axis(top, LEFT, RIGHT, TOP, bottom, TOP - 28)
     if interval_mm is not None and interval_mm[1] is not None:
         x0, x1 = scale.at(interval_mm[0]), scale.at(interval_mm[1])
         parts.append(box(x0, TOP, max(x1, x0 + 1), bottom, 'fill="#0072b2" fill-opacity="0.18"'))
@@ -100,8 +100,10 @@ def scale_svg(
     parts.append(f'<circle cx="{rounded(x)}" cy="{rounded(y)}" r="5" fill="{VALUE_COLOUR}"/>')
     after, before = max(ends[1], x + 5) + 8, min(ends[0], x - 5) - 8
     right = limit_mm is not None and limit_mm < p95_mm and after < RIGHT - 110
-    anchor, at = ("start", after) if right or before < 140 else ("end", before)
-    parts.append(text(at, y + 4, f"{quantile} {p95_mm:.3f} mm", anchor=anchor, colour=VALUE_COLOUR, weight="bold"))
+    anchor, at, base = ("start", after, y + 4) if right or before < 140 else ("end", before, y + 4)
+    if anchor == "start" and after > RIGHT - 110:
+        anchor, at, base = "middle", min(max(x, 80.0), RIGHT - 60.0), y - 9
+    parts.append(text(at, base, f"{quantile} {p95_mm:.3f} mm", anchor=anchor, colour=VALUE_COLOUR, weight="bold"))
     for label, value in others:
         x = scale.at(value)
         parts.append(f'<path d="M{rounded(x)} 84L{rounded(x - 4)} 93L{rounded(x + 4)} 93Z" fill="{INK}"/>')

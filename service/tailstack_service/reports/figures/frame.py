@@ -64,10 +64,10 @@ def plain(value: float) -> str:
     return f"{value:g}".replace("-", "−")
 
 
-def density_axis(highest: float, left: float, right: float, top: float, bottom: float) -> list[str]:
-    """The upward scale of a density from 0 to ``highest``, 1/mm, with its title."""
+def density_axis(highest: float, left: float, right: float, top: float, bottom: float, title: float) -> list[str]:
+    """The upward scale of a density from 0 to ``highest``, 1/mm; ``title``: the height of its title."""
     step = round_step(2.5 * 40 * highest / (bottom - top))
-    parts = [text(8, top - 10, "density, 1/mm", colour=MUTED)]
+    parts = [text(8, title, "density, 1/mm", colour=MUTED)]
     for k in range(floor(highest / step) + 1):
         y = bottom - (bottom - top) * step * k / highest
         parts.append(line(left, y, right, y, "#e3e3e3", 0.7))

@@ -37,7 +37,7 @@ def curves_svg(
     parts += _legend(shown, other, called, bottom)
     quantile, error = f"P{100 * shown.quantile:g}", _error(shown)
     title = f"{quantile} of the {error} error at target {shown.target} over each half-width"
-    return picture(name, title, _words(shown), bottom + 26, parts)
+    return picture(name, title, _words(shown), bottom + (26 if other is None else 42), parts)
 
 
 def _error(shown: ToleranceCurves) -> str:
@@ -171,10 +171,11 @@ def _legend(shown: ToleranceCurves, other: ToleranceCurves | None, called: tuple
     sentence = "Across: half-width of one source, σ for image noise, the others as they are."
     if shown.left_out:
         sentence += f" {shown.left_out} more sources change less."
+    parts.append(text(8, y + 17, sentence, colour=MUTED))
     if other is not None:
-        names = [printable(name, 24) for name in called]
-        sentence = f"Solid: {names[0]}; dashed, hollow dot: {names[1]}. " + sentence
-    return [*parts, text(8, y + 17, sentence, colour=MUTED)]
+        names = [printable(name, 40) for name in called]
+        parts.append(text(8, y + 33, f"Solid: {names[0]}; dashed, hollow dot: {names[1]}.", colour=MUTED))
+    return parts
 
 
 def _words(shown: ToleranceCurves) -> str:

@@ -1,0 +1,646 @@
+"""Pictures of a report: what is drawn is where geometry and numbers put it, legible and harmless."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from dataclasses import replace
+from itertools import combinations
+from math import log10, sqrt
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+from service_scenes import EXAMPLES, small_design
+
+from tailstack import Design, load_design, score
+from tailstack.sweeping import axis_pointer, read_axes, sweep
+from tailstack.system import Array
+from tailstack_service.reports.figures.budget import waterfall_svg, without_svg
+from tailstack_service.reports.figures.comparison import budgets_svg, differences_svg, distributions_svg
+from tailstack_service.reports.figures.errors import convergence_svg, distribution_svg, scale_svg
+from tailstack_service.reports.figures.images import images_svg
+from tailstack_service.reports.figures.scene import Scene, scene_json, scene_of
+from tailstack_service.reports.figures.scene_picture import scene_svg
+from tailstack_service.reports.figures.scene_records import Item
+from tailstack_service.reports.figures.shapes import semi_axes
+from tailstack_service.reports.figures.sweep import curve_svg
+from tailstack_service.reports.figures.tolerance_curves import ToleranceCurves, tolerance_curves
+from tailstack_service.reports.figures.tolerances import curves_svg
+from tailstack_service.reports.records import Convergence, ConvergencePoint, Difference, ErrorDistribution
+
+SVG = "{http://www.w3.org/2000/svg}"
+ROUNDING = 0.051  # the page has one decimal
+WRITTEN = 6e-4  # mm: a scene has three decimals
+HOSTILE = '</title><script>alert(1)</script>&"'
+NAMES = ["demo", "flat_plate", "locators_321", "slicer_markups", "small_cluster_far_target", "tube_carrier"]
+
+
+def example(name: str) -> Design:
+    return load_design(EXAMPLES / f"{name}.yaml")
+
+
+def scene(design: Design, before: Design | None = None) -> Scene:
+    return scene_of(design, score(design), design.name, None if before is None else (before, score(before)), "before")
+
+
+DEMO = example("demo")
+DEMO_SCENE = scene(DEMO)
+
+
+def of(found: Scene, kind: str, look: str) -> list[Item]:
+    return [item for item in found.items if item.kind == kind and item.look == look]
+
+
+def read(svg: str) -> ElementTree.Element:
+    return ElementTree.fromstring(svg)
+
+
+def numbers(text: str) -> list[float]:
+    return [float(value) for value in re.findall(r"-?\d+(?:\.\d+)?", text)]
+
+
+def circles(root: ElementTree.Element, fill: str) -> Array:
+    """(N, 2) centres of the circles of a colour that stand where they are written."""
+    moved = {id(circle) for group in root.iter(f"{SVG}g") if "transform" in group.attrib for circle in group}
+    return np.array(
+        [
+            (float(circle.attrib["cx"]), float(circle.attrib["cy"]))
+            for circle in root.iter(f"{SVG}circle")
+            if circle.attrib["fill"] == fill and id(circle) not in moved
+        ]
+    )
+
+
+def texts(root: ElementTree.Element) -> list[tuple[str, float, float, float, float]]:
+    """Texts with their boxes: capitals three quarters of the size, characters of Helvetica half of it on average."""
+    found = []
+    for entry in root.iter(f"{SVG}text"):
+        words, size = str(entry.text), float(entry.attrib.get("font-size", 11))
+        wide = 0.5 * size * len(words)
+        left = (
+            float(entry.attrib["x"]) - {"middle": 0.5, "end": 1.0}.get(entry.attrib.get("text-anchor", ""), 0.0) * wide
+        )
+        low = float(entry.attrib["y"])
+        found.append((words, left, low - 0.72 * size, left + wide, low))
+    return found
+
+
+def covering(root: ElementTree.Element) -> list[tuple[str, str]]:
+    """Pairs of texts that cover one another by more than a unit."""
+    return [
+        (a[0], b[0])
+        for a, b in combinations(texts(root), 2)
+        if min(a[3], b[3]) - max(a[1], b[1]) > 1 and min(a[4], b[4]) - max(a[2], b[2]) > 1
+    ]
+
+
+def check_picture(svg: str) -> ElementTree.Element:
+    """An accessible picture whose texts lie on the page and do not hide one another."""
+    root = read(svg)
+    assert root.tag == f"{SVG}svg"
+    assert [child.tag for child in root[:2]] == [f"{SVG}title", f"{SVG}desc"]
+    assert root.attrib["role"] == "img"
+    assert root.attrib["aria-labelledby"].split() == [root[0].attrib["id"], root[1].attrib["id"]]
+    ids = [entry.attrib["id"] for entry in root.iter() if "id" in entry.attrib]
+    assert len(set(ids)) == len(ids)
+    assert not covering(root)
+    width, height = float(root.attrib["width"]), float(root.attrib["height"])
+    for words, left, top, right, low in texts(root):
+        assert min(left, top, width - right, height - low) > -2, words
+    assert not re.search(r"(?i)nan|inf\b|e[+-]\d\d", " ".join(re.findall(r'(?:d|cx|cy|x|y|points)="([^"]*)"', svg)))
+    return root
+
+
+# --- the scene in space ---------------------------------------------------------------------------
+
+
+def test_an_ellipsoid_holds_95_percent_of_a_gaussian() -> None:
+    """sampled: seed 3, 200,000 draws, five standard errors; published: chi-squared with three degrees of freedom."""
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(3, 3))
+    covariance = root @ root.T
+    axes = semi_axes(covariance)
+    np.testing.assert_allclose(axes.T @ axes, chi2.ppf(0.95, 3) * covariance, rtol=1e-12)
+    draws = rng.multivariate_normal(np.zeros(3), covariance, 200_000)
+    lengths = np.linalg.norm(axes, axis=1)
+    inside = (((draws @ axes.T) / lengths**2) ** 2).sum(axis=1) <= 1
+    assert abs(inside.mean() - 0.95) < 5 * sqrt(0.95 * 0.05 / 200_000)
+    assert lengths[0] >= lengths[1] >= lengths[2]
+
+
+def test_errors_stand_in_con_magnified_about_target_and_bias() -> None:
+    """independent: tcp is turned by 45 degrees about z and shifted, so e_con = Rz(-45) e_tcp."""
+    design = example("locators_321")
+    found, judged = scene(design), score(design)
+    c = sqrt(0.5)
+    turn = np.array([[c, c, 0], [-c, c, 0], [0, 0, 1]])
+    target = next(entry for entry in judged.targets if entry.name == "centre")
+    (item,) = [entry for entry in of(found, "ellipsoid", "tcp") if " at centre:" in entry.title]
+    points = np.array(item.points)
+    magnified = found.magnification
+    np.testing.assert_allclose(points[0], [0, 0, 45] + magnified * turn @ np.array(target.bias_mm), atol=WRITTEN)
+    shape = points[1:].T @ points[1:] / magnified**2 / chi2.ppf(0.95, 3)
+    expected = turn @ np.array(target.covariance_mm2) @ turn.T
+    np.testing.assert_allclose(shape, expected, atol=1e-4 * np.trace(expected))
+    workspace = [entry for entry in of(found, "ellipsoid", "tcp") if "workspace" in entry.title]
+    assert len(workspace) == 1  # one of the eight samples of a region: the worst
+    worst = max((entry for entry in judged.targets if "workspace" in entry.name), key=lambda entry: entry.p95_mm)
+    assert worst.name in workspace[0].title
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_magnification_is_round_and_lets_errors_be_seen(name: str) -> None:
+    """closed form: 1, 2 or 5 times a power of ten; the next round number would make the largest too large."""
+    found = scene(example(name))
+    mantissa = found.magnification / 10 ** np.floor(log10(found.magnification) + 1e-9)
+    assert min(abs(mantissa - each) for each in (1, 2, 5)) < 1e-9
+    near = np.array(found.near)
+    across = float(np.linalg.norm(np.ptp(near, axis=0)))
+    largest = max(
+        [float(np.linalg.norm(entry.points[1])) for entry in of(found, "ellipsoid", "tcp")]
+        + [float(np.linalg.norm(np.subtract(*entry.points))) for entry in of(found, "arrow", "bias")]
+    )
+    assert 0.02 * across < largest < 0.2 * across
+    said = "to scale" if found.magnification == 1 else f"magnified {found.magnification:g} times"
+    assert said in found.note
+
+
+def test_a_bias_is_an_arrow_from_its_target() -> None:
+    data = small_design()
+    data["interfaces"]["structure_connector"]["bias"] = {"tx_mm": 0.8}
+    design = load_design(data)
+    found = scene(design)
+    (arrow,) = of(found, "arrow", "bias")
+    bias = np.array(score(design).targets[0].bias_mm)
+    np.testing.assert_allclose(
+        np.subtract(arrow.points[1], arrow.points[0]), found.magnification * bias, atol=2 * WRITTEN
+    )
+
+
+def test_beams_are_those_of_the_data_sheet() -> None:
+    """closed form: AP runs along +y; source 700 mm before the isocentre, detector of 1536 x 0.194 mm at 1020 mm."""
+    points = {item.label: np.array(item.points[0]) for item in of(DEMO_SCENE, "mark", "source")}
+    np.testing.assert_allclose(points["AP source"], [0, -700, 0], atol=WRITTEN)
+    np.testing.assert_allclose(points["LAT source"], [700, 0, 0], atol=WRITTEN)
+    half = 1536 * 0.194 / 2
+    corners = {item.label: np.array(item.points) for item in of(DEMO_SCENE, "face", "detector")}
+    expected = [[-half, 320, half], [half, 320, half], [half, 320, -half], [-half, 320, -half]]
+    np.testing.assert_allclose(corners["AP detector"], expected, atol=WRITTEN)
+    assert not of(DEMO_SCENE, "face", "guessed")
+
+
+def test_an_image_lies_on_the_line_from_the_source_through_its_fiducial() -> None:
+    """independent: collinear with the structure as it sits, which the demo's bias moves by less than 0.2 mm."""
+    source = np.array([0.0, -700.0, 0.0])
+    images = np.array([item.points[0] for item in of(DEMO_SCENE, "mark", "image")])
+    on_ap = images[np.abs(images[:, 1] - 320) < WRITTEN]
+    assert len(on_ap) == len(images) / 2 == 12
+    through = np.array([item.points[0] for item in of(DEMO_SCENE, "mark", "fiducial")])
+    expected = source + (through - source) * (1020 / (through[:, 1] + 700))[:, None]
+    np.testing.assert_allclose(on_ap, expected, atol=0.4)
+
+
+def test_a_detector_at_an_unknown_distance_is_drawn_as_a_guess() -> None:
+    found = scene(example("locators_321"))
+    assert len(of(found, "face", "guessed")) == 2
+    assert "is not stated" in found.note
+    assert "frontal" in found.note
+
+
+def test_zones_locators_frames_and_pivots_are_there() -> None:
+    tube, seat = scene(example("tube_carrier")), scene(example("locators_321"))
+    assert any("cable" in item.title for item in of(tube, "line", "keep-out"))
+    assert of(tube, "line", "room")
+    arrows = of(seat, "arrow", "locator")
+    assert [item.label for item in arrows] == ["A1", "A2", "A3", "B1", "B2", "C1"]
+    np.testing.assert_allclose(arrows[5].points[1], [-50, 0, -70])
+    assert np.subtract(arrows[5].points[1], arrows[5].points[0])[0] > 0  # along its normal
+    origins = {
+        item.label.removesuffix(" x"): item.points[0] for item in of(seat, "arrow", "frame") if " " in item.label
+    }
+    assert origins == {"con": (0, 0, 0), "flange": (0, 0, -130), "tcp": (0, 0, 60)}
+    assert {item.look for item in tube.items if item.kind == "mark"} >= {"pivot 1", "pivot 2", "target", "fiducial"}
+    shown = {layer.key for layer in tube.layers}
+    assert {item.layer for item in tube.items} <= shown
+    assert "before" not in shown
+
+
+def test_a_layout_over_another_tells_what_moved_is_new_or_is_gone() -> None:
+    data = json.loads(json.dumps(DEMO.source.data))
+    points = data["fiducials"]["points"]
+    points[0]["position_mm"] = [float(v) + 5 for v in points[0]["position_mm"]]
+    gone = points.pop(1)
+    points.append({"label": "extra", "position_mm": [1, 2, -33]})
+    found = scene(load_design(data), DEMO)
+    assert [item.label for item in of(found, "mark", "new")] == ["extra"]
+    olds = of(found, "mark", "old")
+    assert len(olds) == 2
+    assert any(gone["label"] in item.title and "only before" in item.title for item in olds)
+    (line,) = of(found, "line", "moved")
+    np.testing.assert_allclose(np.subtract(line.points[1], line.points[0]), [5, 5, 5])
+    assert of(found, "ellipsoid", "tcp-before")
+
+
+def test_scene_data_is_inert_and_complete() -> None:
+    data = small_design(name=HOSTILE)
+    data["targets"][0]["name"] = HOSTILE
+    data["fiducials"]["points"][0]["label"] = "</script><b>"
+    design = load_design(data)
+    text = scene_json(scene(design))
+    assert not set("<>&") & set(text)
+    read_back = json.loads(text)
+    assert any(item.get("label") == "</script><b>" for item in read_back["items"])
+    looks = {item["look"] for item in read_back["items"] if item["kind"] != "mark"}
+    assert looks <= set(read_back["looks"])
+    assert text == scene_json(scene(design))
+
+
+def test_a_design_without_errors_has_neither_ellipsoid_nor_magnification() -> None:
+    data = small_design()
+    for view in data["views"]:
+        view["fiducial_noise_px"] = view["target_noise_px"] = 0.0
+    data["fiducials"].pop("manufacturing", None)
+    data["interfaces"] = {"structure_connector": {"pivot_mm": [0, 0, -90]}}
+    for field in ("execution", "optimise"):
+        data.pop(field, None)
+    found = scene(load_design(data))
+    assert found.magnification == 0
+    assert not of(found, "ellipsoid", "tcp")
+    check_picture(scene_svg(found))
+
+
+# --- the scene on paper ---------------------------------------------------------------------------
+
+
+def near_panel(found: Scene) -> tuple[Array, ElementTree.Element]:
+    """(4, 2) the affine map from con to the page of the left panel, fitted to the fiducials' circles."""
+    root = check_picture(scene_svg(found))
+    at = circles(root, "#0072b2")
+    titles = [
+        str(group[1].text)
+        for group in root.iter(f"{SVG}g")
+        if len(group) == 2 and group[0].tag == f"{SVG}circle" and "transform" not in group.attrib
+        and group[0].attrib["fill"] == "#0072b2"
+    ]  # fmt: skip
+    con = np.array([[*numbers(title.split(": ")[1]), 1.0] for title in titles])
+    at = at[: len(con)]
+    affine, *_ = np.linalg.lstsq(con, at, rcond=None)
+    np.testing.assert_allclose(con @ affine, at, atol=2 * ROUNDING)
+    return affine, root
+
+
+def test_the_picture_is_orthographic_and_its_bar_has_its_length() -> None:
+    """independent: rows of the fitted map are orthogonal and of the bar's scale, and those of the first camera."""
+    affine, root = near_panel(DEMO_SCENE)
+    right, down = affine[:3].T
+    scale = float(np.linalg.norm(right))
+    assert right @ down == pytest.approx(0, abs=2e-3 * scale**2)
+    assert float(np.linalg.norm(down)) == pytest.approx(scale, rel=3e-3)
+    camera = DEMO_SCENE.cameras[0]
+    np.testing.assert_allclose(right / scale, camera.right, atol=3e-3)
+    np.testing.assert_allclose(-down / scale, camera.up, atol=3e-3)
+    bars = [numbers(path.attrib["d"]) for path in root.iter(f"{SVG}path") if path.attrib.get("stroke-width") == "1.6"]
+    level = [bar for bar in bars if len(bar) == 4 and bar[1] == bar[3] and bar[2] < 450]
+    words = next(str(entry.text) for entry in root.iter(f"{SVG}text") if re.fullmatch(r"\d+ mm", str(entry.text)))
+    assert level[-1][2] - level[-1][0] == pytest.approx(numbers(words)[0] * scale, rel=5e-3)
+
+
+def test_an_ellipsoid_is_drawn_as_its_outline() -> None:
+    """independent: the shadow of x' S^-1 x = 1 across the page is the ellipse of P S P'."""
+    affine, root = near_panel(DEMO_SCENE)
+    (item,) = of(DEMO_SCENE, "ellipsoid", "tcp")
+    axes = np.array(item.points[1:])
+    flat = affine[:3].T @ axes.T @ axes @ affine[:3]
+    (drawn,) = [entry for entry in root.iter(f"{SVG}ellipse") if entry.attrib.get("transform")]
+    radii = sorted(float(drawn.attrib[key]) for key in ("rx", "ry"))
+    np.testing.assert_allclose(radii, np.sqrt(np.linalg.eigvalsh(flat)), rtol=5e-3, atol=2 * ROUNDING)
+    turn = np.deg2rad(numbers(drawn.attrib["transform"])[0])
+    along = np.linalg.eigh(flat)[1][:, 1]
+    assert abs(along @ [np.cos(turn), np.sin(turn)]) > 0.999
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_example_is_legible(name: str) -> None:
+    design = example(name)
+    svg = scene_svg(scene(design))
+    check_picture(svg)
+    assert svg == scene_svg(scene(example(name)))
+    check_picture(images_svg(design, design.name))
+
+
+# --- images ---------------------------------------------------------------------------------------
+
+
+def test_images_are_where_a_c_arm_projects() -> None:
+    """closed form: similar triangles at 1020 mm of 0.194 mm pixels; the plot is 296 units for 1536 px."""
+    data = json.loads(json.dumps(DEMO.source.data))
+    del data["interfaces"]["structure_connector"]["bias"]
+    root = check_picture(images_svg(load_design(data), "x"))
+    at = circles(root, "#0072b2")[:24]
+    points = np.array([entry["position_mm"] for entry in data["fiducials"]["points"]])
+    expected = []
+    for column, (beam, right) in enumerate((([0, 1, 0], [1, 0, 0]), ([-1, 0, 0], [0, 1, 0]))):
+        magnified = 1020 / 0.194 / (points @ beam + 700)
+        image = np.stack([767.5 + magnified * (points @ right), 767.5 - magnified * points[:, 2]], axis=1)
+        expected.append(np.array([360 * column + 44, 54]) + 296 / 1536 * (image + 0.5))
+    np.testing.assert_allclose(at, np.vstack(expected), atol=ROUNDING)
+    words = " ".join(str(entry.text) for entry in root.iter(f"{SVG}text"))
+    assert "1536 × 1536 px = 298 × 298 mm, 1020 mm from the source" in words
+    assert "mm at the detector" in words
+
+
+def test_what_overlaps_or_misses_the_detector_is_marked_and_named() -> None:
+    data = json.loads(json.dumps(DEMO.source.data))
+    points = data["fiducials"]["points"]
+    points[1]["position_mm"] = [points[0]["position_mm"][0], 20.0, points[0]["position_mm"][2] * 720 / 671 + 0.1]
+    points[1]["position_mm"][0] *= 720 / 671
+    points[2]["position_mm"] = [0.0, 0.0, 130.0]
+    root = check_picture(images_svg(load_design(data), "x"))
+    words = [str(entry.text) for entry in root.iter(f"{SVG}text")]
+    assert any(entry.startswith("closer than 25 px: F1–F2") for entry in words)
+    assert sum(entry == "not on the detector: F3" for entry in words) == 2
+    rings = [entry for entry in root.iter(f"{SVG}circle") if entry.attrib.get("stroke") == "#b3261e"]
+    assert len(rings) >= 4  # the pair, F3 in both views, the legend
+
+
+def test_a_small_cluster_is_drawn_once_more_enlarged() -> None:
+    root = read(images_svg(example("small_cluster_far_target"), "x"))
+    words = [str(entry.text) for entry in root.iter(f"{SVG}text")]
+    assert {"AP", "AP, enlarged", "oblique", "oblique, enlarged"} <= set(words)
+    at = circles(root, "#0072b2")
+    assert len(at) == 4 * 8 + 1  # and the legend's
+    small, large = np.ptp(at[:8], axis=0), np.ptp(at[8:16], axis=0)
+    np.testing.assert_allclose(large / small, large[0] / small[0], rtol=0.05)
+    assert large[0] > 2 * small[0]
+
+
+def test_an_unknown_image_size_is_said() -> None:
+    data = json.loads(json.dumps(example("locators_321").source.data))
+    for view in data["views"]:
+        del view["image_size_px"]
+    root = check_picture(images_svg(load_design(data), "x"))
+    assert any("not stated" in str(entry.text) for entry in root.iter(f"{SVG}text"))
+
+
+def test_images_of_a_layout_before_have_lines_to_what_moved() -> None:
+    data = json.loads(json.dumps(DEMO.source.data))
+    for entry in data["fiducials"]["points"][:4]:
+        entry["position_mm"][2] += 10
+    root = check_picture(images_svg(load_design(data), "x", before=DEMO))
+    moved = [path for path in root.iter(f"{SVG}path") if path.attrib.get("stroke-width") == "0.9"]
+    assert len(moved) == 2 * 4 + 1  # and the legend's
+
+
+# --- the quantile over each half-width ------------------------------------------------------------
+
+
+def by_document(design: Design, path: str, values: list[float], target: str) -> list[float]:
+    """P95 from documents with another number in them: nothing of the curves is used."""
+    axes = read_axes(design, [{"pointer": axis_pointer(design, path), "values": values}])
+    found = sweep(design, axes)
+    return [next(entry.p95_mm for entry in point.targets if entry.name == target) for point in found.points]
+
+
+@pytest.mark.parametrize(
+    ("name", "contributor", "component", "path"),
+    [
+        ("demo", "interface_1", "rx", "interfaces.structure_connector.tolerances.rx.half_width_deg"),
+        ("demo", "interface_2", "ry", "interfaces.connector_flange.tolerances.ry.half_width_deg"),
+        ("demo", "fiducial_noise:LAT", "all", "views.LAT.fiducial_noise_px"),
+        ("demo", "fiducial_manufacturing", "all", "fiducials.manufacturing.half_width_mm"),
+        ("locators_321", "interface_1", "A3", "interfaces.structure_connector.locators.A3.half_width_mm"),
+        ("slicer_markups", "interface_1", "rz", "interfaces.structure_connector.tolerances.rz.half_width_deg"),
+    ],
+)
+def test_curves_are_the_scores_of_changed_documents(name: str, contributor: str, component: str, path: str) -> None:
+    """independent: each point against the score of a document with that half-width."""
+    design = example(name)
+    worst = max(score(design).targets, key=lambda entry: entry.p95_mm)
+    found = tolerance_curves(design, worst.name, most=40)
+    curve = next(e for e in found.curves if (e.contributor, e.component) == (contributor, component))
+    places = [0, 2, 5, 9]
+    expected = by_document(design, path, [curve.half_widths[k] for k in places], worst.name)
+    np.testing.assert_allclose([curve.quantile_mm[k] for k in places], expected, rtol=2e-6)
+    assert found.quantile_mm == pytest.approx(worst.p95_mm, rel=1e-9)
+    assert curve.quantile_mm[curve.half_widths.index(curve.half_width)] == found.quantile_mm
+
+
+def test_a_bounded_tolerance_moves_the_mean() -> None:
+    """independent, as above: what counts of it is its worst end."""
+    data = json.loads(json.dumps(DEMO.source.data))
+    data["interfaces"]["structure_connector"]["tolerances"]["rx"]["distribution"] = "bounded"
+    design = load_design(data)
+    found = tolerance_curves(design, "tip", most=40)
+    curve = next(e for e in found.curves if (e.contributor, e.component) == ("interface_1", "rx"))
+    path = "interfaces.structure_connector.tolerances.rx.half_width_deg"
+    expected = by_document(design, path, list(curve.half_widths[::3]), "tip")
+    np.testing.assert_allclose(curve.quantile_mm[::3], expected, rtol=2e-6)
+
+
+def test_where_the_limit_is_met_the_score_is_at_it() -> None:
+    """independent: a document with that half-width scores the limit, from below."""
+    found = tolerance_curves(DEMO, "tip", limit_mm=1.0)
+    curve = next(e for e in found.curves if (e.contributor, e.component) == ("interface_2", "rx"))
+    assert curve.meets == "up to largest"
+    assert curve.largest is not None
+    (value,) = by_document(DEMO, "interfaces.connector_flange.tolerances.rx.half_width_deg", [curve.largest], "tip")
+    assert 1 - 3e-5 < value <= 1 + 1e-9
+    never = next(e for e in found.curves if (e.contributor, e.component) == ("interface_1", "rx"))
+    assert (never.meets, never.largest) == ("never", None)
+    assert min(never.quantile_mm) > 1.0
+    loose = tolerance_curves(DEMO, "tip", limit_mm=9.0)
+    assert {entry.meets for entry in loose.curves} == {"always"}
+    assert {entry.meets for entry in tolerance_curves(DEMO, "tip").curves} == {"no limit"}
+
+
+def test_curves_of_another_error_and_quantile() -> None:
+    """independent: the check that the score made of the same requirement."""
+    design = example("slicer_markups")
+    check = max(score(design).verdict.checks, key=lambda entry: entry.value_mm)
+    found = tolerance_curves(design, check.target, error="localisation", quantile=check.quantile)
+    assert found.quantile_mm == pytest.approx(check.value_mm, rel=1e-9)
+    with pytest.raises(ValueError, match="no target"):
+        tolerance_curves(design, "elsewhere")
+
+
+def test_curves_of_the_demo_are_cheap_and_ordered() -> None:
+    begun = time.process_time()
+    found = tolerance_curves(DEMO, "tip", limit_mm=1.0)
+    assert time.process_time() - begun < 0.5
+    rises = [curve.quantile_mm[-1] - curve.quantile_mm[0] for curve in found.curves]
+    assert rises == sorted(rises, reverse=True)
+    assert len(found.curves) == 12
+    assert found.left_out == 12  # 24 sources in the budget: every one of them changes P95
+
+
+def panel_places(root: ElementTree.Element) -> list[tuple[float, float, float, float]]:
+    return [
+        tuple(float(box.attrib[key]) for key in ("x", "y", "width", "height"))  # type: ignore[misc]
+        for box in root.iter(f"{SVG}rect")
+        if box.attrib.get("width") == "188.0" and "stroke" in box.attrib
+    ]
+
+
+def test_the_dot_is_where_the_design_is_and_the_diamond_where_the_limit_is_met() -> None:
+    """closed form: a third of the width at the half-width as it is; up by the ticks of the same picture."""
+    found = tolerance_curves(DEMO, "tip", limit_mm=1.0)
+    root = check_picture(curves_svg(found))
+    panels = panel_places(root)
+    dots = circles(root, "#0072b2")
+    assert len(panels) == len(found.curves) == len(dots) - 1  # the legend's
+    left, top, width, height = panels[0]
+    assert dots[0][0] == pytest.approx(left + width / 3, abs=0.06)
+    ticks = [
+        (float(str(e.text)), float(e.attrib["y"]) - 4)
+        for e in root.iter(f"{SVG}text")
+        if e.attrib.get("text-anchor") == "end"
+        and top < float(e.attrib["y"]) < top + height
+        and float(e.attrib["x"]) < left
+    ]
+    (low, y_low), (high, y_high) = ticks[0], ticks[-1]
+    assert dots[0][1] == pytest.approx(y_low + (found.quantile_mm - low) / (high - low) * (y_high - y_low), abs=0.2)
+    diamonds = [np.array(numbers(e.attrib["points"])).reshape(-1, 2) for e in root.iter(f"{SVG}polygon")]
+    assert len(diamonds) == 2
+    largest = found.curves[0].largest
+    assert largest is not None
+    assert diamonds[0][:, 0].mean() == pytest.approx(left + width * largest / 0.6, abs=0.1)
+    words = [str(entry.text) for entry in root.iter(f"{SVG}text")]
+    assert "± 0.2 deg; limit met up to 0.0766 deg" in words
+    assert "± 0.1 deg; 0 does not meet the limit" in words
+
+
+def test_two_designs_in_the_same_small_pictures() -> None:
+    data = json.loads(json.dumps(DEMO.source.data))
+    data["interfaces"]["connector_flange"]["tolerances"]["rx"]["half_width_deg"] = 0.05
+    curves = [tolerance_curves(design, "tip", limit_mm=1.0) for design in (load_design(data), DEMO)]
+    root = check_picture(curves_svg(curves[0], other=curves[1], called=("new", "old")))
+    hollow = [entry for entry in root.iter(f"{SVG}circle") if entry.attrib["fill"] == "#ffffff"]
+    assert len(hollow) == 12
+    assert any("dashed, hollow dot: old" in str(entry.text) for entry in root.iter(f"{SVG}text"))
+
+
+# --- charts ---------------------------------------------------------------------------------------
+
+
+def shares(mean: float, edges: Array) -> tuple[float, ...]:
+    """Of a Rayleigh law: closed form."""
+    beyond = np.exp(-((edges / mean) ** 2))
+    return tuple(float(v) for v in beyond[:-1] - beyond[1:])
+
+
+def distribution(target: str, mean: float, sampled: bool = True) -> ErrorDistribution:
+    edges = np.linspace(0, 3 * mean, 31)
+    law = shares(mean, edges)
+    return ErrorDistribution(target, tuple(map(float, edges)), law if sampled else None, law, 5000 if sampled else None)
+
+
+def test_the_histogram_has_area_by_its_scale() -> None:
+    """closed form: heights over the ticks times the width of a bin are the shares."""
+    shown = distribution("tip", 0.5)
+    root = check_picture(distribution_svg(shown, 0.87, (0.85, 0.89), 1.0, "d"))
+    bars = [b.attrib for b in root.iter(f"{SVG}rect") if b.attrib.get("stroke-width") == "0.6"][:30]
+    ticks = [
+        (float(str(e.text)), float(e.attrib["y"]) - 4)
+        for e in root.iter(f"{SVG}text")
+        if e.attrib.get("text-anchor") == "end" and re.fullmatch(r"[\d.]+", str(e.text))
+    ]
+    (low, y_low), (high, y_high) = ticks[0], ticks[-1]
+    per_unit = (high - low) / (y_low - y_high)
+    drawn = [float(bar["height"]) * per_unit * (3 * 0.5 / 30) for bar in bars]
+    assert shown.sampled is not None
+    np.testing.assert_allclose(drawn, shown.sampled, atol=0.1 * per_unit * 0.05 + 1e-9)
+    red = [bar["fill"] == "#e8aaa5" for bar in bars]
+    assert red == [edge >= 1.0 for edge in shown.edges_mm[:30]]
+    words = [str(entry.text) for entry in root.iter(f"{SVG}text")]
+    assert "interval of P95, 0.850 to 0.890 mm" in words
+
+
+@pytest.mark.parametrize("limit", [None, 0.2, 0.86, 0.87, 0.95, 5.0])
+@pytest.mark.parametrize("interval", [None, (0.8, 0.95), (0.0, None)])
+def test_charts_of_errors_are_legible_wherever_the_limit_is(
+    limit: float | None, interval: tuple[float, float | None] | None
+) -> None:
+    check_picture(distribution_svg(distribution("tip", 0.5), 0.87, interval, limit, "d"))
+    check_picture(distribution_svg(distribution("tip", 0.5, sampled=False), 0.87, interval, limit, "d"))
+    others = (("mean", 0.44), ("CVaR95", 1.02))
+    check_picture(scale_svg("tip", 0.87, interval or (0.86, 0.88), limit, others))
+    points = tuple(
+        ConvergencePoint(2**k, 0.87, (0.87 - 1 / 2 ** (k / 2), 0.87 + 1 / 2 ** (k / 2))) for k in range(7, 16)
+    )
+    check_picture(convergence_svg(Convergence("tip", 0.95, points), limit, "c"))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_charts_of_budgets_are_legible(name: str) -> None:
+    target = max(score(example(name)).targets, key=lambda entry: entry.p95_mm)
+    root = check_picture(waterfall_svg(target.contributors, target.name))
+    bars = [b.attrib for b in root.iter(f"{SVG}rect") if b.attrib["fill"] == "#5b9bc8"]
+    ends = [float(bar["x"]) + float(bar["width"]) for bar in bars]
+    assert ends == sorted(ends)
+    check_picture(without_svg(target.contributors, target.name, target.p95_mm, target.limit_mm))
+    check_picture(curves_svg(tolerance_curves(example(name), target.name, limit_mm=target.limit_mm)))
+
+
+def test_budgets_side_by_side_add_as_squares() -> None:
+    """independent: the last row is the trace of the covariance; one design lacks what the other has."""
+    data = json.loads(json.dumps(DEMO.source.data))
+    del data["execution"]
+    first, second = (score(design).targets[0] for design in (DEMO, load_design(data)))
+    root = check_picture(budgets_svg(first, second, ("as drawn", "without execution")))
+    values = [str(e.text) for e in root.iter(f"{SVG}text") if e.attrib.get("font-size") == "10"]
+    for value, target in zip(values[-2:], (first, second), strict=True):
+        total = sqrt(sum(target.covariance_mm2[k][k] for k in range(3)))
+        assert value == f"{total:.3f}"
+    pairs = np.array(
+        [[0.0 if v == "not there" else float(v) for v in values[k : k + 2]] for k in range(0, len(values), 2)]
+    )
+    np.testing.assert_allclose(np.sqrt((pairs[:-1] ** 2).sum(axis=0)), pairs[-1], atol=2e-3)
+    assert "not there" in values
+
+
+def test_errors_over_one_another_and_differences() -> None:
+    svg = distributions_svg(distribution("tip", 0.5), distribution("tip", 0.4), (0.87, 0.69), 0.8, ("old", "new"))
+    root = check_picture(svg)
+    words = " ".join(str(entry.text) for entry in root.iter(f"{SVG}text"))
+    assert "old, P95 0.870 mm" in words
+    assert "new, P95 0.690 mm" in words
+    check_picture(distributions_svg(distribution("tip", 0.5, False), distribution("tip", 0.4), (0.9, 0.7), None))
+    found = [
+        Difference("a", "Monte Carlo", 1.0, 0.9, -0.1, (-0.12, -0.08), 0.95, "smaller"),
+        Difference("b", "Monte Carlo", 1.0, 1.02, 0.02, (-0.01, 0.05), 0.95, "not decided"),
+        Difference("c", "first order", 1.0, 1.1, 0.1, None, None, "computed"),
+    ]
+    root = check_picture(differences_svg(found))
+    dots = {e.attrib["cy"]: float(e.attrib["cx"]) for e in root.iter(f"{SVG}circle")}
+    xs = list(dots.values())
+    (zero,) = [numbers(p.attrib["d"])[0] for p in root.iter(f"{SVG}path") if p.attrib.get("stroke-width") == "1.3"]
+    assert xs[0] < zero < xs[1] < xs[2]
+    assert (xs[2] - zero) / (zero - xs[0]) == pytest.approx(1.0, abs=0.01)
+
+
+def test_names_cannot_break_a_picture() -> None:
+    data: dict[str, Any] = small_design(name=HOSTILE)
+    data["targets"][0]["name"] = HOSTILE
+    data["views"][0]["name"] = "</svg><script>"
+    data["fiducials"]["points"][0]["label"] = '"><img src=x>'
+    design = load_design(data)
+    target = score(design).targets[0]
+    found: ToleranceCurves = tolerance_curves(design, HOSTILE, limit_mm=1.0)
+    hostile = replace(distribution("tip", 0.5), target=HOSTILE)
+    pictures = [
+        scene_svg(scene(design)), images_svg(design, HOSTILE),
+        curves_svg(found, called=(HOSTILE, "\x1b[31m\u202e"), other=found),
+        waterfall_svg(target.contributors, HOSTILE), without_svg(target.contributors, HOSTILE, target.p95_mm, 1.0),
+        distribution_svg(hostile, 0.8, None, None, "d"), budgets_svg(target, target, (HOSTILE, HOSTILE)),
+        distributions_svg(hostile, hostile, (0.8, 0.8), None, (HOSTILE, HOSTILE)),
+        curve_svg([(HOSTILE, [(0.0, 1.0), (1.0, 2.0)])], HOSTILE),
+    ]  # fmt: skip
+    for svg in pictures:
+        root = read(svg)
+        assert {entry.tag.removeprefix(SVG) for entry in root.iter()}.isdisjoint({"script", "img", "b"})
+        assert "\x1b" not in svg
+        assert "\u202e" not in svg
