@@ -42,6 +42,11 @@ def _compared(ratio: Ratio, what: str, above: str = "above", below: str = "below
 
 def sentence(case: CouplingCase) -> str:
     gain = case.gain
+    if case.p95_installation_mm <= ROUNDING * case.p95_together_mm:
+        return (
+            f"{case.installation}, {case.reading} reading, at {case.target}: there is no installation error, so that "
+            f"nothing couples; P95 of the noise is {case.p95_together_mm:.4g} mm."
+        )
     if abs(gain.value - 1) <= ROUNDING and max(abs(end - 1) for end in gain.interval) <= ROUNDING:
         said = "the noise gain is the same as at the nominal geometry, trial by trial, to rounding"
     elif side(gain) == 0:
