@@ -1,0 +1,248 @@
+"""The gate never fails open: whatever happens, the exit code says so, and no file of the last run looks current."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from gate_scenes import BAD, GOOD, STRICT, waivers
+from service_scenes import ROOT, write_json
+
+from tailstack.design.loading import data_to_yaml
+from tailstack_service.cli.main import main
+from tailstack_service.documents import from_plain
+from tailstack_service.gate.records import GateRecord
+
+ALL = ("text", "json", "sarif", "junit", "github", "gitlab", "markdown")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    for variable in ("GITHUB_STEP_SUMMARY", "GITHUB_WORKSPACE", "CI_PROJECT_DIR", "TAILSTACK_TRACEBACK"):
+        monkeypatch.delenv(variable, raising=False)
+    for name, document in (("good.yaml", GOOD), ("bad.yaml", BAD), ("policy.yaml", STRICT)):
+        (tmp_path / name).write_text(data_to_yaml(document), encoding="utf-8")
+    return tmp_path
+
+
+def gate(*arguments: str) -> int:
+    return main(["gate", "--mode", "analytic", *[f"--format={name}=out.{name}" for name in ALL], *arguments])
+
+
+def record() -> GateRecord:
+    found: GateRecord = from_plain("gate", json.loads(Path("out.json").read_text(encoding="utf-8")))
+    return found
+
+
+def is_no_verdict(name: str, text: str) -> bool:
+    """Whether a file says in its own words that nothing was judged."""
+    if name == "sarif":
+        (run,) = json.loads(text)["runs"]
+        return run["invocations"][0]["executionSuccessful"] is False and run["properties"]["verdict"] == "not evaluated"
+    if name == "gitlab":
+        return any(entry["severity"] == "blocker" for entry in json.loads(text))
+    if name == "junit":
+        return 'failures="0" errors="0"' not in text and "<error " in text
+    return "not evaluated" in text and "pass" not in text
+
+
+def raising(error: BaseException) -> Any:
+    def broken(*_: Any, **__: Any) -> Any:
+        raise error
+
+    return broken
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["nothing*.yaml"], 2),
+        ([], 2),
+        (["absent.yaml"], 2),
+        (["."], 2),
+        (["good.yaml", "--policy", "absent.yaml"], 2),
+        (["good.yaml", "--policy", "."], 2),
+        (["good.yaml", "--waivers", "absent.yaml"], 2),
+        (["good.yaml", "--baseline", "absent.json"], 2),
+        (["good.yaml", "--baseline", "bad.yaml"], 2),
+        (["good.yaml", "--format", "json=missing/gate.json"], 2),
+        (["good.yaml", "--format", "sarif=out.json"], 2),
+        (["good.yaml", "--format", "sarif=good.yaml"], 2),
+        (["good.yaml", "--policy", "policy.yaml", "--format", "sarif=./policy.yaml"], 2),
+        (["good.yaml", "--remote", "ftp://nowhere"], 2),
+        (["good.yaml", "--remote", "http://127.0.0.1:9"], 3),
+    ],
+)
+def test_a_gate_that_cannot_judge_leaves_no_old_pass(folder: Path, arguments: list[str], code: int) -> None:
+    before = {name: (folder / name).read_bytes() for name in ("good.yaml", "policy.yaml")}
+    assert gate("good.yaml", "--policy", "policy.yaml") == 0
+    assert record().verdict == "pass"
+    assert gate(*arguments) == code
+    assert (record().verdict, record().exit_code) == ("not evaluated", code)
+    for name in ALL:
+        assert is_no_verdict(name, (folder / f"out.{name}").read_text(encoding="utf-8")), name
+    assert {name: (folder / name).read_bytes() for name in before} == before, "inputs are never written"
+    assert not list(folder.glob("*.part"))
+
+
+@pytest.mark.parametrize(
+    ("place", "error", "code"),
+    [
+        ("tailstack_service.gate.designs.score", RuntimeError("singular"), 3),
+        ("tailstack_service.gate.designs.score", MemoryError(), 3),
+        ("tailstack_service.gate.reading.read_source", OSError(5, "Input/output error"), 3),
+        ("tailstack_service.cli.gate._files", KeyboardInterrupt(), 130),
+        ("tailstack_service.gate.judging.conclude", KeyboardInterrupt(), 130),
+    ],
+)
+def test_whatever_is_raised_is_no_pass(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], place: str, error: Any, code: int
+) -> None:
+    assert gate("good.yaml", "--policy", "policy.yaml") == 0
+    capsys.readouterr()
+    monkeypatch.setattr(place, raising(error))
+    assert gate("good.yaml", "--policy", "policy.yaml") == code
+    assert (record().verdict, record().exit_code) == ("not evaluated", code)
+    assert capsys.readouterr().err
+
+
+def test_a_format_on_stdout_is_whole_when_the_gate_breaks_off(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("tailstack_service.gate.judging.conclude", raising(RuntimeError("singular")))
+    assert main(["gate", "good.yaml", "--format", "json"]) == 3
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)["exit_code"] == 3
+    assert "internal error, RuntimeError: singular" in shown.err
+
+
+def test_a_monte_carlo_check_that_is_refused_is_no_pass(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from tailstack.errors import NotConvergedError, Problem
+
+    refusal = NotConvergedError(Problem("/views", "not-converged", "no solution was proven"))
+    monkeypatch.setattr("tailstack.verifying.verify_prepared", raising(refusal))
+    assert main(["gate", "good.yaml", "bad.yaml", "--mode", "verify", "--format", "json=out.json"]) == 3
+    assert [design.verdict for design in record().designs] == ["not evaluated", "not evaluated"]
+    assert {finding.rule for finding in record().findings} == {"not-evaluated"}
+
+
+def test_an_output_that_cannot_be_written_is_no_pass(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from tailstack_service.cli import gate_outputs
+
+    write = gate_outputs._write
+
+    def full(path: Path, content: bytes) -> None:
+        if path.name == "out.json" and b'"pass"' in content:
+            raise OSError(28, "No space left on device")
+        write(path, content)
+
+    monkeypatch.setattr(gate_outputs, "_write", full)
+    assert gate("good.yaml", "--policy", "policy.yaml") == 3
+    assert "cannot write out.json: No space left on device" in capsys.readouterr().err
+    assert record().verdict == "not evaluated"
+    assert "pass" in (folder / "out.markdown").read_text(encoding="utf-8"), "the others are written"
+
+
+def test_a_killed_gate_leaves_files_that_say_so(folder: Path) -> None:
+    """The process is killed while it computes; what it wrote at its start stays."""
+    assert gate("good.yaml", "--policy", "policy.yaml") == 0
+    code = (
+        "import sys, time\n"
+        "from tailstack_service.cli import gate, main\n"
+        "gate._judged = lambda *_: (print('judging', flush=True), time.sleep(60))\n"
+        "sys.exit(main.main(sys.argv[1:]))\n"
+    )
+    outputs = [f"--format={name}=out.{name}" for name in ALL]
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"}
+    child = subprocess.Popen(
+        [sys.executable, "-c", code, "gate", "good.yaml", *outputs], stdout=subprocess.PIPE, env=environment, cwd=folder
+    )
+    try:
+        assert child.stdout is not None
+        assert child.stdout.readline() == b"judging\n"
+        child.send_signal(signal.SIGKILL)
+        assert child.wait(10) == -signal.SIGKILL
+    finally:
+        child.kill()
+        child.wait(10)
+        if child.stdout is not None:
+            child.stdout.close()
+    assert (record().verdict, record().exit_code) == ("not evaluated", 3)
+    for name in ALL:
+        text = (folder / f"out.{name}").read_text(encoding="utf-8")
+        assert "it is running, or it was killed" in text, name
+
+
+def test_an_interrupted_process_leaves_with_130(folder: Path) -> None:
+    code = (
+        "import sys, time\n"
+        "from tailstack_service.cli import gate, main\n"
+        "gate._judged = lambda *_: (print('judging', flush=True), time.sleep(60))\n"
+        "sys.exit(main.main(sys.argv[1:]))\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"}
+    child = subprocess.Popen(
+        [sys.executable, "-c", code, "gate", "good.yaml", "--format=json=out.json"],
+        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment, cwd=folder,
+    )  # fmt: skip
+    try:
+        assert child.stdout is not None
+        assert child.stdout.readline() == b"judging\n"
+        time.sleep(0.1)
+        child.send_signal(signal.SIGINT)
+        assert child.wait(10) == 130
+    finally:
+        child.kill()
+        child.wait(10)
+        if child.stdout is not None:
+            child.stdout.close()
+    assert (record().exit_code, record().findings[0].rule) == (130, "not-evaluated")
+
+
+def test_a_baseline_without_numbers_compares_nothing_and_is_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert gate("absent.yaml") == 2
+    os.replace("out.json", "base.json")
+    capsys.readouterr()
+    assert gate("good.yaml", "--baseline", "base.json") == 2
+    assert "it has no numbers to compare with" in capsys.readouterr().err
+
+
+def test_the_summary_of_a_step_is_appended_and_never_too_long(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    summary = folder / "summary.md"
+    summary.write_text("# before\n", encoding="utf-8")
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(summary))
+    monkeypatch.setenv("GITHUB_WORKSPACE", str(folder.parent))
+    assert main(["gate", "bad.yaml", "--mode", "analytic", "--format", "github"]) == 1
+    assert f"::error file={folder.name}/bad.yaml,line=" in capsys.readouterr().out
+    text = summary.read_text(encoding="utf-8")
+    assert text.startswith("# before\n## ❌ Gate: fail")
+    assert f"| {folder.name.replace('_', chr(92) + '_')}/bad.yaml | ❌ fail |" in text
+    assert main(["gate", "good.yaml", "--mode", "analytic"]) == 0
+    assert summary.read_text(encoding="utf-8") == text, "only format github writes it"
+    summary.write_bytes(b"x" * (2**20 - 10))
+    assert main(["gate", "bad.yaml", "--mode", "analytic", "--format", "github"]) == 1
+    assert summary.stat().st_size <= 2**20
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(folder))
+    assert main(["gate", "good.yaml", "--mode", "analytic", "--format", "github"]) == 3
+    assert "cannot write GITHUB_STEP_SUMMARY" in capsys.readouterr().err
+
+
+def test_an_expired_waiver_fails_in_every_mode_and_fold(folder: Path) -> None:
+    write_json(folder / "waivers.json", waivers(-3000))
+    for more in ([], ["--on-inconclusive", "warn"], ["--fail-level", "error"]):
+        assert gate("good.yaml", "--policy", "policy.yaml", "--waivers", "waivers.json", *more) == 1
+        assert [finding.rule for finding in record().findings] == ["waiver-expired"]
