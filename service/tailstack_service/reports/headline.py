@@ -171,5 +171,6 @@ def contributor_name(name: str) -> str:
 def named(line: Contributor) -> str:
     """A line of the budget in words, with its half-width."""
     component = "" if line.component == "all" else f" {line.component}"
-    width = "" if line.half_width is None else f" (± {line.half_width:.3g} {line.unit})"
+    sign = "σ" if line.unit == "px" else "±"  # image noise has a standard deviation, no half-width
+    width = "" if line.half_width is None else f" ({sign} {line.half_width:.3g} {line.unit})"
     return contributor_name(line.name) + component + width

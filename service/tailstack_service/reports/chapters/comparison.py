@@ -22,15 +22,18 @@ from ..blocks import (
     Table,
     tone_of,
 )
-from ..headline import contributor_name
+from ..figures.comparison import budgets_svg, differences_svg, distributions_svg
+from ..figures.tolerances import curves_svg
+from ..headline import contributor_name, tightest_check
 from ..records import Comparison, Difference, Report
-from .layout import layout_blocks
+from .layout import layout_blocks, loaded
 from .optimisation import design_listing
-from .report import method_chapter
+from .report import method_chapter, tolerance_curves_of
 from .score import headline_figure
 from .tables import checks_table, findings_table, not_included
 
 TOLD = ("First", "Second")
+DESIGNS = ("first design", "second design")
 
 
 def comparison_document(found: Comparison, sha256: str) -> Document:
@@ -128,7 +131,24 @@ def _difference_blocks(found: Comparison) -> tuple[Block, ...]:
     shared = {target.name for target in found.first.score.targets} & {t.name for t in found.second.score.targets}
     if len(shared) > len(found.differences):
         alone.append(f"Compared are the {len(found.differences)} targets with the largest P95 of {len(shared)}.")
-    return (*blocks, *((Bullets(tuple(alone)),) if alone else ()))
+    picture = Figure(
+        "differences", differences_svg(found.differences), "The same, with intervals where trials were drawn."
+    )
+    return (picture, *blocks, *((Bullets(tuple(alone)),) if alone else ()), *_errors(found))
+
+
+def _errors(found: Comparison) -> Iterator[Figure]:
+    """Both errors over one another, at the targets that both reports draw."""
+    drawn = [{shown.target: shown for shown in report.distributions} for report in (found.first, found.second)]
+    limits = {target.name: target.limit_mm for target in found.second.score.targets}
+    for k, entry in enumerate(found.differences):
+        if entry.target in drawn[0] and entry.target in drawn[1]:
+            name = f"errors-{k + 1}"
+            svg = distributions_svg(
+                drawn[0][entry.target], drawn[1][entry.target], (entry.first_p95_mm, entry.second_p95_mm),
+                limits[entry.target], DESIGNS, name,
+            )  # fmt: skip
+            yield Figure(name, svg, f"Target {entry.target}: norm of the TCP error of both designs.")
 
 
 def _change_blocks(found: Comparison) -> tuple[Block, ...]:
@@ -162,7 +182,27 @@ def _layouts(found: Comparison) -> tuple[Block, ...]:
 
 def _budgets(found: Comparison) -> Iterator[Block]:
     for k, difference in enumerate(found.differences[:3]):
+        a, b = (
+            next(entry for entry in report.score.targets if entry.name == difference.target)
+            for report in (found.first, found.second)
+        )
+        name = f"budgets-{k + 1}"
+        svg = budgets_svg(a, b, DESIGNS, name)
+        yield Figure(name, svg, f"Target {difference.target}: what each source adds to the spread, to first order.")
         yield _budget_table(found.first.score, found.second.score, difference.target, k)
+
+    yield from _curves(found, found.differences[0].target)
+
+
+def _curves(found: Comparison, target: str) -> Iterator[Figure]:
+    """The quantile that the second design is judged by, over each half-width, for both."""
+    check = tightest_check(found.second.score.verdict.checks, target)
+    first, second = (tolerance_curves_of(loaded(e.design), target, check) for e in (found.first, found.second))
+    if second.curves:
+        svg = curves_svg(second, "tolerances", first, (DESIGNS[1], DESIGNS[0]))
+        yield Figure(
+            "tolerances", svg, f"Target {target}: the quantile to first order over each half-width, both designs."
+        )
 
 
 Key = tuple[str, str]
