@@ -35,9 +35,9 @@ UNSAID = {"text/plain"}  # means nothing without the parameter that says what th
 ITSELF = "get_openapi"  # answers with this very document, which is its own example
 
 COUNTS = frozenset(
-    {"careless_infeasible", "careless_layouts", "column", "converged_starts", "count", "exit_code", "fiducials",
-     "first_start", "flagged_trials", "line", "max", "max_trials", "min", "order", "points", "points_per_axis",
-     "seed", "starts", "status", "tightening_rounds", "trials", "units_done", "units_expected", "workers"}
+    {"careless_infeasible", "careless_layouts", "changes_left_out", "column", "compared_trials", "converged_starts",
+     "count", "exit_code", "fiducials", "first_start", "flagged_trials", "line", "max", "max_trials", "min", "order", "points", "points_per_axis",
+     "sections", "seed", "starts", "status", "tightening_rounds", "trials", "units_done", "units_expected", "workers"}
 )  # fmt: skip
 RATIOS = frozenset(
     {"axis", "beam_direction", "confidence", "coverage_factor", "exceedance_probability", "extrapolation", "factor",

@@ -138,6 +138,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/comparisons": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Two designs side by side
+         * @description Both are checked alike with one seed; differences have an interval. Becomes a job.
+         */
+        post: operations["create_comparison"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/gates": {
         parameters: {
             query?: never;
@@ -635,6 +655,27 @@ export interface components {
             verification: components["schemas"]["Verification"];
         };
         /**
+         * Change
+         * @description One field of the design document that differs.
+         */
+        Change: {
+            /** Pointer */
+            pointer: string;
+            /** Name */
+            name: string;
+            /** Unit */
+            unit: string;
+            /**
+             * Kind
+             * @enum {string}
+             */
+            kind: "changed" | "added" | "removed";
+            /** First */
+            first: string | null;
+            /** Second */
+            second: string | null;
+        };
+        /**
          * ChangedSpacing
          * @description Locators that could be spread about their centre, by which factor.
          */
@@ -707,6 +748,82 @@ export interface components {
              * @enum {string}
              */
             status: "pass" | "fail" | "inconclusive";
+        };
+        /**
+         * Comparison
+         * @description Two designs computed alike, with the same seed, and what sets them apart.
+         */
+        Comparison: {
+            /**
+             * Schema
+             * @constant
+             */
+            schema: "tailstack/comparison/1";
+            /** Title */
+            title: string;
+            headline: components["schemas"]["ComparisonHeadline"];
+            /** Differences */
+            differences: components["schemas"]["Difference"][];
+            /** Compared Trials */
+            compared_trials: number | null;
+            /** Sections */
+            sections: number | null;
+            /** Only First */
+            only_first: string[];
+            /** Only Second */
+            only_second: string[];
+            /** Changes */
+            changes: components["schemas"]["Change"][];
+            /** Changes Left Out */
+            changes_left_out: number;
+            first: components["schemas"]["Report"];
+            second: components["schemas"]["Report"];
+        };
+        /**
+         * ComparisonHeadline
+         * @description The first page of a comparison.
+         */
+        ComparisonHeadline: {
+            /**
+             * Status
+             * @enum {string}
+             */
+            status: "pass" | "fail" | "inconclusive" | "no requirement";
+            /** Sentence */
+            sentence: string;
+            /** Matters */
+            matters: string[];
+        };
+        ComparisonRequest: {
+            first: components["schemas"]["Design"];
+            second: components["schemas"]["Design"];
+            /**
+             * Trials
+             * @description Number of trials. Either this or precision; neither: the solver's own precision.
+             * @default null
+             */
+            trials?: number | null;
+            /**
+             * Precision
+             * @description Half-width of the confidence interval of P95, relative, at which sampling stops.
+             * @default null
+             */
+            precision?: number | null;
+            /**
+             * Seed
+             * @description Seed; one seed is one answer, whatever workers and threads.
+             * @default 0
+             */
+            seed?: number;
+            /**
+             * Parts
+             * @description What is computed of both; score alone: to first order.
+             * @default [
+             *       "score",
+             *       "verification"
+             *     ]
+             */
+            parts?: ("score" | "verification")[];
         };
         /**
          * Compliance
@@ -1029,6 +1146,39 @@ export interface components {
             model?: components["schemas"]["Model"];
             /** @description Freedom of the optimiser. Absent: it refuses. */
             optimise?: components["schemas"]["Optimise"];
+        };
+        /**
+         * Difference
+         * @description P95 of the TCP error at one target that both designs have: second minus first.
+         *
+         *     Both designs are drawn with the same random numbers, so that what they share cancels.
+         */
+        Difference: {
+            /** Target */
+            target: string;
+            /**
+             * Basis
+             * @enum {string}
+             */
+            basis: "first order" | "Monte Carlo";
+            /** First P95 Mm */
+            first_p95_mm: number;
+            /** Second P95 Mm */
+            second_p95_mm: number;
+            /** Difference Mm */
+            difference_mm: number;
+            /** Interval Mm */
+            interval_mm: [
+                number,
+                number
+            ] | null;
+            /** Confidence */
+            confidence: number | null;
+            /**
+             * Conclusion
+             * @enum {string}
+             */
+            conclusion: "smaller" | "larger" | "not decided" | "computed";
         };
         /**
          * DistanceView
@@ -1906,7 +2056,7 @@ export interface components {
              * Kind
              * @enum {string}
              */
-            kind: "verification" | "optimisation" | "sweep" | "gate" | "report";
+            kind: "verification" | "optimisation" | "sweep" | "gate" | "report" | "comparison";
             /**
              * State
              * @enum {string}
@@ -3589,6 +3739,8 @@ export interface components {
             seed: number | null;
             /** Trials */
             trials: number | null;
+            /** Max Trials */
+            max_trials: number | null;
             /** Points */
             points: components["schemas"]["SweepPoint"][];
             provenance: components["schemas"]["Provenance"];
@@ -4209,7 +4361,7 @@ export interface components {
         Problem401: {
             headers: {
                 "X-Request-ID": components["headers"]["RequestId"];
-                "WWW-Authenticate": components["headers"]["WWWAuthenticate"];
+                "WWW-Authenticate": components["headers"]["Challenge"];
                 [name: string]: unknown;
             };
             content: {
@@ -4302,7 +4454,7 @@ export interface components {
         Problem429: {
             headers: {
                 "X-Request-ID": components["headers"]["RequestId"];
-                "Retry-After": components["headers"]["RetryAfter"];
+                "Retry-After": components["headers"]["ComeBack"];
                 [name: string]: unknown;
             };
             content: {
@@ -4333,7 +4485,7 @@ export interface components {
         Problem503: {
             headers: {
                 "X-Request-ID": components["headers"]["RequestId"];
-                "Retry-After": components["headers"]["RetryAfter"];
+                "Retry-After": components["headers"]["ComeBack"];
                 [name: string]: unknown;
             };
             content: {
@@ -4374,22 +4526,34 @@ export interface components {
         ETag: string;
         /** @description How long the answer may be used without asking. */
         CacheControl: string;
+        /** @description A cache keeps answers to different credentials apart. */
+        Vary: string;
         /** @description Path of the job. */
         Location: string;
         /** @description Path of the result. */
         ResultLocation: string;
-        /** @description Seconds after which it is worth asking again. */
+        /** @description Seconds after which it is worth asking again; absent once it is not. */
         RetryAfter: number;
-        /** @description The wait that was granted. */
+        /** @description Seconds after which it is worth asking again. */
+        ComeBack: number;
+        /** @description The wait that was granted; absent when none was asked for. */
         PreferenceApplied: string;
-        /** @description true: the key had made this job before. */
+        /** @description true: the key had made this job before; otherwise absent. */
         IdempotencyReplayed: "true";
         /** @description The next page, as <path>; rel="next"; absent on the last. */
         Link: string;
         /** @description RFC 6750 challenge. */
+        Challenge: string;
+        /** @description RFC 6750 challenge; absent where there is no authentication. */
         WWWAuthenticate: string;
         /** @description A file name for the report. */
         ContentDisposition: string;
+        /** @description What the report may do in a browser: run what it came with. */
+        ContentSecurityPolicy: string;
+        /** @description nosniff. */
+        ContentTypeOptions: "nosniff";
+        /** @description no: proxies pass events on as they come. */
+        Unbuffered: "no";
     };
     pathItems: never;
 }
@@ -4550,6 +4714,7 @@ export interface operations {
                     "X-Request-ID": components["headers"]["RequestId"];
                     ETag: components["headers"]["ETag"];
                     "Cache-Control": components["headers"]["CacheControl"];
+                    Vary: components["headers"]["Vary"];
                     Location: components["headers"]["Location"];
                     "Content-Location": components["headers"]["ResultLocation"];
                     "Preference-Applied": components["headers"]["PreferenceApplied"];
@@ -4621,6 +4786,7 @@ export interface operations {
                     "X-Request-ID": components["headers"]["RequestId"];
                     ETag: components["headers"]["ETag"];
                     "Cache-Control": components["headers"]["CacheControl"];
+                    Vary: components["headers"]["Vary"];
                     Location: components["headers"]["Location"];
                     "Content-Location": components["headers"]["ResultLocation"];
                     "Preference-Applied": components["headers"]["PreferenceApplied"];
@@ -4696,6 +4862,7 @@ export interface operations {
                     "X-Request-ID": components["headers"]["RequestId"];
                     ETag: components["headers"]["ETag"];
                     "Cache-Control": components["headers"]["CacheControl"];
+                    Vary: components["headers"]["Vary"];
                     Location: components["headers"]["Location"];
                     "Content-Location": components["headers"]["ResultLocation"];
                     "Preference-Applied": components["headers"]["PreferenceApplied"];
@@ -4771,6 +4938,7 @@ export interface operations {
                     "X-Request-ID": components["headers"]["RequestId"];
                     ETag: components["headers"]["ETag"];
                     "Cache-Control": components["headers"]["CacheControl"];
+                    Vary: components["headers"]["Vary"];
                     Location: components["headers"]["Location"];
                     "Content-Location": components["headers"]["ResultLocation"];
                     "Preference-Applied": components["headers"]["PreferenceApplied"];
@@ -4779,6 +4947,72 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["Report"];
+                };
+            };
+            /** @description Accepted: the job. */
+            202: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    Location: components["headers"]["Location"];
+                    "Retry-After": components["headers"]["RetryAfter"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Job"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            408: components["responses"]["Problem408"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    create_comparison: {
+        parameters: {
+            query?: never;
+            header?: {
+                /**
+                 * @description RFC 7240. wait=N: answer 200 with the result if it is there within N seconds, otherwise 202. The service may wait for less (TAILSTACK_MAX_WAIT_SECONDS).
+                 * @example wait=10
+                 */
+                Prefer?: components["parameters"]["Prefer"];
+                /** @description One key stands for one request: sent again with the same body it gives the same job. */
+                "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ComparisonRequest"];
+            };
+        };
+        responses: {
+            /** @description Two designs side by side: with Prefer: wait, in time. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    ETag: components["headers"]["ETag"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    Vary: components["headers"]["Vary"];
+                    Location: components["headers"]["Location"];
+                    "Content-Location": components["headers"]["ResultLocation"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Comparison"];
                 };
             };
             /** @description Accepted: the job. */
@@ -4844,12 +5078,20 @@ export interface operations {
             200: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
-                    ETag: components["headers"]["ETag"];
-                    "Cache-Control": components["headers"]["CacheControl"];
-                    Location: components["headers"]["Location"];
-                    "Content-Location": components["headers"]["ResultLocation"];
-                    "Preference-Applied": components["headers"]["PreferenceApplied"];
-                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    /** @description Strong validator of the body. Only when it was a job. */
+                    ETag?: string;
+                    /** @description How long the answer may be used without asking. Only when it was a job. */
+                    "Cache-Control"?: string;
+                    /** @description A cache keeps answers to different credentials apart. Only when it was a job. */
+                    Vary?: string;
+                    /** @description Path of the job. Only when it was a job. */
+                    Location?: string;
+                    /** @description Path of the result. Only when it was a job. */
+                    "Content-Location"?: string;
+                    /** @description The wait that was granted; absent when none was asked for. Only when it was a job. */
+                    "Preference-Applied"?: string;
+                    /** @description true: the key had made this job before; otherwise absent. Only when it was a job. */
+                    "Idempotency-Replayed"?: "true";
                     [name: string]: unknown;
                 };
                 content: {
@@ -4894,7 +5136,7 @@ export interface operations {
                 /** @description Only jobs in this state. */
                 state?: "queued" | "running" | "succeeded" | "failed" | "cancelled";
                 /** @description Only jobs of this kind. */
-                kind?: "verification" | "optimisation" | "sweep" | "gate" | "report";
+                kind?: "verification" | "optimisation" | "sweep" | "gate" | "report" | "comparison";
             };
             header?: never;
             path?: never;
@@ -4999,6 +5241,7 @@ export interface operations {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
                     "Cache-Control": components["headers"]["CacheControl"];
+                    "X-Accel-Buffering": components["headers"]["Unbuffered"];
                     [name: string]: unknown;
                 };
                 content: {
@@ -5117,10 +5360,11 @@ export interface operations {
                     "X-Request-ID": components["headers"]["RequestId"];
                     ETag: components["headers"]["ETag"];
                     "Cache-Control": components["headers"]["CacheControl"];
+                    Vary: components["headers"]["Vary"];
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Verification"] | components["schemas"]["Optimisation"] | components["schemas"]["Sweep"] | components["schemas"]["Gate"] | components["schemas"]["Report"];
+                    "application/json": components["schemas"]["Verification"] | components["schemas"]["Optimisation"] | components["schemas"]["Sweep"] | components["schemas"]["Gate"] | components["schemas"]["Report"] | components["schemas"]["Comparison"];
                 };
             };
             /** @description The client has it. */
@@ -5129,6 +5373,7 @@ export interface operations {
                     "X-Request-ID": components["headers"]["RequestId"];
                     ETag: components["headers"]["ETag"];
                     "Cache-Control": components["headers"]["CacheControl"];
+                    Vary: components["headers"]["Vary"];
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -5170,6 +5415,8 @@ export interface operations {
                     ETag: components["headers"]["ETag"];
                     "Cache-Control": components["headers"]["CacheControl"];
                     "Content-Disposition": components["headers"]["ContentDisposition"];
+                    "Content-Security-Policy": components["headers"]["ContentSecurityPolicy"];
+                    "X-Content-Type-Options": components["headers"]["ContentTypeOptions"];
                     [name: string]: unknown;
                 };
                 content: {
@@ -5185,6 +5432,9 @@ export interface operations {
                     "X-Request-ID": components["headers"]["RequestId"];
                     ETag: components["headers"]["ETag"];
                     "Cache-Control": components["headers"]["CacheControl"];
+                    "Content-Disposition": components["headers"]["ContentDisposition"];
+                    "Content-Security-Policy": components["headers"]["ContentSecurityPolicy"];
+                    "X-Content-Type-Options": components["headers"]["ContentTypeOptions"];
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -5318,6 +5568,7 @@ export interface operations {
             200: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
+                    "Cache-Control": components["headers"]["CacheControl"];
                     [name: string]: unknown;
                 };
                 content: {
@@ -5330,7 +5581,8 @@ export interface operations {
             503: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
-                    "Retry-After": components["headers"]["RetryAfter"];
+                    "Retry-After": components["headers"]["ComeBack"];
+                    "Cache-Control": components["headers"]["CacheControl"];
                     [name: string]: unknown;
                 };
                 content: {

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .store.jobs import Job
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
-JobKind = Literal["verification", "optimisation", "sweep", "gate", "report"]
+JobKind = Literal["verification", "optimisation", "sweep", "gate", "report", "comparison"]
 ENDED = frozenset({"succeeded", "failed", "cancelled"})
 FIRST_GENERATION = 1
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 HELP = "jobs of a running service: list, show, follow, cancel"
 STATES = ("queued", "running", "succeeded", "failed", "cancelled")
-KINDS = ("verification", "optimisation", "sweep", "gate", "report")
+KINDS = ("verification", "optimisation", "sweep", "gate", "report", "comparison")
 PAGE = 200
 # What to type after a refusal of one job, by its class
 HINTS = {

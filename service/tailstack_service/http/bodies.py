@@ -138,18 +138,18 @@ def parse_json(body: bytes, settings: Settings) -> dict[str, Any]:
     return data
 
 
-def design_of(data: dict[str, Any], settings: Settings) -> Design:
-    """The design in a JSON body.  Raises RequestError, or Placed around DesignError and LimitError."""
-    if "design" not in data:
+def design_of(data: dict[str, Any], settings: Settings, field: str = "design") -> Design:
+    """The design in a field of a JSON body.  Raises RequestError, or Placed around DesignError and LimitError."""
+    if field not in data:
         if str(data.get("schema", "")).startswith("tailstack/design/"):
-            hint = 'the body looks like the design itself: send {"design": <it>}'
+            hint = f'the body looks like the design itself: send {{"{field}": <it>}}'
         else:
             hint = "the design document goes here: GET /v1/schemas/design"
-        raise RequestError(Problem("", "missing-field", "the field 'design' is required", hint))
-    if not isinstance(data["design"], dict):
-        problem = Problem("", "wrong-type", f"a design is a mapping of fields; got {shown(data['design'])}")
-        raise Placed(DesignError(problem), "/design")
-    return loaded(Source(data["design"], None, None), settings, "/design")  # read strictly with the body: plain data
+        raise RequestError(Problem("", "missing-field", f"the field {field!r} is required", hint))
+    if not isinstance(data[field], dict):
+        problem = Problem("", "wrong-type", f"a design is a mapping of fields; got {shown(data[field])}")
+        raise Placed(DesignError(problem), f"/{field}")
+    return loaded(Source(data[field], None, None), settings, f"/{field}")  # read strictly with the body: plain data
 
 
 def loaded(source: Source | bytes, settings: Settings, prefix: str) -> Design:

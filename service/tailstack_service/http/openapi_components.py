@@ -9,6 +9,7 @@ from pydantic import BaseModel, TypeAdapter
 from ..documents import json_schema
 from ..problems import CATALOGUE, ProblemType
 from .answers import PROBLEM
+from .comparisons import ComparisonOptions
 from .conversions import ConversionOptions
 from .example import EXAMPLE_DESIGN
 from .information import Health, Readiness, SchemaList, Version
@@ -18,7 +19,8 @@ from .posting import JOB_OPERATIONS
 # Names in the document, and so of the classes of generated clients, by the name of the published schema
 COMPONENT = {
     "design": "Design", "score": "Score", "verification": "Verification", "optimisation": "Optimisation",
-    "sweep": "Sweep", "gate": "Gate", "report": "Report", "validation": "Validation", "conversion": "Conversion",
+    "sweep": "Sweep", "gate": "Gate", "report": "Report", "comparison": "Comparison",
+    "validation": "Validation", "conversion": "Conversion",
     "job": "Job", "jobs": "JobPage", "problem": "Problem",
 }  # fmt: skip
 PUBLISHED = {"JobDocument": "Job", "ProblemDocument": "Problem"}  # records whose own names say it twice
@@ -79,6 +81,7 @@ def schemas() -> dict[str, Any]:
     for path, options in {entry.path: entry.options for entry in (*OPERATIONS, *JOB_OPERATIONS)}.items():
         made.add(request_name(path), _with_design(options))
     made.add("ConversionRequest", ConversionOptions.model_json_schema())
+    made.add("ComparisonRequest", _with_designs(ComparisonOptions, ("first", "second")))
     made.add("GateRequest", GateRequest.model_json_schema(by_alias=True))
     made.add("JobEvent", _job_event())
     for record in (ProblemType, SchemaList, Health, Readiness, Version):
@@ -107,12 +110,16 @@ def request_name(path: str) -> str:
 
 
 def _with_design(options: type[BaseModel]) -> dict[str, Any]:
+    return _with_designs(options, ("design",))
+
+
+def _with_designs(options: type[BaseModel], fields: tuple[str, ...]) -> dict[str, Any]:
     schema = options.model_json_schema()
     return {
         "type": "object",
         "additionalProperties": False,
-        "required": ["design", *schema.get("required", ())],
-        "properties": {"design": reference("schemas", "Design"), **schema.get("properties", {})},
+        "required": [*fields, *schema.get("required", ())],
+        "properties": {field: reference("schemas", "Design") for field in fields} | schema.get("properties", {}),
         "$defs": schema.get("$defs", {}),
     }
 
@@ -161,18 +168,27 @@ def header(description: str, schema: dict[str, Any] | None = None, **more: Any) 
     return {"description": description, "schema": schema or {"type": "string"}, **more}
 
 
+# ``required``: wherever it is documented it is sent
 HEADERS: dict[str, Any] = {
-    "RequestId": header("Id of the request, in the log too.", {"type": "string", "maxLength": 64}),
-    "ETag": header("Strong validator of the body."),
-    "CacheControl": header("How long the answer may be used without asking."),
-    "Location": header("Path of the job.", {"type": "string", "format": "uri-reference"}),
-    "ResultLocation": header("Path of the result.", {"type": "string", "format": "uri-reference"}),
-    "RetryAfter": header("Seconds after which it is worth asking again.", WHOLE),
-    "PreferenceApplied": header("The wait that was granted."),
-    "IdempotencyReplayed": header("true: the key had made this job before.", {"type": "string", "const": "true"}),
+    "RequestId": header("Id of the request, in the log too.", {"type": "string", "maxLength": 64}, required=True),
+    "ETag": header("Strong validator of the body.", required=True),
+    "CacheControl": header("How long the answer may be used without asking.", required=True),
+    "Vary": header("A cache keeps answers to different credentials apart.", required=True),
+    "Location": header("Path of the job.", {"type": "string", "format": "uri-reference"}, required=True),
+    "ResultLocation": header("Path of the result.", {"type": "string", "format": "uri-reference"}, required=True),
+    "RetryAfter": header("Seconds after which it is worth asking again; absent once it is not.", WHOLE),
+    "ComeBack": header("Seconds after which it is worth asking again.", WHOLE, required=True),
+    "PreferenceApplied": header("The wait that was granted; absent when none was asked for."),
+    "IdempotencyReplayed": header(
+        "true: the key had made this job before; otherwise absent.", {"type": "string", "const": "true"}
+    ),
     "Link": header('The next page, as <path>; rel="next"; absent on the last.'),
-    "WWWAuthenticate": header("RFC 6750 challenge."),
-    "ContentDisposition": header("A file name for the report."),
+    "Challenge": header("RFC 6750 challenge.", required=True),
+    "WWWAuthenticate": header("RFC 6750 challenge; absent where there is no authentication."),
+    "ContentDisposition": header("A file name for the report.", required=True),
+    "ContentSecurityPolicy": header("What the report may do in a browser: run what it came with.", required=True),
+    "ContentTypeOptions": header("nosniff.", {"type": "string", "const": "nosniff"}, required=True),
+    "Unbuffered": header("no: proxies pass events on as they come.", {"type": "string", "const": "no"}, required=True),
 }
 
 
@@ -188,9 +204,9 @@ def problem_responses() -> dict[str, Any]:
     for status in sorted(slugs.keys() - {405}):  # of a path, not of an operation: nothing could refer to it
         headers = {"X-Request-ID": reference("headers", "RequestId")}
         if status in RETRIED:
-            headers["Retry-After"] = reference("headers", "RetryAfter")
+            headers["Retry-After"] = reference("headers", "RetryAfter" if status == 409 else "ComeBack")
         if status in (401, 403):
-            headers["WWW-Authenticate"] = reference("headers", "WWWAuthenticate")
+            headers["WWW-Authenticate"] = reference("headers", "Challenge" if status == 401 else "WWWAuthenticate")
         made[f"Problem{status}"] = {
             "description": "Problem: " + ", ".join(slugs[status]) + ".",
             "headers": headers,
@@ -258,6 +274,12 @@ def examples() -> dict[str, Any]:
     made["GateRequest"] = {
         "summary": "One design under its own requirements, first order",
         "value": {"designs": [{"file": "designs/guide.yaml", "design": EXAMPLE_DESIGN}], "mode": "analytic"},
+    }
+    quieter = {**EXAMPLE_DESIGN, "name": "eight beads, quieter images"}
+    quieter["views"] = [{**view, "fiducial_noise_px": 0.2} for view in EXAMPLE_DESIGN["views"]]
+    made["ComparisonRequest"] = {
+        "summary": "The same structure with quieter images",
+        "value": {"first": EXAMPLE_DESIGN, "second": quieter, "precision": 0.01, "seed": 7},
     }
     made["ConversionRequest"] = {
         "summary": "A CSV file to the fiducials of a design",

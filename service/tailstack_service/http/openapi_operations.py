@@ -11,7 +11,7 @@ from ..work.kinds import KINDS
 from .conversions import FORMATS, RAW
 from .gates import IN_QUERY
 from .jobs import LARGEST_PAGE, PAGE
-from .openapi_components import COMPONENT, reference, request_name
+from .openapi_components import COMPONENT, HEADERS, reference, request_name
 from .operations import OPERATIONS, Operation
 from .options import Options
 from .posting import JOB_OPERATIONS, JobOperation
@@ -52,6 +52,15 @@ def operation_of(route: Route) -> dict[str, Any]:
 def _headers(**named: str) -> dict[str, Any]:
     """Header components by header name, underscores for hyphens."""
     return {name.replace("_", "-"): reference("headers", component) for name, component in named.items()}
+
+
+def _only_with(words: str, headers: Mapping[str, Any]) -> dict[str, Any]:
+    """The same headers, which come only under a condition."""
+    made = {}
+    for name, header in headers.items():
+        known = HEADERS[header["$ref"].rpartition("/")[2]]
+        made[name] = {**known, "description": f"{known['description']} Only {words}.", "required": False}
+    return made
 
 
 def _content(media: str, schema: dict[str, Any], example: str | None = None) -> dict[str, Any]:
@@ -145,7 +154,7 @@ def _result_links() -> dict[str, Any]:
 def _job_answers(summary: str, answer: str, at_once: str) -> dict[str, Any]:
     done = _answer(
         f"{summary}: {at_once}.", _content(JSON, reference("schemas", answer)), ETag="ETag",
-        Cache_Control="CacheControl", Location="Location", Content_Location="ResultLocation",
+        Cache_Control="CacheControl", Vary="Vary", Location="Location", Content_Location="ResultLocation",
         Preference_Applied="PreferenceApplied", Idempotency_Replayed="IdempotencyReplayed",
     )  # fmt: skip
     accepted = _answer(
@@ -171,6 +180,22 @@ def _job(operation: JobOperation) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _comparison() -> dict[str, Any]:
+    summary = "Two designs side by side"
+    return {
+        "summary": summary,
+        "description": "Both are checked alike with one seed; differences have an interval. Becomes a job.",
+        "tags": ["computations"],
+        "parameters": [_parameter("Prefer"), _parameter("IdempotencyKey")],
+        "requestBody": {
+            "required": True,
+            "content": _content(JSON, reference("schemas", "ComparisonRequest"), "ComparisonRequest"),
+        },
+        "responses": _job_answers(summary, COMPONENT["comparison"], "with Prefer: wait, in time"),
+        "problems": (*BODY_PROBLEMS, 429),
+    }
+
+
 def _gate() -> dict[str, Any]:
     from ..gate.request import GateRequest
 
@@ -180,13 +205,15 @@ def _gate() -> dict[str, Any]:
         kept = {key: value for key, value in properties[name].items() if key not in ("title", "description")}
         words = f"Only with a YAML body. {properties[name].get('description', '')}"
         options.append(_query(name, _without_null(kept), words))
+    answers = _job_answers("The verdict", COMPONENT["gate"], "mode analytic, or with Prefer: wait in time")
+    answers["200"]["headers"] = _only_with("when it was a job", answers["200"]["headers"])
     return {
         "summary": "Policy and designs to a verdict",
         "description": "Mode analytic is answered at once; verify and auto become a job.",
         "tags": ["computations"],
         "parameters": [_parameter("Prefer"), _parameter("IdempotencyKey"), *options],
         "requestBody": _request_body("GateRequest"),
-        "responses": _job_answers("The verdict", COMPONENT["gate"], "mode analytic, or with Prefer: wait in time"),
+        "responses": answers,
         "problems": (*BODY_PROBLEMS, 429),
     }
 
@@ -261,7 +288,7 @@ def _get_job_events() -> dict[str, Any]:
         "tags": ["jobs"],
         "parameters": [_parameter("JobId"), _parameter("LastEventID"), _parameter("After")],
         "responses": {
-            "200": _answer("The stream.", stream, Cache_Control="CacheControl"),
+            "200": _answer("The stream.", stream, Cache_Control="CacheControl", X_Accel_Buffering="Unbuffered"),
             "204": _answer("The job has ended and the client has seen everything: stop asking."),
         },
         "problems": (404, 422, 503),
@@ -293,14 +320,15 @@ def _get_job_result() -> dict[str, Any]:
 
 
 def _get_result() -> dict[str, Any]:
+    kept = {"ETag": "ETag", "Cache_Control": "CacheControl", "Vary": "Vary"}
     any_of = [reference("schemas", COMPONENT[kind]) for kind in KINDS]
     return {
         "summary": "A result, which never changes",
         "tags": ["results"],
         "parameters": [_parameter("Sha256"), _parameter("IfNoneMatch")],
         "responses": {
-            "200": _answer("The result.", _content(JSON, {"oneOf": any_of}), ETag="ETag", Cache_Control="CacheControl"),
-            "304": _answer("The client has it.", ETag="ETag", Cache_Control="CacheControl"),
+            "200": _answer("The result.", _content(JSON, {"oneOf": any_of}), **kept),
+            "304": _answer("The client has it.", None, **kept),
         },
         "problems": (404, 422, 503),
     }
@@ -308,6 +336,10 @@ def _get_result() -> dict[str, Any]:
 
 def _get_report() -> dict[str, Any]:
     formats = {"type": "string", "enum": list(REPORT_FORMATS), "default": "html"}
+    sent = {
+        "ETag": "ETag", "Cache_Control": "CacheControl", "Content_Disposition": "ContentDisposition",
+        "Content_Security_Policy": "ContentSecurityPolicy", "X_Content_Type_Options": "ContentTypeOptions",
+    }  # fmt: skip
     content: dict[str, Any] = {}
     for form in REPORT_FORMATS:
         schema = {"type": "object"} if form == "json" else {"type": "string"} if form == "html" else {}
@@ -317,14 +349,8 @@ def _get_report() -> dict[str, Any]:
         "tags": ["results"],
         "parameters": [_parameter("Sha256"), _query("format", formats, "Of the report."), _parameter("IfNoneMatch")],
         "responses": {
-            "200": _answer(
-                "The report.",
-                content,
-                ETag="ETag",
-                Cache_Control="CacheControl",
-                Content_Disposition="ContentDisposition",
-            ),
-            "304": _answer("The client has it.", ETag="ETag", Cache_Control="CacheControl"),
+            "200": _answer("The report.", content, **sent),
+            "304": _answer("The client has it.", None, **sent),
         },
         "problems": (404, 422, 501, 503),
     }
@@ -356,9 +382,9 @@ def _readiness() -> dict[str, Any]:
         "description": "Kernels are compiled and the database can be used. Jobs wait while workers is 0.",
         "tags": ["information"],
         "responses": {
-            "200": _answer("Ready.", content),
+            "200": _answer("Ready.", content, Cache_Control="CacheControl"),
             "503": _answer("Warming up, stopping, without its database, or broken; see status.", content,
-                           Retry_After="RetryAfter"),
+                           Retry_After="ComeBack", Cache_Control="CacheControl"),
         },
     }  # fmt: skip
 
@@ -366,6 +392,7 @@ def _readiness() -> dict[str, Any]:
 _DESCRIBED: dict[str, Callable[[], dict[str, Any]]] = {
     **{f"create_{entry.answer}": partial(_computation, entry) for entry in OPERATIONS},
     **{f"create_{entry.kind}": partial(_job, entry) for entry in JOB_OPERATIONS},
+    "create_comparison": _comparison,
     "create_gate": _gate,
     "create_conversion": _conversion,
     "list_jobs": _list_jobs,

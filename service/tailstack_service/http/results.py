@@ -17,11 +17,6 @@ from .service import service_of
 
 FORMATS = ("html", "pdf", "xlsx", "json")
 # private: whoever may read a result is decided by the credential, which a shared cache does not look at
-# A report holds text that a stranger may have written: the page may run what it came with and ask for nothing
-GUARDED = {
-    "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox",
-    "X-Content-Type-Options": "nosniff",
-}
 FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable", "Vary": "Authorization"}
 
 
@@ -58,5 +53,22 @@ async def get_report(request: Request) -> Response:
 
     watch = Watch(service.settings.max_seconds, service.stopping)
     body, media_type = await service.reports.run(request, watch, render)
-    named = {"Content-Disposition": f'inline; filename="tailstack-{result.sha256[:12]}.{form}"'}
-    return tagged_response(request, body, media_type, {"Cache-Control": "private, no-cache", **GUARDED, **named})
+    headers = {
+        "Cache-Control": "private, no-cache",
+        "Content-Disposition": f'inline; filename="tailstack-{result.sha256[:12]}.{form}"',
+        "X-Content-Type-Options": "nosniff",
+        **_policy(form),
+    }
+    return tagged_response(request, body, media_type, headers)
+
+
+def _policy(form: str) -> dict[str, str]:
+    """A report holds text that a stranger may have written: the page runs what it came with and asks for nothing.
+
+    Browsers show a PDF by a plug-in of their own, which such a policy forbids.
+    """
+    if form == "pdf":
+        return {}
+    from ..reports.html import content_policy
+
+    return {"Content-Security-Policy": content_policy(served=True)}

@@ -10,6 +10,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from . import events, information, jobs, results
+from .comparisons import create_comparison
 from .conversions import create_conversion
 from .gates import create_gate
 from .operations import SCORES, VALIDATIONS, answering
@@ -46,6 +47,7 @@ ROUTES = (
         Route("POST", operation.path, f"create_{operation.kind}", posting(operation), "compute", None)
         for operation in JOB_OPERATIONS
     ),
+    Route("POST", "/v1/comparisons", "create_comparison", create_comparison, "compute", None),
     Route("POST", "/v1/gates", "create_gate", create_gate, "compute", None),
     Route("GET", "/v1/jobs", "list_jobs", jobs.list_jobs, "read", ("limit", "cursor", "state", "kind")),
     Route("GET", "/v1/jobs/{id}", "get_job", jobs.get_job, "read"),

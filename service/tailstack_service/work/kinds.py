@@ -69,5 +69,6 @@ KINDS: dict[str, Kind] = {
         Kind("sweep", "sweep", "sweep"),
         Kind("gate", "gate", "gate"),
         Kind("report", "report", "report"),
+        Kind("comparison", "comparison", "comparison"),
     )
 }

@@ -35,14 +35,11 @@ def advance(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
     if missing:
         return More(missing, 0, f"{total} points")
     points = [point for spec in specs for point in _POINTS.validate_json(held[spec])]
-    return Done(
-        to_json(
-            assembled(
-                design, axes, points, check=_check(request), trials=request.get("trials"), seed=request.get("seed", 0),
-                max_trials=request.get("max_trials", MAX_TRIALS),
-            )  # fmt: skip
-        )
-    )
+    record = assembled(
+        design, axes, points, check=_check(request), trials=request.get("trials"), seed=request.get("seed", 0),
+        max_trials=request.get("max_trials", MAX_TRIALS),
+    )  # fmt: skip
+    return Done(to_json(record))
 
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:

@@ -5,10 +5,17 @@ from .allowance_status import AllowanceStatus
 from .axis import Axis
 from .bounds import Bounds
 from .certificate import Certificate
+from .change import Change
+from .change_kind import ChangeKind
 from .changed_spacing import ChangedSpacing
 from .changed_tolerance import ChangedTolerance
 from .check import Check
 from .check_status import CheckStatus
+from .comparison import Comparison
+from .comparison_headline import ComparisonHeadline
+from .comparison_headline_status import ComparisonHeadlineStatus
+from .comparison_request import ComparisonRequest
+from .comparison_request_parts_item import ComparisonRequestPartsItem
 from .contributor import Contributor
 from .convergence import Convergence
 from .convergence_point import ConvergencePoint
@@ -20,6 +27,9 @@ from .conversion_request_to import ConversionRequestTo
 from .converted_point import ConvertedPoint
 from .count_tried import CountTried
 from .design import Design
+from .difference import Difference
+from .difference_basis import DifferenceBasis
+from .difference_conclusion import DifferenceConclusion
 from .error_distribution import ErrorDistribution
 from .exceedance import Exceedance
 from .finding import Finding
@@ -127,10 +137,17 @@ __all__ = (
     "Axis",
     "Bounds",
     "Certificate",
+    "Change",
     "ChangedSpacing",
     "ChangedTolerance",
+    "ChangeKind",
     "Check",
     "CheckStatus",
+    "Comparison",
+    "ComparisonHeadline",
+    "ComparisonHeadlineStatus",
+    "ComparisonRequest",
+    "ComparisonRequestPartsItem",
     "Contributor",
     "Convergence",
     "ConvergencePoint",
@@ -142,6 +159,9 @@ __all__ = (
     "ConvertedPoint",
     "CountTried",
     "Design",
+    "Difference",
+    "DifferenceBasis",
+    "DifferenceConclusion",
     "ErrorDistribution",
     "Exceedance",
     "Finding",

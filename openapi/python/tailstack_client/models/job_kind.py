@@ -1,8 +1,9 @@
 from typing import Literal
 
-JobKind = Literal["gate", "optimisation", "report", "sweep", "verification"]
+JobKind = Literal["comparison", "gate", "optimisation", "report", "sweep", "verification"]
 
 JOB_KIND_VALUES: set[JobKind] = {
+    "comparison",
     "gate",
     "optimisation",
     "report",

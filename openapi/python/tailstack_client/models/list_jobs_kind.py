@@ -1,8 +1,9 @@
 from typing import Literal
 
-ListJobsKind = Literal["gate", "optimisation", "report", "sweep", "verification"]
+ListJobsKind = Literal["comparison", "gate", "optimisation", "report", "sweep", "verification"]
 
 LIST_JOBS_KIND_VALUES: set[ListJobsKind] = {
+    "comparison",
     "gate",
     "optimisation",
     "report",

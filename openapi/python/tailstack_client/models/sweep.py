@@ -32,6 +32,7 @@ class Sweep:
         check (SweepCheck):
         seed (int | None):
         trials (int | None):
+        max_trials (int | None):
         points (list[SweepPoint]):
         provenance (Provenance):
     """
@@ -41,6 +42,7 @@ class Sweep:
     check: SweepCheck
     seed: int | None
     trials: int | None
+    max_trials: int | None
     points: list[SweepPoint]
     provenance: Provenance
 
@@ -64,6 +66,9 @@ class Sweep:
         trials: int | None
         trials = self.trials
 
+        max_trials: int | None
+        max_trials = self.max_trials
+
         points = []
         for points_item_data in self.points:
             points_item = points_item_data.to_dict()
@@ -80,6 +85,7 @@ class Sweep:
                 "check": check,
                 "seed": seed,
                 "trials": trials,
+                "max_trials": max_trials,
                 "points": points,
                 "provenance": provenance,
             }
@@ -121,6 +127,13 @@ class Sweep:
 
         trials = _parse_trials(d.pop("trials"))
 
+        def _parse_max_trials(data: object) -> int | None:
+            if data is None:
+                return data
+            return cast(int | None, data)
+
+        max_trials = _parse_max_trials(d.pop("max_trials"))
+
         points = []
         _points = d.pop("points")
         for points_item_data in _points:
@@ -136,6 +149,7 @@ class Sweep:
             check=check,
             seed=seed,
             trials=trials,
+            max_trials=max_trials,
             points=points,
             provenance=provenance,
         )

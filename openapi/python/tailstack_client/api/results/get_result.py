@@ -8,6 +8,7 @@ from ...client import AuthenticatedClient, Client
 from ...types import Response, UNSET
 from ... import errors
 
+from ...models.comparison import Comparison
 from ...models.gate import Gate
 from ...models.optimisation import Optimisation
 from ...models.problem import Problem
@@ -40,10 +41,10 @@ def _get_kwargs(
 
 def _parse_response(
     *, client: AuthenticatedClient | Client, response: httpx.Response
-) -> Any | Gate | Optimisation | Report | Sweep | Verification | Problem | None:
+) -> Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem | None:
     if response.status_code == 200:
 
-        def _parse_response_200(data: object) -> Gate | Optimisation | Report | Sweep | Verification:
+        def _parse_response_200(data: object) -> Comparison | Gate | Optimisation | Report | Sweep | Verification:
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
@@ -76,11 +77,19 @@ def _parse_response(
                 return response_200_type_3
             except (TypeError, ValueError, AttributeError, KeyError):
                 pass
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                response_200_type_4 = Report.from_dict(data)
+
+                return response_200_type_4
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
             if not isinstance(data, dict):
                 raise TypeError()
-            response_200_type_4 = Report.from_dict(data)
+            response_200_type_5 = Comparison.from_dict(data)
 
-            return response_200_type_4
+            return response_200_type_5
 
         response_200 = _parse_response_200(response.json())
 
@@ -133,7 +142,7 @@ def _parse_response(
 
 def _build_response(
     *, client: AuthenticatedClient | Client, response: httpx.Response
-) -> Response[Any | Gate | Optimisation | Report | Sweep | Verification | Problem]:
+) -> Response[Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem]:
     return Response(
         status_code=HTTPStatus(response.status_code),
         content=response.content,
@@ -147,7 +156,7 @@ def sync_detailed(
     *,
     client: AuthenticatedClient,
     if_none_match: str | Unset = UNSET,
-) -> Response[Any | Gate | Optimisation | Report | Sweep | Verification | Problem]:
+) -> Response[Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem]:
     """A result, which never changes
 
     Args:
@@ -159,7 +168,7 @@ def sync_detailed(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Response[Any | Gate | Optimisation | Report | Sweep | Verification | Problem]
+        Response[Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem]
     """
 
     kwargs = _get_kwargs(
@@ -179,7 +188,7 @@ def sync(
     *,
     client: AuthenticatedClient,
     if_none_match: str | Unset = UNSET,
-) -> Any | Gate | Optimisation | Report | Sweep | Verification | Problem | None:
+) -> Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem | None:
     """A result, which never changes
 
     Args:
@@ -191,7 +200,7 @@ def sync(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Any | Gate | Optimisation | Report | Sweep | Verification | Problem
+        Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem
     """
 
     return sync_detailed(
@@ -206,7 +215,7 @@ async def asyncio_detailed(
     *,
     client: AuthenticatedClient,
     if_none_match: str | Unset = UNSET,
-) -> Response[Any | Gate | Optimisation | Report | Sweep | Verification | Problem]:
+) -> Response[Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem]:
     """A result, which never changes
 
     Args:
@@ -218,7 +227,7 @@ async def asyncio_detailed(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Response[Any | Gate | Optimisation | Report | Sweep | Verification | Problem]
+        Response[Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem]
     """
 
     kwargs = _get_kwargs(
@@ -236,7 +245,7 @@ async def asyncio(
     *,
     client: AuthenticatedClient,
     if_none_match: str | Unset = UNSET,
-) -> Any | Gate | Optimisation | Report | Sweep | Verification | Problem | None:
+) -> Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem | None:
     """A result, which never changes
 
     Args:
@@ -248,7 +257,7 @@ async def asyncio(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Any | Gate | Optimisation | Report | Sweep | Verification | Problem
+        Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem
     """
 
     return (
