@@ -7,7 +7,9 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
+from typing import cast
 
 import psutil
 import pytest
@@ -15,8 +17,10 @@ import yaml
 from jsonschema import Draft202012Validator
 from service_scenes import EXAMPLES, ROOT
 
+from tailstack_service.cli import demo
 from tailstack_service.cli.demo import demo_text
 from tailstack_service.cli.main import main
+from tailstack_service.cli.remote import RemoteError, Service
 from tailstack_service.documents import json_schema
 
 
@@ -72,3 +76,28 @@ def test_an_interrupted_demo_leaves_nothing_behind(tmp_path: Path) -> None:
     assert not alive
     with pytest.raises(ProcessLookupError):  # nobody is left in its process group
         os.killpg(process.pid, 0)
+
+
+class Compiling:
+    """Stands for a service that is not ready for a while."""
+
+    def __init__(self, seconds: float) -> None:
+        self.until = time.monotonic() + seconds
+
+    def ask(self, *_: object) -> None:
+        if time.monotonic() < self.until:
+            raise RemoteError("", "", 503, ())
+
+
+def test_waiting_for_the_kernels_is_told_once_and_then_seldom(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(demo, "FIRST_WORD_SECONDS", 0.2)
+    monkeypatch.setattr(demo, "WORD_SECONDS", 0.3)
+    told: list[str] = []
+    demo.wait_until_ready(cast(Service, Compiling(0.1)), told.append)
+    assert told == []
+    demo.wait_until_ready(cast(Service, Compiling(1.0)), told.append)
+    assert told[0].startswith("compiling the kernels: a minute or two the first time")
+    assert 1 <= told[1:].count("still compiling") <= 3
+    assert len(told) <= 4
+    with pytest.raises(RemoteError):
+        demo.wait_until_ready(cast(Service, Compiling(60.0)), told.append, seconds=0.1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sqlite3
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -17,6 +18,7 @@ from tailstack.errors import LimitError
 from tailstack_service.http.computing import Lane, Stopped, Watch
 from tailstack_service.problems import TransportError
 from tailstack_service.settings import Settings
+from tailstack_service.store import database
 
 
 class Connection:
@@ -164,6 +166,30 @@ def test_yaml_and_json_designs_score_alike() -> None:
         yaml = {"Content-Type": "application/yaml"}
         by_yaml = client.post("/v1/scores?second_order=true", content=text, headers=yaml).json()
     assert by_yaml == by_json
+
+
+def test_a_writer_that_is_stopped_keeps_nobody_from_reading(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(database, "BUSY_SECONDS", 2.0)
+    path, body = tmp_path / "jobs.sqlite3", {"design": small_design(), "trials": 1000}
+    with client_with(Settings(database=f"sqlite:///{path}")) as client, ThreadPoolExecutor(20) as pool:
+        assert client.post("/v1/verifications", json=body).status_code == 202
+        with sqlite3.connect(path, isolation_level=None) as other:
+            other.execute("BEGIN IMMEDIATE")
+            began = time.monotonic()
+            waiting = [pool.submit(client.post, "/v1/verifications", json=body) for _ in range(12)]
+            time.sleep(0.3)
+            assert len(client.get("/v1/jobs").json()["jobs"]) == 1
+            assert client.get("/health/ready").status_code == 200
+            assert time.monotonic() - began < 1.5
+            for refused in waiting:
+                response = refused.result(timeout=30)
+                assert response.status_code == 503, response.text
+                assert response.json()["type"] == "/v1/problems/store-unavailable"
+                assert int(response.headers["retry-after"]) > 0
+            assert time.monotonic() - began < 10
+            other.execute("ROLLBACK")
+        other.close()
+        assert client.post("/v1/verifications", json=body).status_code == 202
 
 
 def test_scores_need_no_database(tmp_path: Any) -> None:

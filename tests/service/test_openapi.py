@@ -25,6 +25,7 @@ QUERY = {
     ("/v1/sweeps", "application/yaml"): "?set=/views/0/fiducial_noise_px=0.1,0.2",
     ("/v1/conversions", "text/plain"): "?from=csv",
 }
+OF_HTTP = {"content-length", "content-type", "transfer-encoding", "connection", "date"}
 QUICK = {"design": small_design(), "trials": 1000}
 
 
@@ -101,10 +102,14 @@ def address_of(path: str, method: str, names: dict[str, str]) -> str:
 def check_documented(operation: dict[str, Any], response: httpx.Response) -> None:
     """Status, headers, media type and body are what the document says."""
     described = resolved(operation["responses"][str(response.status_code)])
-    for name in described["headers"]:
-        if name in ("X-Request-ID", "ETag", "Location", "Cache-Control", "Content-Disposition", "Content-Location"):
-            known_by_its_absence = name in ("ETag", "Location", "Cache-Control", "Content-Location")
-            assert name.lower() in response.headers or (known_by_its_absence and response.status_code == 200), name
+    headers = {name.lower(): resolved(header) for name, header in described["headers"].items()}
+    for name, header in headers.items():
+        assert name in response.headers or not header.get("required"), f"{name} is missing"
+        if name in response.headers:
+            value = response.headers[name]
+            typed = int(value) if header["schema"].get("type") == "integer" else value
+            component_validator(header["schema"]).validate(typed)
+    assert set(response.headers) - OF_HTTP <= set(headers), "sent, and not documented"
     if "content" not in described:
         assert response.content == b""
         return
@@ -112,6 +117,23 @@ def check_documented(operation: dict[str, Any], response: httpx.Response) -> Non
     assert media in described["content"], media
     if media.endswith("json"):
         component_validator(described["content"][media]["schema"]).validate(response.json())
+
+
+@pytest.mark.parametrize(
+    ("gone", "put", "words"),
+    [("etag", {}, "etag is missing"), ("vary", {}, "vary is missing"), ("", {"X-New": "1"}, "not documented"),
+     ("", {"Content-Type": "text/plain"}, "text/plain"), ("x-request-id", {}, "x-request-id is missing")],
+)  # fmt: skip
+def test_headers_that_are_missing_or_unknown_would_be_noticed(
+    client: httpx.Client, names: dict[str, str], gone: str, put: dict[str, str], words: str
+) -> None:
+    response = client.get(f"/v1/results/{names['sha256']}")
+    operation = DOCUMENT["paths"]["/v1/results/{sha256}"]["get"]
+    check_documented(operation, response)
+    response.headers.pop(gone, None)
+    response.headers.update(put)
+    with pytest.raises(AssertionError, match=words):
+        check_documented(operation, response)
 
 
 @pytest.mark.parametrize(("path", "method"), OPERATIONS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import sqlite3
 import subprocess
 import sys
 import time
@@ -257,6 +258,31 @@ def test_a_file_that_stays_locked_is_unavailable_and_nothing_is_wrong_afterwards
     finally:
         here.close()
         there.close()
+
+
+def test_many_writers_behind_one_that_is_stopped_wait_together_not_one_after_the_other(
+    tmp_path: Path, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(database, "BUSY_SECONDS", 0.5)
+    db = open_database(f"sqlite:///{tmp_path / 'a.sqlite3'}", migrate=True, clock=clock)
+
+    def refused(_: int) -> bool:
+        with pytest.raises(StoreUnavailable) as error:
+            submit(db)
+        return "no other program may hold the file" in error.value.problems[0].hint
+
+    try:
+        with sqlite3.connect(tmp_path / "a.sqlite3", isolation_level=None) as other:
+            other.execute("BEGIN IMMEDIATE")  # and then nothing more: as if it were stopped here
+            began = time.monotonic()
+            with ThreadPoolExecutor(12) as pool:
+                assert all(pool.map(refused, range(12)))
+            assert time.monotonic() - began < 3  # 12 times half a second, were they to wait in turn
+            other.execute("ROLLBACK")
+        other.close()
+        assert find(db, submit(db)).state == "queued"
+    finally:
+        db.close()
 
 
 def test_migrating_at_once_from_many_sides_is_safe(database_url: str) -> None:

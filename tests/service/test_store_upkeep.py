@@ -237,6 +237,33 @@ def test_a_backup_of_a_file_can_be_restored(tmp_path: Path, clock: Clock) -> Non
     check_restored(f"sqlite:///{restored}", made, clock)
 
 
+def test_what_is_said_of_restoring_can_be_typed(tmp_path: Path, clock: Clock) -> None:
+    """Over a database that was killed with its log beside it, in a folder with a space."""
+    folder = tmp_path / "a folder"
+    folder.mkdir()
+    file, target = folder / "jobs.sqlite3", folder / "back up"
+    db = open_database(f"sqlite:///{file}", migrate=True, clock=clock)
+    try:
+        made = scene(db, clock)
+        said = upkeep.backup(url_of(db), target)
+        later = submit(db)
+        for ending in ("", "-wal", "-shm"):
+            shutil.copy(f"{file}{ending}", f"{folder / 'killed'}{ending}")
+    finally:
+        db.close()
+    for ending in ("", "-wal", "-shm"):
+        shutil.move(f"{folder / 'killed'}{ending}", f"{file}{ending}")
+    stop, _, commands = said.partition("then ")
+    assert "stop the service" in stop
+    subprocess.run(["sh", "-e", "-c", commands], check=True, timeout=30)
+    again = open_database(f"sqlite:///{file}", clock=clock)
+    try:
+        assert jobs.find(again, later.tenant, later.id) is None
+    finally:
+        again.close()
+    check_restored(f"sqlite:///{file}", made, clock)
+
+
 def test_a_backup_of_a_server_can_be_restored(
     postgres_server: Server, postgres_url: str, tmp_path: Path, clock: Clock
 ) -> None:

@@ -124,7 +124,7 @@ def single(request: Request, name: str) -> str | None:
 async def cancel_job(request: Request) -> Response:
     """202 once nothing of the job can be recorded any more; again 202 if it was cancelled before."""
     job_id = request.path_params["id"]
-    job = await service_of(request).storage.run(stored.cancel, request.state.caller.tenant, job_id)
+    job = await service_of(request).storage.write(stored.cancel, request.state.caller.tenant, job_id)
     if job is None:
         raise nothing("job", job_id)
     if job.state != "cancelled":

@@ -109,7 +109,7 @@ async def submitted(request: Request, posted: Posted, key: str | None) -> Respon
     service, tenant = service_of(request), request.state.caller.tenant
     settings = service.settings
     await _hold_to_budget(service, tenant)
-    job, new = await service.storage.run(
+    job, new = await service.storage.write(
         stored.submit, tenant=tenant, kind=posted.kind, request=posted.request, design_name=posted.design_name,
         solver_version=__version__, request_id=request.state.request_id, idempotency_key=key,
         max_queued=settings.max_queued_jobs,

@@ -1,4 +1,7 @@
-"""Calls of the store, in threads of their own: the event loop never waits for a disk or a socket."""
+"""Calls of the store, in threads of their own: the event loop never waits for a disk or a socket.
+
+Readers and writers have theirs apart: SQLite has one writer, and while it is held up, what is there can still be read.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from ..store.database import Database, open_database
 
 P = ParamSpec("P")
 T = TypeVar("T")
-THREADS = 8  # more would only wait for one another: SQLite has one writer
+THREADS = 8  # of each kind; more would only wait for one another
 
 
 class Storage:
@@ -22,15 +25,22 @@ class Storage:
         self.url = url
         self._database: Database | None = None
         self._opening = threading.Lock()
-        self._pool = ThreadPoolExecutor(THREADS, thread_name_prefix="tailstack-store")
+        self._readers = ThreadPoolExecutor(THREADS, thread_name_prefix="tailstack-store")
+        self._writers = ThreadPoolExecutor(THREADS, thread_name_prefix="tailstack-store-write")
 
     async def run(self, function: Callable[Concatenate[Database, P], T], *args: P.args, **kwargs: P.kwargs) -> T:
-        """``function(database, ...)`` in a thread.  Raises what it raises, and StoreError if nothing can be opened."""
+        """``function(database, ...)``, which only reads, in a thread.
 
-        def call() -> T:
-            return function(self.database(), *args, **kwargs)
+        Raises what it raises, and StoreError if nothing can be opened.
+        """
+        return await self._run(self._readers, lambda database: function(database, *args, **kwargs))
 
-        return await asyncio.get_running_loop().run_in_executor(self._pool, call)
+    async def write(self, function: Callable[Concatenate[Database, P], T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """The same for what writes."""
+        return await self._run(self._writers, lambda database: function(database, *args, **kwargs))
+
+    async def _run(self, pool: ThreadPoolExecutor, call: Callable[[Database], T]) -> T:
+        return await asyncio.get_running_loop().run_in_executor(pool, lambda: call(self.database()))
 
     def database(self) -> Database:
         """The open database, for a caller that is in a thread already.  Raises StoreError."""
@@ -41,7 +51,8 @@ class Storage:
 
     def close(self) -> None:
         """Wait for calls under way and close every connection."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        for pool in (self._readers, self._writers):
+            pool.shutdown(wait=True, cancel_futures=True)
         with self._opening:
             database, self._database = self._database, None
         if database is not None:

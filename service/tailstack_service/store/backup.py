@@ -9,6 +9,7 @@ import subprocess
 import tempfile
 from contextlib import closing
 from pathlib import Path
+from shlex import quote
 
 from sqlalchemy.engine import URL
 
@@ -36,10 +37,12 @@ def backup(url: str, target: Path) -> str:
         partial = Path(directory) / "backup"
         if parsed.get_backend_name() == "sqlite":
             _copy_file(Path(str(parsed.database)), partial)
-            restored = f"stop the service, then cp {target} {parsed.database}"
+            file = str(parsed.database)
+            stale = " ".join(quote(file + ending) for ending in ("-wal", "-shm"))
+            restored = f"stop the service, then rm -f {stale} && cp {quote(str(target))} {quote(file)}"
         else:
             _dump(parsed, partial)
-            restored = f"createdb NEW, then pg_restore --no-owner --dbname=NEW {target}"
+            restored = f"createdb NEW, then pg_restore --no-owner --dbname=NEW {quote(str(target))}"
         _sync(partial)
         try:
             os.link(partial, target)  # unlike a rename it fails if somebody else made the target meanwhile

@@ -7,8 +7,8 @@ import random
 import sqlite3
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from typing import Any, TypeAlias
@@ -42,7 +42,7 @@ class Database:
     dialect: str  # "sqlite" or "postgresql"
     clock: Callable[[], float] | None = None
     # SQLite has one writer: threads of this process queue here instead of polling its lock
-    turn: AbstractContextManager[Any] = field(default_factory=nullcontext)
+    turn: Lock | None = None
 
     def close(self) -> None:
         """Close every connection of the pool."""
@@ -135,21 +135,22 @@ def _sqlite_engine(url: URL) -> Engine:
 
     @sa.event.listens_for(engine, "begin")
     def _begin(connection: Connection) -> None:
-        if connection.get_execution_options().get("tailstack_writes"):
-            _begin_writing(connection)
+        deadline = connection.get_execution_options().get("tailstack_writes_before")
+        if deadline is not None:
+            _begin_writing(connection, deadline)
         else:
             connection.exec_driver_sql("BEGIN")
 
     return engine
 
 
-def _begin_writing(connection: Connection) -> None:
-    """Take the write lock at once: a transaction that reads first and writes later would be refused at its first write.
+def _begin_writing(connection: Connection, deadline: float) -> None:
+    """Take the write lock, by ``deadline`` (monotonic seconds), before anything is read: a transaction that reads first
+    and writes later would be refused at its first write.
 
     SQLite's own way to wait sleeps for up to 0.1 s at a time, and a busier process comes first each time.  Asking every
     few milliseconds instead took the longest wait of two processes that only write from 1.9 s to 0.3 s.
     """
-    deadline = time.monotonic() + BUSY_SECONDS
     connection.exec_driver_sql("PRAGMA busy_timeout=0")
     try:
         while True:
@@ -190,11 +191,30 @@ def reading(db: Database) -> Iterator[Connection]:
 
 @contextmanager
 def writing(db: Database) -> Iterator[Connection]:
-    """A transaction that writes: committed at the end of the block, undone if the block raises."""
-    with _passing_faults(), db.turn, db.engine.connect() as plain:
-        connection = plain.execution_options(tailstack_writes=True)
+    """A transaction that writes: committed at the end of the block, undone if the block raises.
+
+    On SQLite whoever cannot begin within ``BUSY_SECONDS``, behind threads of this process and other processes, is
+    refused (StoreUnavailable): a writer that is stopped must not make all others wait, one after the other.
+    """
+    deadline = time.monotonic() + BUSY_SECONDS
+    with _passing_faults(), _turn(db), db.engine.connect() as plain:
+        connection = plain.execution_options(tailstack_writes_before=deadline)
         with connection.begin():
             yield connection
+
+
+@contextmanager
+def _turn(db: Database) -> Iterator[None]:
+    if db.turn is None:
+        yield
+        return
+    if not db.turn.acquire(timeout=BUSY_SECONDS):
+        detail = f"another writer has held the database for more than {BUSY_SECONDS:g} s"
+        raise StoreUnavailable(Problem("", "store-unavailable", detail, _SQLITE_PATIENCE))
+    try:
+        yield
+    finally:
+        db.turn.release()
 
 
 @contextmanager
@@ -220,9 +240,12 @@ def _passes(error: exc.DBAPIError | exc.TimeoutError) -> bool:
     return isinstance(error, exc.OperationalError | exc.InterfaceError)
 
 
+_SQLITE_PATIENCE = "try again in a moment; no other program may hold the file, and its disk must not be full"
+
+
 def _patience(error: exc.DBAPIError | exc.TimeoutError) -> str:
     if hasattr(getattr(error, "orig", None), "sqlite_errorcode"):
-        return "try again in a moment; no other program may hold the file, and its disk must not be full"
+        return _SQLITE_PATIENCE
     return "try again in a moment; the server that TAILSTACK_DATABASE names must be running"
 
 

@@ -61,7 +61,7 @@ def advanced(design: dict[str, Any], sampling: Sampling, results: Iterable[UnitR
         answer = verify_prepared(_prepared(canonical(design)), sampling, threads=1, source=source)
     except Pending as pending:
         specs = tuple(dict.fromkeys(pending.wanted))
-        return More(specs, pending.remaining, f"Monte Carlo: {len(held)} parts sampled, {len(specs)} asked for")
+        return More(specs, pending.remaining, f"Monte Carlo: {len(held)} parts sampled, {len(specs)} more to come")
     return Done(to_json(answer))
 
 
