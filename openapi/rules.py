@@ -36,8 +36,9 @@ ITSELF = "get_openapi"  # answers with this very document, which is its own exam
 
 COUNTS = frozenset(
     {"careless_infeasible", "careless_layouts", "changes_left_out", "column", "compared_trials", "converged_starts",
-     "count", "exit_code", "fiducials", "first_start", "flagged_trials", "line", "max", "max_trials", "min", "order", "points", "points_per_axis",
-     "sections", "seed", "starts", "status", "tightening_rounds", "trials", "units_done", "units_expected", "workers"}
+     "count", "exit_code", "fiducials", "first_start", "flagged_trials", "line", "max", "max_trials", "min", "order",
+     "points", "points_per_axis", "sections", "seed", "starts", "status", "tightening_rounds", "trials",
+     "units_done", "units_expected", "workers"}
 )  # fmt: skip
 RATIOS = frozenset(
     {"axis", "beam_direction", "confidence", "coverage_factor", "exceedance_probability", "extrapolation", "factor",

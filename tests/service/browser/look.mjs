@@ -60,7 +60,7 @@ async function looked(browser, job) {
       for (const expression of job.ask ?? []) (found.answers ??= []).push(await ask(expression));
       if (job.viewer) {
         found.canvases.push(await ask(CANVAS));
-        for (const key of job.keys ?? []) {
+        for (const key of found.canvases[0].length ? job.keys ?? [] : []) {
           await page.locator(".viewer canvas").first().focus();
           await page.keyboard.press(key);
           await ask("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))");
