@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import argparse
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from math import log, pi, sqrt
 from pathlib import Path
 
@@ -76,13 +75,13 @@ def predictions(system: System) -> tuple[np.ndarray, np.ndarray]:
     values, errors, known = [], [], {}
     for cell in CELLS:
         if cell.setting not in known:
-            here = under(system, replace(cell.setting, noise_px=max(cell.setting.noise_px, 1e-9)))
+            here = under(system, cell.setting)
             model = linearise(here, here.targets[0])
             known[cell.setting] = model.localisation_bias_mm, covariance(model, "localisation")
         m, s = known[cell.setting]
         if cell.quantity == "p95":
             value = norm_quantile(0.95, m, s)
-            error = sqrt(0.95 * 0.05 / TRIALS) / norm_pdf(value, m, s) if cell.setting.noise_px else 0.0
+            error = sqrt(0.95 * 0.05 / TRIALS) / norm_pdf(value, m, s) if cell.setting.noise_px > 0 else 0.0
         elif cell.quantity == "mean":
             value = norm_mean(m, s)
             error = sqrt(max(np.trace(s) + m @ m - value**2, 0.0) / TRIALS)

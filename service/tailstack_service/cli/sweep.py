@@ -7,11 +7,15 @@ pointer (/views/0/fiducial_noise_px); * stands for every element (views.*.fiduci
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .answer import NOT_EVALUATED, PASS, Answer
 from .design_input import add_design, coloured_output, read_design, whole
 from .progress import Progress
+
+if TYPE_CHECKING:
+    from tailstack.design import Design
+    from tailstack.sweep_results import Sweep
 
 HELP = "score or check many designs: numbers of one varied over a grid"
 
@@ -34,6 +38,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--trials", type=whole(2), metavar="N", help="trials of each verification")
     parser.add_argument(
         "--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="seed of every verification (default 0)"
+    )
+    parser.add_argument("--figure", metavar="FILE", help="draw P95 over one axis of several values, or two (.svg)")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--engine", choices=("pool", "dask"),
+        help="compute on processes of this host, or on the Dask cluster of the settings; the answer is the same",
+    )  # fmt: skip
+    where.add_argument(
+        "--remote", metavar="URL", help="let a running service compute, with the key in TAILSTACK_KEY; same answer"
+    )
+    parser.add_argument(
+        "--processes", type=whole(1, 256), metavar="N", help="of engine pool (default TAILSTACK_WORKER_PROCESSES)"
     )
 
 
@@ -62,19 +78,62 @@ def run(arguments: argparse.Namespace) -> Answer:
     from ..documents import to_json
     from ..problems import RequestError
     from ..rendering.sweep import sweep_csv, sweep_text
+    from .studies.figure import writable_figure, write_figure
 
     if arguments.trials is not None and arguments.check == "score":
         detail, hint = "a score draws no trials", "add --check verification, or leave --trials out"
         raise RequestError(Problem("", "no-trials", detail, hint))
+    if arguments.processes is not None and arguments.engine != "pool":
+        raise RequestError(Problem("", "no-pool", "--processes is of --engine pool", "add it, or leave this out"))
+    figure = None if arguments.figure is None else writable_figure(arguments.figure)
     asked = [{"pointer": axis_pointer(design, path), **values} for path, values in arguments.axes]
     axes = read_axes(design, asked)
     with Progress("sweep") as progress:
-        result = sweep(
-            design, axes, check=arguments.check, trials=arguments.trials, seed=arguments.seed, progress=progress.report
-        )
+        if arguments.engine is None and arguments.remote is None:
+            result = sweep(
+                design, axes, check=arguments.check, trials=arguments.trials, seed=arguments.seed,
+                progress=progress.report,
+            )  # fmt: skip
+        else:
+            result = _elsewhere(arguments, design, asked, progress)
+    if figure is not None:
+        from ..rendering.sweep_figure import sweep_svg
+
+        write_figure(figure, sweep_svg(result))
     code = PASS if any(point.status == "ok" for point in result.points) else NOT_EVALUATED
     if arguments.json:
         return Answer(to_json(result, indent=2), code)
     if arguments.csv:
         return Answer(sweep_csv(result), code)
     return Answer(sweep_text(result, colour=coloured_output()), code)
+
+
+def _elsewhere(arguments: argparse.Namespace, design: Design, asked: list[dict[str, Any]], progress: Progress) -> Sweep:
+    """The record by way of the request that a service takes.  Raises RemoteError, RefusedJob, RequestError."""
+    from contextlib import closing
+
+    from tailstack.design import design_to_data
+
+    from ..documents import read_record
+
+    alone = design.document.fiducials.file is None
+    trials = {} if arguments.trials is None else {"trials": arguments.trials}
+    request = {
+        "design": design.source.data if alone else design_to_data(design), "axes": asked, "check": arguments.check,
+        "seed": arguments.seed, **trials,
+    }  # fmt: skip
+    if arguments.remote is not None:
+        from .remote import Service
+        from .remote_job import answer
+
+        body = answer(Service(arguments.remote), "/v1/sweeps", request, progress)
+    else:
+        from ..compute.alone import computed
+        from ..compute.choosing import engine_for
+        from ..work.requests import canonical
+        from .given import settings_given
+
+        with closing(engine_for(settings_given(arguments))) as engine:
+            body = computed(engine, "sweep", canonical(request), progress.report)
+    result: Sweep = read_record("sweep", body)
+    return result

@@ -25,7 +25,7 @@ def _part(block: Block) -> Array:
 
 
 def _std(spread: Array) -> Array:
-    return np.asarray(np.sqrt(np.diag(spread)))
+    return np.asarray(np.sqrt(np.maximum(np.diag(spread), 0.0)))
 
 
 def ways(system: System, target: int, at: Sampled) -> list[tuple[str, str, Array]]:
@@ -40,6 +40,9 @@ def ways(system: System, target: int, at: Sampled) -> list[tuple[str, str, Array
         left_out = full - _part(blocks[f"fiducial_noise:{view}"])
         words = f"the covariance of the matrix of view {place + 1} ({view}) left out of Eq 16"
         found.append((f"without matrix {place + 1}", words, _std(left_out)))
+        nothing = left_out - _part(blocks[f"target_noise:{view}"])
+        words = f"everything that comes through view {place + 1} ({view}) left out, its target noise too"
+        found.append((f"without view {place + 1}", words, _std(nothing)))
     targets = sum((_part(blocks[f"target_noise:{view}"]) for view in views), np.zeros((3, 3)))
     found.append(("target noise alone", "every matrix taken as exact", _std(targets)))
     found.append(("matrices alone", "the target's images taken as exact", _std(full - targets)))
@@ -105,10 +108,11 @@ def _sentence(propagations: list[Propagation], found: list[Statistic], compared:
     if not same:
         return words + "; none of these simplifications gives the printed analytic column."
     listed = " / ".join(f"{value:.1f}" for value in same[0].std_mm)
+    also = f" ('{same[1].name}' too)" if len(same) > 1 else ""
     printed = " / ".join(f"{MM_PER_PRINTED_UNIT * value:g}" for value in S3_ANALYTIC)
     axis = int(np.argmin(np.array(same[0].std_mm) / sampled))
     return (
-        f"{words}; the printed analytic column, {printed} mm, is what '{same[0].name}' gives ({listed} mm, within "
-        f"rounding on all axes): {sampled[axis] / same[0].std_mm[axis]:.1f} times too small in {AXES[axis]}. The "
+        f"{words}; the printed analytic column, {printed} mm, is what '{same[0].name}' gives{also}: {listed} mm, within "
+        f"rounding on all axes, {sampled[axis] / same[0].std_mm[axis]:.1f} times too small in {AXES[axis]}. The "
         "underestimate is an omission, not a limit of linearisation."
     )

@@ -12,6 +12,7 @@ from .page import around, left_axis, page
 
 WIDTH, TOP, BOTTOM, HEIGHT = 900.0, 114.0, 340.0, 390.0
 NINETY_NINE = 2.576
+NOT_DRAWN = ("without view", "matrices alone")
 Points = list[tuple[float, float]]
 
 
@@ -87,7 +88,8 @@ def factor_svg(geometry: Geometry) -> str:
     """S3: standard deviations per axis, every way of propagating beside Monte Carlo and the printed columns."""
     found = geometry.factor
     bars = [("Monte Carlo", found.monte_carlo_mm, COLOURS[0])]
-    bars += [(one.name, one.std_mm, COLOURS[1 + k % 5]) for k, one in enumerate(found.propagations[:5])]
+    drawn_ways = [one for one in found.propagations if not one.name.startswith(NOT_DRAWN)]
+    bars += [(one.name, one.std_mm, COLOURS[1 + k % 5]) for k, one in enumerate(drawn_ways)]
     rings: list[tuple[str, tuple[float, ...], str]] = []
     if found.printed_monte_carlo_mm is not None and found.printed_analytic_mm is not None:
         rings = [("printed, Monte Carlo", found.printed_monte_carlo_mm, "Monte Carlo")]
