@@ -21,7 +21,7 @@ from ..system import System
 from .comparison_bench import least_benches
 from .comparison_explaining import Scene, explanations
 from .comparison_file import Measurements, read_measurements
-from .comparison_levels import CONFIDENCE, MOST_TESTS, Bench, ErrorName, bench_of, compared, offset
+from .comparison_levels import CONFIDENCE, MOST_TESTS, Bench, ErrorName, bench_of, compared, offset, stated_of
 from .comparison_linear import sampled_law
 from .comparison_records import Explanation, LevelCompared, MeasuredFile, StudyComparison
 from .comparison_statistics import holm
@@ -162,7 +162,7 @@ def _explained(
                 sizes=bench.sizes,
                 errors=None if bench.vectors is None else bench.vectors - offset(bench),
                 norms=bench.norms,
-                summary=_summary(bench),
+                summary=stated_of(bench),
                 expected=bench.expected,
                 law=sampled_law(bench.system, bench.place, error, bench.sizes, seed, instrument_sd_mm, least),
             )
@@ -170,8 +170,3 @@ def _explained(
         ]
         found += explanations(scenes, 1 - CONFIDENCE, threads, told)
     return tuple(found)
-
-
-def _summary(bench: Bench) -> tuple[float, float] | None:
-    summary = bench.group.summary
-    return None if summary is None else (summary.mean_mm, summary.sd_mm)

@@ -26,7 +26,7 @@ from .comparison_statistics import Expected
 
 ONCE = ("fiducial_manufacturing", "hand_eye")  # drawn once for a bench; the other per-unit sources at each installation
 MOST_ROWS, MOST_ROWS_BY_SVD = 2_000_000, 150_000  # simulated trials of one level at one target
-LEAST_REPLICATES, MOST_REPLICATES = 499, 9_999
+LEAST_REPLICATES, MOST_REPLICATES = 499, 4_999
 ROWS_AT_A_TIME = 8192
 INSTRUMENT_STREAM = 64  # of the generator; 0 and 1 are the chain's own
 

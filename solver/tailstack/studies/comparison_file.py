@@ -33,7 +33,7 @@ class Summary:
 
     n: int | None
     mean_mm: float
-    sd_mm: float
+    sd_mm: float | None
     reprojection_px: float | None
 
 
@@ -146,9 +146,16 @@ def _summary_group(table: Table, level: str, target: str, rows: Sequence[Row]) -
         detail = f"level {shown(level)} is summed up in line {rows[0].line} already"
         raise refusal(table.name, rows[1].line, "given-twice", detail)
     row = rows[0]
-    mean, sd = row.values
+    (mean,) = row.values
     return Group(
-        level, target, _deliberate_of(row), np.zeros(0), (), (), row.line, Summary(row.n, mean, sd, row.reprojection_px)
+        level,
+        target,
+        _deliberate_of(row),
+        np.zeros(0),
+        (),
+        (),
+        row.line,
+        Summary(row.n, mean, row.sd, row.reprojection_px),
     )
 
 

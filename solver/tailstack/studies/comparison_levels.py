@@ -78,8 +78,8 @@ def bench_of(system: System, read: Measurements, group: Group, error: ErrorName,
     if read.form == "summary":
         assert group.summary is not None
         sizes = (group.summary.n,) if group.summary.n else ()
-        if group.summary.mean_mm == 0 and group.summary.sd_mm == 0:
-            reason = "mean and spread are zero: the level is its own reference, not a measurement"
+        if group.summary.mean_mm == 0 and not group.summary.sd_mm:
+            reason = "its error is zero, without any spread: the level is its own reference, not a measurement"
         elif group.summary.n is None:
             reason = "the number of trials is not stated"
     elif read.form == "norms":
@@ -154,7 +154,7 @@ def compared(
         norm=_norm(bench, norms, tested),
         spread=_spread(bench, errors, norms, tested),
         spread_between=_spread_between(bench, errors, norms),
-        tests=_tests(bench, errors, norms) if tested else (),
+        tests=tests_of(bench, errors, norms) if tested else (),
         quantiles=() if bench.norms is None else _quantiles(bench.norms, norms),
         ratio_to_reprojection_mm_per_px=ratio,
         not_tested=bench.reason,
@@ -198,7 +198,7 @@ def _norm(bench: Bench, norms: Array, tested: bool) -> NormCompared:
     interval: Interval | None
     if summary is not None:
         measured, interval = summary.mean_mm, None
-        if tested and summary.n:
+        if tested and summary.n and summary.sd_mm is not None:
             half = float(stdtrit(summary.n - 1, (1 + CONFIDENCE) / 2)) * summary.sd_mm / sqrt(summary.n)
             interval = (measured - half, measured + half)
     else:
@@ -226,8 +226,9 @@ def _spread(bench: Bench, errors: Array, norms: Array, tested: bool) -> SpreadCo
         assert found is not None
         assert within is not None
         return _ratio("vectors", sqrt(np.trace(found[0])), np.sqrt(np.trace(within, axis1=1, axis2=2)))
-    if bench.group.summary is not None:
-        return _ratio("norms", bench.group.summary.sd_mm, pooled_sd(norms, sizes), tested)
+    summary = bench.group.summary
+    if summary is not None:
+        return None if summary.sd_mm is None else _ratio("norms", summary.sd_mm, pooled_sd(norms, sizes), tested)
     assert bench.norms is not None
     return _ratio("norms", float(pooled_sd(bench.norms[None], sizes)[0]), pooled_sd(norms, sizes))
 
@@ -248,7 +249,8 @@ def _spread_between(bench: Bench, errors: Array, norms: Array) -> SpreadCompared
 # --- tests ----------------------------------------------------------------------------------------
 
 
-def _tests(bench: Bench, errors: Array, norms: Array) -> tuple[ComparisonTest, ...]:
+def tests_of(bench: Bench, errors: Array, norms: Array) -> tuple[ComparisonTest, ...]:
+    """Every test of a bench against simulated ones: errors (R, n, 3), norms (R, n), mm."""
     found = _vector_tests(bench, errors) if bench.vectors is not None else _norm_tests(bench, norms)
     if bench.norms is not None and len(bench.norms) >= LEAST_FOR_TAIL:
         found.append(_test("tail", float(tail_mean(bench.norms[None])[0]), tail_mean(norms), True))
@@ -285,11 +287,17 @@ def _norm_tests(bench: Bench, norms: Array) -> list[ComparisonTest]:
         names.append("spread")
     if len(bench.sizes) > 1:
         names.append("between installations")
-    summary = bench.group.summary
-    said = None if summary is None else (summary.mean_mm, summary.sd_mm)
-    found = norm_statistics(bench.norms, said, bench.sizes)
+    found = norm_statistics(bench.norms, stated_of(bench), bench.sizes)
     many = simulated_norm_statistics(norms, bench.sizes)
-    return [_test(name, at, sample, True) for name, at, sample in zip(names, found, many, strict=True)]
+    return [_test(name, at, sample, True) for name, at, sample in zip(names, found, many, strict=False)]
+
+
+def stated_of(bench: Bench) -> tuple[float, ...] | None:
+    """Mean and, where it is given, standard deviation of summary statistics, mm."""
+    summary = bench.group.summary
+    if summary is None:
+        return None
+    return (summary.mean_mm,) if summary.sd_mm is None else (summary.mean_mm, summary.sd_mm)
 
 
 def _quantiles(measured: Array, norms: Array) -> tuple[QuantilePoint, ...]:

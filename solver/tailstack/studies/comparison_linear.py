@@ -19,7 +19,8 @@ from .comparison_bench import when
 from .comparison_statistics import Expected, bench_mean
 
 MOST_ROWS = 100_000  # trials of a group, all benches together
-MOST_BENCHES = 1_999
+MOST_BENCHES = 999
+VANISHING_MM2 = 1e-12  # of a contributor to this error: nothing to be scaled
 LEVER = 0.01  # rad
 IMAGE_NOISE = "image_noise"  # of fiducials and targets in all views, as one contributor
 
@@ -74,7 +75,7 @@ def sampled_law(
         whole = sum(columns.values(), np.zeros((count, 1, 3)))
         total += whole
         scaled = model.gain(block, error) * block.std
-        if block.std.any():
+        if np.trace(scaled @ scaled.T) > VANISHING_MM2:
             contributions.append(
                 Contribution(block.contributor, when(block), np.broadcast_to(whole, total.shape), scaled @ scaled.T)
             )

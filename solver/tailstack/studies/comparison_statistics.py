@@ -116,7 +116,7 @@ def pooled_sd(norms: Array, sizes: Sequence[int]) -> Array:
     return np.asarray(np.sqrt((residual**2).sum(axis=1) / (sum(sizes) - len(sizes))))
 
 
-def norm_statistics(norms: Array | None, summary: tuple[float, float] | None, sizes: Sequence[int]) -> list[float]:
+def norm_statistics(norms: Array | None, summary: tuple[float, ...] | None, sizes: Sequence[int]) -> list[float]:
     """Mean, standard deviation within installations and between their means (each where there is one)."""
     if summary is not None:
         return list(summary)

@@ -27,7 +27,7 @@ AXES: dict[Form, tuple[str, ...]] = {
     "points": ("x", "y", "z"),
     "vectors": ("error_x", "error_y", "error_z"),
     "norms": ("error",),
-    "summary": ("mean", "sd"),
+    "summary": ("mean",),
 }
 EXAMPLES: dict[Form, str] = {
     "points": "level,installation,trial,target,x_mm,y_mm,z_mm",
@@ -56,12 +56,14 @@ class Row:
     labels: dict[str, str]
     values: tuple[float, ...]  # mm
     deliberate: tuple[float, ...] | None  # rad, mm
-    n: int | None
+    n: int | None  # of a summary, and the next two
+    sd: float | None  # mm
     reprojection_px: float | None
 
 
 def refusal(name: str, line: int | None, code: str, detail: str, hint: str = "", column: str = "") -> MeasurementError:
-    return MeasurementError(Problem(f"/{column}" if column else "", code, detail, hint, name, line))
+    at = None if line is None else 1
+    return MeasurementError(Problem(f"/{column}" if column else "", code, detail, hint, name, line, at))
 
 
 def shown(text: str) -> str:
@@ -134,7 +136,9 @@ class Table:
         if not signed and min(values) < 0:
             axis = AXES[self.form][int(np.argmin(values))]
             raise refusal(self.name, line, "out-of-range", f"{axis} cannot be negative", column=axis)
-        return Row(line, labels, values, self._deliberate(cells, line), self._n(cells, line), self._px(cells, line))
+        sd, px = self._optional(cells, line, "sd"), self._optional(cells, line, "reprojection")
+        sd = None if sd is None else scale * sd
+        return Row(line, labels, values, self._deliberate(cells, line), self._n(cells, line), sd, px)
 
     def _number(self, cells: Sequence[str], line: int, column: str) -> float:
         said = cells[self.columns[column]]
@@ -178,12 +182,12 @@ class Table:
             raise refusal(self.name, line, code, detail, "leave the column out where the number is not known", "n")
         return int(said)
 
-    def _px(self, cells: Sequence[str], line: int) -> float | None:
-        if "reprojection" not in self.columns:
+    def _optional(self, cells: Sequence[str], line: int, column: str) -> float | None:
+        if column not in self.columns:
             return None
-        value = self._number(cells, line, "reprojection")
+        value = self._number(cells, line, column)
         if value < 0:
-            raise refusal(self.name, line, "out-of-range", "reprojection cannot be negative", "", "reprojection")
+            raise refusal(self.name, line, "out-of-range", f"{column} cannot be negative", "", column)
         return value
 
 
@@ -196,7 +200,7 @@ def _cells(name: str, line: int, text: str, delimiter: str) -> list[str]:
 
 def _form(name: str, line: int, header: str, said: Sequence[str]) -> Form:
     """Which form the header names; a number without a unit is told so."""
-    stems = {re.sub(r"_[^_]+$", "", cell) for cell in said}
+    stems = {cell.rpartition("_")[0] for cell in said}
     fits = [form for form, axes in AXES.items() if set(axes) <= stems]
     if len(fits) == 1:
         return fits[0]
@@ -233,7 +237,7 @@ def _columns(name: str, line: int, said: Sequence[str], form: Form) -> tuple[dic
         elif stem == "reprojection" and form == "summary":
             if unit != "px":
                 raise refusal(name, line, "csv-header", f"reprojection is in px: reprojection_px; got {shown(cell)}")
-        elif stem in AXES[form] or stem in TRANSLATIONS:
+        elif stem in AXES[form] or stem in TRANSLATIONS or (stem == "sd" and form == "summary"):
             if unit not in MM:
                 detail = f"column {shown(cell)} has no known unit of length"
                 raise refusal(name, line, "csv-header", detail, f"for example {stem}_mm; units: {', '.join(MM)}")

@@ -10,7 +10,7 @@ from ..svg import BLUE, FAINT, MUTED, VERMILION, box, line, printable, rounded, 
 from .page import around, bottom_axis, left_axis, page
 
 PANEL, GAP, LEFT, TOP = 300, 84, 70, 92
-MOST_PANELS = 6
+MOST_PANELS, NARROWEST = 6, 720
 BAND = "#dbe8f3"
 
 
@@ -19,7 +19,7 @@ def comparison_svg(study: StudyComparison) -> str:
     with_tail = [level for level in study.levels if level.quantiles][:MOST_PANELS]
     columns = min(1 + len(with_tail), 4)
     rows = -(-(1 + len(with_tail)) // columns)
-    width = LEFT + columns * (PANEL + GAP) - GAP + 30
+    width = max(LEFT + columns * (PANEL + GAP) - GAP + 30, NARROWEST)
     height = TOP + rows * (PANEL + 100) + 10
     parts = [text(15, 44, printable(f"{study.provenance.design_name}; {study.file.name}; {study.error} error", 150))]
     parts += _means(study.levels, LEFT, TOP)

@@ -1,0 +1,90 @@
+"""``tailstack study coupling``: text, JSON, figure, refusals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import jsonschema
+import pytest
+
+from tailstack.studies.coupling_words import decimals_of
+from tailstack_service.cli.main import main
+from tailstack_service.documents import from_plain, json_schema
+from tailstack_service.rendering.studies.coupling import COMPARISONS, coupling_svg, coupling_text
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+DEMO = str(EXAMPLES / "demo.yaml")
+QUICK = ["--trials", "8192", "--level", "2,5"]
+
+
+@pytest.fixture(scope="module")
+def document(tmp_path_factory: pytest.TempPathFactory) -> dict:
+    """What --json prints for the demo, and the figure beside it."""
+    figure = tmp_path_factory.mktemp("figure") / "coupling.svg"
+    capture = pytest.MonkeyPatch()
+    out: list[bytes] = []
+    capture.setattr("tailstack_service.cli.main._write", out.append)
+    try:
+        assert main(["study", "coupling", DEMO, *QUICK, "--json", "--figure", str(figure)]) == 0
+    finally:
+        capture.undo()
+    return {"study": json.loads(out[0]), "figure": figure.read_text()}
+
+
+def test_json_is_the_published_record(document: dict) -> None:
+    study = document["study"]
+    jsonschema.Draft202012Validator(json_schema("study-coupling")).validate(study)
+    assert [(case["reading"], case["installation"]) for case in study["cases"]] == [
+        ("physical", "as designed"), ("physical", "2 deg + 5 mm"), ("eq18", "as designed"), ("eq18", "2 deg + 5 mm"),
+    ]  # fmt: skip
+    assert study["trials"] == 8192
+    assert study["cases"][3]["gain"]["value"] == pytest.approx(1, abs=1e-9)
+
+
+def test_text_fits_the_page_and_holds_every_ratio(document: dict) -> None:
+    study = from_plain("study-coupling", document["study"])
+    text = coupling_text(study)
+    assert max(map(len, text.splitlines())) <= 100
+    for case in study.cases:
+        assert f"{case.p95_together_mm:.4g}" in text
+        for _, _, which in COMPARISONS:
+            decimals = min(decimals_of(which(case)), 3)
+            assert f"{round(100 * (which(case).value - 1), decimals) + 0.0:+.{decimals}f}" in text
+    unwrapped = " ".join(text.split())
+    assert all(case.sentence in unwrapped for case in study.cases)
+    assert all(said in unwrapped for said in study.conclusions)
+    assert "Student's t with 31 degrees of freedom" in unwrapped
+
+
+def test_the_figure_is_drawn_from_the_record(document: dict) -> None:
+    study = from_plain("study-coupling", document["study"])
+    assert document["figure"] == coupling_svg(study)
+    root = ElementTree.fromstring(document["figure"])
+    marks = [node for node in root.iter() if node.tag.endswith("circle")]
+    assert len(marks) == len(COMPARISONS) * len(study.cases)
+    width, height = float(root.get("width", 0)), float(root.get("height", 0))
+    assert all(0 < float(mark.get("cx", -1)) < width and 0 < float(mark.get("cy", -1)) < height for mark in marks)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--trials", "100"], "8192"),
+        (["--level", "1"], "DEG,MM"),
+        (["--level", "90,0"], "at most 45 deg"),
+        (["--level", "nan,0"], "at most 45 deg"),
+        (["--figure", "coupling.png"], "no known ending"),
+        (["--figure", "/nowhere/coupling.svg"], "cannot write"),
+        (["--target", "elsewhere"], "no target is called"),
+        (["--error", "angle"], "invalid choice"),
+    ],
+)
+def test_what_is_not_asked_for_rightly_is_bad_input(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    assert main(["study", "coupling", DEMO, *arguments]) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert said in output.err
