@@ -314,9 +314,23 @@ def test_names_of_this_machine(client: httpx.Client, host: str) -> None:
 
 def test_pages_of_other_sites_change_nothing(client: httpx.Client) -> None:
     own = f"http://{client.base_url.host}:{client.base_url.port}"
-    for origin in ("https://evil.example.org", "null", "http://localhost:1", "http://127.0.0.1", own + ".evil.org"):
-        check_problem(client.post("/v1/scores", json=BODY, headers={"Origin": origin}), 403, "forbidden")
-        assert client.get("/v1/jobs", headers={"Origin": origin}).status_code == 200  # which no page can read: no CORS
+    for origin in (
+        "https://evil.example.org",
+        "null",
+        "http://localhost:1",
+        "http://127.0.0.1",
+        own + ".evil.org",
+        "http://[",
+        "http://[::1",
+        "",
+        "\xff://\xff",
+    ):
+        check_problem(
+            client.post("/v1/scores", json=BODY, headers={b"Origin": origin.encode("latin-1")}), 403, "forbidden"
+        )
+        assert (
+            client.get("/v1/jobs", headers={b"Origin": origin.encode("latin-1")}).status_code == 200
+        )  # which no page can read: no CORS
     assert client.post("/v1/scores", json=BODY, headers={"Origin": own}).status_code == 200
 
 

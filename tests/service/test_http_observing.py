@@ -133,3 +133,13 @@ def test_libraries_are_quiet(told: io.StringIO) -> None:
     assert "a statement" not in told.getvalue()
     assert "something to know" in told.getvalue()
     assert sys.stderr is not told
+
+
+def test_what_a_stranger_sends_makes_no_long_line(client: httpx.Client, told: io.StringIO) -> None:
+    log_to_stderr("json", stream=told)
+    client.request("X" * 30_000, "/version")
+    client.get("/" + "x" * 30_000)
+    lines = [json.loads(line) for line in told.getvalue().splitlines()]
+    answered = [line for line in lines if line.get("action") == "answered"]
+    assert [line["status"] for line in answered] == [405, 404]
+    assert max(len(line) for line in told.getvalue().splitlines()) < 1000

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import json
 import logging
 import platform
 from dataclasses import asdict, dataclass, replace
@@ -107,7 +109,8 @@ async def schema(request: Request) -> Response:
     name = request.path_params["name"]
     if name not in schema_names():
         raise _nothing(f"no schema is called {name[:60]!r}", f"one of {', '.join(schema_names())}")
-    return JSONResponse(json_schema(name), media_type="application/schema+json")
+    body = await asyncio.to_thread(lambda: json.dumps(json_schema(name), ensure_ascii=False, separators=(",", ":")))
+    return Response(body, media_type="application/schema+json")
 
 
 async def problem_type(request: Request) -> Response:

@@ -22,6 +22,7 @@ from .service import Service
 log = logging.getLogger("tailstack.service")
 _ID = re.compile(r"[A-Za-z0-9._:-]{1,64}\Z")
 CLIENT_LEFT = 499
+LONGEST_METHOD, LONGEST_PATH = 20, 200  # characters that are logged: a stranger may send 60,000
 
 
 class RequestLog:
@@ -56,7 +57,7 @@ class RequestLog:
         except TransportError as refused:
             await _refusal(refused, scope, request_id)(scope, receive, send_with_id)
         except Exception:
-            log.exception("", extra={"action": "failed", "request": request_id, "path": scope["path"]})
+            log.exception("", extra={"action": "failed", "request": request_id, "path": scope["path"][:LONGEST_PATH]})
             if status == 0:
                 defect = Problem(
                     "", "internal-error", "the request met a defect of the service", "report it with the id"
@@ -71,7 +72,8 @@ class RequestLog:
         log.info(
             "",
             extra={
-                "action": "answered", "request": request_id, "method": scope["method"], "path": scope["path"],
+                "action": "answered", "request": request_id, "method": scope["method"][:LONGEST_METHOD],
+                "path": scope["path"][:LONGEST_PATH],
                 "status": status, "ms": 1e3 * took, "tenant": None if caller is None else caller.tenant,
             },
         )  # fmt: skip

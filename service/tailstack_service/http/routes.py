@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
+import json
 import re
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from functools import cache
 
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 
 from . import events, information, jobs, results
+from .answers import JSON
 from .comparisons import create_comparison
 from .conversions import create_conversion
 from .gates import create_gate
@@ -35,8 +39,16 @@ class Route:
         return re.fullmatch(re.sub(r"\\{\w+\\}", "[^/]+", re.escape(self.path)), path) is not None
 
 
-async def _openapi(request: Request) -> Response:
-    return JSONResponse(request.app.openapi())
+async def _openapi(_request: Request) -> Response:
+    # putting it together takes seconds, which nobody else has to wait for
+    return Response(await asyncio.to_thread(_document), media_type=JSON)
+
+
+@cache
+def _document() -> bytes:
+    from .openapi import document
+
+    return json.dumps(document(), ensure_ascii=False, separators=(",", ":")).encode()
 
 
 ROUTES = (
