@@ -14,7 +14,7 @@ import pytest
 
 import reference_chain
 from scenes import cube8_system, mount, system_of
-from tailstack.errors import OutOfRangeError
+from tailstack.errors import LimitError, OutOfRangeError
 from tailstack.studies.coupling import level_torsor, quantile_of, sectioned, study_coupling
 from tailstack.studies.coupling_records import SECTIONS, CouplingCase, Ratio, StudyCoupling
 from tailstack.studies.coupling_words import conclusions, per_cent, seen, side
@@ -188,7 +188,12 @@ def test_words_follow_the_intervals(cube: StudyCoupling) -> None:
 def test_progress_reaches_its_end() -> None:
     told: list[tuple[int, int]] = []
     study_coupling(cube8_system(), levels=(), trials=8192, progress=lambda done, total: told.append((done, total)))
-    assert told == [(k, SECTIONS) for k in range(1, SECTIONS + 1)]
+    assert told == [(k, 3 * SECTIONS) for k in range(1, 3 * SECTIONS + 1)]  # noise alone, and both readings
+
+
+def test_what_is_held_at_a_time_is_bounded() -> None:
+    with pytest.raises(LimitError, match="--trials"):
+        study_coupling(cube8_system(), trials=2**26)
 
 
 @pytest.mark.parametrize(

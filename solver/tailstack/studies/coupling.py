@@ -19,7 +19,7 @@ from scipy.special import stdtrit
 from ..contributors import error_law, law_of, parts_of
 from ..cores import usable_cores
 from ..design import Design
-from ..errors import OutOfRangeError, Problem
+from ..errors import LimitError, OutOfRangeError, Problem
 from ..montecarlo import ChainPlan, compile_plan, draw, evaluate
 from ..montecarlo.plan import INSTALLATION, SHOT
 from ..montecarlo.simulate import ERRORS
@@ -31,8 +31,10 @@ from ..tail.declared import law_quantile
 from .coupling_records import LEAST_TRIALS, SECTIONS, CouplingCase, Ratio, StudyCoupling
 from .coupling_words import conclusions, seen, sentence
 
+ROOM, MOST = 2**23, 2**25  # trials times targets of a case: by default, and at most (2 GB)
 TRIALS, TRIALS_BY_SVD = 2**18, 2**14  # by default; the second where no structured solution exists
 CONFIDENCE = 0.95
+LOCALISED = ERRORS.index("localisation")
 LEVELS = ((1.0, 2.0), (2.0, 5.0))  # degrees, mm: the paper's L1 and L2
 METHOD = (
     f"sectioning: {SECTIONS} sections of consecutive trials, Student's t with {SECTIONS - 1} degrees of freedom about "
@@ -73,10 +75,11 @@ class _Norms:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Still:
-    """The trials at the nominal geometry, noise alone, at one target; (trials,)."""
+    """The trials at the nominal geometry, noise alone, at one target."""
 
-    noise: Array  # mm
-    gain_squared: Array  # mm^2: of the localisation error
+    noise: Array  # (trials,) mm
+    gain_squared: Array  # (trials,) mm^2: of the localisation error
+    vectors: Array  # (3, trials) mm
 
 
 def study_coupling(
@@ -102,22 +105,20 @@ def study_coupling(
     nominal = _in_place(system)
     cases = [case for reading in Reading for case in _cases(replace(system, reading=reading), nominal, levels, error)]
     at_rest = compile_plan(nominal)
-    fast = all(plan.structured for case in cases for plan in case.plans)
-    wanted = trials if trials is not None else TRIALS if fast else TRIALS_BY_SVD
-    if wanted < LEAST_TRIALS:
-        detail = f"at least {LEAST_TRIALS} trials are needed for the intervals; got {wanted}"
-        raise OutOfRangeError(Problem("", "too-few-trials", detail, f"--trials {TRIALS}"))
-    size = ceil(wanted / SECTIONS)
+    size = ceil(_trials(trials, cases, len(system.targets)) / SECTIONS)
     if not any(view.fiducial_noise_px or view.target_noise_px for view in system.views):
         detail = "the views have no noise, so there is nothing that could couple with the installation error"
         raise OutOfRangeError(Problem("/views", "no-noise", detail, "state fiducial_noise_px and target_noise_px"))
-    still, found = _sampled(cases, at_rest, seed, size, error, threads, progress)
+    sampler = _Sampler(at_rest, seed, size, ERRORS.index(error), threads, progress, 1 + len(cases))
+    still = sampler.still()
     models = linearise_all(nominal)
-    records = [
-        _record(case, target.name, error, by_target[place], still[place], models[target.name])
-        for case, by_target in zip(cases, found, strict=True)
-        for place, target in enumerate(system.targets)
-    ]
+    records = []
+    for number, case in enumerate(cases, 1):
+        norms = sampler.of(case, still, number)
+        records += [
+            _record(case, target.name, error, norms[place], still[place], models[target.name])
+            for place, target in enumerate(system.targets)
+        ]
     return StudyCoupling(
         schema="tailstack/study-coupling/1",
         error=error,
@@ -133,6 +134,19 @@ def study_coupling(
         validity=ready.trust,
         provenance=provenance(system, tuple(line for line in NOT_INCLUDED if "second order" not in line)),
     )
+
+
+def _trials(asked: int | None, cases: Sequence[_Case], targets: int) -> int:
+    """Trials of each case: as asked, or what the design's model and its number of targets afford."""
+    fast = all(plan.structured for case in cases for plan in case.plans)
+    wanted = min(TRIALS if fast else TRIALS_BY_SVD, max(ROOM // targets, LEAST_TRIALS)) if asked is None else asked
+    if wanted < LEAST_TRIALS:
+        detail = f"at least {LEAST_TRIALS} trials are needed for the intervals; got {wanted}"
+        raise OutOfRangeError(Problem("", "too-few-trials", detail, f"--trials {TRIALS}"))
+    if wanted * targets > MOST:
+        detail = f"{wanted:,} trials at {targets} targets are more than the {MOST:,} that are held at a time"
+        raise LimitError(Problem("", "too-many", detail, f"--trials {MOST // targets}"))
+    return wanted
 
 
 def level_torsor(level: Level) -> Array:
@@ -178,44 +192,62 @@ def _cases(system: System, nominal: System, levels: Sequence[Level], error: str)
 # --- sampling -------------------------------------------------------------------------------------
 
 
-def _sampled(
-    cases: Sequence[_Case],
-    at_rest: ChainPlan,
-    seed: int,
-    size: int,
-    error: str,
-    threads: int | None,
-    progress: Progress | None,
-) -> tuple[list[_Still], list[list[_Norms]]]:
-    """Noise at the nominal geometry by target, and what is kept of every case by target."""
-    metric, localised, targets = ERRORS.index(error), ERRORS.index("localisation"), len(at_rest.system.targets)
-    noise = np.empty((targets, 2, SECTIONS * size))
-    kept = np.empty((len(cases), targets, 4, SECTIONS * size))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sampler:
+    """Runs the sections of a case; every case sees the same deviates."""
 
-    def section(number: int) -> None:
-        at = slice(number * size, (number + 1) * size)
-        z = draw(at_rest, seed, np.arange(at.start, at.stop, dtype=np.int64))
-        shots, mounted = _only(at_rest, z, SHOT), _only(at_rest, z, INSTALLATION)
-        still = evaluate(at_rest, shots)
-        noise[:, 0, at] = np.linalg.norm(still[:, :, metric], axis=2).T
-        noise[:, 1, at] = (still[:, :, localised] ** 2).sum(axis=2).T
-        for case, out in zip(cases, kept, strict=True):
-            # A level stands still: its error without noise is one vector.
-            inputs, alone = (z, mounted) if case.level is None else (shots, np.zeros((1, z.shape[1])))
+    at_rest: ChainPlan
+    seed: int
+    size: int  # trials of a section
+    metric: int
+    threads: int | None
+    progress: Progress | None
+    runs: int
+
+    def _drawn(self, number: int) -> tuple[slice, Array]:
+        at = slice(number * self.size, (number + 1) * self.size)
+        return at, draw(self.at_rest, self.seed, np.arange(at.start, at.stop, dtype=np.int64))
+
+    def _each(self, section: Callable[[int], None], run: int) -> None:
+        with ThreadPoolExecutor(usable_cores() if self.threads is None else self.threads) as pool:
+            for done, _ in enumerate(pool.map(section, range(SECTIONS)), 1):
+                if self.progress is not None:
+                    self.progress(run * SECTIONS + done, self.runs * SECTIONS)
+
+    def still(self) -> list[_Still]:
+        """Noise at the nominal geometry, by target."""
+        kept = np.empty((len(self.at_rest.system.targets), 5, SECTIONS * self.size))
+
+        def section(number: int) -> None:
+            at, z = self._drawn(number)
+            errors = evaluate(self.at_rest, _only(self.at_rest, z, SHOT))
+            kept[:, 0, at] = np.linalg.norm(errors[:, :, self.metric], axis=2).T
+            kept[:, 1, at] = (errors[:, :, LOCALISED] ** 2).sum(axis=2).T
+            kept[:, 2:, at] = np.moveaxis(errors[:, :, self.metric], 0, -1)
+
+        self._each(section, 0)
+        return [_Still(rows[0], rows[1], rows[2:]) for rows in kept]
+
+    def of(self, case: _Case, still: Sequence[_Still], run: int) -> list[_Norms]:
+        """What is kept of a case, by target."""
+        kept = np.empty((len(still), 4, SECTIONS * self.size))
+
+        def section(number: int) -> None:
+            at, z = self._drawn(number)
+            inputs, alone = z, _only(self.at_rest, z, INSTALLATION)
+            if case.level is not None:  # it stands still: its error without noise is one vector
+                inputs, alone = _only(self.at_rest, z, SHOT), np.zeros((1, z.shape[1]))
             together = [evaluate(plan, inputs) for plan in case.plans]
             quiet = [evaluate(plan, alone) for plan in case.plans]
             for place, which in enumerate(case.plan_of):
                 e, rest = together[which][:, place], quiet[which][:, place]
-                out[place, 0, at] = np.linalg.norm(e[:, metric], axis=1)
-                out[place, 1, at] = np.linalg.norm(rest[:, metric], axis=1)
-                out[place, 2, at] = np.linalg.norm(rest[:, metric] + still[:, place, metric], axis=1)
-                out[place, 3, at] = ((e[:, localised] - rest[:, localised]) ** 2).sum(axis=1)
+                kept[place, 0, at] = np.linalg.norm(e[:, self.metric], axis=1)
+                kept[place, 1, at] = np.linalg.norm(rest[:, self.metric], axis=1)
+                kept[place, 2, at] = np.linalg.norm(rest[:, self.metric] + still[place].vectors[:, at].T, axis=1)
+                kept[place, 3, at] = ((e[:, LOCALISED] - rest[:, LOCALISED]) ** 2).sum(axis=1)
 
-    with ThreadPoolExecutor(usable_cores() if threads is None else threads) as pool:
-        for done, _ in enumerate(pool.map(section, range(SECTIONS)), 1):
-            if progress is not None:
-                progress(done, SECTIONS)
-    return [_Still(*rows) for rows in noise], [[_Norms(*rows) for rows in case] for case in kept]
+        self._each(section, run)
+        return [_Norms(*rows) for rows in kept]
 
 
 def _only(plan: ChainPlan, z: Array, stream: int) -> Array:
