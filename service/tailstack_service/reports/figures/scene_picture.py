@@ -104,7 +104,7 @@ def _panel(sight: Sight, items: Sequence[Item], name: str) -> list[str]:
     frame = f'<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="none" stroke="#d9dee3"/>'
     return [
         clip, f'<g clip-path="url(#{name}-clip)">', *drawn, "</g>", frame,
-        *_labels(sight, items), *_axes(sight, 20.0 + 10.0 * sight.size),
+        *_labels(sight, items), *_axes(sight),
     ]  # fmt: skip
 
 
@@ -201,12 +201,13 @@ def _labels(sight: Sight, items: Sequence[Item]) -> list[str]:
     """Names beside what they name; those of fiducials only where there is room for them."""
     left, top, width, height = sight.panel
     inside = (left + 2, top + 2, left + width - 2, top + height - 2)
-    foot = top + height - 60  # of the axes, which labels leave alone
     places = [sight.page(np.array(item.points[:1]))[0] for item in items if item.layer == "fiducials"]
     spread = np.ptp(np.array(places), axis=0) + 40 if places else np.zeros(2)
     crowded = len(places) > 1 and float(spread[0] * spread[1]) < ROOM * len(places)
-    points, colours = [], []
-    lines = [(left + 20, top + height - 20, left + 70, top + height - 20), (left + 40, foot, left + 40, foot + 40)]
+    ends = _axis_ends(sight)
+    points = [MarkedPoint(x, y - 4, "") for _, _, (x, y) in ends]  # which labels leave alone
+    colours = [INK] * len(points)
+    lines = [(*ends[0][1], *end) for _, end, _ in ends[1:]]
     for item in items:
         if item.look == "image" or not (item.label or item.kind == "mark" or item.look == "ray"):
             continue
@@ -224,17 +225,26 @@ def _labels(sight: Sight, items: Sequence[Item]) -> list[str]:
     return [text(x, y, point.text, colour=colour) for point, (x, y), colour in placed if point.text]
 
 
-def _axes(sight: Sight, arm: float) -> list[str]:
-    """The directions of con and a bar in mm, at the foot of a panel."""
-    left, top, width, height = sight.panel
+def _axis_ends(sight: Sight) -> list[tuple[str, tuple[float, float], tuple[float, float]]]:
+    """Name, end and place of the name of each axis of con, at the foot of a panel; those seen end on have no name."""
+    left, top, _, height = sight.panel
+    arm = 20.0 + 10.0 * sight.size
     x, y = left + arm + 12, top + height - arm * 0.55 - 10
-    parts = []
+    ends = []
     for name, right, up, toward in zip("xyz", sight.right, sight.up, sight.eye, strict=True):
         dx, dy = arm * float(right), -arm * float(up)
-        parts.append(line(x, y, x + dx, y + dy, INK, 1.2))
-        if abs(float(toward)) < 0.97:
-            further = 1 + 9 / max(sqrt(dx * dx + dy * dy), 1.0)
-            parts.append(text(x + further * dx, y + further * dy + 4, name, anchor="middle"))
+        further = 1 + 9 / max(sqrt(dx * dx + dy * dy), 1.0)
+        shown = name if abs(float(toward)) < 0.97 else ""
+        ends.append((shown, (x + dx, y + dy), (x + further * dx, y + further * dy + 4)))
+    return [("", (x, y), (x, y)), *ends]
+
+
+def _axes(sight: Sight) -> list[str]:
+    """The directions of con and a bar in mm, at the foot of a panel."""
+    left, top, width, height = sight.panel
+    (_, (x, y), _), *ends = _axis_ends(sight)
+    parts = [line(x, y, *end, INK, 1.2) for _, end, _ in ends]
+    parts += [text(*at, name, anchor="middle") for name, _, at in ends if name]
     length = round_step(0.32 * width / sight.scale)
     end, foot = left + width - 12, top + height - 12
     begin = end - length * sight.scale
@@ -269,7 +279,8 @@ def _legend(scene: Scene, items: Sequence[Item], x: float, y: float) -> tuple[li
         if look not in used:
             continue
         said = words.format(before=printable(scene.before, 12))
-        said += f", × {scene.magnification:g}" if look in MAGNIFIED else ""
+        if look in MAGNIFIED:
+            said += ", to scale" if scene.magnification == 1 else f", × {scene.magnification:g}"
         parts.append(mark(look, x, y - 4) if look in _WORDS else _sample(look, x, y - 4))
         parts.append(text(x + 16, y, said))
         y += 16
