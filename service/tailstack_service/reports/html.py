@@ -91,7 +91,7 @@ def shown(cell: Cell, column: Column) -> str:
         smallest = 10.0**-column.digits
         if 0 < 100 * cell < smallest / 2:
             return f"< {smallest:g}"
-        return f"{100 * cell:.{column.digits}f}"
+        return f"{100 * cell + 0.0:.{column.digits}f}".replace("-", "−")
     if column.kind == "given":
         return f"{cell:g}".replace("-", "−")
     if column.kind == "whole":

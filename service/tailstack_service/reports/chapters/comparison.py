@@ -43,7 +43,7 @@ def comparison_document(found: Comparison, sha256: str) -> Document:
     sections = [
         Section("The difference", _difference_blocks(found), page=True),
         Section("What changed in the document", _change_blocks(found)),
-        Section("Both layouts", _layouts(found), page=True),
+        Section("Both layouts", _layouts(found)),
         Section("Budgets side by side", tuple(_budgets(found))),
         Section("Requirements and findings", _judged(found)),
         Section("Method and assumptions", _method(found), reader="auditor"),
@@ -52,7 +52,7 @@ def comparison_document(found: Comparison, sha256: str) -> Document:
     ]
     for which, report in reports:
         listing = design_listing(report.design, f"{which} design, as YAML")
-        sections.append(Section(f"The {which.lower()} design", (listing,), page=True, reader="auditor"))
+        sections.append(Section(f"The {which.lower()} design", (listing,), reader="auditor"))
     return Document(
         kind="Comparison of two designs",
         title=found.title,

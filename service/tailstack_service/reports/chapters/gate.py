@@ -48,7 +48,7 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
             KeyNumber("Errors", str(errors), "that count"),
             KeyNumber("Accepted", str(len(accepted)), "by waivers in force"),
         ),
-        matters=tuple(finding.message for finding in counted if finding.severity == "error")[:3],
+        matters=tuple(f"{finding.file}: {finding.message}" for finding in counted if finding.severity == "error")[:3],
         sections=(
             Section("Designs", (_designs_table(record), _numbers_table(record))),
             Section("Findings", tuple(blocks) or (Bullets(("None.",)),)),

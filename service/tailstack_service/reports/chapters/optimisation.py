@@ -50,17 +50,15 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
             Section(
                 "The new design",
                 (design_listing(found.design, "The new design, as YAML"),),
-                page=True,
                 reader="auditor",
             ),
             Section(
                 "The design before",
                 (design_listing(found.design_before, "The design that it started from, as YAML"),),
-                page=True,
                 reader="auditor",
             ),
         ),
-        provenance=provenance_facts(found.provenance, sha256, found.schema),
+        provenance=provenance_facts(found.provenance, sha256, found.schema, "new design"),
     )
 
 

@@ -41,7 +41,7 @@ def report_document(report: Report, sha256: str) -> Document:
     sections = [
         Section("The budget", budget_chapter(report), page=True),
         Section("The error", error_chapter(report)),
-        Section("The layout", layout_blocks((report.design, report.score), report.title), page=True),
+        Section("The layout", layout_blocks((report.design, report.score), report.title)),
         Section("Requirements and findings", judged_blocks(report)),
     ]
     if report.optimisation is not None:
@@ -55,9 +55,7 @@ def report_document(report: Report, sha256: str) -> Document:
         Section("Method and assumptions", method_chapter(report), reader="auditor"),
         Section("What is not included", (not_included(report.provenance),), reader="auditor"),
         Section("Reproduction", reproduction_blocks(report), reader="auditor"),
-        Section(
-            "The design", (design_listing(report.design, "The design document, as YAML"),), page=True, reader="auditor"
-        ),
+        Section("The design", (design_listing(report.design, "The design document, as YAML"),), reader="auditor"),
     ]
     return Document(
         kind="Tolerance-budget report",

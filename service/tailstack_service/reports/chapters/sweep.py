@@ -26,7 +26,10 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
         numbers.append(KeyNumber("Largest P95", f"{highest:.3f} mm", f"{there.name}, {_place(sweep, worst.values)}"))
         evaluated = len(sweep.points) - len(refused)
         over = f"all {evaluated:,} points" if not refused else f"{evaluated:,} of {len(sweep.points):,} points"
-        sentence = f"P95 of the TCP error goes from {lowest:.3f} to {highest:.3f} mm over {over}"
+        ends = f"goes from {lowest:.3f} to {highest:.3f} mm over"
+        if f"{lowest:.3f}" == f"{highest:.3f}":
+            ends = f"is {lowest:.3f} mm at"
+        sentence = f"P95 of the TCP error {ends} {over}"
         sentence += "." if not refused else f"; {len(refused):,} could not be evaluated and are not among them."
         figures = _curve(sweep)
     how = "by Monte Carlo" if sweep.check == "verification" else "to first order"

@@ -202,13 +202,13 @@ def findings_table(findings: Sequence[Finding], *, name: str = "Findings", of: s
     )
 
 
-def provenance_facts(provenance: Provenance, sha256: str, schema: str) -> Facts:
-    """What the numbers come from."""
+def provenance_facts(provenance: Provenance, sha256: str, schema: str, which: str = "design") -> Facts:
+    """What the numbers come from; ``which`` design they are of."""
     return Facts(
         "Provenance",
         (
             ("Design", provenance.design_name),
-            ("SHA-256 of the design", provenance.design_sha256 or "not known"),
+            (f"SHA-256 of the {which}", provenance.design_sha256 or "not known"),
             ("SHA-256 of this record", sha256),
             ("Record", schema),
             ("Computed by", f"tailstack {provenance.tailstack_version}"),
