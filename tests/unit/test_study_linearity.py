@@ -10,10 +10,10 @@ import pytest
 
 from scenes import broken_system, cube8_system, mount, with_noise
 from tailstack import score, verify
-from tailstack.errors import OutOfRangeError
 from tailstack.propagation.linear import linearise
 from tailstack.studies.linearity import calibration, default_counts, sentences, study_linearity
 from tailstack.studies.linearity_point import Place, changed, classified, examined, far_apart
+from tailstack.studies.refusals import StudyError
 from tailstack.system import Law, Triangulation
 
 TRIALS = 2**15
@@ -195,7 +195,7 @@ def test_words_and_calibration_count_what_is_there():
     ],
 )
 def test_refusals(axes: dict, said: str):
-    with pytest.raises(OutOfRangeError, match=said):
+    with pytest.raises(StudyError, match=said):
         study_linearity(cube8_system(), **axes)
 
 

@@ -15,7 +15,6 @@ from scipy.stats import chi, norm
 from reference_chain import rotation
 from scenes import cube8_system, mount, read_only, system_of, target
 from tailstack.design import compile_design, load_design
-from tailstack.errors import OutOfRangeError
 from tailstack.estimation.resection import project
 from tailstack.geometry.camera import depths
 from tailstack.studies.paper import Case, paper_study
@@ -23,6 +22,7 @@ from tailstack.studies.paper_cells import sampled, statistic
 from tailstack.studies.paper_levels import level_ratios
 from tailstack.studies.paper_records import StudyPaper
 from tailstack.studies.published import CELLS, LEVELS, S3_ANALYTIC, TRIALS, Setting
+from tailstack.studies.refusals import StudyError
 from tailstack.system import Reading, RotationForm, View
 
 ROOT = Path(__file__).parents[2]
@@ -260,5 +260,5 @@ def test_the_shipped_geometries_give_s1_and_the_counts_that_the_page_states():
 
 
 def test_too_few_trials_are_refused():
-    with pytest.raises(OutOfRangeError, match="at least 40000"):
+    with pytest.raises(StudyError, match="at least 40000"):
         paper_study([Case(cube8_system(), False)], trials=2000)

@@ -78,6 +78,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     from ..documents import to_json
     from ..problems import RequestError
     from ..rendering.sweep import sweep_csv, sweep_text
+    from ..rendering.sweep_figure import refuse_undrawable, sweep_svg
     from .studies.figure import writable_figure, write_figure
 
     if arguments.trials is not None and arguments.check == "score":
@@ -88,6 +89,8 @@ def run(arguments: argparse.Namespace) -> Answer:
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
     asked = [{"pointer": axis_pointer(design, path), **values} for path, values in arguments.axes]
     axes = read_axes(design, asked)
+    if figure is not None:
+        refuse_undrawable([axis.values for axis in axes])
     with Progress("sweep") as progress:
         if arguments.engine is None and arguments.remote is None:
             result = sweep(
@@ -97,8 +100,6 @@ def run(arguments: argparse.Namespace) -> Answer:
         else:
             result = _elsewhere(arguments, design, asked, progress)
     if figure is not None:
-        from ..rendering.sweep_figure import sweep_svg
-
         write_figure(figure, sweep_svg(result))
     code = PASS if any(point.status == "ok" for point in result.points) else NOT_EVALUATED
     if arguments.json:
@@ -114,8 +115,6 @@ def _elsewhere(arguments: argparse.Namespace, design: Design, asked: list[dict[s
 
     from tailstack.design import design_to_data
 
-    from ..documents import read_record
-
     alone = design.document.fiducials.file is None
     trials = {} if arguments.trials is None else {"trials": arguments.trials}
     request = {
@@ -126,14 +125,36 @@ def _elsewhere(arguments: argparse.Namespace, design: Design, asked: list[dict[s
         from .remote import Service
         from .remote_job import answer
 
-        body = answer(Service(arguments.remote), "/v1/sweeps", request, progress)
-    else:
-        from ..compute.alone import computed
-        from ..compute.choosing import engine_for
-        from ..work.requests import canonical
-        from .given import settings_given
+        service = Service(arguments.remote)
+        return _record(answer(service, "/v1/sweeps", request, progress), design, asked, service.url)
 
-        with closing(engine_for(settings_given(arguments))) as engine:
-            body = computed(engine, "sweep", canonical(request), progress.report)
-    result: Sweep = read_record("sweep", body)
+    from ..compute.alone import computed
+    from ..compute.choosing import engine_for
+    from ..documents import read_record
+    from ..work.requests import canonical
+    from .given import settings_given
+
+    with closing(engine_for(settings_given(arguments))) as engine:
+        result: Sweep = read_record("sweep", computed(engine, "sweep", canonical(request), progress.report))
+    return result
+
+
+def _record(body: bytes, design: Design, asked: list[dict[str, Any]], url: str) -> Sweep:
+    """What a service answered, if it is the sweep that was asked for.  Raises RemoteError."""
+    from pydantic import ValidationError
+
+    from tailstack.errors import Problem
+
+    from ..documents import read_record
+    from .remote import RemoteError
+
+    try:
+        result: Sweep = read_record("sweep", body)
+        pointers = [axis.pointer for axis in result.axes]
+        if result.provenance.design_sha256 != design.sha256 or pointers != [axis["pointer"] for axis in asked]:
+            raise ValueError("it is about another design or other numbers of it")
+    except (ValidationError, ValueError) as error:
+        detail = f"{url} answered with something that is not this sweep: {str(error).splitlines()[0]}"
+        problem = Problem("", "unexpected-answer", detail, "is it a tailstack of this version? tailstack version")
+        raise RemoteError("unexpected-answer", "The service gave an unexpected answer", 0, (problem,)) from None
     return result

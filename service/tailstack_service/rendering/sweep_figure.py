@@ -21,14 +21,24 @@ PALE, DARK = (228, 239, 248), (0, 62, 107)
 Key = tuple[float, ...]
 
 
-def sweep_svg(sweep: Sweep) -> str:
-    """P95 of the TCP error over one axis of several values, or two.  Raises RequestError for more, or for none."""
-    wide = [place for place, axis in enumerate(sweep.axes) if len(set(axis.values)) > 1]
-    if len(wide) not in (1, 2) or any(len(set(axis.values)) < len(axis.values) for axis in sweep.axes):
+def refuse_undrawable(axes: Sequence[Sequence[float]]) -> None:
+    """Before the work: values of every axis of a sweep that no figure can show.  Raises RequestError."""
+    wide = [values for values in axes if len(set(values)) > 1]
+    if len(wide) not in (1, 2) or any(len(set(values)) < len(values) for values in axes):
         detail = f"a figure shows one or two axes of several different values; this sweep has {len(wide)}"
         raise RequestError(Problem("", "no-figure", detail, "take fewer axes, or --csv for a program that draws"))
+    longest = max(map(len, wide))
+    if min(map(len, wide)) > MOST_CURVES and len(wide) == 2 and longest > MOST_CELLS:
+        detail = f"a map has at most {MOST_CELLS} values along an axis; this sweep has {longest}"
+        raise RequestError(Problem("", "no-figure", detail, "take fewer values, or --csv for a program that draws"))
+
+
+def sweep_svg(sweep: Sweep) -> str:
+    """P95 of the TCP error over one axis of several values, or two.  Raises RequestError for more, or for none."""
+    refuse_undrawable([axis.values for axis in sweep.axes])
     if not any(point.targets for point in sweep.points):
         raise RequestError(Problem("", "no-figure", "every point was refused: there is nothing to draw"))
+    wide = [place for place, axis in enumerate(sweep.axes) if len(axis.values) > 1]
     if len(wide) == 2 and min(len(sweep.axes[place].values) for place in wide) > MOST_CURVES:
         return _map(sweep, wide[0], wide[1])
     return _curves(sweep, wide)
@@ -112,9 +122,6 @@ def _curve(name: str, points: list[tuple[float, SweepPoint]], colour: str, by_ta
 def _map(sweep: Sweep, down: int, across: int) -> str:
     """Cells coloured by P95 of the worst target."""
     columns, rows = sweep.axes[across].values, sweep.axes[down].values
-    if max(len(columns), len(rows)) > MOST_CELLS:
-        detail = f"a map has at most {MOST_CELLS} values along an axis; this sweep has {max(len(columns), len(rows))}"
-        raise RequestError(Problem("", "no-figure", detail, "take fewer values, or --csv for a program that draws"))
     found: dict[Key, SweepPoint] = {(point.values[down], point.values[across]): point for point in sweep.points}
     values = [max(one.p95_mm for one in point.targets) for point in found.values() if point.targets]
     low, high = min(values), max(values)

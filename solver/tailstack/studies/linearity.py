@@ -7,12 +7,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 from ..cores import usable_cores
 from ..design import Design
-from ..errors import OutOfRangeError, Problem
+from ..errors import Problem
 from ..scoring import P95, checked_system, provenance, score
 from ..system import System
 from ..verifying import NOT_IN_A_CHECK
 from .linearity_point import CONFIDENCE, FEWEST_FIDUCIALS, Error, examined, places
 from .linearity_records import LEAST_TRIALS, LEVELS, SECTIONS, Calibration, LinearityPoint, StudyLinearity
+from .refusals import StudyError
 
 NOISES_PX = (0.3, 1.0, 3.0, 10.0)
 ROTATIONS_DEG = (0.0, 1.0, 5.0)
@@ -51,7 +52,7 @@ def study_linearity(
     rotations of the structure's mount, in place of its own; spreads: factors on the layout about its centroid; counts:
     fiducials kept, spread out.  Everything else stays.  target: by default the one with the largest first-order P95.
     trials of each point, one seed for all; same seed, same digits, whatever ``threads``.  Raises DesignError,
-    IllPosedError where the design itself is refused, OutOfRangeError for an axis or a target that cannot be.
+    IllPosedError where the design itself is refused, StudyError for an axis or a target that cannot be.
     """
     system, _, _ = checked_system(design)
     counts = default_counts(len(system.fiducials_mm)) if counts is None else counts
@@ -117,7 +118,7 @@ def _refuse(
         listed = ", ".join(one.name for one in system.targets[:20])
         problems.append(Problem("", "unknown-target", f"no target is called {target!r}; there are {listed}"))
     if problems:
-        raise OutOfRangeError(problems)
+        raise StudyError(problems)
 
 
 def calibration(points: Sequence[LinearityPoint]) -> tuple[Calibration, ...]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..cores import usable_cores
-from ..errors import OutOfRangeError, Problem
+from ..errors import Problem
 from ..propagation.linear import linearise
 from ..scoring import checked_system
 from ..system import System
@@ -29,6 +29,7 @@ from .published import (
     Setting,
     Table,
 )
+from .refusals import StudyError
 from .settings import nominal, with_noise
 
 ROTATIONS_DEG = (0.0, 0.5, 1.0, 1.5, 2.0)
@@ -88,13 +89,13 @@ def paper_study(
     and model; everything else is the tables' own.
 
     trials: of each of our cells, one seed for all of them.  Same seed, same digits, whatever ``threads``.  Raises
-    IllPosedError for a geometry that does not determine the target, OutOfRangeError for too few trials.
+    IllPosedError for a geometry that does not determine the target, StudyError for too few trials.
     """
     if trials < FEWEST_TRIALS:
         detail = (
             f"at least {FEWEST_TRIALS} trials are needed, so that our error is small beside the paper's; got {trials}"
         )
-        raise OutOfRangeError(Problem("", "trials", detail, f"--trials {DEFAULT_TRIALS}"))
+        raise StudyError(Problem("", "trials", detail, f"--trials {DEFAULT_TRIALS}"))
     systems = [nominal(with_noise(case.system, S1_NOISE_PX)) for case in cases]
     for system in systems:
         checked_system(system)

@@ -123,10 +123,9 @@ def _additivity_text(letter: str, geometry: Geometry) -> str:
             row += [number(one.printed_joint_mm), number(one.printed_quadrature_mm)]
         rows.append(row)
     header = [
-        f"{letter}: S2 against its parts", "P95\nmm", "first order\nmm", "|bias|\nmm", "noise P95\nmm",
-        "quadrature\nmm", "sum\nmm",
+        f"{letter}: S2, parts", "P95\nmm", "first\norder", "|bias|\nmm", "noise\nP95", "quad-\nrature", "sum\nmm",
     ]  # fmt: skip
-    return table(header + (["printed\nmm", "printed parts,\nquadrature"] if geometry.compared else []), rows)
+    return table(header + (["printed\nmm", "quadrature of\nprinted parts"] if geometry.compared else []), rows)
 
 
 def _factor_text(letter: str, geometry: Geometry) -> str:

@@ -1,0 +1,104 @@
+"""``tailstack study linearity``: text, JSON, CSV, figure, refusals."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import jsonschema
+import pytest
+from service_scenes import coplanar_design, small_design, write_json
+
+from tailstack_service.cli.main import main
+from tailstack_service.documents import from_plain, json_schema
+from tailstack_service.rendering.studies.linearity import linearity_csv, linearity_svg, linearity_text
+
+AXES = ["--noise", "0.3,4", "--rotation", "0,2", "--spread", "1,0.4,6", "--count", "8,7", "--trials", "8192"]
+
+
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory: pytest.TempPathFactory) -> dict:
+    directory = tmp_path_factory.mktemp("linearity")
+    design, figure = write_json(directory / "design.json", small_design()), directory / "map.svg"
+    capture = pytest.MonkeyPatch()
+    out: list[bytes] = []
+    capture.setattr("tailstack_service.cli.main._write", out.append)
+    try:
+        assert main(["study", "linearity", str(design), *AXES, "--json", "--figure", str(figure)]) == 0
+    finally:
+        capture.undo()
+    return {"study": json.loads(out[0]), "figure": figure.read_text(encoding="utf-8")}
+
+
+def test_json_is_the_published_record(printed: dict) -> None:
+    study = printed["study"]
+    jsonschema.Draft202012Validator(json_schema("study-linearity")).validate(study)
+    assert len(study["points"]) == 2 * 2 * 3 * 2
+    refused = [point for point in study["points"] if point["status"] == "refused"]
+    assert {point["spread"] for point in refused} == {6.0}  # six times as wide does not fit on the detector
+    good = [point for point in study["points"] if point["status"] == "ok"]
+    assert all(point["ratio_interval"][0] < point["ratio"] < point["ratio_interval"][1] for point in good)
+
+
+def test_text_has_every_point_and_its_class(printed: dict) -> None:
+    study = from_plain("study-linearity", printed["study"])
+    text = linearity_text(study)
+    assert max(map(len, text.splitlines())) <= 100
+    rows = [line.split() for line in text.splitlines() if line[:1].isdigit() and "fiducials" not in line]
+    assert [row[:2] for row in rows] == [
+        [f"{spread:g}", f"{noise:g}"] for _ in study.counts for spread in study.spreads for noise in study.noises_px
+    ]
+    unwrapped = " ".join(text.split())
+    assert all(said in unwrapped for said in study.sentences)
+    assert "refused: " in text
+    for line in study.calibration:
+        assert f"{line.lowest_ratio:.3f} .. {line.highest_ratio:.3f}" in text
+
+
+def test_csv_has_a_line_for_each_point(printed: dict) -> None:
+    study = from_plain("study-linearity", printed["study"])
+    rows = list(csv.DictReader(io.StringIO(linearity_csv(study))))
+    assert len(rows) == len(study.points)
+    for row, point in zip(rows, study.points, strict=True):
+        assert float(row["noise_px"]) == point.noise_px
+        assert row["ratio"] == ("" if point.ratio is None else repr(point.ratio))
+        assert (row["ratio_low"] == "") == (point.ratio_interval is None)
+
+
+def test_the_map_shows_every_cell(printed: dict) -> None:
+    study = from_plain("study-linearity", printed["study"])
+    assert printed["figure"] == linearity_svg(study)
+    ElementTree.fromstring(printed["figure"])
+    refused = sum(point.status == "refused" for point in study.points)
+    assert printed["figure"].count(">refused<") == refused
+    assert printed["figure"].count(" %<") + printed["figure"].count(" % ?<") >= len(study.points) - refused
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["--noise", "0.3,wide"], 2, "expected numbers with commas"),
+        (["--noise", "nan"], 2, "expected numbers with commas"),
+        (["--noise", "0"], 2, "noise must lie between"),
+        (["--count", "6.5"], 2, "expected whole numbers"),
+        (["--count", "400"], 2, "count must lie between 6 and"),
+        (["--trials", "10"], 2, "expected 8192 to"),
+        (["--target", "nobody"], 2, "no target is called"),
+        (["--figure", "map.png"], 2, "no known ending"),
+        (["--spread", "6", "--noise", "0.3", "--rotation", "0", "--count", "8", "--json"], 3, ""),
+    ],
+)
+def test_refusals(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, said: str
+) -> None:
+    design = write_json(tmp_path / "design.json", small_design())
+    assert main(["study", "linearity", str(design), *arguments]) == code
+    assert said in capsys.readouterr().err
+
+
+def test_an_ill_posed_design_is_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["study", "linearity", str(write_json(tmp_path / "flat.json", coplanar_design()))]) == 3
+    assert "next: tailstack validate" in capsys.readouterr().err

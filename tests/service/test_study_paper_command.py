@@ -1,0 +1,124 @@
+"""``tailstack study paper``: text, JSON, CSV, figures, refusals."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import jsonschema
+import pytest
+from service_scenes import EXAMPLES, coplanar_design, write_json
+
+from tailstack.studies.published import CELLS
+from tailstack_service.cli.main import main
+from tailstack_service.cli.studies.paper import C_ARM, FITTED, scenario
+from tailstack_service.documents import from_plain, json_schema
+from tailstack_service.rendering.studies.paper import paper_csv, paper_text
+
+QUICK = ["--trials", "40000"]
+
+
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory: pytest.TempPathFactory) -> dict:
+    """What --json prints for the shipped geometries, and the figures beside it."""
+    directory = tmp_path_factory.mktemp("figures") / "new"
+    capture = pytest.MonkeyPatch()
+    out: list[bytes] = []
+    capture.setattr("tailstack_service.cli.main._write", out.append)
+    try:
+        assert main(["study", "paper", *QUICK, "--json", "--figures", str(directory)]) == 0
+    finally:
+        capture.undo()
+    return {"study": json.loads(out[0]), "figures": sorted(directory.iterdir())}
+
+
+def test_json_is_the_published_record(printed: dict) -> None:
+    study = printed["study"]
+    jsonschema.Draft202012Validator(json_schema("study-paper")).validate(study)
+    assert [(one["compared"], one["reading"]) for one in study["geometries"]] == [
+        (True, "eq18"), (True, "physical"), (False, "physical"),
+    ]  # fmt: skip
+    for one in study["geometries"]:
+        assert len(one["cells"]) == 10 + 12 + 9 + 3
+        assert one["compared_cells"] == (27 if one["compared"] else 0)
+
+
+def test_text_holds_every_printed_cell_with_its_z(printed: dict) -> None:
+    study = from_plain("study-paper", printed["study"])
+    text = paper_text(study)
+    assert max(map(len, text.splitlines())) <= 100
+    lines = text.splitlines()
+    for cell in study.geometries[0].cells:
+        if cell.printed_mm is not None and cell.table != "S3":
+            line = next(line for line in lines if line.startswith(f"{cell.row}, "[: len(cell.row) + 2])
+                        and (", mean" if cell.quantity == "mean" else ", P95") in line)  # fmt: skip
+            assert f"{cell.printed_mm:g}" in line.split()
+            assert f"{cell.z:+.2f}" in line
+    unwrapped = " ".join(text.split())
+    assert all(statement.sentence in unwrapped for statement in study.statements)
+    assert all(f"{one.outside_cells} outside the 99 % band" in unwrapped for one in study.geometries[:2])
+    assert "without matrix 2" in text
+
+
+def test_csv_has_a_line_for_each_cell_and_geometry(printed: dict) -> None:
+    rows = list(csv.DictReader(io.StringIO(paper_csv(from_plain("study-paper", printed["study"])))))
+    assert len(rows) == 3 * 34
+    held = [row for row in rows if row["z"]]
+    assert len(held) == 2 * len(CELLS)
+    assert {row["outside"] for row in held} == {"true", "false"}
+    assert all(float(row["band_low_mm"]) <= float(row["value_mm"]) <= float(row["band_high_mm"]) for row in rows)
+
+
+def test_figures_are_drawn_for_every_geometry(printed: dict) -> None:
+    names = [file.name for file in printed["figures"]]
+    assert names == sorted(f"{letter}_{what}.svg" for letter in "abc" for what in ("sweeps", "levels", "factor"))
+    for file in printed["figures"]:
+        root = ElementTree.parse(file).getroot()
+        assert root.tag.endswith("svg")
+        compared = file.name[0] != "c"
+        assert ("printed" in file.read_text().partition("</desc>")[2]) == compared
+
+
+def test_a_design_of_ones_own_takes_the_place_of_the_c_arm(capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["study", "paper", str(EXAMPLES / "demo.yaml"), "--fitted", str(scenario(FITTED[0])), *QUICK, "--json"]
+    assert main(command) == 0
+    study = json.loads(capsys.readouterr().out)
+    assert [one["name"] for one in study["geometries"]] == [
+        "fitted to the paper in the Eq 18 reading", "drill guide, reference structure with 12 beads",
+    ]  # fmt: skip
+
+
+def test_the_scenarios_are_those_of_the_examples() -> None:
+    for name in (*FITTED, C_ARM):
+        assert scenario(name).read_bytes() == (EXAMPLES / "paper" / name).read_bytes()
+    for name in FITTED:
+        assert "FITTED, not published" in scenario(name).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["--trials", "2000"], 2, "40000"),
+        (["absent.yaml"], 2, "absent.yaml"),
+        (["--fitted", "absent.yaml"], 2, "absent.yaml"),
+        (["--json", "--csv"], 2, "not allowed with"),
+        (["--figures", "taken"], 2, "not a directory"),
+        (["flat.json"], 3, "plane"),
+        (["--seed", "-1"], 2, "expected"),
+    ],
+)
+def test_refusals(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str],
+    code: int, said: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    write_json(tmp_path / "flat.json", coplanar_design())
+    (tmp_path / "taken").write_text("a file")
+    assert main(["study", "paper", *arguments]) == code
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert said in output.err
+    assert "next: tailstack" in output.err

@@ -1,0 +1,181 @@
+"""``tailstack sweep`` on a pool, on a Dask cluster and on a running service: the answer of the sweep here; figures."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+import time
+from contextlib import closing
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import strange_units
+from dask_cluster import Cluster
+from service_scenes import client_with, small_design, write_json
+
+from tailstack.errors import NotConvergedError
+from tailstack_service.cli.main import main
+from tailstack_service.compute import alone
+from tailstack_service.compute.alone import RefusedJob, computed
+from tailstack_service.compute.engine import Defect
+from tailstack_service.compute.pool import PoolEngine
+from tailstack_service.settings import Settings
+
+NOISE = "views.*.fiducial_noise_px"
+RZ = "interfaces.structure_connector.tolerances.rx.half_width_deg"
+
+
+@pytest.fixture
+def design(tmp_path: Path) -> Path:
+    """The small design with its fiducials in a file of their own."""
+    document = small_design()
+    points = [point["position_mm"] for point in document["fiducials"].pop("points")]
+    rows = "".join(f"P{k},{x!r},{y!r},{z!r}\n" for k, (x, y, z) in enumerate(points))
+    (tmp_path / "beads.csv").write_text("label,x_mm,y_mm,z_mm\n" + rows, encoding="utf-8")
+    document["fiducials"]["file"] = "beads.csv"
+    return write_json(tmp_path / "design.json", document)
+
+
+def asked(design: Path, *more: str) -> list[str]:
+    return ["sweep", str(design), "--set", f"{NOISE}=0.1:0.7:4", "--set", f"{RZ}=0.05,0.2,-1", *more]
+
+
+def test_pool_and_service_give_the_bytes_of_the_sweep_here(design: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    check = ("--check", "verification", "--trials", "3000", "--seed", "5", "--json")
+    assert main(asked(design, *check)) == 0
+    here = capsys.readouterr().out
+    assert len(json.loads(here)["points"]) == 12
+    assert main(asked(design, *check, "--engine", "pool", "--processes", "2")) == 0
+    assert capsys.readouterr().out == here
+    with client_with(Settings(worker_processes=1), worker=True) as client:
+        assert main(asked(design, *check, "--remote", str(client.base_url))) == 0
+    assert capsys.readouterr().out == here
+
+
+@pytest.mark.xdist_group("dask")
+def test_a_dask_cluster_gives_the_bytes_of_the_sweep_here(
+    design: Path, dask_cluster: Cluster, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dask_cluster.revive()
+    for name, value in dask_cluster.settings.items():
+        monkeypatch.setenv(name, value)
+    assert main(asked(design, "--csv")) == 0
+    here = capsys.readouterr().out
+    assert main(asked(design, "--csv", "--engine", "dask")) == 0
+    assert capsys.readouterr().out == here
+
+
+def test_units_whose_process_dies_are_computed_again_and_then_given_up(tmp_path: Path) -> None:
+    with closing(PoolEngine(2, function=strange_units.FUNCTION)) as engine:
+        good = strange_units.request("answer", units=7)
+        done: list[tuple[int, int]] = []
+        assert computed(engine, "sweep", good, lambda *so_far: done.append(so_far)) == strange_units.expected_answer(
+            good
+        )
+        assert done == [(k, 7) for k in range(1, 8)]
+        with pytest.raises(NotConvergedError, match=f"{alone.MOST_DEATHS} processes ended under the same unit"):
+            computed(engine, "sweep", strange_units.request("die", note=str(tmp_path / "deaths")))
+        assert (tmp_path / "deaths").read_text().count('{"unit":0}') == alone.MOST_DEATHS
+        with pytest.raises(RefusedJob, match="nothing fits") as refused:
+            computed(engine, "sweep", strange_units.request("refuse"))
+        assert (refused.value.exit_code, refused.value.slug) == (1, "infeasible")
+        with pytest.raises(Defect, match="ArithmeticError"):
+            computed(engine, "sweep", strange_units.request("raise"))
+
+
+def test_a_process_killed_under_a_sweep_changes_nothing(design: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    request = strange_units.request("sleep", units=4, seconds=0.4)
+    with closing(PoolEngine(2, function=strange_units.FUNCTION)) as engine:
+        killer = threading.Timer(0.6, lambda: os.kill(engine.pids()[0], signal.SIGKILL))
+        killer.start()
+        try:
+            assert computed(engine, "sweep", request) == strange_units.expected_answer(request)
+        finally:
+            killer.join()
+
+
+def test_an_engine_without_anything_to_compute_with_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Empty(PoolEngine):
+        @property
+        def capacity(self) -> int:
+            return 0
+
+    monkeypatch.setattr(alone, "PATIENCE_SECONDS", 0.3)
+    begun = time.monotonic()
+    with (
+        closing(Empty(1, function=strange_units.FUNCTION)) as engine,
+        pytest.raises(NotConvergedError, match="nothing"),
+    ):
+        computed(engine, "sweep", strange_units.request())
+    assert time.monotonic() - begun < 30
+
+
+@pytest.mark.parametrize(
+    ("more", "code", "said"),
+    [
+        (["--engine", "dask"], 2, "TAILSTACK_DASK_SCHEDULER must be tls://"),
+        (["--remote", "ftp://nowhere"], 2, "is not the URL of a service"),
+        (["--remote", "http://127.0.0.1:9"], 3, "no answer from"),
+        (["--processes", "2"], 2, "is of --engine pool"),
+        (["--engine", "pool", "--remote", "http://127.0.0.1:9"], 2, "not allowed with"),
+        (["--figure", "out.png"], 2, "no known ending"),
+    ],
+)
+def test_what_cannot_be_had_is_said(
+    design: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    more: list[str],
+    code: int,
+    said: str,
+) -> None:
+    monkeypatch.delenv("TAILSTACK_DASK_SCHEDULER", raising=False)
+    assert main(asked(design, *more)) == code
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert said in output.err
+
+
+def figure(design: Path, tmp_path: Path, *axes: str) -> str:
+    file = tmp_path / "sweep.svg"
+    sets = [word for axis in axes for word in ("--set", axis)]
+    assert main(["sweep", str(design), *sets, "--figure", str(file)]) == 0
+    text = file.read_text(encoding="utf-8")
+    ElementTree.fromstring(text)
+    return text
+
+
+def test_a_figure_over_one_axis_has_a_mark_for_each_point(design: Path, tmp_path: Path) -> None:
+    svg = figure(design, tmp_path, f"{NOISE}=0.1:0.9:5")
+    assert svg.count("<circle") >= 5
+    assert "/views/*/fiducial_noise_px, px" in svg
+    assert "as designed" in svg
+
+
+def test_a_figure_over_two_axes_has_a_curve_each_or_is_a_map(design: Path, tmp_path: Path) -> None:
+    svg = figure(design, tmp_path, f"{NOISE}=0.1:0.9:9", f"{RZ}=0.05,0.1,0.4")
+    assert all(f">{value} deg<" in svg for value in (0.05, 0.1, 0.4))
+    many = figure(design, tmp_path, f"{NOISE}=0.1:0.9:8", f"{RZ}=0.05:0.4:7")
+    assert many.count("<rect") >= 56
+    assert "up: /views/*/fiducial_noise_px, px" in many
+
+
+@pytest.mark.parametrize(
+    ("axes", "said"),
+    [
+        ([f"{NOISE}=0.2"], "one or two axes of several different values; this sweep has 0"),
+        ([f"{NOISE}=0.2,0.3", f"{RZ}=0.1,0.2", "views.0.target_noise_px=0.1,0.2"], "this sweep has 3"),
+        ([f"{NOISE}=-1,-2"], "every point was refused"),
+        ([f"{NOISE}=0.1:0.9:50", f"{RZ}=0.1:0.2:7"], "at most 40 values"),
+    ],
+)
+def test_what_no_figure_can_show_is_refused(
+    design: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], axes: list[str], said: str
+) -> None:
+    sets = [word for axis in axes for word in ("--set", axis)]
+    assert main(["sweep", str(design), *sets, "--figure", str(tmp_path / "no.svg")]) == 2
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "no.svg").exists()
