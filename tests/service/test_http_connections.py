@@ -148,6 +148,19 @@ def test_what_is_not_http_is_refused(client: httpx.Client, head: bytes) -> None:
     assert client.get("/health/live").status_code == 200
 
 
+def test_a_request_with_two_lengths_ends_its_connection(client: httpx.Client) -> None:
+    """What a proxy would take for the next request is not answered as one."""
+    for path in (b"/v1/scores", b"/nowhere"):
+        with connect(client) as connection:
+            head = HEAD % path + b"Content-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n"
+            connection.sendall(head + b"0\r\n\r\nGET /version HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            _, received = seconds_until_closed(connection)
+        assert received.count(b"HTTP/1.1 ") == 1
+        assert received.startswith(b"HTTP/1.1 400 Bad Request")
+        assert b'"two-lengths"' in received
+        assert b"connection: close" in received.lower()
+
+
 def test_a_long_body_is_read_off_so_that_its_refusal_arrives(client: httpx.Client) -> None:
     body = b" " * 5_000_000
     response = client.post("/v1/scores", content=body, headers={"Content-Type": "application/json"})

@@ -50,6 +50,8 @@ class RequestLog:
             await send(message)
 
         try:
+            if "transfer-encoding" in headers and "content-length" in headers:
+                raise _two_lengths()
             self.service.access.check_address(scope["method"], headers)
             await self.app(scope, receive, send_with_id)
         except Stopped:  # the client left; nobody reads an answer
@@ -77,6 +79,13 @@ class RequestLog:
                 "status": status, "ms": 1e3 * took, "tenant": None if caller is None else caller.tenant,
             },
         )  # fmt: skip
+
+
+def _two_lengths() -> TransportError:
+    """Where a request ends must not be a matter of opinion between a proxy and this service (RFC 9112, 6.1)."""
+    detail = "the request says its length twice: Content-Length and Transfer-Encoding"
+    problem = Problem("", "two-lengths", detail, "send one of them")
+    return TransportError("malformed-document", problem, {"Connection": "close"})
 
 
 def _refusal(error: TransportError, scope: Scope, request_id: str) -> Response:
