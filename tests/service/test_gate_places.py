@@ -188,11 +188,29 @@ def test_from_a_directory_below_the_root_of_the_repository(
 def test_what_is_wrong_in_a_fiducial_file_stands_there(folder: Path) -> None:
     filed: dict[str, Any] = limited(1.4)
     filed["fiducials"] = {"file": "beads.csv"}
-    (folder / "d.yaml").write_text(data_to_yaml(filed), encoding="utf-8")
-    (folder / "beads.csv").write_text("label,x_mm,y_mm,z_mm\nA,1,2,3\nB,1,x,3\n", encoding="utf-8")
-    finding = found("d.yaml", "--format=junit=o.xml", code=2)[0]
-    assert (finding.file, finding.line, finding.rule) == ("beads.csv", 3, "invalid-design")
-    assert '<testsuite name="d.yaml" tests="1" failures="0" errors="1"' in (folder / "o.xml").read_text()
+    (folder / "sub").mkdir()
+    (folder / "sub" / "d.yaml").write_text(data_to_yaml(filed), encoding="utf-8")
+    (finding,) = found("sub/d.yaml", code=2)
+    assert (finding.file, finding.rule, finding.pointer) == ("sub/d.yaml", "invalid-design", "/fiducials/file")
+    assert data_to_yaml(filed).splitlines()[(finding.line or 0) - 1].endswith("file: beads.csv")
+    (folder / "sub" / "beads.csv").write_text("label,x_mm,y_mm,z_mm\nA,1,2,3\nB,1,x,3\n", encoding="utf-8")
+    finding = found("sub/d.yaml", "--format=junit=o.xml", code=2)[0]
+    assert (finding.file, finding.line, finding.rule) == ("sub/beads.csv", 3, "invalid-design")
+    assert '<testsuite name="sub/d.yaml" tests="1" failures="0" errors="1"' in (folder / "o.xml").read_text()
+
+
+def test_whatever_a_file_is_called_a_refusal_of_it_can_be_written(folder: Path) -> None:
+    """Bytes that are no UTF-8, and a way that is absolute: for designs, policies, waivers and baselines."""
+    raw = os.fsdecode(os.fsencode(str(folder)) + b"/caf\xe9.yaml")
+    Path(raw).write_bytes(b"schema: tailstack/design/1\nname: x\n")
+    finding = found(raw, code=2)[0]
+    assert (finding.file, finding.line) == ("caf\ufffd.yaml", 1)
+    (folder / "d.yaml").write_text(yaml_text(), encoding="utf-8")
+    for option in ("--waivers", "--baseline", "--policy"):
+        arguments = ["gate", "d.yaml", "--mode", "analytic", option, raw, "--format=json=out.json"]
+        assert main(arguments) == 2
+        findings = from_plain("gate", json.loads((folder / "out.json").read_text(encoding="utf-8"))).findings
+        assert {entry.file for entry in findings} == {"caf\ufffd.yaml"}
 
 
 def test_several_rules_each_at_its_own_value(folder: Path) -> None:

@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 import unicodedata
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +17,8 @@ from .progress import Progress
 
 if TYPE_CHECKING:
     from datetime import date
+
+    from tailstack.errors import Problem, TailstackError
 
     from ..gate.designs import Gate, GateDesign
     from ..gate.records import GateRecord
@@ -54,7 +57,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--remote", metavar="URL", help="let a running service judge, with the key in TAILSTACK_KEY; same answer"
     )
-    parser.add_argument("--explain", metavar="RULE", help="print the page of a rule; 'all' lists the rules")
+    parser.add_argument(
+        "--explain",
+        metavar="RULE",
+        nargs="?",
+        const="all",
+        help="print the page of a rule; without one, list the rules",
+    )
 
 
 def _percent(text: str) -> float:
@@ -122,6 +131,7 @@ def _record(arguments: argparse.Namespace, outputs: Outputs, wrong: list[str]) -
             raise
         code = report_error(error, arguments)
         problems = error.problems if isinstance(error, TailstackError) else (Problem("", "os-error", str(error)),)
+        problems = tuple(p if p.file is None else replace(p, file=_shown(p.file)) for p in problems)
         return known(files, problems, code if code == BAD_INPUT else NOT_EVALUATED)
     except Exception as error:
         if os.environ.get("TAILSTACK_TRACEBACK"):
@@ -164,7 +174,7 @@ def _explained(rule: str) -> str:
         return "".join(f"{name:<20}{entry.title}\n" for name, entry in RULES.items())
     if rule not in RULES:
         close = get_close_matches(rule, RULES, 1)
-        hint = f"did you mean {close[0]}?" if close else f"rules: {', '.join(RULES)}"
+        hint = (f"did you mean {close[0]}? " if close else "") + f"rules: {', '.join(RULES)}"
         raise RequestError(Problem("", "unknown-rule", f"no rule is called {rule!r}", hint))
     return explanation(RULES[rule])
 
@@ -215,6 +225,10 @@ def _gate(arguments: argparse.Namespace, files: list[str]) -> Gate:
     policy = read_policy(None if arguments.policy is None else Path(arguments.policy))
     waivers = None if arguments.waivers is None else read_waivers(Path(arguments.waivers), day)
     baseline = None if arguments.baseline is None else read_baseline(Path(arguments.baseline))
+    if waivers is not None:
+        waivers = replace(waivers, file=_shown(arguments.waivers))
+    if baseline is not None:
+        baseline = replace(baseline, file=_shown(arguments.baseline))
     return Gate(
         designs=tuple(_design(name) for name in files),
         policy=policy,
@@ -239,4 +253,25 @@ def _design(name: str) -> GateDesign:
     try:
         return GateDesign(_shown(name), read_design(name))
     except (DesignError, LimitError) as error:
-        return GateDesign(_shown(name), None, error)
+        return GateDesign(_shown(name), None, _placed(error, name))
+
+
+def _placed(error: TailstackError, name: str) -> TailstackError:
+    """A refusal with files as findings call them; what is about the file of fiducials stands there, or, where that is
+    not to be found, at the field that names it."""
+    from tailstack.design.loading import read_source
+    from tailstack.design.refusals import place
+    from tailstack.errors import TailstackError
+
+    def own(problem: Problem) -> Problem:
+        if problem.file is None or problem.file == str(Path(name)):
+            return replace(problem, file=_shown(name))
+        if problem.line is not None:
+            return replace(problem, file=_shown(os.path.join(os.path.dirname(name), problem.file)))
+        try:
+            found = place(replace(problem, file=None), read_source(Path(name)))
+        except TailstackError:
+            return replace(problem, file=_shown(name))
+        return replace(found, file=_shown(name))
+
+    return type(error)([own(problem) for problem in error.problems])
