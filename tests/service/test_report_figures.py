@@ -644,3 +644,43 @@ def test_names_cannot_break_a_picture() -> None:
         assert {entry.tag.removeprefix(SVG) for entry in root.iter()}.isdisjoint({"script", "img", "b"})
         assert "\x1b" not in svg
         assert "\u202e" not in svg
+
+
+def test_nothing_random_is_said() -> None:
+    data = json.loads(json.dumps(DEMO.source.data))
+    for view in data["views"]:
+        view["fiducial_noise_px"] = view["target_noise_px"] = 0.0
+    del data["fiducials"]["manufacturing"], data["execution"], data["interfaces"]["connector_flange"], data["optimise"]
+    del data["interfaces"]["structure_connector"]["tolerances"]
+    design = load_design(data)
+    target = score(design).targets[0]
+    for svg in (
+        waterfall_svg(target.contributors, target.name),
+        without_svg(target.contributors, target.name, target.p95_mm, 1.0),
+    ):
+        assert "nothing is random" in {str(entry.text) for entry in check_picture(svg).iter(f"{SVG}text")}
+    assert tolerance_curves(design, target.name).curves == ()
+    assert of(scene(design), "arrow", "bias")
+
+
+def test_hundreds_of_fiducials_and_many_views_stay_cheap() -> None:
+    """Seed 5; a second of CPU is some twenty times what it takes here."""
+    data = json.loads(json.dumps(DEMO.source.data))
+    rng = np.random.default_rng(5)
+    places = rng.uniform((-50, -50, -80), (50, 50, 30), (300, 3)).round(2).tolist()
+    data["fiducials"]["points"] = [{"position_mm": place} for place in places]
+    del data["optimise"], data["views"][0]["orientation"]
+    data["views"] = [
+        {**data["views"][0], "name": f"view {k}", "beam_direction": [np.cos(k / 2), np.sin(k / 2), 0.2]}
+        for k in range(8)
+    ]
+    design = load_design(data)
+    judged = score(design)
+    begun = time.process_time()
+    found = scene_of(design, judged, "x")
+    drawn, images = scene_svg(found), images_svg(design, "x")
+    assert time.process_time() - begun < 1.0
+    assert len(drawn) + len(images) + len(scene_json(found)) < 1_500_000
+    words = {str(entry.text) for entry in read(drawn).iter(f"{SVG}text")}
+    assert "view 7" in words
+    assert "F1" not in words  # no room for three hundred names

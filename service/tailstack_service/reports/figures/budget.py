@@ -37,7 +37,10 @@ def waterfall_svg(contributors: Sequence[Contributor], target: str, name: str = 
         words = f"{percent(share)} %"
         parts.append(text(x0 - 5 if inside else x1 + 5, y + 14, words, anchor="end" if inside else "start"))
         begin = end
-    listed = "; ".join(f"{label} {percent(share)} %" for label, share in rows)
+    if not rows:
+        bottom += ROW
+        parts = [*scale.axis(bottom + 4, "share of the variance, %, summed up", top=TOP - 4), _nothing()]
+    listed = "; ".join(f"{label} {percent(share)} %" for label, share in rows) or "nothing is random"
     return picture(name, f"Budget at target {target}: shares of the variance", listed + ".", bottom + 44, parts)
 
 
@@ -45,9 +48,10 @@ def without_svg(
     contributors: Sequence[Contributor], target: str, p95_mm: float, limit_mm: float | None, name: str = "without"
 ) -> str:
     """First-order P95 were each contributor perfect, largest gain first, with P95 as it is and the limit."""
-    lines = sorted(single_lines(contributors), key=lambda entry: entry.p95_without_mm)[:MOST]
+    lines = [entry for entry in single_lines(contributors) if entry.p95_without_mm < p95_mm]
+    lines = sorted(lines, key=lambda entry: entry.p95_without_mm)[:MOST]
     scale = Scale(0.0, 1.08 * max(p95_mm, limit_mm or 0.0, 1e-9), LABELS, WIDTH - 90)
-    bottom = TOP + 8 + ROW * len(lines)
+    bottom = TOP + 8 + ROW * max(len(lines), 1)
     parts = scale.axis(bottom + 4, "first-order P95 at the target, mm", top=TOP + 4)
     for index, entry in enumerate(lines):
         y = TOP + 8 + ROW * index
@@ -55,6 +59,7 @@ def without_svg(
         parts.append(box(scale.at(0), y + 3, scale.at(p95_mm), y + ROW - 3, f'fill="{BAR_PALE}"'))
         parts.append(box(scale.at(0), y + 3, scale.at(entry.p95_without_mm), y + ROW - 3, f'fill="{BAR}"'))
         parts.append(text(scale.at(0) + 6, y + 14, fixed(entry.p95_without_mm, 3), colour=INK))
+    parts += [] if lines else [_nothing()]
     ours, theirs = sides(p95_mm, limit_mm)
     parts += marker(scale, p95_mm, TOP, bottom + 4, f"P95 {p95_mm:.3f} mm", VALUE_COLOUR, ours)
     if limit_mm is not None:
@@ -62,3 +67,7 @@ def without_svg(
     listed = "; ".join(f"without {named(entry)} {entry.p95_without_mm:.3f} mm" for entry in lines)
     words = f"P95 is {p95_mm:.3f} mm. {listed}."
     return picture(name, f"P95 at target {target} without each contributor", words, bottom + 44, parts)
+
+
+def _nothing() -> str:
+    return text(LABELS - 10, TOP + 22, "nothing is random", anchor="end", colour=MUTED)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from html import escape
-from itertools import combinations
 from math import ceil, floor
 
 import numpy as np
@@ -79,11 +78,8 @@ def _seen(design: Design, system: System, old: System | None, index: int) -> See
     section = design.document.optimise
     spacing = OVERLAP_PX if section is None else max(section.min_projected_spacing_px, OVERLAP_PX)
     images = beam.images(points)
-    pairs = [
-        (i, j)
-        for i, j in combinations(range(len(images)), 2)
-        if float(np.hypot(*(images[i] - images[j]))) < spacing  # NaN is not
-    ]
+    apart = np.hypot(*np.moveaxis(images[:, None] - images[None], -1, 0))
+    pairs = np.argwhere(np.triu(apart < spacing, 1)).tolist()  # NaN is not
     low, high = beam.corners_px.min(axis=0), beam.corners_px.max(axis=0)
     on = ((images >= low) & (images <= high)).all(axis=1)
     before = None
@@ -95,7 +91,7 @@ def _seen(design: Design, system: System, old: System | None, index: int) -> See
         fiducials_px=images,
         targets_px=beam.images(np.array([target.position_mm for target in system.targets])),
         depths_mm=depths(beam.view.projection, points),
-        close=tuple(pairs),
+        close=tuple((int(i), int(j)) for i, j in pairs),
         outside=frozenset(np.flatnonzero(~on).tolist()),
         before_px=before,
         margin_px=0.0 if section is None else section.image_margin_px,
@@ -294,11 +290,12 @@ def _remarks(view: Seen) -> list[str]:
         named = [f"{view.labels[i]}–{view.labels[j]}" for i, j in view.close[:MOST_PAIRS]]
         more = len(view.close) - len(named)
         listed = ", ".join(printable(pair, 20) for pair in named) + (f" and {more} more" if more > 0 else "")
-        remarks.append(f"closer than {view.spacing_px:g} px: {listed}")
+        remarks.append(printable(f"closer than {view.spacing_px:g} px: {listed}", 62))
     if view.outside:
         named = [printable(view.labels[k], 12) for k in sorted(view.outside)[:MOST_PAIRS]]
         more = len(view.outside) - len(named)
-        remarks.append("not on the detector: " + ", ".join(named) + (f" and {more} more" if more > 0 else ""))
+        listed = ", ".join(named) + (f" and {more} more" if more > 0 else "")
+        remarks.append(printable(f"not on the detector: {listed}", 62))
     return remarks
 
 

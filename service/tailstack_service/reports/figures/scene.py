@@ -18,6 +18,8 @@ from .scene_errors import errors, extent, magnification_of
 from .scene_items import fiducials, floor, frames, mounts, radius_of, structure_points, targets, zones
 from .scene_records import LOOKS, Item, Layer, Scene, points_of
 
+MOST_NAMED = 3  # views: of more, detectors have no names of their own
+
 __all__ = ["Scene", "scene_json", "scene_of"]
 
 
@@ -53,7 +55,7 @@ def scene_of(
         drawn += errors(old, before[1], magnification, called)
     shown = np.vstack([*structures, items[0].points, *(extent(item) for item in drawn)])
     arrows = [beam_arrow(beam, shown) for beam in beams]
-    items += [*drawn, *arrows, *(item for beam in beams for item in beam_items(beam, system))]
+    items += [*drawn, *arrows, *(item for beam in beams for item in beam_items(beam, system, len(beams) > MOST_NAMED))]
     ends = [np.vstack([beam.source_mm, beam.on_detector(beam.corners_px)]) for beam in beams]
     return Scene(
         title=printable(title, 160),

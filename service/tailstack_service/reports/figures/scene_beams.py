@@ -17,26 +17,19 @@ from .scene_records import Camera, Item, Point3, place_in_words, point, points_o
 AZIMUTH, ELEVATION = radians(-62), radians(20)  # of the eye of the first camera
 
 
-def beam_items(beam: Beam, system: System) -> list[Item]:
+def beam_items(beam: Beam, system: System, crowded: bool) -> list[Item]:
+    """Source, edges of the beam, detector and the images on it; ``crowded``: only the source is named, and shortly."""
     name = printable(beam.view.name, 18)
     corners = beam.on_detector(beam.corners_px)
     said = f"{beam.detector_mm:.0f} mm from the source" if beam.stated else "its distance is not stated"
-    items = [
-        Item(
-            "mark",
-            "beams",
-            "source",
-            (point(beam.source_mm),),
-            f"{name} source",
-            f"source of view {name}: {place_in_words(beam.source_mm)}",
-        )
-    ]
+    source = printable(name, 10) if crowded else f"{name} source"
+    title = f"source of view {name}: {place_in_words(beam.source_mm)}"
+    items = [Item("mark", "beams", "source", (point(beam.source_mm),), source, title)]
     for corner in corners:
         items.append(Item("line", "beams", "ray", points_of([beam.source_mm, corner])))
     look = "detector" if beam.stated and beam.sized else "guessed"
-    items.append(
-        Item("face", "beams", look, points_of(corners), f"{name} detector", f"detector of view {name}, {said}")
-    )
+    label = "" if crowded else f"{name} detector"
+    items.append(Item("face", "beams", look, points_of(corners), label, f"detector of view {name}, {said}"))
     middle = beam.source_mm + beam.detector_mm * beam.direction
     items.append(Item("line", "beams", "axis", points_of([beam.source_mm, middle])))
     images = beam.images(system.fiducials_mm)
@@ -51,14 +44,8 @@ def beam_arrow(beam: Beam, shown: Array) -> Item:
     along = centre - beam.source_mm
     along = along / np.linalg.norm(along)
     ends = points_of([centre - 1.5 * radius * along, centre - 1.15 * radius * along])
-    return Item(
-        "arrow",
-        "directions",
-        "beam",
-        ends,
-        printable(beam.view.name, 18),
-        f"beam of view {printable(beam.view.name, 18)}",
-    )
+    name = printable(beam.view.name, 18)
+    return Item("arrow", "directions", "beam", ends, name, f"beam of view {name}")
 
 
 def cameras(beams: Sequence[Beam]) -> tuple[Camera, ...]:

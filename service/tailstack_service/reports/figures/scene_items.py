@@ -15,6 +15,8 @@ from ...rendering.svg import printable
 from .scene_records import Item, place_in_words, point, points_of
 from .shapes import Lines, ball_lines, box_lines, region_lines
 
+MOST_DROPS = 60  # lines down to the floor; more would be a curtain
+
 
 def structure_points(system: System) -> Array:
     """(M, 3) mm: fiducials, targets, and pivots that turn."""
@@ -45,7 +47,8 @@ def fiducials(system: System, old: System | None, called: str) -> list[Item]:
     items = []
     for name, at in zip(system.fiducial_labels, system.fiducials_mm, strict=True):
         label, was = printable(name, 18), before.pop(name, None)
-        items.append(Item("line", "floor", "drop", points_of([at, np.array([at[0], at[1], lowest])])))
+        if len(system.fiducials_mm) <= MOST_DROPS:
+            items.append(Item("line", "floor", "drop", points_of([at, np.array([at[0], at[1], lowest])])))
         if was is not None and moved(was, at):
             items.append(Item("line", "before", "moved", points_of([was, at])))
             said = f"{label} {called}: {place_in_words(was)}"
