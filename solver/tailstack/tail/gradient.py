@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from math import cos, exp, fabs, sin, sqrt
+from math import cos, exp, sin, sqrt
 
 import numpy as np
 from numba import njit
 
 from ..system import Array
 from .ball import balls
+from .elementary import sine_and_cosine
 from .series import LOG_SINC, fold_small, rows_where
 
 # x cot x - 1, the logarithmic derivative of sin x / x: the same series times its own degree.
@@ -31,14 +32,15 @@ def lattice_gradient(
     by_column = np.zeros(columns)
     folded, short, degree = fold_small(S, h, threshold)
     small = np.ascontiguousarray(rows_where(h, short, True).T)
-    large = rows_where(h, short, False)
+    large = np.ascontiguousarray(rows_where(h, short, False).T)
+    count = large.shape[1]
     log_small = np.empty(small.shape[1])
     slope_small = np.empty(small.shape[1])
     by_small = np.zeros(small.shape[1])
-    by_large = np.zeros(large.shape[0])
-    psi = np.empty(large.shape[0])
-    slope = np.empty(large.shape[0])
-    before = np.empty(large.shape[0] + 1)
+    by_large = np.zeros(count)
+    psi = np.empty(count)
+    slope = np.empty(count)
+    before = np.empty(count + 1)
     t = np.empty(k.shape[0])
     for i in range(t.size):
         t[i] = sqrt(k[i, 0] * k[i, 0] + k[i, 1] * k[i, 1] + k[i, 2] * k[i, 2])
@@ -67,19 +69,20 @@ def lattice_gradient(
             exponent += log_small[j]
         factor = 2.0 * exp(exponent) / volume * ball[i]
         before[0] = 1.0
-        for j in range(large.shape[0]):
-            x = k[i, 0] * large[j, 0] + k[i, 1] * large[j, 1] + k[i, 2] * large[j, 2]
-            if fabs(x) < 1e-2:
-                psi[j] = 1.0 - x * x / 6.0 + x**4 / 120.0
-                slope[j] = -x * x / 3.0 + x**4 / 30.0
-            else:
-                psi[j] = sin(x) / x
-                slope[j] = cos(x) - psi[j]
+        for j in range(count):  # no branch and no call: in lanes
+            x = k[i, 0] * large[0, j] + k[i, 1] * large[1, j] + k[i, 2] * large[2, j]
+            sine, cosine = sine_and_cosine(x)
+            z = x * x
+            near = z < 1e-4
+            value = sine / (1.0 if near else x)
+            psi[j] = 1.0 - z * (1.0 / 6.0) + z * z * (1.0 / 120.0) if near else value
+            slope[j] = z * z * (1.0 / 30.0) - z * (1.0 / 3.0) if near else cosine - value
+        for j in range(count):
             before[j + 1] = before[j] * psi[j]
         even = factor * cos(phase)
-        odd = -factor * sin(phase) * before[large.shape[0]]
+        odd = -factor * sin(phase) * before[count]
         after = even
-        for j in range(large.shape[0] - 1, -1, -1):
+        for j in range(count - 1, -1, -1):
             by_large[j] += before[j] * slope[j] * after
             after *= psi[j]
         for j in range(small.shape[1]):

@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit
 
 from ..system import Array
+from .elementary import exponential
 from .series import along_line, higher_orders, in_plane, inverse_of
 
 _REFUSED = -1  # more points than the caller allows
@@ -181,36 +182,6 @@ def gaussian_extent(r: float, volume: float, S: Array, threshold: float) -> Arra
 
 
 @njit(cache=True, error_model="numpy")
-def _exponentials(x: Array, floor: float, count: int, out: Array) -> None:
-    """out = exp(x) for floor < x <= 1e-9, to 1e-14; 0 below the floor, which is above -64.
-
-    Taylor's polynomial of x / 64 and six squarings: no call in the loop, so that it runs in lanes.
-    """
-    for i in range(count):
-        y = max(x[i], -64.0) / 64.0
-        e = 1.0 + y * (1.0 / 13.0)
-        e = 1.0 + y * (1.0 / 12.0) * e
-        e = 1.0 + y * (1.0 / 11.0) * e
-        e = 1.0 + y * (1.0 / 10.0) * e
-        e = 1.0 + y * (1.0 / 9.0) * e
-        e = 1.0 + y * (1.0 / 8.0) * e
-        e = 1.0 + y * (1.0 / 7.0) * e
-        e = 1.0 + y * (1.0 / 6.0) * e
-        e = 1.0 + y * (1.0 / 5.0) * e
-        e = 1.0 + y * (1.0 / 4.0) * e
-        e = 1.0 + y * (1.0 / 3.0) * e
-        e = 1.0 + y * (1.0 / 2.0) * e
-        e = 1.0 + y * e
-        e *= e
-        e *= e
-        e *= e
-        e *= e
-        e *= e
-        e *= e
-        out[i] = e if x[i] > floor else 0.0
-
-
-@njit(cache=True, error_model="numpy")
 def lattice_terms(
     period: Array,
     extent: Array,
@@ -344,7 +315,8 @@ def lattice_terms(
                     for d in range(degree - 1, -1, -1):
                         power = power * place + beyond[d]
                     exponent[i] += power
-            _exponentials(exponent, floor, count, reach)
+            for i in range(count):
+                reach[i] = exponential(exponent[i]) if exponent[i] > floor else 0.0
             if dimension == 3:  # _ball_envelope in lanes
                 for i in range(count):
                     t = size[i]
