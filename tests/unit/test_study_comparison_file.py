@@ -151,7 +151,7 @@ BAD = [
     ("level,n,mean_mm,sd_mm\nA,ten,1,0\n", 2, "out-of-range", "got 'ten'"),
     ("level,n,mean_mm,sd_mm\nA,12,1,-1\n", 2, "out-of-range", "sd cannot be negative"),
     ('error_mm\n"1\n2\n3\n', 2, "csv-syntax", "not CSV"),
-    ("error_mm\n" + "1\n" * 5001, 5002, "too-many", "at most 5,000"),
+    ("error_mm\n" + "1\n" * 2001, 2002, "too-many", "at most 2,000"),
     (POINTS.encode("utf-16"), 1, "encoding", "UTF-8"),
     (b"error_mm\n1\n\xb5\n", 3, "encoding", "byte 12 is not UTF-8"),
     (b"error_mm\n1\n2\x00\n3\n", 3, "encoding", "NUL"),

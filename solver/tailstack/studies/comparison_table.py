@@ -21,7 +21,7 @@ from ..system import TORSOR_COMPONENTS
 Form = Literal["points", "vectors", "norms", "summary"]
 
 MM = {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
-MOST_BYTES, MOST_TRIALS, LEAST_TRIALS = 20_000_000, 5_000, 3  # the last two: of one level at one target
+MOST_BYTES, MOST_TRIALS, LEAST_TRIALS = 20_000_000, 2_000, 3  # the last two: of one level at one target
 FARTHEST_MM = 1e5
 AXES: dict[Form, tuple[str, ...]] = {
     "points": ("x", "y", "z"),
