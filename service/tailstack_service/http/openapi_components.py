@@ -272,8 +272,29 @@ def examples() -> dict[str, Any]:
         for path, options in _OPTIONS.items()
     }
     made["GateRequest"] = {
-        "summary": "One design under its own requirements, first order",
-        "value": {"designs": [{"file": "designs/guide.yaml", "design": EXAMPLE_DESIGN}], "mode": "analytic"},
+        "summary": "One design under a policy, first order, with one finding accepted for now",
+        "value": {
+            "designs": [{"file": "designs/guide.yaml", "design": EXAMPLE_DESIGN}],
+            "policy": {
+                "schema": "tailstack/policy/1",
+                "name": "drill guides",
+                "rules": {"p95": {"limit_mm": 0.6}, "overlap": {"min_px": 5.0}},
+            },
+            "waivers": {
+                "schema": "tailstack/waivers/1",
+                "waivers": [
+                    {
+                        "rule": "p95",
+                        "owner": "J. Doe, systems",
+                        "reason": "first article only",
+                        "max_value": 0.7,
+                        "expires": "2027-01-31",
+                    }
+                ],
+            },
+            "today": "2026-11-21",
+            "mode": "analytic",
+        },
     }
     quieter = {**EXAMPLE_DESIGN, "name": "eight beads, quieter images"}
     quieter["views"] = [{**view, "fiducial_noise_px": 0.2} for view in EXAMPLE_DESIGN["views"]]
