@@ -1,0 +1,146 @@
+"""Reports in a real Chromium, as their readers open them: from a file without network, and from the service.
+
+axe-core looks for what a reader could not use (WCAG 2.2, A and AA): light and dark, on a wide and a narrow screen.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browsing import browser, look, page_of
+from service_scenes import client_with, limited
+
+from tailstack import load_design, score, verify
+from tailstack_service.documents import to_json
+from tailstack_service.gate.request import admitted, evaluate
+from tailstack_service.reports import render
+from tailstack_service.reports.assembling import ReportOptions, compute_report
+from tailstack_service.reports.comparing import compute_comparison
+
+__all__ = ["browser"]
+
+pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.usefixtures("browser")]
+WIDE, NARROW = 1280, 360
+LEAST_DRAWN = 0.01  # of the canvas is not the ground
+LEAST_COLOURS = 20
+
+
+def results() -> dict[str, bytes]:
+    """A result of every kind of page."""
+    from datetime import date
+
+    from tailstack.sweeping import read_axes, sweep
+
+    design, other = load_design(limited(0.9)), load_design(limited(0.5, name="tighter"))
+    axis = {"pointer": "/views/0/fiducial_noise_px", "values": [0.2, 0.3, 0.4]}
+    designs = [{"file": "a.yaml", "design": limited(0.9)}, {"file": "b.yaml", "design": limited(0.3)}]
+    made = {
+        "report": compute_report(design, ReportOptions(trials=4_000)),
+        "comparison": compute_comparison(design, other, ReportOptions(trials=4_000)),
+        "score": score(design),
+        "verification": verify(design, trials=4_000),
+        "sweep": sweep(design, read_axes(design, [axis])),
+        "gate": evaluate(admitted({"designs": designs, "mode": "analytic"}, today=date(2026, 11, 21))),
+    }
+    return {name: to_json(record) for name, record in made.items()}
+
+
+WITH_VIEWER = ("report", "comparison")
+
+
+@pytest.fixture(scope="module")
+def seen(browser: None, tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, str, int], dict[str, Any]]:
+    """What Chromium found, by kind of result, colour scheme and width: one start of the browser for all."""
+    folder = tmp_path_factory.mktemp("pages")
+    names, jobs = [], []
+    for kind, body in results().items():
+        path = folder / f"{kind}.html"
+        path.write_bytes(render(kind, body, "html")[0])
+        for scheme, width in (("light", WIDE), ("dark", WIDE), ("light", NARROW), ("dark", NARROW)):
+            if kind not in WITH_VIEWER and (scheme, width) not in (("light", WIDE), ("dark", NARROW)):
+                continue
+            names.append((kind, scheme, width))
+            jobs.append(page_of(path, scheme=scheme, width=width, axe=True, viewer=True, keys=["ArrowRight", "+"]))
+    return dict(zip(names, look(jobs), strict=True))
+
+
+def test_pages_open_from_a_file_without_any_request_or_message(
+    seen: dict[tuple[str, str, int], dict[str, Any]],
+) -> None:
+    for name, found in seen.items():
+        assert found["messages"] == [], name
+        assert len(found["requests"]) == 1, name
+        assert found["failed"] == [], name
+
+
+def test_nobody_is_shut_out(seen: dict[tuple[str, str, int], dict[str, Any]]) -> None:
+    """oracle: axe-core, WCAG 2.0 to 2.2, A and AA."""
+    for name, found in seen.items():
+        assert found["violations"] == [], name
+
+
+def test_no_page_is_wider_than_its_screen(seen: dict[tuple[str, str, int], dict[str, Any]]) -> None:
+    for name, found in seen.items():
+        assert found["width"] <= name[2], name
+
+
+def test_the_layout_is_drawn_and_turns_with_a_key(seen: dict[tuple[str, str, int], dict[str, Any]]) -> None:
+    for name, found in seen.items():
+        if name[0] not in WITH_VIEWER:
+            assert found["canvases"] == [[]], name
+            continue
+        views = [canvases[0] for canvases in found["canvases"]]
+        assert len(views) == 3
+        assert all(view["drawn"] > LEAST_DRAWN and view["colours"] > LEAST_COLOURS for view in views), name
+        assert len({view["hash"] for view in views}) == 3, name  # as it was, turned, nearer
+
+
+def test_without_scripts_and_on_paper_the_picture_stands_there(browser: None, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    record = to_json(compute_report(load_design(limited(0.9)), ReportOptions(parts=("score",))))
+    path.write_bytes(render("report", record, "html")[0])
+    shown = "[...document.querySelectorAll('figure svg')].filter((svg) => svg.getBoundingClientRect().width > 0).length"
+    live, paper = look([page_of(path, ask=[shown]), page_of(path, media="print", ask=[shown, PRINTED_VIEWERS])])
+    figures = path.read_text(encoding="utf-8").count("<figure ")
+    assert live["answers"] == [figures - 1]
+    assert paper["answers"] == [figures, 0]
+    shot = tmp_path / "plain.png"
+    (plain,) = look([page_of(path, script=False, shot=str(shot))])
+    assert plain["messages"] == []
+    assert shot.stat().st_size > 50_000
+
+
+PRINTED_VIEWERS = (
+    "[...document.querySelectorAll('.viewer')].filter((box) => box.getBoundingClientRect().width > 0).length"
+)
+
+
+def test_a_served_report_runs_its_viewer_and_nothing_else(browser: None) -> None:
+    """The response's own policy: an origin of its own, one script by its hash, no request to anybody."""
+    with client_with(worker=True) as client:
+        asked = {"design": limited(0.9), "trials": 2000}
+        answer = client.post("/v1/reports", json=asked, headers={"Prefer": "wait=60"})
+        assert answer.status_code == 200, answer.text
+        address = answer.headers["content-location"] + "/report"
+        attempts = [
+            "window.origin",
+            "(() => { try { return document.cookie; } catch (error) { return error.name; } })()",
+            f"fetch('{client.base_url}health/live').then(() => 'reached', () => 'refused')",
+            "(() => { const s = document.createElement('script'); s.textContent = 'window.ran = 1'; "
+            "document.body.append(s); return window.ran ?? 'no'; })()",
+        ]
+        url = str(client.base_url).rstrip("/") + address
+        (found,) = look([{"url": url, "viewer": True, "keys": ["ArrowLeft"], "ask": attempts}])
+        policy = found["headers"]["content-security-policy"]
+        assert "sandbox allow-scripts" in policy
+        assert "allow-same-origin" not in policy
+        assert "unsafe" not in policy
+        assert found["status"] == 200
+        assert found["answers"] == ["null", "SecurityError", "refused", "no"]
+        first, second = (canvases[0] for canvases in found["canvases"])
+        assert first["drawn"] > LEAST_DRAWN
+        assert first["hash"] != second["hash"]
+        assert len([request for request in found["requests"] if request != url]) <= 1  # the fetch that was refused
+        assert "content-security-policy" not in client.get(f"{address}?format=pdf").headers

@@ -1,0 +1,100 @@
+"""How far each tolerance could go by itself, and what it costs: against scores of designs with that very tolerance."""
+
+from __future__ import annotations
+
+import copy
+from math import radians
+from typing import Any
+
+import pytest
+from service_scenes import EXAMPLES, limited, small_design
+
+from tailstack import load_design, score
+from tailstack.design import design_to_data
+from tailstack_service.reports.assembling import ReportOptions, compute_report
+from tailstack_service.reports.chapters.score import what_binds
+from tailstack_service.reports.records import Allowance, Report
+
+SEAT = "structure_connector"
+
+
+def reported(design: dict[str, Any]) -> Report:
+    return compute_report(load_design(design), ReportOptions(parts=("score",)))
+
+
+def of(report: Report, contributor: str, component: str) -> Allowance:
+    return next(
+        entry for entry in report.allowances if (entry.contributor, entry.component) == (contributor, component)
+    )
+
+
+def with_width(design: dict[str, Any], component: str, half_width_deg: float) -> dict[str, Any]:
+    changed = copy.deepcopy(design)
+    changed["interfaces"][SEAT]["tolerances"][component]["half_width_deg"] = half_width_deg
+    return changed
+
+
+@pytest.mark.parametrize("limit_mm", [0.9, 0.75])
+def test_at_its_limit_a_tolerance_gives_the_limit(limit_mm: float) -> None:
+    """independent: the design is scored again with that half-width written into the document."""
+    design = limited(limit_mm)
+    before = score(load_design(design)).targets[0].p95_mm
+    found = of(reported(design), "interface_1", "rx")
+    assert found.status == ("spare" if before < limit_mm else "too wide")
+    assert found.at_limit is not None
+    assert found.slack == pytest.approx(found.at_limit - 0.1, rel=1e-9)
+    again = score(load_design(with_width(design, "rx", found.at_limit)))
+    assert again.targets[0].p95_mm == pytest.approx(limit_mm, rel=1e-6)
+
+
+def test_the_noise_of_a_view_has_room_as_well() -> None:
+    design = limited(0.9)
+    found = of(reported(design), "fiducial_noise:AP", "all")
+    assert found.at_limit is not None
+    design["views"][0]["fiducial_noise_px"] = found.at_limit
+    assert score(load_design(design)).targets[0].p95_mm == pytest.approx(0.9, rel=1e-6)
+
+
+def test_a_tolerance_that_cannot_help_says_so() -> None:
+    design = limited(0.1)
+    found = of(reported(design), "interface_1", "rx")
+    assert (found.status, found.at_limit, found.slack) == ("zero is not enough", None, None)
+    assert score(load_design(with_width(design, "rx", 0.0))).targets[0].p95_mm > 0.1
+    assert "not even at zero" in " ".join(what_binds(reported(design).score, reported(design).allowances))
+
+
+def test_without_a_requirement_there_is_no_room() -> None:
+    design = small_design(requirements=None, optimise=None)
+    assert {entry.status for entry in reported(design).allowances} == {"no requirement"}
+
+
+def test_costs_and_bounds_are_those_of_the_optimise_section() -> None:
+    """closed_form: weight / half-width in radians, weight 1."""
+    found = of(reported(limited(0.9)), "interface_1", "rx")
+    assert found.cost == pytest.approx(1 / radians(0.1), rel=1e-12)
+    assert (found.smallest, found.largest) == (pytest.approx(0.01), pytest.approx(0.5))
+    assert of(reported(limited(0.9)), "fiducial_manufacturing", "all").cost is None
+    at_bound = reported(with_width(limited(0.9), "rx", 0.5))
+    assert "structure–connector rx at its largest, 0.5 deg" in " ".join(what_binds(at_bound.score, at_bound.allowances))
+
+
+def test_another_quantile_and_error_are_judged_by_their_own_requirement() -> None:
+    design = limited(0.9)
+    own = {"name": "deep", "limit_mm": 0.5, "error": "localisation", "quantile": 0.99}
+    design["requirements"] = [own]
+    found = of(reported(design), "interface_1", "rx")
+    assert found.requirement == "deep"
+    assert found.at_limit is not None
+    checks = score(load_design(with_width(design, "rx", found.at_limit))).verdict.checks
+    assert checks[0].value_mm == pytest.approx(0.5, rel=1e-6)
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_example_has_room_or_a_reason(path: Any) -> None:
+    report = compute_report(load_design(path), ReportOptions(parts=("score",)))
+    assert report.allowances
+    for entry in report.allowances:
+        assert (entry.slack is None) == (entry.status not in ("spare", "too wide"))
+        if entry.slack is not None:
+            assert (entry.slack > 0) == (entry.status == "spare")
+    assert design_to_data(load_design(report.design)) == report.design

@@ -1,0 +1,361 @@
+"""``tailstack report --verify``: what is untouched is verified, whatever the format; what was touched is found."""
+
+from __future__ import annotations
+
+import copy
+import io
+import json
+import re
+import zipfile
+import zlib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from service_scenes import limited, small_design
+
+from tailstack import TailstackError, load_design, optimise, score, verify
+from tailstack.sweeping import read_axes, sweep
+from tailstack_service.cli.main import main
+from tailstack_service.documents import from_plain, to_json
+from tailstack_service.reports import FORMATS, render
+from tailstack_service.reports.assembling import ReportOptions, compute_report
+from tailstack_service.reports.audit import Audit, audit
+from tailstack_service.reports.comparing import compute_comparison
+from tailstack_service.reports.html import html_report
+from tailstack_service.reports.rendering import document_of
+
+TRIALS = 4_000
+DESIGN = limited(0.9)
+
+
+@pytest.fixture(scope="module")
+def body() -> bytes:
+    return to_json(compute_report(load_design(DESIGN), ReportOptions(trials=TRIALS, seed=3)))
+
+
+@pytest.fixture(scope="module")
+def files(body: bytes) -> dict[str, bytes]:
+    return {form: render("report", body, form)[0] for form in FORMATS}
+
+
+def answers(found: Audit) -> dict[str, str]:
+    return {question.what: question.answer for question in found.questions}
+
+
+def details(found: Audit) -> str:
+    return "\n".join(detail for question in found.questions for detail in (question.words, *question.details))
+
+
+def changed(body: bytes, change: Callable[[Any], None]) -> bytes:
+    """The record with something else in it, as canonical JSON."""
+    data = json.loads(body)
+    change(data)
+    return to_json(from_plain(data["schema"].split("/")[1], data))
+
+
+# --- what is untouched ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("fast", [False, True])
+def test_an_untouched_report_is_verified(files: dict[str, bytes], form: str, fast: bool) -> None:
+    found = audit(files[form], "x", fast=fast)
+    assert found.verdict == "verified", details(found)
+    assert answers(found)["numbers"] == "same"
+    assert ("taken on trust" in answers(found)) == fast
+
+
+def test_json_that_was_laid_out_anew_is_the_same_record(body: bytes) -> None:
+    assert audit(json.dumps(json.loads(body), indent=2).encode(), "x").verdict == "verified"
+
+
+def test_an_adaptive_check_of_a_service_is_drawn_again() -> None:
+    """A service allows another number of trials, which sets the looks and so the intervals."""
+    options = ReportOptions(precision=0.05, max_trials=30_000)
+    made = compute_report(load_design(DESIGN), options)
+    assert made.verification is not None
+    assert made.verification.max_trials == 30_000
+    assert "--max-trials 30000" in made.reproduction.commands[1]
+    assert audit(to_json(made), "x").verdict == "verified"
+
+
+def test_a_comparison_is_verified_and_its_numbers_are_its_own() -> None:
+    second = copy.deepcopy(DESIGN)
+    second["views"][0]["fiducial_noise_px"] = 0.2
+    made = to_json(compute_comparison(load_design(DESIGN), load_design(second), ReportOptions(trials=TRIALS)))
+    assert audit(render("comparison", made, "html")[0], "x").verdict == "verified"
+    forged = changed(made, lambda data: data["differences"][0].update(difference_mm=-0.5))
+    found = audit(render("comparison", forged, "html")[0], "x", fast=True)
+    assert found.verdict == "differs"
+    assert "/differences/0/difference_mm: recorded -0.5" in details(found)
+
+
+def test_an_optimisation_is_run_again() -> None:
+    design = small_design()
+    design["optimise"] |= {"starts": 1, "seed": 5}
+    made = to_json(optimise(load_design(design)))
+    found = audit(changed(made, lambda data: data.update(cost_after=1.0)), "x")
+    assert "/cost_after: recorded 1.0" in details(found)
+    assert "1 of " in details(found)  # and nothing else
+    moved = changed(made, lambda data: data["design"]["fiducials"]["points"][0]["position_mm"].__setitem__(0, 1.25))
+    assert answers(audit(moved, "x", fast=True))["new design"] == "different"
+
+
+@pytest.mark.parametrize("kind", ["score", "verification", "sweep"])
+def test_a_result_without_its_design_takes_the_design(kind: str) -> None:
+    design = load_design(DESIGN)
+    axis = {"pointer": "/views/0/fiducial_noise_px", "values": [0.2, 0.3]}
+    made = {
+        "score": lambda: score(design, second_order=True),
+        "verification": lambda: verify(design, trials=TRIALS, seed=9),
+        "sweep": lambda: sweep(design, read_axes(design, [axis]), check="verification", trials=TRIALS, seed=4),
+    }[kind]()
+    content = render(kind, to_json(made), "html")[0]
+    assert audit(content, "x", design).verdict == "verified"
+    assert answers(audit(content, "x", fast=True))["numbers"] == "trusted"
+
+
+# --- what was touched -----------------------------------------------------------------------------
+
+
+def test_a_changed_number_of_a_page_is_found(files: dict[str, bytes]) -> None:
+    page = files["html"].decode()
+    cell = re.search(r'<td class="number">(0\.\d{4})</td>', page)
+    assert cell is not None
+    forged = page[: cell.start(1)] + "0.1234" + page[cell.end(1) :]
+    found = audit(forged.encode(), "x", fast=True)
+    assert answers(found)["pages"] == "different"
+    assert "0.1234" in details(found)
+    assert f"line {page[: cell.start()].count(chr(10)) + 1}:" in details(found)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        ("score", "targets", 0, "p95_mm"), ("verification", "targets", 0, "worst_mm"),
+        ("verification", "reprojection", "mean_px"), ("headline", "value_mm"), ("allowances", 5, "cost"),
+        ("distributions", 0, "sampled", 4), ("convergence", 0, "points", 0, "p95_mm"),
+    ],
+    ids=lambda path: "-".join(map(str, path)),
+)  # fmt: skip
+def test_a_changed_number_of_the_record_is_found_even_if_the_pages_were_made_from_it(
+    body: bytes, path: tuple[Any, ...]
+) -> None:
+    def forge(data: Any) -> None:
+        for step in path[:-1]:
+            data = data[step]
+        data[path[-1]] *= 1.001
+
+    forged = changed(body, forge)
+    found = audit(render("report", forged, "html")[0], "x")
+    assert answers(found)["pages"] == "same"
+    assert answers(found)["numbers"] == "different"
+    assert "/" + "/".join(map(str, path)) + ": recorded" in details(found)
+
+
+def test_another_design_under_the_same_numbers_is_found(body: bytes) -> None:
+    def forge(data: Any) -> None:
+        data["design"]["views"][0]["fiducial_noise_px"] = 0.31
+
+    found = audit(changed(body, forge), "x", fast=True)
+    assert answers(found)["design"] == "different"
+    assert answers(found)["numbers"] == "different"
+
+
+def test_every_number_of_the_record_counts(files: dict[str, bytes]) -> None:
+    """Digits all over the record of the HTML file, one at a time, 16 places: each is found, or the record refused."""
+    page = files["html"].decode()
+    start = page.index('id="tailstack-record">') + len('id="tailstack-record">')
+    end = page.index("</script>", start)
+    places = [start + match.start() for match in re.finditer(r"(?<=[.\d])[1-8](?=\d)", page[start:end])]
+    for place in places[7 :: len(places) // 16]:
+        forged = page[:place] + str(int(page[place]) + 1) + page[place + 1 :]
+        assert judged(forged.encode()) != "verified", page[place - 60 : place + 10]
+
+
+def judged(content: bytes) -> str:
+    """The verdict on a file, or that it was refused."""
+    try:
+        return audit(content, "x", fast=True).verdict
+    except TailstackError:
+        return "refused"
+
+
+def repacked(content: bytes, member: str, change: Callable[[str], str]) -> bytes:
+    """A spreadsheet with one part changed."""
+    target = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(content)) as old, zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as new:
+        for part in old.infolist():
+            data = old.read(part)
+            new.writestr(part, change(data.decode()).encode() if part.filename == member else data)
+    return target.getvalue()
+
+
+def test_a_changed_cell_is_named(files: dict[str, bytes]) -> None:
+    book = files["xlsx"]
+    same = repacked(book, "xl/workbook.xml", lambda text: text)
+    assert audit(same, "x", fast=True).verdict == "verified"
+    with zipfile.ZipFile(io.BytesIO(book)) as archive:
+        names = re.findall(r'<sheet name="([^"]*)"', archive.read("xl/workbook.xml").decode())
+        member = f"xl/worksheets/sheet{names.index('Budget') + 1}.xml"
+    forged = repacked(book, member, lambda text: re.sub(r"(<c r=\"F4\"[^>]*><v>)[^<]*", r"\g<1>9.75", text))
+    found = audit(forged, "x", fast=True)
+    assert answers(found)["pages"] == "different"
+    assert "sheet 'Budget', cell F4: the file has '9.75'" in details(found)
+    shared = repacked(book, "xl/sharedStrings.xml", lambda text: text.replace("The design ", "No design ", 1))
+    assert "cell B3" in details(audit(shared, "x", fast=True))
+
+
+def test_a_changed_page_of_a_pdf_is_found(files: dict[str, bytes]) -> None:
+    content = files["pdf"]
+    streams = list(re.finditer(rb"/Length (\d+)>>\nstream\n", content))
+    for found in streams:
+        packed = content[found.end() : found.end() + int(found.group(1))]
+        try:
+            text = zlib.decompress(packed)
+        except zlib.error:
+            continue
+        if b" re\n" not in text or b"BT" not in text:
+            continue
+        again = zlib.compress(text.replace(b" re\n", b" re \n", 1))
+        head = content[: found.start()] + b"/Length %d>>\nstream\n" % len(again)
+        forged = head + again + content[found.end() + len(packed) :]
+        assert answers(audit(forged, "x", fast=True))["pages"] == "different"
+        return
+    pytest.fail("no page was found in the PDF")
+
+
+# --- what cannot be compared ----------------------------------------------------------------------
+
+
+def test_pages_of_another_version_are_not_compared(body: bytes) -> None:
+    old = changed(body, lambda data: [data[part]["provenance"].update(tailstack_version="0.0.9")
+                                      for part in ("score", "verification")]
+                  + [data["provenance"].update(tailstack_version="0.0.9")])  # fmt: skip
+    found = audit(html_report(document_of("report", old), old).encode(), "x", fast=True)
+    assert answers(found) | {"numbers": "same"} == answers(found)
+    assert found.verdict == "not verified"
+    assert "install that version" in details(found)
+
+
+# --- the command ----------------------------------------------------------------------------------
+
+
+def run(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    code = main(["report", *arguments])
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def test_exit_codes(body: bytes, files: dict[str, bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = tmp_path / "a.html"
+    page.write_bytes(files["html"])
+    code, out, _ = run(["--verify", "--fast", str(page)], capsys)
+    assert code == 0
+    assert out.splitlines()[0].startswith(f"{page}: eight beads")
+    assert out.splitlines()[-1] == "verified"
+    page.write_bytes(files["html"].replace(b"<li>", b"<li> ", 1))
+    code, out, _ = run(["--verify", "--fast", str(page)], capsys)
+    assert code == 1
+    assert out.splitlines()[-1] == "differs"
+    code, _, err = run(["--verify", "--fast", "--seed", "3", str(page)], capsys)
+    assert code == 2
+    assert "--seed" in err
+    code, _, err = run(["--verify", str(tmp_path / "absent.html")], capsys)
+    assert code == 2
+    assert "no such file" in err
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.html", b"<!DOCTYPE html><p>no report</p>", "this file has 0"),
+        ("a.pdf", b"%PDF-1.7\nnothing", "one attachment"),
+        ("a.xlsx", b"PK\x03\x04broken", "cannot be unpacked"),
+        ("a.json", b"", "empty"),
+        ("a.json", b'{"schema": "tailstack/report/1"}', "title"),
+        ("a.json", b'{"schema": "tailstack/report/9"}', "no report is made of"),
+        ("a.json", b"[1, 2]", "of which schema"),
+        ("a.json", b"\xff\xfe\x00", "not"),
+    ],
+)
+def test_what_is_no_report_is_refused(
+    name: str, content: bytes, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    code, out, err = run(["--verify", str(path)], capsys)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert str(path) in err
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda data: data["score"]["targets"][0].update(p95_mm="wide"), "/score/targets/0/p95_mm"),
+        (lambda data: data["score"]["targets"][0].pop("p95_mm"), "/score/targets/0"),
+        (lambda data: data["score"].update(extra=1), "/score/extra"),
+        (lambda data: data["verification"].update(trials=True), "/verification/trials"),
+        (lambda data: data["headline"].update(status="fine"), "/headline/status"),
+    ],
+)
+def test_a_malformed_result_is_refused_with_its_line(
+    change: Callable[[Any], None], words: str, body: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = json.loads(body)
+    change(data)
+    path = tmp_path / "result.json"
+    path.write_text(json.dumps(data, indent=1), encoding="utf-8")
+    for arguments in ([str(path), "-o", str(tmp_path)], ["--verify", str(path)]):
+        code, out, err = run(arguments, capsys)
+        assert (code, out) == (2, "")
+        assert words in err
+        assert re.search(rf"{re.escape(str(path))}:\d+:\d+: ", err), err
+
+
+def test_a_result_without_its_design_asks_for_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    design = load_design(DESIGN)
+    path, right, wrong = tmp_path / "score.json", tmp_path / "right.json", tmp_path / "wrong.json"
+    path.write_bytes(to_json(score(design)))
+    right.write_text(json.dumps(DESIGN), encoding="utf-8")
+    wrong.write_text(json.dumps(limited(0.9, name="another")), encoding="utf-8")
+    assert run(["--verify", str(path), str(right)], capsys)[0] == 0
+    code, _, err = run(["--verify", str(path)], capsys)
+    assert code == 2
+    assert "FILE DESIGN" in err
+    code, _, err = run(["--verify", str(path), str(wrong)], capsys)
+    assert code == 2
+    assert "another design" in err
+    code, _, err = run([str(path), str(right), "-o", str(tmp_path)], capsys)
+    assert code == 2
+    assert "does not hold the design" in err
+
+
+def test_two_designs_are_compared_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, limit in (("old", 0.9), ("new", 0.1)):
+        (tmp_path / f"{name}.json").write_text(json.dumps(limited(limit)), encoding="utf-8")
+    out = tmp_path / "out"
+    pair = [str(tmp_path / f"{name}.json") for name in ("old", "new")]
+    code, said, _ = run([*pair, "--trials", "4000", "--format", "html,json", "-o", str(out)], capsys)
+    assert code == 1  # the verdict on the second
+    assert said.splitlines() == [str(out / "old-new.html"), str(out / "old-new.report.json")]
+    assert run(["--verify", "--fast", str(out / "old-new.html")], capsys)[0] == 0
+    code, said, _ = run([str(out / "old-new.report.json"), "--format", "xlsx", "-o", str(out)], capsys)
+    assert code == 1
+    assert run([*pair, pair[0]], capsys)[0] == 2
+
+
+def test_an_audit_of_another_kind_of_number_is_exact() -> None:
+    """A rate of 1e-10 is seen in a number, and 1e-8 is a difference."""
+    made = compute_report(load_design(DESIGN), ReportOptions(parts=("score",)))
+    target = made.score.targets[0]
+    for factor, verdict in ((1 + 1e-10, "verified"), (1 + 1e-8, "differs")):
+        nudged = replace(target, mean_norm_mm=target.mean_norm_mm * factor)
+        forged = replace(made, score=replace(made.score, targets=(nudged,)))
+        found = audit(to_json(forged), "x")
+        assert found.verdict == verdict
+        assert "to the last digit" in details(found) or verdict == "differs"
