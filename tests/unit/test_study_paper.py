@@ -251,7 +251,7 @@ def test_the_shipped_geometries_give_s1_and_the_counts_that_the_page_states():
         Case(compile_design(load_design(ROOT / "examples" / "paper" / f"fitted_{name}.yaml")), True)
         for name in ("eq18", "physical")
     ]
-    found = paper_study(fitted, trials=40_000)
+    found = paper_study(fitted)
     page = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
     for geometry in found.geometries:
         assert all(not cell.outside for cell in geometry.cells if cell.table in ("S1", "S3"))

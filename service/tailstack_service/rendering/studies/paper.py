@@ -123,9 +123,9 @@ def _additivity_text(letter: str, geometry: Geometry) -> str:
             row += [number(one.printed_joint_mm), number(one.printed_quadrature_mm)]
         rows.append(row)
     header = [
-        f"{letter}: S2, parts", "P95\nmm", "first\norder", "|bias|\nmm", "noise\nP95", "quad-\nrature", "sum\nmm",
+        f"{letter}: S2 and its parts\nmm", "P95\n", "first\norder", "|bias|\n", "noise\nP95", "quad-\nrature", "sum\n",
     ]  # fmt: skip
-    return table(header + (["printed\nmm", "quadrature of\nprinted parts"] if geometry.compared else []), rows)
+    return table(header + (["printed\n", "quadrature of\nprinted parts"] if geometry.compared else []), rows)
 
 
 def _factor_text(letter: str, geometry: Geometry) -> str:
