@@ -86,7 +86,7 @@ def test_the_simulated_files_are_those_their_script_writes() -> None:
     ("content", "said"),
     [
         ("x_mm,y_mm,z_m\n1,2,3\n", "m.csv:1:1: (document): the columns have different units"),
-        ("error_mm\n1\nNaN\n3\n", "m.csv:3:1: /error: error is not a finite number"),
+        ("error_mm\n1\nNaN\n3\n", "m.csv:3:1: /error_mm: error_mm is not a finite number"),
         ("error_mm\n1\n2\n", "at least 3 are needed"),
         ("colour\nred\n", "names no measured quantity"),
     ],
@@ -98,6 +98,7 @@ def test_rubbish_is_bad_input(capsys: pytest.CaptureFixture[str], tmp_path: Path
     output = capsys.readouterr()
     assert output.out == ""
     assert said in output.err
+    assert "next: tailstack study compare --help" in output.err
 
 
 def test_a_refusal_is_a_problem_document_with_json(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:

@@ -24,5 +24,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
+    arguments.verb = f"study {arguments.study}"  # what a refusal calls it, and names next
     answer: Answer = _module(arguments.study).run(arguments)
     return answer

@@ -91,6 +91,7 @@ class Table:
     header_line: int
     delimiter: str
     columns: dict[str, int]  # name without unit -> place
+    heads: dict[str, str]  # and as it is written
     form: Form
     unit: str
     body: tuple[tuple[int, str], ...]
@@ -111,7 +112,8 @@ class Table:
         columns, unit = _columns(name, at, said, form)
         if len(lines) == 1:
             raise refusal(name, at, "empty-document", "there is a header, and no measurement below it")
-        return cls(name, at, delimiter, columns, form, unit, tuple(lines[1:]))
+        heads = {stem: said[place] for stem, place in columns.items()}
+        return cls(name, at, delimiter, columns, heads, form, unit, tuple(lines[1:]))
 
     def rows(self) -> list[Row]:
         return [self._row(line, text) for line, text in self.body]
@@ -134,14 +136,14 @@ class Table:
             raise refusal(self.name, line, "out-of-range", detail, "is the unit in the header the right one?")
         signed = self.form in ("points", "vectors")
         if not signed and min(values) < 0:
-            axis = AXES[self.form][int(np.argmin(values))]
+            axis = self.heads[AXES[self.form][int(np.argmin(values))]]
             raise refusal(self.name, line, "out-of-range", f"{axis} cannot be negative", column=axis)
         sd, px = self._optional(cells, line, "sd"), self._optional(cells, line, "reprojection")
         sd = None if sd is None else scale * sd
         return Row(line, labels, values, self._deliberate(cells, line), self._n(cells, line), sd, px)
 
     def _number(self, cells: Sequence[str], line: int, column: str) -> float:
-        said = cells[self.columns[column]]
+        said, column = cells[self.columns[column]], self.heads[column]
         if not said:
             raise refusal(
                 self.name, line, "missing-value", f"{column} is empty", "leave out what was not measured", column
@@ -187,7 +189,9 @@ class Table:
             return None
         value = self._number(cells, line, column)
         if value < 0:
-            raise refusal(self.name, line, "out-of-range", f"{column} cannot be negative", "", column)
+            raise refusal(
+                self.name, line, "out-of-range", f"{self.heads[column]} cannot be negative", "", self.heads[column]
+            )
         return value
 
 

@@ -22,7 +22,7 @@ def add(parsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     add_design(parser)
     parser.add_argument(
         "--trials", type=whole(LEAST_TRIALS, 2**24), metavar="N",
-        help="trials of each case (default 262144; 16384 where the design's model takes a plain SVD)",
+        help="trials of each case (default 262144; fewer with many targets or a model that takes a plain SVD)",
     )  # fmt: skip
     parser.add_argument("--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="seed (default %(default)s)")
     parser.add_argument(
