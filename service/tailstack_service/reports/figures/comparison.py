@@ -134,9 +134,9 @@ def distributions_svg(
     if limit_mm is not None:
         parts += [line(x, 14, x + 20, 14, LIMIT_COLOUR, 1.6, "2 2")]
         parts.append(text(x + 26, 18, f"limit {limit_mm:g} mm", colour=LIMIT_COLOUR, weight="bold"))
-    drawn = f"Monte Carlo, {first.trials:,} and {second.trials:,} trials" if sampled else "first-order law"
+    drawn = f"Monte Carlo in bins, {first.trials:,} and {second.trials:,} trials" if sampled else "first-order law"
     lines_are = "P95" if limit_mm is None else "P95 and limit"
-    parts.append(text(12, 38, f"density by bins; {drawn}; upright lines: {lines_are}", colour=MUTED))
+    parts.append(text(12, 38, f"{drawn}; upright lines: {lines_are}", colour=MUTED))
     words = f"P95 is {p95_mm[0]:.3f} mm {called[0]} and {p95_mm[1]:.3f} mm {called[1]}; {drawn}."
     words += "" if limit_mm is None else f" The limit is {limit_mm:g} mm."
     return picture(name, f"Errors at target {second.target}, {called[0]} and {called[1]}", words, bottom + 42, parts)

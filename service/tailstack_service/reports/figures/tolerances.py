@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import ceil, floor
 
 from ...rendering.panels import round_step
@@ -14,6 +15,8 @@ COLUMNS, HEIGHT, GAP = 3, 158, 16  # of pictures; of one with its words
 LEFT, PLOT_WIDTH, PLOT_TOP, PLOT_HEIGHT = 38, 188, 38, 84
 CAP = 1.6  # the scale ends at so many times what the quantile is: steeper curves leave it
 OTHER_COLOUR = "#7a7a7a"
+
+Place = Callable[[float, float], tuple[float, float]]  # half-width, quantile in mm -> page
 
 
 def curves_svg(
@@ -130,8 +133,7 @@ def _diamond(x: float, y: float) -> str:
     return f'<polygon points="{points}" fill="#ffffff" stroke="{LIMIT_COLOUR}" stroke-width="1.4"/>'
 
 
-def _ticks(x0: float, y0: float, x1: float, y1: float, ends: tuple[float, float], place: object) -> list[str]:
-    assert callable(place)
+def _ticks(x0: float, y0: float, x1: float, y1: float, ends: tuple[float, float], place: Place) -> list[str]:
     step = round_step(2.5 * 20 * (ends[1] - ends[0]) / (y1 - y0))
     parts = []
     for k in range(ceil(ends[0] / step), floor(ends[1] / step) + 1):

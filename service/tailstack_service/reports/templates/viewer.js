@@ -47,7 +47,6 @@
       this.up = this.first.up;
       this.extent = "near";
       this.resize();
-      this.fit();
       this.listen();
       this.say();
     }
@@ -185,10 +184,13 @@
       [this.width, this.height] = [width, height];
       [this.canvas.width, this.canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
       this.context.setTransform(ratio, 0, 0, ratio, 0, 0);
-      if (this.scale) { this.scale *= scaled; this.draw(); }
+      if (!this.scale) { this.fit(); return; } // also where the figure was hidden at first
+      this.scale *= scaled;
+      this.draw();
     }
 
     fit() {
+      if (!this.width) return;
       const flat = this.scene[this.extent].map((p) => [dot(p, this.right), dot(p, this.up)]);
       const ends = [0, 1].map((k) => [Math.min(...flat.map((p) => p[k])), Math.max(...flat.map((p) => p[k]))]);
       const room = [this.width - 90, this.height - 96];
@@ -235,7 +237,8 @@
       const step = (now) => {
         const t = span ? clamp((now - begun) / span, 0, 1) : 1, s = t * t * (3 - 2 * t);
         const mix = (a, b) => a.map((v, k) => (1 - s) * v + s * b[k]);
-        [this.right, this.up] = t < 1 ? [mix(from[0], camera.right), mix(from[1], camera.up)] : [camera.right, camera.up];
+        const between = [mix(from[0], camera.right), mix(from[1], camera.up)];
+        [this.right, this.up] = t < 1 ? between : [camera.right, camera.up];
         this.right = unit(this.right);
         this.up = unit(plus(this.up, this.right, -dot(this.up, this.right)));
         this.fit();
@@ -267,7 +270,9 @@
         const now = this.scene.cameras.findIndex((camera) =>
           camera.right.every((v, k) => same(v, this.right[k])) && camera.up.every((v, k) => same(v, this.up[k])));
         this.looks.forEach((entry, k) => entry.setAttribute("aria-pressed", String(k === now)));
-        this.extents.forEach((entry) => entry.setAttribute("aria-pressed", String(entry.dataset.extent === this.extent)));
+        for (const entry of this.extents) {
+          entry.setAttribute("aria-pressed", String(entry.dataset.extent === this.extent));
+        }
         const azimuth = Math.round(Math.atan2(eye[1], eye[0]) / DEGREE);
         const elevation = Math.round(Math.asin(clamp(eye[2], -1, 1)) / DEGREE);
         const across = (this.width / this.scale).toPrecision(3);
@@ -312,7 +317,7 @@
         const middle = [0, 1].map((k) => page.reduce((sum, p) => sum + p[k], 0) / page.length);
         const at = item.kind === "line" ? middle : along;
         if (item.title) this.hits.push({ at, words: item.title, reach: item.kind === "mark" ? 10 : 7 });
-        if (item.label || item.kind === "mark") labels.push({ item, at });
+        if (item.label || item.kind === "mark") labels.push({ item, at, page });
       }
       if (this.shown.has("labels")) this.label(context, labels);
       this.axes(context);
@@ -399,7 +404,11 @@
         context.arc(x, y, radius, 0, 2 * Math.PI);
         context.fillStyle = fill;
         context.fill();
-        if (stroke) { context.strokeStyle = stroke; context.lineWidth = width; context.setLineDash([]); context.stroke(); }
+        if (!stroke) return;
+        context.strokeStyle = stroke;
+        context.lineWidth = width;
+        context.setLineDash([]);
+        context.stroke();
       };
       if (look === "fiducial") {
         const shine = context.createRadialGradient(x - 1.6, y - 1.8, 0.4, x, y, 5);
@@ -437,7 +446,14 @@
       context.textBaseline = "alphabetic";
       const inside = ([x, y]) => x > 0 && y > 0 && x < this.width && y < this.height;
       const seen = labels.filter(({ at }) => inside(at));
-      const taken = seen.filter(({ item }) => item.kind === "mark").map(({ at: [x, y] }) => [x - 5, y - 5, x + 5, y + 5]);
+      const named = seen.filter(({ item }) => item.kind === "mark");
+      const taken = named.map(({ at: [x, y] }) => [x - 5, y - 5, x + 5, y + 5]);
+      for (const { item, page: [from, to] } of seen) { // labels keep off arrows, too
+        for (let k = 0; item.kind === "arrow" && k <= 8; k += 1) {
+          const [x, y] = [0, 1].map((axis) => from[axis] + (k / 8) * (to[axis] - from[axis]));
+          taken.push([x - 3, y - 3, x + 3, y + 3]);
+        }
+      }
       const marks = taken.length;
       for (const { item, at: [x, y] } of seen) {
         if (!item.label || (this.crowded && !NAMED_ALWAYS.includes(item.layer))) continue;
@@ -469,8 +485,8 @@
 
     axes(context) {
       const x = 52, y = this.height - 34, arm = 34;
-      const length = roundStep(Math.min(0.3 * this.width, 160) / this.scale), end = this.width - 16, foot = this.height - 16;
-      const begin = end - length * this.scale;
+      const length = roundStep(Math.min(0.3 * this.width, 160) / this.scale);
+      const end = this.width - 16, begin = end - length * this.scale, foot = this.height - 16;
       context.font = FONT;
       context.fillStyle = "rgba(255, 255, 255, 0.85)"; // lines of the scene may run below
       context.fillRect(begin - 8, foot - 24, end - begin + 16, 34);
@@ -487,9 +503,11 @@
         if (Math.hypot(dx, dy) > 6) context.fillText(name, x + 1.28 * dx, y + 1.28 * dy + 4);
       });
       context.beginPath();
-      for (const [a, b] of [[[begin, foot], [end, foot]], [[begin, foot - 4], [begin, foot + 4]], [[end, foot - 4], [end, foot + 4]]]) {
-        context.moveTo(...a);
-        context.lineTo(...b);
+      for (const [x0, y0, x1, y1] of [
+        [begin, foot, end, foot], [begin, foot - 4, begin, foot + 4], [end, foot - 4, end, foot + 4],
+      ]) {
+        context.moveTo(x0, y0);
+        context.lineTo(x1, y1);
       }
       context.stroke();
       context.fillText(`${Number(length.toPrecision(3))} mm`, (begin + end) / 2, foot - 8);
@@ -499,12 +517,10 @@
     }
 
     tell(at) {
-      let found = null, nearest = Infinity;
-      for (const hit of at ? this.hits : []) {
-        const distance = Math.hypot(hit.at[0] - at[0], hit.at[1] - at[1]);
-        if (distance < hit.reach && distance <= nearest) [found, nearest] = [hit, distance];
-      }
-      this.tip.textContent = found ? found.words : "";
+      const away = (hit) => Math.hypot(hit.at[0] - at[0], hit.at[1] - at[1]);
+      const near = (at ? this.hits : []).filter((hit) => away(hit) < hit.reach).sort((a, b) => away(a) - away(b));
+      const found = near[0]; // a target, its ellipsoid and its bias stand in one place
+      this.tip.textContent = near.slice(0, 4).map((hit) => hit.words).join("\n");
       this.tip.style.display = found ? "block" : "none";
       if (!found) return;
       const wide = this.tip.offsetWidth, tall = this.tip.offsetHeight;
