@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
-from service_scenes import coplanar_design, limited, write_json
+from service_scenes import ROOT, coplanar_design, limited, write_json
 
+from tailstack import load_design, score
 from tailstack.design.loading import data_to_yaml
 from tailstack_service.cli.main import main
-from tailstack_service.documents import from_plain
+from tailstack_service.documents import from_plain, to_json
 from tailstack_service.gate.markdown import markdown_text
 from tailstack_service.gate.rules import RULES
 
@@ -200,6 +204,27 @@ def test_a_fingerprint_survives_a_change_of_value_and_line(folder: Path) -> None
     assert prints() == before
 
 
+def test_mode_analytic_loads_nothing_heavy(folder: Path) -> None:
+    """What would cost a commit hook its seconds: the optimisers, the web, templates, tables, statistics."""
+    code = (
+        "import sys\n"
+        "from tailstack_service.cli.main import main\n"
+        "code = main(sys.argv[1:])\n"
+        "heavy = {'casadi', 'cvxpy', 'fastapi', 'starlette', 'jinja2', 'sqlalchemy', 'weasyprint', 'xlsxwriter',\n"
+        "         'scipy.stats', 'distributed', 'httpx', 'jsonschema'}\n"
+        "print(sorted(heavy & set(sys.modules)))\n"
+        "sys.exit(code)\n"
+    )
+    formats = [f"--format={name}=out.{name}" for name in ("json", "sarif", "junit", "github", "gitlab", "markdown")]
+    ran = subprocess.run(
+        [sys.executable, "-c", code, "gate", "one.yaml", "--policy", "policy.yaml", "--mode", "analytic", *formats,
+         "--format=text=out.txt"],
+        env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
+        cwd=folder, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert (ran.returncode, ran.stdout) == (0, "[]\n"), ran.stderr
+
+
 # --- report ---------------------------------------------------------------------------------------
 
 
@@ -225,8 +250,8 @@ def test_a_report_of_what_another_verb_wrote(folder: Path, capsys: pytest.Captur
         (["one.yaml", "-o", "one.yaml"], "is not a directory"),
         (["absent.yaml"], "no such file"),
         (["half.json"], "not a whole tailstack/score/1"),
-        (["other.json"], "no report is made of 'tailstack/validation/1'"),
-        (["half.json", "--seed", "3"], "a result is rendered as it is"),
+        (["other.json"], "other.json:1:12: /schema: no report is made of"),
+        (["whole.json", "--seed", "3"], "a result is rendered as it is"),
     ],
 )
 def test_what_cannot_be_reported_is_refused_with_2(
@@ -234,5 +259,6 @@ def test_what_cannot_be_reported_is_refused_with_2(
 ) -> None:
     write_json(folder / "half.json", {"schema": "tailstack/score/1", "targets": []})
     write_json(folder / "other.json", {"schema": "tailstack/validation/1"})
+    (folder / "whole.json").write_bytes(to_json(score(load_design(limited(PASSING)))))
     assert main(["report", *arguments]) == 2
     assert words in capsys.readouterr().err

@@ -228,7 +228,7 @@ class Check(Record):
 
     precision: Annotated[float, Field(ge=FINEST_PRECISION, le=0.5)] = Field(
         default=0.01,
-        description="Relative half-width of the interval of P95 at which drawing may end.",
+        description="Mode verify: relative half-width of the interval of P95 at which drawing may end.",
         examples=[0.01],
     )
     max_trials: Annotated[int, Field(ge=1000, le=1_000_000_000)] = Field(
