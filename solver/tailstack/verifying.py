@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import ceil
 
 import numpy as np
-from scipy.stats import beta
+from scipy.special import betaincinv  # scipy.stats takes most of a second to import
 
 from .contributors import declared_law
 from .design import Design
@@ -171,8 +171,8 @@ def _check_units(requirement: Requirement, name: str, own: Array) -> Check:
     ordered = np.sort(own)
     met = int((ordered <= requirement.limit_mm).sum())
     alpha = 1 - requirement.confidence
-    low = float(beta.ppf(alpha / 2, met, UNITS - met + 1)) if met > 0 else 0.0
-    high = float(beta.ppf(1 - alpha / 2, met + 1, UNITS - met)) if met < UNITS else 1.0
+    low = float(betaincinv(met, UNITS - met + 1, alpha / 2)) if met > 0 else 0.0
+    high = float(betaincinv(met + 1, UNITS - met, 1 - alpha / 2)) if met < UNITS else 1.0
     below, above = interval_ranks(UNITS, P95, requirement.confidence)
     return check_per_unit(
         requirement,

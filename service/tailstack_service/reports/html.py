@@ -31,7 +31,7 @@ def html_report(document: Document, record: bytes | None) -> str:
             record=None if record is None else _inert(record),
             generator=f"tailstack {__version__}",
             policy="" if record is None else content_policy(),
-            style=_style(),
+            style=_style() if record is not None else _on_paper(),
             script=_source("viewer.js") if turned else "",
         )
         + "\n"
@@ -54,6 +54,26 @@ def content_policy(*, served: bool = False) -> str:
 @cache
 def _source(name: str) -> str:
     return (files(__package__) / "templates" / name).read_text(encoding="utf-8").strip()
+
+
+@cache
+def _on_paper() -> str:
+    """The style without what only screens look at: every rule is tried on every element of a page."""
+    rules = _source("report.css")
+    for start in ("@media screen {", "@media screen and"):
+        while (begin := rules.find(start)) >= 0:
+            rules = rules[:begin] + rules[_end_of_block(rules, begin) :]
+    return rules
+
+
+def _end_of_block(rules: str, begin: int) -> int:
+    """Behind the brace that closes the first one after ``begin``."""
+    depth = 0
+    for place in range(rules.index("{", begin), len(rules)):
+        depth += {"{": 1, "}": -1}.get(rules[place], 0)
+        if depth == 0:
+            return place + 1
+    raise ValueError("a block of the style sheet is not closed")
 
 
 def _style() -> str:

@@ -8,11 +8,10 @@ from math import degrees
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import brentq
-
 from tailstack.budget import Line, lines_of
 from tailstack.contributors import error_law, unit_for_people
 from tailstack.design import Design
+from tailstack.errors import NotConvergedError, Problem
 from tailstack.propagation.linear import LinearModel
 from tailstack.results import Check
 from tailstack.system import System
@@ -22,7 +21,8 @@ from .headline import tightest_check
 from .records import Allowance
 
 FURTHEST = 1024.0  # times the half-width as it is: beyond, it has no influence worth a number
-RELATIVE = 1e-9  # of the half-width at the limit
+RELATIVE = 1e-9  # of the limit, or of the half-width at it: how well it is met
+STEPS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,13 +85,36 @@ def _ratio(model: LinearModel, line: Line, check: Check | None) -> tuple[Status,
     if at_one > 0:
         if beyond(0.0) > 0:
             return "zero is not enough", None
-        return "too wide", float(brentq(beyond, 0.0, 1.0, rtol=RELATIVE, xtol=RELATIVE))
+        return "too wide", _crossing(beyond, 0.0, 1.0, check)
     high = 2.0
     while beyond(high) < 0:
         high *= 4
         if high > FURTHEST:
             return "no influence", None
-    return "spare", float(brentq(beyond, 1.0, high, rtol=RELATIVE, xtol=RELATIVE))
+    return "spare", _crossing(beyond, 1.0, high, check)
+
+
+def _crossing(beyond: Callable[[float], float], low: float, high: float, check: Check) -> float:
+    """Where a rising function passes zero, by the Illinois rule; scipy.optimize takes half a second to import.
+
+    Raises NotConvergedError.
+    """
+    at_low, at_high, side = beyond(low), beyond(high), 0
+    for _ in range(STEPS):
+        middle = (low * at_high - high * at_low) / (at_high - at_low)
+        value = beyond(middle)
+        if abs(value) <= RELATIVE * check.limit_mm or high - low <= RELATIVE * high:
+            return middle
+        if value > 0:
+            high, at_high = middle, value
+            at_low = at_low / 2 if side > 0 else at_low
+            side = 1
+        else:
+            low, at_low = middle, value
+            at_high = at_high / 2 if side < 0 else at_high
+            side = -1
+    detail = f"the half-width at which {check.requirement} is met was not found in {STEPS} steps"
+    raise NotConvergedError(Problem("/requirements", "not-converged", detail))
 
 
 def _excess(model: LinearModel, line: Line, check: Check) -> Callable[[float], float]:
