@@ -155,7 +155,7 @@ def _sample(installation: LinearLaw, root: Array, shot: LinearLaw, p: float, log
     if shot.mean.any():
         raise ValueError(f"the shot's mean belongs to the installation; it must be 0 here, got {shot.mean.tolist()}")
     h, _ = lattice_columns(installation)
-    z, u, blocks = np.zeros((0, 1)), np.zeros((0, 1)), 1
+    z, u, blocks = np.zeros((0, 1), np.float32), np.zeros((0, 1), np.float32), 1
     if root.shape[1] or h.shape[0]:
         z, u = sobol_rows(root.shape[1], h.shape[0], log2_units, 1)
         blocks = RANDOMISATIONS

@@ -11,12 +11,21 @@ from numpy.typing import NDArray
 from ..system import Array
 from .gaussian import law_on_axes
 from .quantile import quantile_on_axes
+from .sampling import SingleArray
 from .spectrum import principal_axes
 
 
 @njit(cache=True, error_model="numpy")
 def survey(
-    mean: Array, root: Array, z: Array, h: Array, u: Array, covariance: Array, along: float, top: float, normal: float
+    mean: Array,
+    root: Array,
+    z: SingleArray,
+    h: Array,
+    u: SingleArray,
+    covariance: Array,
+    along: float,
+    top: float,
+    normal: float,
 ) -> tuple[Array, Array, Array, Array, Array, bool]:
     """(d (n, 3), |d|, low, high, closed form of R(d), whether there is one) for n units.
 
