@@ -216,10 +216,11 @@ class LawSummary:
     exceedance: float | None  # of the limit; None without one
 
 
-def law_summary(law: LinearLaw, p: float, limit: float | None = None) -> LawSummary:
+def law_summary(law: LinearLaw, p: float, limit: float | None = None, *, relaxed: float = 1.0) -> LawSummary:
     """:func:`law_quantile`, :func:`law_mean_norm`, :func:`law_cvar` and :func:`law_exceedance` from shared lattices.
 
-    Raises ValueError for p outside (0, 1) or a limit below 0 mm.
+    relaxed: how many times larger than theirs the numerical errors may be.  Raises ValueError for p outside (0, 1) or a
+    limit below 0 mm.
     """
     p = probability_iv(p)
     if limit is not None and not limit >= 0:
@@ -227,8 +228,9 @@ def law_summary(law: LinearLaw, p: float, limit: float | None = None) -> LawSumm
     h, _ = lattice_columns(law)
     if h.shape[0]:
         asked = np.nan if limit is None else float(limit)
+        threshold, aliasing, largest_box = _tolerances(p, True)
         found, r, density, error, mean_norm, excess, beyond = summary(
-            p, asked, law.mean, law.covariance, h, *_tolerances(p, True)
+            p, asked, law.mean, law.covariance, h, relaxed * threshold, relaxed * aliasing, largest_box
         )
         if found:
             quantile = LawQuantile(p, float(r), float(density), LATTICE_METHOD, float(error / density))
