@@ -187,7 +187,7 @@ def chain() -> tuple[object, float]:
 def decisions(chain: tuple[object, float], factor: float, runs: int) -> dict[str, int]:
     plan, p95 = chain
     found = {"kept": 0, "missed": 0, "open": 0, "trials": 0}
-    for seed in range(10_000, 10_000 + runs):
+    for seed in range(runs):
         question = Question("tip", "tcp", 0.95, factor * p95)
         run = simulate_to_decision(
             plan, seed=seed, questions=[question], confidence=CONFIDENCE, max_trials=CAP, quantile=0.95, threads=1
@@ -204,12 +204,18 @@ def decisions(chain: tuple[object, float], factor: float, runs: int) -> dict[str
 
 
 def test_a_design_on_its_limit_stays_open_at_the_cap(chain: tuple[object, float]) -> None:
-    """sampled: 300 seeds from 10,000, stated 10 % on either side."""
+    """sampled: 300 seeds, stated 10 % on either side, 95 % intervals.
+
+    The limit is a sampled P95 itself: two of its standard errors, an eighth of one of a run at the cap, move the rate
+    of one side by up to 0.022 (an eighth of the normal density at its 10 % point) and that of the other back.
+    """
     found = decisions(chain, 1.0, RUNS)
+    of_the_limit = 0.175 / 8
     for wrong in ("kept", "missed"):
         low, high = exact_interval(found[wrong], RUNS)
-        assert low <= (1 - CONFIDENCE) / 2
+        assert low <= (1 - CONFIDENCE) / 2 + of_the_limit
         assert high >= 0.5 * (1 - CONFIDENCE) / 2
+    assert exact_interval(found["kept"] + found["missed"], RUNS)[0] <= 1 - CONFIDENCE
     assert exact_interval(found["open"], RUNS)[1] >= CONFIDENCE
 
 
