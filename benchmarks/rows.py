@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 import peers
+import report_rows
 import service_rows
 from bench import ROUNDS, Row, interleaved
 from optimiser_rows import optimiser, placement
@@ -260,4 +261,5 @@ GROUPS: dict[str, Callable[[], list[Row]]] = {
     "service": service_rows.scores,
     "start": service_rows.start,
     "jobs": service_rows.jobs,
+    "report": report_rows.report,
 }

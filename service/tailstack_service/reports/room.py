@@ -8,6 +8,7 @@ from math import degrees
 from typing import Literal
 
 import numpy as np
+
 from tailstack.budget import Line, lines_of
 from tailstack.contributors import error_law, unit_for_people
 from tailstack.design import Design

@@ -15,7 +15,7 @@ from .holding import Held, sheet_cells, sheet_names, unpacked
 
 MOST = 5  # differences that are told
 LONGEST = 90
-_STREAM = re.compile(rb"stream\r?\n(.*?)\r?\nendstream", re.DOTALL)
+_STREAM = re.compile(rb"stream\n(.*?)\nendstream", re.DOTALL)
 _FONT = re.compile(rb"/BaseFont /([^\s/<>\[\]()]+)")
 _PRODUCER = re.compile(rb"/Producer \(([^()]*)\)")
 
