@@ -18,7 +18,7 @@ from .refusals import StudyError
 NOISES_PX = (0.3, 1.0, 3.0, 10.0)
 ROTATIONS_DEG = (0.0, 1.0, 5.0)
 SPREADS = (1.0, 0.5, 0.2)
-DEFAULT_TRIALS = 2**15
+DEFAULT_TRIALS = 2**14
 MOST_POINTS = 5_000
 BEYOND = LEVELS[-1][1]
 NOT_VALID = "not valid"

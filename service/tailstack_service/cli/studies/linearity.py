@@ -36,7 +36,7 @@ def add(parsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "--error", choices=("tcp", "localisation"), default="tcp", help="which error (default %(default)s)"
     )
     parser.add_argument(
-        "--trials", type=whole(LEAST_TRIALS, 2**22), default=2**15, metavar="N",
+        "--trials", type=whole(LEAST_TRIALS, 2**22), default=2**14, metavar="N",
         help="trials of each point (default %(default)s)",
     )  # fmt: skip
     parser.add_argument("--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="seed (default %(default)s)")
