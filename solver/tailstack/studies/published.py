@@ -21,7 +21,6 @@ TRIALS = 2000  # of each cell, says the paper
 # The text speaks of 18 -> 75 mm and 90 -> 108 mm where the tables print 0.018 -> 0.075 and 0.090 -> 0.108 "mm"; and a
 # translation of 5 mm, which moves the target by 5 mm whatever the geometry, is printed with a mean error of 0.019.
 MM_PER_PRINTED_UNIT = 1000.0
-TEXT_MM = {"S1 mean, 0 and 2 deg": (18.0, 75.0), "S2 P95 at 2 px, L0 and L2": (90.0, 108.0)}
 
 S1_NOISE_PX = 1.0  # the text calls the noise of S1 negligible; it is this
 S3_NOISE_PX = 2.0
