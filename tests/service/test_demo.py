@@ -101,3 +101,24 @@ def test_waiting_for_the_kernels_is_told_once_and_then_seldom(monkeypatch: pytes
     assert len(told) <= 4
     with pytest.raises(RemoteError):
         demo.wait_until_ready(cast(Service, Compiling(60.0)), told.append, seconds=0.1)
+
+
+def test_a_demo_interrupted_while_it_compiles_ends_at_once(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "tailstack_service.cli.main", "demo", "-o", str(tmp_path / "demo")]
+    variables = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": os.pathsep.join(sys.path)}
+    (tmp_path / "cache").mkdir()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=variables) as process:
+        try:
+            assert process.stderr is not None
+            assert "starting the service" in process.stderr.readline()
+            assert "compiling the kernels" in process.stderr.readline()
+            family = psutil.Process(process.pid).children(recursive=True)
+            told = time.monotonic()
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert process.returncode == 130, err
+    assert time.monotonic() - told < 30
+    assert "interrupted" in err
+    assert not psutil.wait_procs(family, timeout=15)[1]

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import subprocess
+import sys
+import threading
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -14,6 +17,7 @@ from service_scenes import check_problem, small_design
 
 from tailstack_service.http.app import create_app
 from tailstack_service.http.service import Service
+from tailstack_service.http.warmth import Warming
 from tailstack_service.settings import Settings
 from tailstack_service.store.database import open_database
 
@@ -96,3 +100,32 @@ def test_what_needs_no_kernels_is_answered_at_once(tmp_path: Path) -> None:
         assert time.monotonic() - begun < 5
 
     told(tmp_path, 0.0, story)
+
+
+def test_a_warm_up_is_not_waited_for() -> None:
+    enough = threading.Event()
+    warming = Warming(lambda: enough.wait(60.0) or None)
+    warming.start()
+    began = time.monotonic()
+    warming.end()
+    assert time.monotonic() - began < 5
+    assert warming.is_alive()
+    enough.set()
+    warming.end()
+    assert not warming.is_alive()
+
+
+LEAVING = """
+import threading, time
+from tailstack_service.http.warmth import Warming, leave_if_compiling
+leave_if_compiling(3)
+print("nothing is compiled", flush=True)
+Warming(lambda: time.sleep(60)).start()
+print("left", end="")
+leave_if_compiling(130)
+"""
+
+
+def test_a_process_that_compiles_ends_where_it_is() -> None:
+    done = subprocess.run([sys.executable, "-c", LEAVING], capture_output=True, text=True, timeout=30)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "nothing is compiled\nleft", "")

@@ -173,6 +173,34 @@ def test_serve_answers_and_stops_cleanly(tmp_path: Path, sign: signal.Signals, c
         again.bind(("127.0.0.1", port))
 
 
+@pytest.mark.parametrize("api_processes", ["1", "2"])
+@pytest.mark.parametrize("seconds", [0.0, 0.3, 0.8, 1.5])
+def test_a_stop_that_comes_during_the_start_is_heard(tmp_path: Path, seconds: float, api_processes: str) -> None:
+    """What says where it listens can be stopped, although it has not begun to serve."""
+    with service(tmp_path, "--no-worker", TAILSTACK_API_PROCESSES=api_processes) as (process, _):
+        time.sleep(seconds)
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=40)
+        assert process.returncode == 0, err
+        assert "Traceback" not in err
+
+
+def test_a_service_that_still_compiles_stops_all_the_same(tmp_path: Path) -> None:
+    """With an empty cache of kernels: told to stop in the middle of compiling, which takes a minute."""
+    cache = tmp_path / "cache"
+    cache.mkdir()
+    with service(tmp_path, "--no-worker", NUMBA_CACHE_DIR=str(cache)) as (process, url):
+        response = httpx.get(url + "/health/ready", timeout=30, trust_env=False)
+        assert (response.status_code, response.json()["kernels"]) == (503, "warming up")
+        time.sleep(3.0)
+        told = time.monotonic()
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=60)
+        assert process.returncode == 0, err
+        assert time.monotonic() - told < 25
+        assert "Traceback" not in err
+
+
 def test_a_stop_ends_waits_and_streams_and_loses_no_job(tmp_path: Path) -> None:
     with service(tmp_path, "--no-worker") as (process, url):
         await_ready(url)

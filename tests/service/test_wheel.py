@@ -46,7 +46,7 @@ def test_schemas_and_openapi_come_out_of_it(unpacked: Path) -> None:
 
 def test_the_command_is_declared(unpacked: Path) -> None:
     entry = next(unpacked.glob("tailstack-*.dist-info/entry_points.txt")).read_text()
-    assert "tailstack = tailstack_service.cli.main:main" in entry
+    assert "tailstack = tailstack_service.cli.main:command" in entry
 
 
 def test_the_database_is_made_from_it(unpacked: Path, tmp_path: Path) -> None:

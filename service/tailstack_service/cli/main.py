@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import atexit
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -29,8 +31,9 @@ class _Parser(argparse.ArgumentParser):
         return typed(super().format_help())
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Parser of every verb.  Importing the verbs is cheap: they load numpy and the rest when they run."""
+def build_parser(verbs: Sequence[str] = VERBS) -> argparse.ArgumentParser:
+    """Parser of these verbs.  Importing one is cheap, all of them are a tenth of a second: they load numpy and the rest
+    when they run."""
     parser = _Parser(
         prog=program(),
         description="Tolerance stack-up of X-ray reference structures, judged by its tail.",
@@ -38,10 +41,10 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB", parser_class=_Parser)
-    for name in VERBS:
+    parsers = parser.add_subparsers(dest="verb", metavar="VERB", parser_class=_Parser)
+    for name in verbs:
         module = import_module(f"tailstack_service.cli.{name}")
-        verb = verbs.add_parser(name, help=module.HELP, description=module.__doc__, allow_abbrev=False)
+        verb = parsers.add_parser(name, help=module.HELP, description=module.__doc__, allow_abbrev=False)
         module.add_arguments(verb)
         verb.set_defaults(run=module.run)
     return parser
@@ -50,7 +53,9 @@ def build_parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command.  Returns the exit code; raises nothing that a caller could cause."""
     _speak_utf8_where_possible()
-    parser = build_parser()
+    _leave_quickly()
+    argv = sys.argv[1:] if argv is None else argv
+    parser = build_parser(argv[:1] if argv and argv[0] in VERBS else VERBS)
     try:
         arguments = parser.parse_args(argv)
         if arguments.verb is None:
@@ -61,6 +66,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return _reader_left(PASS)
     return _guarded(arguments)
+
+
+def _leave_quickly() -> None:
+    """At exit the interpreter looks for cycles among all that numba, pydantic and LLVM have made, several times: a
+    third of what a gate of ten designs takes.  What is frozen it does not look at."""
+    atexit.unregister(gc.freeze)  # once, however often a program calls main
+    atexit.register(gc.freeze)
 
 
 def _guarded(arguments: argparse.Namespace) -> int:
@@ -111,5 +123,14 @@ def _speak_utf8_where_possible() -> None:
             stream.reconfigure(errors="replace")
 
 
+def command() -> NoReturn:
+    """The program: ``main``, and the end of the process with its code."""
+    code = main()
+    warmth = sys.modules.get("tailstack_service.http.warmth")
+    if warmth is not None:  # only who served can still be compiling
+        warmth.leave_if_compiling(code)
+    sys.exit(code)
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    command()

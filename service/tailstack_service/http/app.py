@@ -32,6 +32,7 @@ from .middleware import RequestLog
 from .routes import ROUTES, Route
 from .service import Service
 from .storage import Storage
+from .warmth import Warming
 
 log = logging.getLogger("tailstack.service")
 REPORT_WORKERS = 1  # rendering holds the GIL, and scores are computed in the same process
@@ -103,9 +104,9 @@ def _admitting(route: Route) -> Callable[[Request], Awaitable[Response]]:
 @asynccontextmanager
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     service: Service = app.state.service
-    warming: asyncio.Future[Any] | None = None
-    if service.warmth == "warming up":
-        warming = asyncio.get_running_loop().run_in_executor(None, _warm, service)
+    warming = Warming(lambda: _warm(service)) if service.warmth == "warming up" else None
+    if warming is not None:
+        warming.start()
     try:
         yield
     finally:
@@ -113,7 +114,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         for close in (service.short.close, service.reports.close, service.storage.close):
             await asyncio.to_thread(close)
         if warming is not None:
-            await warming
+            await asyncio.to_thread(warming.end)
 
 
 def _warm(service: Service) -> None:

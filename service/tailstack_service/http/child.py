@@ -22,11 +22,14 @@ def main(descriptor: int) -> None:
     settings = settings_from(os.environ)
     log_to_stderr(settings.log_format)
     from .server import Server
+    from .warmth import leave_if_compiling
 
     server = Server(settings)
     threading.Thread(target=_await_parent, args=(server.tell,), name="tailstack-parent", daemon=True).start()
-    signal.signal(signal.SIGTERM, lambda *_: None)  # uvicorn raises it again once it has stopped
+    # before uvicorn listens to signals; and it raises them again once it has stopped
+    signal.signal(signal.SIGTERM, lambda *_: server.tell())
     server.run(sockets=[socket.socket(fileno=descriptor)])
+    leave_if_compiling(0)
 
 
 def _await_parent(tell: Callable[[], None]) -> None:

@@ -159,10 +159,20 @@ class _Family:
 
 
 def _serve_here(bound: socket.socket, settings: Settings, kept: _Family) -> None:
-    # uvicorn raises the signal again once it has stopped; a service manager's stop is not a crash
-    previous = signal.signal(signal.SIGTERM, lambda *_: None)
+    stopped: list[int] = []
+    servers: list[Server] = []
+
+    def on_signal(number: int, _frame: FrameType | None) -> None:
+        """Before uvicorn listens to signals, which is seconds later; and once more when it has stopped, for nothing."""
+        stopped.append(number)
+        for server in servers:
+            server.tell()
+
+    previous = signal.signal(signal.SIGTERM, on_signal)
     try:
-        Server(settings, on_stop=kept.tell).run(sockets=[bound])
+        servers.append(Server(settings, on_stop=kept.tell))
+        if not stopped:
+            servers[0].run(sockets=[bound])
     finally:
         signal.signal(signal.SIGTERM, previous)
 

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import sys
+import threading
 import time
+from collections.abc import Callable
 
 from tailstack.errors import Problem
 
@@ -13,6 +17,30 @@ from .service import Service
 
 LOOK_SECONDS = 0.02
 RETRY_SECONDS = 5
+END_SECONDS = 1.0
+
+
+class Warming(threading.Thread):
+    """Calls ``warm`` aside: it may take minutes, and a service that is told to stop does not wait for it."""
+
+    def __init__(self, warm: Callable[[], None]) -> None:
+        super().__init__(target=warm, name="tailstack-warming", daemon=True)
+
+    def end(self) -> None:
+        """Return when it has ended, or is not about to."""
+        self.join(timeout=END_SECONDS)
+
+
+def leave_if_compiling(exit_code: int) -> None:
+    """End this process here and now if a compiler is still at work in it; otherwise do nothing.
+
+    A compiler cannot be interrupted (an exception in the middle of it takes the process with it), and the interpreter's
+    own end would free what it works on.  For a command that has nothing left to do.
+    """
+    if any(isinstance(thread, Warming) for thread in threading.enumerate()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(exit_code)
 
 
 async def warmed(service: Service) -> None:
