@@ -12,7 +12,7 @@ import openpyxl
 import pytest
 from jsonschema import Draft202012Validator
 from scipy.stats import norm
-from service_scenes import limited
+from service_scenes import check_problem, client_with, coplanar_design, limited
 from work_driver import run_job
 
 from tailstack import load_design, verify
@@ -131,6 +131,45 @@ def test_designs_without_a_common_target_are_not_compared() -> None:
         compute_comparison(pair[0], pair[1], ReportOptions(trials=TRIALS))
     with pytest.raises(RequestError, match="optimise them by themselves"):
         compute_comparison(pair[0], pair[1], ReportOptions(parts=("score", "optimisation")))
+
+
+def test_a_service_compares_what_it_is_sent(found: Comparison) -> None:
+    with client_with(worker=True) as client:
+        sent = {"first": limited(0.9), "second": quieter(), "trials": TRIALS, "seed": 3}
+        answer = client.post("/v1/comparisons", json=sent, headers={"Prefer": "wait=60"})
+        assert answer.status_code == 200, answer.text
+        assert answer.content == to_json(found)
+        page = client.get(answer.headers["content-location"] + "/report?format=html")
+        assert page.content == render("comparison", to_json(found), "html")[0]
+
+
+OTHER = limited(0.9, targets=[{"name": "elsewhere", "position_mm": [0.0, 0.0, 60.0]}])
+
+
+@pytest.mark.parametrize(
+    ("sent", "status", "slug", "pointer"),
+    [
+        ({"first": limited(0.9)}, 422, "invalid-request", ""),
+        ({"first": limited(0.9), "second": 3}, 422, "invalid-design", "/second"),
+        ({"first": coplanar_design(), "second": limited(0.9)}, 422, "ill-posed-geometry", "/first/fiducials"),
+        ({"first": limited(0.9), "second": OTHER}, 422, "invalid-design", "/second/targets"),
+        (
+            {"first": limited(0.9), "second": limited(0.9), "parts": ["optimisation"]},
+            422, "invalid-request", "/parts/0",
+        ),
+        (
+            {"first": limited(0.9), "second": limited(0.9), "trials": 10, "precision": 0.1},
+            422, "invalid-request", "/precision",
+        ),
+        ({"first": limited(0.9), "second": limited(0.9), "trials": 10**9}, 422, "limit-exceeded", "/trials"),
+        ({"first": limited(0.9), "second": limited(0.9), "third": 1}, 422, "invalid-request", "/third"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_compared_is_refused(sent: Any, status: int, slug: str, pointer: str) -> None:
+    with client_with() as client:
+        document = check_problem(client.post("/v1/comparisons", json=sent), status, slug)
+        assert document["errors"][0]["pointer"].startswith(pointer)
+        assert client.get("/v1/jobs").json()["jobs"] == []
 
 
 # --- what changed ---------------------------------------------------------------------------------

@@ -279,6 +279,7 @@ def test_exit_codes(body: bytes, files: dict[str, bytes], tmp_path: Path, capsys
         ("a.json", b'{"schema": "tailstack/report/1"}', "title"),
         ("a.json", b'{"schema": "tailstack/report/9"}', "no report is made of"),
         ("a.json", b"[1, 2]", "of which schema"),
+        ("a.yaml", b"schema: tailstack/design/1", "give a file that tailstack report wrote"),
         ("a.json", b"\xff\xfe\x00", "not"),
     ],
 )
@@ -347,6 +348,18 @@ def test_two_designs_are_compared_and_written(tmp_path: Path, capsys: pytest.Cap
     code, said, _ = run([str(out / "old-new.report.json"), "--format", "xlsx", "-o", str(out)], capsys)
     assert code == 1
     assert run([*pair, pair[0]], capsys)[0] == 2
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_report_in_any_format_is_rendered_again(
+    files: dict[str, bytes], form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / f"old.{form}"
+    path.write_bytes(files[form])
+    code, _, _ = run([str(path), "--format", "html,json", "-o", str(tmp_path / "out")], capsys)
+    assert code == 0
+    assert (tmp_path / "out" / "old.html").read_bytes() == files["html"]
+    assert (tmp_path / "out" / "old.report.json").read_bytes() == files["json"]
 
 
 def test_an_audit_of_another_kind_of_number_is_exact() -> None:

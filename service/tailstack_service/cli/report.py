@@ -108,11 +108,29 @@ def _rendered(kind: str, body: bytes, forms: Sequence[str]) -> list[tuple[str, b
 def _read(name: str) -> ReadResult | bytes | Path:
     """A result, or where a design is to be loaded from.  Raises RequestError, LimitError."""
     from ..gate.reading import LIMITS
+    from ..reports.audit.holding import held
     from ..reports.reading import ReadResult, read_document
 
     given = sys.stdin.buffer.read(LIMITS.document_bytes + 1) if name == "-" else Path(name)
-    found = read_document(given, "<stdin>" if name == "-" else name)
+    file = "<stdin>" if name == "-" else name
+    if (page := _page(given)) is not None:
+        return held(page, file).result
+    found = read_document(given, file)
     return found if isinstance(found, ReadResult) else given
+
+
+def _page(given: bytes | Path) -> bytes | None:
+    """The content of a report that is not JSON: its record is rendered again."""
+    from ..reports.audit.holding import form_of
+
+    if isinstance(given, Path):
+        try:
+            with given.open("rb") as stream:
+                head = stream.read(64)
+        except OSError:  # the reader says what is wrong with it
+            return None
+        return _bytes_of(given) if form_of(head) != "json" else None
+    return given if form_of(given[:64]) != "json" else None
 
 
 def _options(arguments: argparse.Namespace) -> ReportOptions:

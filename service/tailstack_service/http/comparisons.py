@@ -47,14 +47,14 @@ async def create_comparison(request: Request) -> Response:
 def _posted(data: dict[str, Any], options: ComparisonOptions, settings: Settings) -> Posted:
     """The job, both designs checked.  Raises RequestError, LimitError, Placed."""
     within(options.trials, "max_trials", settings, "/trials")
-    designs = {}
+    designs, systems = {}, {}
     for side in SIDES:
         designs[side] = design_of(data, settings, side)
         try:
-            check_design(designs[side])
+            systems[side], _, _ = check_design(designs[side])
         except TailstackError as error:
             raise Placed(error, f"/{side}") from None
-    names = [{target.name for target in designs[side].document.targets} for side in SIDES]
+    names = [{target.name for target in systems[side].targets} for side in SIDES]
     if not names[0] & names[1]:
         detail = "the two designs have no target of the same name: there is nothing to compare"
         problem = Problem("/targets", "no-common-target", detail, "give the targets the same names")

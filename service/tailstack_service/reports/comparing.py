@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from tailstack.design import Design, load_design
+from tailstack.design import Design, compile_design, load_design
 from tailstack.errors import Problem
 from tailstack.results import Verification
 from tailstack.runs import Progress, prepare
@@ -28,6 +28,7 @@ def compute_comparison(
 ) -> Comparison:
     """Both designs reported with the same options, and their differences.  Raises TailstackError."""
     check_parts(options)
+    _shared([[target.name for target in compile_design(design).targets] for design in (first, second)])
     reports = [compute_report(design, options, progress=progress) for design in (first, second)]
     return compare(reports[0], reports[1], options)
 
@@ -44,10 +45,7 @@ def compare(first: Report, second: Report, options: ReportOptions) -> Comparison
     """The comparison of two reports that were computed with these options; trials are drawn again and paired."""
     named = [{target.name for target in report.score.targets} for report in (first, second)]
     worst = sorted(second.score.targets, key=lambda target: target.p95_mm, reverse=True)
-    shared = [target.name for target in worst if target.name in named[0]][:MOST_TARGETS]
-    if not shared:
-        detail = "the two designs have no target of the same name: there is nothing to compare"
-        raise RequestError(Problem("/targets", "no-common-target", detail, "give the targets the same names"))
+    shared = _shared([sorted(named[0]), [target.name for target in worst]])[:MOST_TARGETS]
     count = _common_trials(first.verification, second.verification)
     differences = tuple(_first_order(first, second, name) for name in shared)
     if count:
@@ -67,6 +65,16 @@ def compare(first: Report, second: Report, options: ReportOptions) -> Comparison
         first=_told_apart(first, options, "first"),
         second=_told_apart(second, options, "second"),
     )
+
+
+def _shared(names: list[list[str]]) -> list[str]:
+    """Targets of the second design that the first has as well, in the second's order.  Raises RequestError."""
+    shared = [name for name in names[1] if name in names[0]]
+    if not shared:
+        first, second = (", ".join(some[:5]) for some in names)
+        detail = f"the two designs have no target of the same name: the first has {first}, the second {second}"
+        raise RequestError(Problem("/targets", "no-common-target", detail, "give the targets the same names"))
+    return shared
 
 
 def _told_apart(report: Report, options: ReportOptions, which: str) -> Report:

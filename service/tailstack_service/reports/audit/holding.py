@@ -72,7 +72,11 @@ def _read(text: bytes, file: str, first_line: int) -> ReadResult:
             raise RequestError(Problem("/schema", "bad-result", detail, "give a report or a result of tailstack"))
         return result_of(source, schema, file)
     except (DesignError, RequestError) as error:
-        raise RequestError([_shifted(problem, file, first_line) for problem in error.problems]) from None
+        raise RequestError([_shifted(_hinted(problem), file, first_line) for problem in error.problems]) from None
+
+
+def _hinted(problem: Problem) -> Problem:
+    return problem if problem.hint else replace(problem, hint="give a file that tailstack report wrote, or a result")
 
 
 def _shifted(problem: Problem, file: str, first_line: int) -> Problem:
