@@ -142,7 +142,10 @@ def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]
             f"What binds: {tightest.requirement}, {what}, {tightest.value_mm:.3f} mm to first order against a limit of "
             f"{tightest.limit_mm:g} mm."
         )
-        of_target = [entry for entry in allowances if entry.target == tightest.target and entry.half_width > 0]
+        # a requirement on each unit has no slack by this measure; the pooled one of the worst target then has
+        named = {entry.target: None for entry in allowances if entry.status != "no requirement"}
+        target = tightest.target if tightest.target in named else next(iter(named), "")
+        of_target = [entry for entry in allowances if entry.target == target and entry.half_width > 0]
         alone = [entry for entry in of_target if entry.status == "too wide"]
         if alone:
             listed = "; ".join(
@@ -158,7 +161,7 @@ def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]
                 f"{allowance_name(entry)} from ± {entry.half_width:.3g} to {entry.at_limit:.3g} {entry.unit}"
                 for entry in spare[:LISTED]
             )
-            said.append(f"Least room, one at a time: {listed}{_more(spare)}.")
+            said.append(f"Least room at {target}, one at a time: {listed}{_more(spare)}.")
     bounds = [words for entry in allowances if (words := _at_bound(entry))]
     if bounds:
         said.append(f"At a bound of the optimise section: {'; '.join(dict.fromkeys(bounds))}.")
