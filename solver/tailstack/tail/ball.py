@@ -6,15 +6,13 @@ interval; its derivative by r is the transform of the sphere of radius r.
 
 from __future__ import annotations
 
-from math import cos, fabs, floor, pi, sin, sqrt
+from math import cos, fabs, pi, sin, sqrt
 
 import numpy as np
 from numba import njit
 
 from ..system import Array
-
-_PI_HIGH = 2 * 1.5707963267341256  # its first 33 bits: multiples up to 2^20 are exact
-_PI_LOW = 2 * 6.077100506506192e-11
+from .elementary import sine_and_cosine
 
 
 @njit(cache=True, error_model="numpy")
@@ -62,37 +60,9 @@ def bessel_j01(x: float) -> tuple[float, float]:
 
 @njit(cache=True, error_model="numpy")
 def sines(scale: float, t: Array, s: Array, c: Array) -> None:
-    """s, c (n,) = sin, cos of scale t, for 0 <= scale t < 3e6, to 4e-16: no call in the loop, so that it runs in lanes.
-
-    Reduced by multiples of pi (Cody and Waite's two parts), then Taylor's polynomials on |x| <= pi/2.
-    """
+    """s, c (n,) = sin, cos of scale t, as :func:`sine_and_cosine`: in lanes."""
     for i in range(t.size):
-        x = scale * t[i]
-        k = floor(x * (1.0 / pi) + 0.5)
-        y = (x - k * _PI_HIGH) - k * _PI_LOW
-        z = y * y
-        odd = 1.0 + z * (-1.0 / 342.0)
-        odd = 1.0 + z * (-1.0 / 272.0) * odd
-        odd = 1.0 + z * (-1.0 / 210.0) * odd
-        odd = 1.0 + z * (-1.0 / 156.0) * odd
-        odd = 1.0 + z * (-1.0 / 110.0) * odd
-        odd = 1.0 + z * (-1.0 / 72.0) * odd
-        odd = 1.0 + z * (-1.0 / 42.0) * odd
-        odd = 1.0 + z * (-1.0 / 20.0) * odd
-        odd = 1.0 + z * (-1.0 / 6.0) * odd
-        even = 1.0 + z * (-1.0 / 380.0)
-        even = 1.0 + z * (-1.0 / 306.0) * even
-        even = 1.0 + z * (-1.0 / 240.0) * even
-        even = 1.0 + z * (-1.0 / 182.0) * even
-        even = 1.0 + z * (-1.0 / 132.0) * even
-        even = 1.0 + z * (-1.0 / 90.0) * even
-        even = 1.0 + z * (-1.0 / 56.0) * even
-        even = 1.0 + z * (-1.0 / 30.0) * even
-        even = 1.0 + z * (-1.0 / 12.0) * even
-        even = 1.0 + z * (-1.0 / 2.0) * even
-        sign = 1.0 - 2.0 * (k - 2.0 * floor(0.5 * k))
-        s[i] = sign * y * odd
-        c[i] = sign * even
+        s[i], c[i] = sine_and_cosine(scale * t[i])
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc"})

@@ -6,7 +6,7 @@ is not is a short series, and the series of all of them add up.
 
 from __future__ import annotations
 
-from math import log
+from math import comb, log
 
 import numpy as np
 from numba import njit
@@ -17,6 +17,11 @@ from ..system import Array
 # Coefficients of log(sin x / x) by powers of x, from x^4 on (the x^2 of it is the column's Gaussian part).
 LOG_SINC = np.zeros(13)
 LOG_SINC[4:13:2] = (-1 / 180, -1 / 2835, -1 / 37800, -1 / 467775, -691 / 3831077250)
+# The same by powers (m, i, l) of the three products in x = k'h: times (m + i + l)! / (m! i! l!).
+_WEIGHTS = np.zeros((13, 13, 13))
+for _m, _i, _l in np.ndindex(_WEIGHTS.shape):
+    if _m + _i + _l < LOG_SINC.size:
+        _WEIGHTS[_m, _i, _l] = LOG_SINC[_m + _i + _l] * comb(_m + _i, _i) * comb(_m + _i + _l, _l)
 
 
 @njit(cache=True, error_model="numpy")
@@ -110,31 +115,41 @@ def fold_small(S: Array, h: Array, budget: float) -> tuple[Array, NDArray[np.boo
 
 
 @njit(cache=True, error_model="numpy")
+def _products(x: Array, y: Array, out: Array) -> None:
+    for i in range(x.size):
+        out[i] = x[i] * y[i]
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc"})  # a sum in the order in which the lanes take it
+def _sum_of_products(x: Array, y: Array) -> float:
+    total = 0.0
+    for i in range(x.size):
+        total += x[i] * y[i]
+    return total
+
+
+@njit(cache=True, error_model="numpy")
 def higher_orders(small: Array, degree: int, outer: int, middle: int, inner: int) -> Array:
     """(D, D, D), D = degree + 1: coefficients of ``-sum_j (x^4/180 + ... )``, x = k'h_j, by powers of k_inner, k_outer
     and k_middle: every column at once, so that a line of the lattice costs the same for two columns as for fifty."""
     size = degree + 1
+    count = small.shape[0]
     out = np.zeros((size, size, size))
-    power = np.ones((3, size))
-    for j in range(small.shape[0]):
-        for d in range(1, size):
-            power[0, d] = power[0, d - 1] * small[j, inner]
-            power[1, d] = power[1, d - 1] * small[j, outer]
-            power[2, d] = power[2, d - 1] * small[j, middle]
-        for m in range(size):
-            for i in range(size - m):
-                scale = power[0, m] * power[1, i]
-                for l in range((m + i) % 2, size - m - i, 2):  # noqa: E741
-                    out[m, i, l] += scale * power[2, l]
+    power = np.ones((3, size, count))
+    for j in range(count):
+        power[0, 1, j] = small[j, inner]
+        power[1, 1, j] = small[j, outer]
+        power[2, 1, j] = small[j, middle]
+    for a in range(3):
+        for d in range(2, size):
+            _products(power[a, d - 1], power[a, 1], power[a, d])
+    both = np.empty(count)
     for m in range(size):
         for i in range(size - m):
-            for l in range(size - m - i):  # noqa: E741
-                weight = LOG_SINC[m + i + l]
-                for d in range(1, i + 1):  # degree! / (m! i! l!) as a product of two binomials
-                    weight *= (m + d) / d
-                for d in range(1, l + 1):
-                    weight *= (m + i + d) / d
-                out[m, i, l] *= weight
+            _products(power[0, m], power[1, i], both)
+            first = max((m + i) % 2, 4 - m - i)  # even orders from 4 on
+            for l in range(first, size - m - i, 2):  # noqa: E741
+                out[m, i, l] = _WEIGHTS[m, i, l] * _sum_of_products(both, power[2, l])
     return out
 
 
