@@ -16,6 +16,14 @@ from .series import LOG_SINC, fold_small, rows_where
 _LOG_SLOPE = LOG_SINC * np.arange(LOG_SINC.size)
 
 
+@njit(cache=True, error_model="numpy", fastmath={"reassoc"})  # in the order in which the lanes take it
+def _sum(x: Array) -> float:
+    total = 0.0
+    for i in range(x.size):
+        total += x[i]
+    return total
+
+
 @njit(cache=True, error_model="numpy")
 def lattice_gradient(
     r: float, k: Array, volume: float, m: Array, S: Array, h: Array, threshold: float
@@ -30,7 +38,7 @@ def lattice_gradient(
     by_mean = np.zeros(3)
     by_covariance = np.zeros((3, 3))
     by_column = np.zeros(columns)
-    folded, short, degree = fold_small(S, h, threshold)
+    folded, short, _ = fold_small(S, h, threshold)
     small = np.ascontiguousarray(rows_where(h, short, True).T)
     large = np.ascontiguousarray(rows_where(h, short, False).T)
     count = large.shape[1]
@@ -54,20 +62,20 @@ def lattice_gradient(
                 q += k[i, a] * folded[a, b] * k[i, b]
         if t[i] == 0.0:
             continue
-        for j in range(small.shape[1]):
+        for j in range(small.shape[1]):  # the whole series: no branch, no inner loop, in lanes
             x = k[i, 0] * small[0, j] + k[i, 1] * small[1, j] + k[i, 2] * small[2, j]
             z = x * x
-            value = 0.0
-            rate = 0.0
-            for d in range(degree, 3, -2):
-                value = value * z + LOG_SINC[d]
-                rate = rate * z + _LOG_SLOPE[d]
+            value = LOG_SINC[10] + z * LOG_SINC[12]
+            value = LOG_SINC[8] + z * value
+            value = LOG_SINC[6] + z * value
+            value = LOG_SINC[4] + z * value
+            rate = _LOG_SLOPE[10] + z * _LOG_SLOPE[12]
+            rate = _LOG_SLOPE[8] + z * rate
+            rate = _LOG_SLOPE[6] + z * rate
+            rate = _LOG_SLOPE[4] + z * rate
             log_small[j] = value * z * z
-            slope_small[j] = rate * z * z - z / 3.0
-        exponent = -0.5 * q
-        for j in range(small.shape[1]):
-            exponent += log_small[j]
-        factor = 2.0 * exp(exponent) / volume * ball[i]
+            slope_small[j] = rate * z * z - z * (1.0 / 3.0)
+        factor = 2.0 * exp(_sum(log_small) - 0.5 * q) / volume * ball[i]
         before[0] = 1.0
         for j in range(count):  # no branch and no call: in lanes
             x = k[i, 0] * large[0, j] + k[i, 1] * large[1, j] + k[i, 2] * large[2, j]
