@@ -34,11 +34,14 @@ class Part:
 def part_of(block: Block, gain: Array) -> Part:
     """The part of one block with its gains (3, n) on the error."""
     laws = block.laws
-    if laws.count(Law.NORMAL) == len(laws):
+    of_first = laws.count(laws[0]) == len(laws)
+    if of_first and laws[0] is Law.NORMAL:
         scaled = gain * block.std
         return Part(scaled @ scaled.T, None, (), ())
-    normal = [j for j, law in enumerate(laws) if law is Law.NORMAL]
     wide = block.half_width.tolist()
+    if of_first and laws[0] in KIND and min(wide) > 0:
+        return Part(None, gain * block.half_width, (KIND[laws[0]],) * len(laws), tuple(range(len(laws))))
+    normal = [j for j, law in enumerate(laws) if law is Law.NORMAL]
     kept = tuple(j for j, law in enumerate(laws) if law in KIND and wide[j] > 0)
     covariance = None
     if normal:

@@ -138,7 +138,7 @@ def _check_fiducials(system: System) -> list[Finding]:
             )
         )
     centred = points - points.mean(axis=0)
-    _, values, axes = np.linalg.svd(centred, full_matrices=False)
+    values, axes = _spread(centred)
     if values[1] < COLLINEAR * values[0]:
         raise IllPosedError(
             _refuse(
@@ -174,6 +174,15 @@ def _check_fiducials(system: System) -> list[Finding]:
             )
         ]
     return []
+
+
+def _spread(centred: Array) -> tuple[Array, Array]:
+    """Singular values, largest first, of points (N, 3) about their mean, and the directions, in rows (3, 3)."""
+    squares, directions = np.linalg.eigh(centred.T @ centred)
+    if squares[0] > 1e-8 * squares[2]:  # far from flat: the squares have digits enough
+        return np.sqrt(squares[::-1]), directions.T[::-1]
+    _, values, axes = np.linalg.svd(centred, full_matrices=False)
+    return values, axes
 
 
 def _extent(centred: Array, direction: Array) -> float:

@@ -70,7 +70,9 @@ class Verification:
     method: Literal["plain", "radial"]
     engine: str
     precision_requested: float | None
-    max_trials: int | None  # at most so many; null where their number was asked for.  It sets the looks, so the intervals
+    max_trials: (
+        int | None
+    )  # at most so many; null where their number was asked for.  It sets the looks, so the intervals
     precision_reached: float
     stopping: str  # why it stopped, in a sentence
     targets: tuple[TargetEstimate, ...]

@@ -13,6 +13,7 @@ from ..system import Array
 from .spectrum import law_iv
 
 UNIFORM, TRIANGULAR = 0, 1
+_VARIANCES = np.array([1 / 3, 1 / 6])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,8 +31,7 @@ class LinearLaw:
     @property
     def total_covariance(self) -> Array:
         """(3, 3) mm^2, bounded sources included."""
-        variance = np.where(self.kinds == UNIFORM, 1 / 3, 1 / 6)
-        return np.asarray(self.covariance + (self.columns * variance) @ self.columns.T)
+        return np.asarray(self.covariance + (self.columns * _VARIANCES[self.kinds]) @ self.columns.T)
 
 
 def linear_law(
