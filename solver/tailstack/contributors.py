@@ -11,6 +11,7 @@ from .propagation.linear import Block, LinearModel
 from .system import Array, Law
 from .tail.bounded import worst_case as worst_vertex
 from .tail.declared import LinearLaw
+from .tail.spectrum import VANISHING_MM
 
 DEGREES = {"rad": ("deg", float(np.rad2deg(1.0)))}
 KIND = {Law.UNIFORM: 0, Law.TRIANGULAR: 1}
@@ -60,7 +61,7 @@ def parts_of(model: LinearModel, error: str) -> tuple[Part, ...]:
 
 
 def law_of(mean: Array, parts: Sequence[Part]) -> LinearLaw:
-    """The law at ``mean`` (3,) mm that these parts make together."""
+    """The law at ``mean`` (3,) mm that these parts make together; nothing random is left of spreads that vanish."""
     covariance = np.zeros((3, 3))
     columns: list[Array] = []
     kinds: list[int] = []
@@ -71,6 +72,8 @@ def law_of(mean: Array, parts: Sequence[Part]) -> LinearLaw:
             columns.append(part.columns)
             kinds += part.kinds
     stacked = np.concatenate(columns, axis=1) if columns else np.zeros((3, 0))
+    if covariance.trace() < VANISHING_MM**2 and not np.abs(stacked).max(initial=0.0) > VANISHING_MM:
+        covariance, stacked = np.zeros((3, 3)), np.zeros_like(stacked)
     return LinearLaw(mean, covariance, stacked, np.array(kinds, dtype=np.int64))
 
 

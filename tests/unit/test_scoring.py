@@ -265,3 +265,28 @@ def test_a_flat_structure_is_refused_with_the_direction_that_is_missing():
     with pytest.raises(IllPosedError) as caught:
         score(system_of(flat))
     assert "plane" in str(caught.value)
+
+
+def shrunk(value, factor):
+    """A design document with every spread in it times a factor."""
+    if isinstance(value, list):
+        return [shrunk(item, factor) for item in value]
+    if not isinstance(value, dict):
+        return value
+    changed = {key: shrunk(item, factor) for key, item in value.items()}
+    for key, item in value.items():
+        if "half_width" in key or key in ("std_mm", "fiducial_noise_px", "target_noise_px"):
+            changed[key] = [factor * x for x in item] if isinstance(item, list) else factor * item
+    return changed
+
+
+@pytest.mark.parametrize("factor", [1e-9, 1e-12, 1e-20, 1e-30, 1e-60, 1e-100, 1e-300])
+def test_nothing_random_is_left_of_noise_that_vanishes(factor):
+    """closed form: P95, mean and CVaR are the length of the bias, to the noise; no refusal and no warning on the way."""
+    whole = score(load_design(EXAMPLES / "demo.yaml")).targets[0]
+    target = score(load_design(shrunk(load_design(EXAMPLES / "demo.yaml").source.data, factor))).targets[0]
+    bias = np.linalg.norm(whole.bias_mm)
+    for value in (target.p95_mm, target.mean_norm_mm, target.cvar95_mm, target.per_unit.p95_of_units_mm):
+        assert value == pytest.approx(bias, rel=1e-11, abs=4 * factor)
+    for line in target.contributors:
+        assert line.p95_without_mm == pytest.approx(bias, rel=1e-11, abs=4 * factor)

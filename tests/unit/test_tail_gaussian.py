@@ -300,3 +300,23 @@ def test_eigen_solver_against_lapack(seed):
     np.testing.assert_allclose(values, np.linalg.eigvalsh(matrix)[::-1], atol=1e-14 * scale * 3)
     np.testing.assert_allclose(vectors @ np.diag(values) @ vectors.T, matrix, atol=1e-14 * scale * 3)
     np.testing.assert_allclose(vectors.T @ vectors, np.eye(3), atol=1e-14)
+
+
+@pytest.mark.parametrize("sigma", [1e-7, 3e-8, 1e-9, 1e-12, 1e-20, 1e-35, 1e-150])
+def test_noise_lost_in_the_digits_of_the_mean(sigma: float) -> None:
+    """closed form: |m + n| = |m| + n along m, to terms of sigma^2 / |m|, which no digit shows."""
+    m = np.array([9.18, 6.87, -19.37])
+    factor = np.array([[1.0, 0.2, -0.4], [0.0, 0.7, 0.1], [0.3, 0.0, 1.3]]) * sigma
+    S = factor @ factor.T
+    size, direction = np.linalg.norm(m), m / np.linalg.norm(m)
+    along = sqrt(direction @ S @ direction)
+    assert norm_quantile(0.95, m, S) == pytest.approx(size + stats.norm.ppf(0.95) * along, rel=2e-15)
+    assert norm_cvar(0.95, m, S) == pytest.approx(size + stats.norm.pdf(stats.norm.ppf(0.95)) / 0.05 * along, rel=2e-15)
+    assert norm_mean(m, S) == pytest.approx(size, rel=1e-14)
+    if sigma > 1e-30:  # below it the law has no spread at all
+        _, dm, dS = norm_quantile_gradient(0.95, m, S)
+        np.testing.assert_allclose(dm, direction, atol=5e-6)
+        slope = stats.norm.ppf(0.95) / (2 * along)
+        np.testing.assert_allclose(direction @ dS @ direction, slope, rtol=1e-5)
+    if sigma > 1e-13:
+        assert norm_sf(size + along, m, S) == pytest.approx(stats.norm.sf(1.0), rel=1e-14 * size / along + 1e-5)

@@ -65,7 +65,6 @@ __all__ = [
     "without_group",
 ]
 
-VANISHING_MM2 = 1e-100  # a variance below it cannot be squared: nothing is random at any length that matters
 GAUSSIAN_METHOD = "exact (Gaussian, contour integral)"
 LATTICE_METHOD = "exact (characteristic function on a lattice)"
 SAMPLED_METHOD = "randomised quasi-Monte-Carlo of the linear model"
@@ -265,7 +264,7 @@ def _gradient(
 ) -> tuple[Array, Array, Array]:
     """(dr/dmean, dr/dcovariance, dr/dlog column) by the implicit function theorem."""
     p, k = total.p, law.kinds.size
-    if total.density == 0.0 or float(np.trace(law.total_covariance)) < VANISHING_MM2:
+    if total.density == 0.0:
         size = float(np.linalg.norm(law.mean))
         return law.mean / size if size > 0 else np.zeros(3), np.zeros((3, 3)), np.zeros(k)
     if h.shape[0] == 0:

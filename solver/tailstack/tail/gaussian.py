@@ -18,7 +18,7 @@ from ..errors import NotConvergedError, Problem
 from ..system import Array
 from .contour import EXACT, MAX_NODES, log_tail, tail_nodes
 from .quantile import excess_quantile, norm_quantile_jit
-from .spectrum import law_iv, principal_axes
+from .spectrum import brought_near, law_iv, principal_axes
 
 __all__ = [
     "norm_cdf",
@@ -50,6 +50,8 @@ def law_on_axes(
     agreement: float = EXACT,
 ) -> tuple[float, float, float]:
     """:func:`norm_law_jit` with the covariance's principal axes known: variances (3,), mean (3,) along them."""
+    m, shift = brought_near(l, m)
+    r -= shift
     size = sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
     d = (r - size) * (r + size)
     floor = 0.0
@@ -82,6 +84,11 @@ def norm_mean_jit(mean: Array, covariance: Array) -> float:
     exp(-2 pi (pi/4) / 0.15) = 5e-15.
     """
     l, m, _ = principal_axes(mean, covariance)  # noqa: E741
+    return _mean_on_axes(l, m)
+
+
+@njit(cache=True, error_model="numpy")
+def _mean_on_axes(l: Array, m: Array) -> float:  # noqa: E741
     square = 0.0
     for i in range(3):
         square += l[i] + m[i] * m[i]
@@ -191,6 +198,7 @@ def _mean_below(p: float, d: float, density: float, size: float, l: Array, m: Ar
 def norm_cvar_jit(mean: Array, covariance: Array, p: float) -> tuple[float, float]:
     """(r, E[|e| given |e| >= r]) at the p-quantile r; NaN when something did not converge."""
     l, m, _ = principal_axes(mean, covariance)  # noqa: E741
+    m, shift = brought_near(l, m)
     size = sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
     if l[0] == 0.0:
         return size, size
@@ -200,10 +208,10 @@ def norm_cvar_jit(mean: Array, covariance: Array, p: float) -> tuple[float, floa
         above, sound = _mean_above(d, size, l, m)
     else:
         below, sound = _mean_below(p, d, density, size, l, m)
-        above = norm_mean_jit(mean, covariance) - r + below
+        above = _mean_on_axes(l, m) - r + below
     if not (converged and sound):
         return np.nan, np.nan
-    return r, r + above / (1.0 - p)
+    return shift + r, shift + r + above / (1.0 - p)
 
 
 @njit(cache=True, error_model="numpy")
@@ -216,6 +224,7 @@ def norm_gradient_jit(mean: Array, covariance: Array, p: float) -> tuple[float, 
     In the eigenbasis no difference of eigenvalues appears, so equal ones do no harm.
     """
     l, m, vectors = principal_axes(mean, covariance)  # noqa: E741
+    m, shift = brought_near(l, m)
     dm = np.zeros(3)
     ds = np.zeros((3, 3))
     size = sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
@@ -256,7 +265,7 @@ def norm_gradient_jit(mean: Array, covariance: Array, p: float) -> tuple[float, 
                 for c in range(3):
                     ds[i, j] += scale * vectors[i, a] * local_s[a, c] * vectors[j, c]
                 ds[j, i] = ds[i, j]
-    return r, 2.0 * r * density * exp(b), dm, ds
+    return shift + r, 2.0 * r * density * exp(b), dm, ds
 
 
 def probability_iv(p: float) -> float:

@@ -14,7 +14,7 @@ from numba import njit
 
 from ..system import Array
 from .contour import EXACT, MAX_NODES, cumulant, moments_on_nodes, tail_nodes
-from .spectrum import principal_axes
+from .spectrum import brought_near, principal_axes
 
 _SQRT2PI = sqrt(2 * 3.141592653589793)
 
@@ -190,13 +190,14 @@ def excess_quantile(
 @njit(cache=True, error_model="numpy")
 def quantile_on_axes(p: float, variances: Array, m: Array, agreement: float = EXACT) -> float:
     """:func:`norm_quantile_jit` with the covariance's principal axes known: variances (3,), mean (3,) along them."""
+    m, shift = brought_near(variances, m)
     size = sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
     if variances[0] == 0.0:
         return size
     d, _, converged = excess_quantile(p, variances, m, agreement)
     if not converged:
         return np.nan
-    return sqrt(max(size * size + d, 0.0))
+    return shift + sqrt(max(size * size + d, 0.0))
 
 
 @njit(cache=True, error_model="numpy")
