@@ -282,7 +282,7 @@ def shrunk(value, factor):
 
 @pytest.mark.parametrize("factor", [1e-9, 1e-12, 1e-20, 1e-30, 1e-60, 1e-100, 1e-300])
 def test_nothing_random_is_left_of_noise_that_vanishes(factor):
-    """closed form: P95, mean and CVaR are the length of the bias, to the noise; no refusal and no warning on the way."""
+    """closed form: P95, mean and CVaR are the length of the bias, to the noise; nothing is refused, nothing warns."""
     whole = score(load_design(EXAMPLES / "demo.yaml")).targets[0]
     target = score(load_design(shrunk(load_design(EXAMPLES / "demo.yaml").source.data, factor))).targets[0]
     bias = np.linalg.norm(whole.bias_mm)
