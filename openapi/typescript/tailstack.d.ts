@@ -4548,7 +4548,7 @@ export interface components {
         WWWAuthenticate: string;
         /** @description A file name for the report. */
         ContentDisposition: string;
-        /** @description What the report may do in a browser: run what it came with. */
+        /** @description What HTML may do in a browser: run what it came with. Only with html. */
         ContentSecurityPolicy: string;
         /** @description nosniff. */
         ContentTypeOptions: "nosniff";

@@ -30,7 +30,7 @@ ADDRESSED = {name: entry for name, entry in SECURED.items() if "{" in entry[0]}
 CREATING = {name: entry for name, entry in SECURED.items() if entry[1] == "post" and name not in ADDRESSED}
 LISTING = {name: entry for name, entry in SECURED.items() if entry[1] == "get" and name not in ADDRESSED}
 JOBS = {name for name, (_, _, operation) in CREATING.items() if "202" in operation["responses"]}
-KINDS = {"verification", "optimisation", "sweep", "gate", "report"}
+KINDS = {"verification", "optimisation", "sweep", "gate", "report", "comparison"}
 OWNED = {"id": "job", "sha256": "result"}  # path parameters that name what belongs to somebody
 WORDS = {"name", "slug"}  # path parameters that name what belongs to everybody
 VARYING = {"date", "x-request-id"}

@@ -186,7 +186,7 @@ HEADERS: dict[str, Any] = {
     "Challenge": header("RFC 6750 challenge.", required=True),
     "WWWAuthenticate": header("RFC 6750 challenge; absent where there is no authentication."),
     "ContentDisposition": header("A file name for the report.", required=True),
-    "ContentSecurityPolicy": header("What the report may do in a browser: run what it came with.", required=True),
+    "ContentSecurityPolicy": header("What HTML may do in a browser: run what it came with. Only with html."),
     "ContentTypeOptions": header("nosniff.", {"type": "string", "const": "nosniff"}, required=True),
     "Unbuffered": header("no: proxies pass events on as they come.", {"type": "string", "const": "no"}, required=True),
 }
