@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+import gate_rows
 import peers
 import report_rows
 import service_rows
@@ -261,5 +262,6 @@ GROUPS: dict[str, Callable[[], list[Row]]] = {
     "service": service_rows.scores,
     "start": service_rows.start,
     "jobs": service_rows.jobs,
+    "gate": gate_rows.gate,
     "report": report_rows.report,
 }

@@ -1,0 +1,60 @@
+"""What a command does besides its work when it starts and when it ends; without a clock."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from pipeline_scenes import SECONDS, environment
+
+PREFIX = "tailstack_service.cli."
+
+
+def told(code: str) -> list[str]:
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment(), capture_output=True, text=True, timeout=SECONDS, check=True
+    )
+    return done.stderr.splitlines()
+
+
+def loaded(*arguments: str) -> set[str]:
+    """The verbs whose modules a command loads."""
+    code = (
+        "import sys; from tailstack_service.cli.main import main; from tailstack_service.cli.verbs import VERBS\n"
+        f"main({list(arguments)!r})\n"
+        f"print(*(verb for verb in VERBS if {PREFIX!r} + verb in sys.modules), file=sys.stderr)"
+    )
+    return set(told(code)[-1].split())
+
+
+@pytest.mark.parametrize("arguments", [("gate", "--explain"), ("version",)])
+def test_a_command_makes_the_parser_of_its_verb_only(arguments: tuple[str, ...]) -> None:
+    assert loaded(*arguments) == {arguments[0]}
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("gat",), ()])
+def test_who_names_no_verb_is_shown_all(arguments: tuple[str, ...]) -> None:
+    assert loaded(*arguments) > {"gate", "score", "serve"}
+
+
+def test_nothing_is_searched_for_cycles_at_the_end() -> None:
+    """Handlers run last in, first out: the one here, registered first, sees what is left to the collector."""
+    code = (
+        "import atexit, gc, sys\n"
+        "atexit.register(lambda: print(gc.get_freeze_count(), file=sys.stderr))\n"
+        "from tailstack_service.cli.main import main\n"
+        "main(['version']); main(['version']); before = len(gc.get_objects())\n"
+        "atexit.register(lambda: print(gc.get_freeze_count(), len(gc.get_objects()), file=sys.stderr))"
+    )
+    during, after = told(code)[-2:]
+    assert during.split()[0] == "0"
+    assert int(after.split()[0]) > 0.9 * int(during.split()[1])
+
+
+def test_a_program_that_calls_main_keeps_its_collector() -> None:
+    code = (
+        "import gc, sys; from tailstack_service.cli.main import main\n"
+        "main(['version']); print(gc.isenabled(), gc.get_freeze_count(), file=sys.stderr)"
+    )
+    assert told(code)[-1] == "True 0"
