@@ -97,7 +97,7 @@ def admitted(
         if name in names[:index]:
             detail = f"{name!r} is also the name of design {names.index(name)}: findings could not be told apart"
             raise RequestError(Problem(f"/designs/{index}/file", "given-twice", detail, "name every design once"))
-    complete = request.model_dump(mode="json", by_alias=True)
+    complete = request.model_dump(by_alias=True)
     complete["designs"] = [{k: v for k, v in entry.items() if v is not None} for entry in complete["designs"]]
     complete["today"] = request.today or today.isoformat()
     gate = gate_of(complete, limits)
