@@ -67,6 +67,7 @@ def refused(capsys: pytest.CaptureFixture[str], option: str, line: int | None, w
         ("schema: tailstack/policy/1\nclasses:\n- {name: a}\n- {name: a}\n", 4, "two classes are called"),
         ("schema: tailstack/policy/1\nname: 'a\nb: c\n", 4, "not YAML"),
         ("schema: tailstack/policy/1\nname: !x y\n", 2, "tags are not accepted"),
+        ("schema: tailstack/policy/1\nclasses:\n- {name: a, files: ['" + 11 * "*a" + "']}\n", 3, "more than ten *"),
     ],
 )
 def test_a_policy_that_is_none(

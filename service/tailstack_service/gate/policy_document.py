@@ -12,7 +12,10 @@ from tailstack.precision import FINEST_PRECISION
 POLICY_SCHEMA = "tailstack/policy/1"
 
 Severity = Literal["error", "warning", "note", "off"]
-Pattern = Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f]*$")]
+# At most ten stars: the time that a pattern takes is bounded by what can lie between them.
+Pattern = Annotated[
+    str, Field(min_length=1, max_length=400, pattern=r"^([^*\x00-\x1f\x7f]*\*){0,10}[^*\x00-\x1f\x7f]*$")
+]
 Patterns = Annotated[list[Pattern], Field(min_length=1, max_length=100)]
 Percent = Annotated[float, Field(ge=0, le=1e6)]
 Pixels = Annotated[float, Field(ge=0, le=1e5)]

@@ -33,6 +33,7 @@ _WANTED = {
 
 PATTERNS = {  # what a text that does not match does wrong
     r"^[^\x00-\x1f\x7f]*$": "holds a line break or a control character",
+    r"^([^*\x00-\x1f\x7f]*\*){0,10}[^*\x00-\x1f\x7f]*$": "holds more than ten *, or a control character",
     r"^\d{4}-\d{2}-\d{2}$": "is not a date of the form YYYY-MM-DD",
 }
 
