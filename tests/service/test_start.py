@@ -55,6 +55,7 @@ def test_nothing_is_searched_for_cycles_at_the_end() -> None:
 def test_a_program_that_calls_main_keeps_its_collector() -> None:
     code = (
         "import gc, sys; from tailstack_service.cli.main import main\n"
-        "main(['version']); print(gc.isenabled(), gc.get_freeze_count(), file=sys.stderr)"
+        "before = gc.get_threshold(); main(['version'])\n"
+        "print(gc.isenabled(), gc.get_freeze_count(), gc.get_threshold() == before, file=sys.stderr)"
     )
-    assert told(code)[-1] == "True 0"
+    assert told(code)[-1] == "True 0 True"

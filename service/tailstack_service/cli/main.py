@@ -125,6 +125,7 @@ def _speak_utf8_where_possible() -> None:
 
 def command() -> NoReturn:
     """The program: ``main``, and the end of the process with its code."""
+    gc.set_threshold(10_000)  # the usual 700 searches a start, which makes a quarter of a million objects, 330 times
     code = main()
     warmth = sys.modules.get("tailstack_service.http.warmth")
     if warmth is not None:  # only who served can still be compiling
