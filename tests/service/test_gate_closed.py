@@ -153,6 +153,18 @@ def test_an_output_that_cannot_be_written_is_no_pass(
     assert "pass" in (folder / "out.markdown").read_text(encoding="utf-8"), "the others are written"
 
 
+def test_an_output_that_a_pattern_matches_is_neither_written_over_nor_judged(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (folder / "good.yaml").read_bytes()
+    assert main(["gate", "g*.yaml", "--mode", "analytic", "--format", "json=good.yaml"]) == 2
+    assert "good.yaml would overwrite a file that is read" in capsys.readouterr().err
+    assert (folder / "good.yaml").read_bytes() == before
+    assert main(["gate", "g*", "--policy", "policy.yaml", "--mode", "analytic", "--format", "json=gate.json"]) == 0
+    found = from_plain("gate", json.loads((folder / "gate.json").read_text(encoding="utf-8")))
+    assert [design.file for design in found.designs] == ["good.yaml"]
+
+
 def test_a_killed_gate_leaves_files_that_say_so(folder: Path) -> None:
     """The process is killed while it computes; what it wrote at its start stays."""
     assert gate("good.yaml", "--policy", "policy.yaml") == 0

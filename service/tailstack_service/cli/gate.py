@@ -8,6 +8,7 @@ import sys
 import unicodedata
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -89,9 +90,10 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     from .gate_outputs import outputs_of, say
 
-    inputs = [arguments.policy, arguments.waivers, arguments.baseline, *arguments.design]
+    found = _found(arguments.design)  # before anything is written: no output becomes a design, no design an output
+    inputs = [arguments.policy, arguments.waivers, arguments.baseline, *arguments.design, *chain(*found.values())]
     outputs, wrong = outputs_of(arguments.format or [("text", None)], [name for name in inputs if name is not None])
-    record = _record(arguments, outputs, wrong)
+    record = _record(arguments, outputs, wrong, found)
     failed = [*outputs.files(record), *outputs.summary(record)]
     for _, file in outputs.usable:
         if not any(file in line for line in failed):
@@ -102,7 +104,9 @@ def run(arguments: argparse.Namespace) -> Answer:
     return Answer("" if refused else outputs.stdout(record), code)  # a refusal in words stands on stderr
 
 
-def _record(arguments: argparse.Namespace, outputs: Outputs, wrong: list[str]) -> GateRecord:
+def _record(
+    arguments: argparse.Namespace, outputs: Outputs, wrong: list[str], found: dict[str, list[str]]
+) -> GateRecord:
     """The record of the gate, whatever becomes of it: what stops it is told on stderr and kept in the record."""
     from tailstack.errors import Problem, TailstackError
 
@@ -120,7 +124,7 @@ def _record(arguments: argparse.Namespace, outputs: Outputs, wrong: list[str]) -
         say(outputs.files(known(files, (NOT_FINISHED,), NOT_EVALUATED)))
         if wrong:
             raise RequestError([Problem("", "bad-output", detail) for detail in wrong])
-        designs = _files(arguments.design)
+        designs = _files(arguments.design, found)
         files = [_shown(name) for name in designs]
         return _judged(arguments, designs)
     except KeyboardInterrupt:
@@ -179,23 +183,25 @@ def _explained(rule: str) -> str:
     return explanation(RULES[rule])
 
 
-def _files(given: list[str]) -> list[str]:
-    """The designs' files: names as they are, patterns expanded and sorted, each once.  Raises RequestError."""
+def _found(given: list[str]) -> dict[str, list[str]]:
+    """Of each pattern among the designs, the files that it matches, sorted."""
     from glob import glob
 
+    patterns = (name for name in given if any(sign in name for sign in WILD) and not Path(name).exists())
+    return {name: sorted(glob(name, recursive=True)) for name in patterns}
+
+
+def _files(given: list[str], found: dict[str, list[str]]) -> list[str]:
+    """The designs' files: names as they are, patterns as what they match, each once.  Raises RequestError."""
     from tailstack.errors import Problem
 
     from ..problems import RequestError
 
     files: list[str] = []
     for name in given:
-        if any(sign in name for sign in WILD) and not Path(name).exists():
-            found = sorted(glob(name, recursive=True))
-            if not found:  # a pattern that matches nothing must not pass as nothing to complain about
-                raise RequestError(Problem("", "no-match", f"no file matches {name!r}", "check the pattern"))
-            files += found
-        else:
-            files.append(name)
+        if found.get(name) == []:  # a pattern that matches nothing must not pass as nothing to complain about
+            raise RequestError(Problem("", "no-match", f"no file matches {name!r}", "check the pattern"))
+        files += found.get(name, [name])
     if not files:
         raise RequestError(Problem("", "no-design", "no design was given", "tailstack gate DESIGN..."))
     files = list({_shown(name): name for name in reversed(files)}.values())[::-1]
