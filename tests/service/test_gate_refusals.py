@@ -84,6 +84,8 @@ def test_a_policy_that_is_none(
         (WAIVERS + "- {rule: p95}\n", 3, "'owner' is required"),
         (WAIVERS + WHOLE.replace("J. Doe", "''") + "}\n", 3, "must not be empty"),
         (WAIVERS + WHOLE.replace("rework", "''") + "}\n", 3, "must not be empty"),
+        (WAIVERS + WHOLE.replace("J. Doe", "' '") + "}\n", 3, "this is blank"),
+        (WAIVERS + WHOLE.replace("rework", "' '") + "}\n", 3, "this is blank"),
         (WAIVERS + WHOLE.replace("p95", "p96") + "}\n", 3, "did you mean p95?"),
         (WAIVERS + WHOLE.replace("p95", "inconclusive") + "}\n", 3, "cannot be waived"),
         (WAIVERS + WHOLE.replace("p95", "invalid-input") + "}\n", 3, "cannot be waived"),

@@ -6,7 +6,7 @@ import re
 from datetime import date
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, field_validator
 
 from tailstack.design.fields import Name, Record, refusal
 
@@ -55,6 +55,13 @@ class Waiver(Record):
         description=f"Last day on which it counts, YYYY-MM-DD, at most {LONGEST_DAYS} days ahead.",
         examples=["2027-01-31"],
     )
+
+    @field_validator("owner", "reason")
+    @classmethod
+    def _says_something(cls, text: str) -> str:
+        if not text.strip():
+            raise refusal("too-short", "somebody answers for a waiver, for a reason; this is blank")
+        return text
 
 
 class Waivers(Record):
