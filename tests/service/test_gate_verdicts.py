@@ -208,6 +208,24 @@ def test_a_tolerance_tighter_than_its_process() -> None:
     assert not gate(design, policy=policy({"process-capability": {"processes": [wide]}})).findings
 
 
+def test_a_tolerance_that_is_left_out_is_the_tightest() -> None:
+    design = limited(2 * P95)
+    name, interface = next((k, v) for k, v in design["interfaces"].items() if v.get("tolerances"))
+    component = next(k for k in interface["tolerances"] if k.startswith("r"))
+    entry = {"name": "milled seat", "tolerances": [f"{name}.{component}"], "min_half_width_deg": 1e-6}
+    beads = {"name": "press fit", "tolerances": ["fiducials.manufacturing"], "min_half_width_mm": 1e-6}
+    rules = policy({"process-capability": {"processes": [entry, beads]}})
+    assert not of_rule(gate(design, policy=rules), "process-capability")
+    del interface["tolerances"][component]
+    del design["fiducials"]["manufacturing"]
+    seat, bead = of_rule(gate(design, policy=rules), "process-capability")
+    assert (seat.pointer, seat.value) == (f"/interfaces/{name}/tolerances", 0)
+    assert (bead.pointer, bead.value) == ("/fiducials", 0)
+    assert "not stated, so it does not vary" in seat.message
+    del interface["tolerances"]
+    assert of_rule(gate(design, policy=rules), "process-capability")[0].pointer == f"/interfaces/{name}"
+
+
 def test_the_first_class_that_matches_changes_single_fields() -> None:
     classes = [
         {"name": "loose", "files": ["d1.*"], "rules": {"p95": {"severity": "warning"}}},

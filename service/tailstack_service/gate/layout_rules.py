@@ -92,9 +92,10 @@ def tight_tolerances(case: Case) -> list[Remark]:
             least = process.min_half_width_deg if tolerance.unit == "deg" else process.min_half_width_mm
             made = any(fnmatchcase(tolerance.name, pattern) for pattern in process.tolerances)
             if made and least is not None and tolerance.half_width < least:
+                width = f"a half-width of {tolerance.half_width:g} {tolerance.unit}"
+                what = width if tolerance.stated else "not stated, so it does not vary: that"
                 message = (
-                    f"{tolerance.name}: a half-width of {tolerance.half_width:g} {tolerance.unit} is tighter than "
-                    f"{process.name} can hold ({least:g} {tolerance.unit})"
+                    f"{tolerance.name}: {what} is tighter than {process.name} can hold ({least:g} {tolerance.unit})"
                 )
                 remarks.append(Remark(tolerance.pointer, message, tolerance.half_width, least))
     return remarks
@@ -112,14 +113,18 @@ class Tolerance:
     pointer: str
     half_width: float
     unit: str  # deg or mm
+    stated: bool = True  # otherwise it does not vary: nothing is tighter
 
 
 def tolerances_of(design: Design) -> list[Tolerance]:
-    """Every half-width that somebody manufactures or adjusts, in the order of the document."""
+    """Every half-width that somebody manufactures or adjusts, in the order of the document; one that is left out is 0,
+    or a design would pass by leaving it out."""
     document = design.document
     found = []
     made = document.fiducials.manufacturing
-    if made is not None:
+    if made is None:
+        found.append(Tolerance("fiducials.manufacturing", "/fiducials", 0.0, "mm", stated=False))
+    else:
         widths = made.half_width_mm if isinstance(made.half_width_mm, tuple) else (made.half_width_mm,)
         pointer = "/fiducials/manufacturing/half_width_mm"
         found += [Tolerance("fiducials.manufacturing", pointer, min(widths), "mm")]
@@ -130,6 +135,8 @@ def tolerances_of(design: Design) -> list[Tolerance]:
         at = f"/interfaces/{name}"
         if interface.tolerances is not None:
             found += _components(interface.tolerances, name, f"{at}/tolerances")
+        elif interface.locators is None:
+            found += _components(Tolerances(), name, at)
         found += [
             Tolerance(f"{name}.{locator.name}", f"{at}/locators/{k}/half_width_mm", locator.half_width_mm, "mm")
             for k, locator in enumerate(interface.locators or ())
@@ -142,7 +149,9 @@ def tolerances_of(design: Design) -> list[Tolerance]:
 def _components(tolerances: Tolerances, name: str, at: str) -> Iterator[Tolerance]:
     for component in _COMPONENTS:
         entry = getattr(tolerances, component)
-        if entry is not None:
-            unit = "deg" if component.startswith("r") else "mm"
-            field = f"half_width_{unit}"
+        unit = "deg" if component.startswith("r") else "mm"
+        field = f"half_width_{unit}"
+        if entry is None:
+            yield Tolerance(f"{name}.{component}", at, 0.0, unit, stated=False)
+        else:
             yield Tolerance(f"{name}.{component}", f"{at}/{component}/{field}", getattr(entry, field), unit)

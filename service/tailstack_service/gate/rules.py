@@ -181,7 +181,7 @@ Policy: severity, min_px. Waiver: min_value in px.""",
         "deg or mm",
         """\
 A half-width of the design is below what the policy says its process can hold. Such a tolerance makes the budget look
-good and the part reject.
+good and the part reject. One that is left out does not vary and counts as 0, except at an interface with locators.
 
 What to do: widen it, or name a better process in the policy.
 
