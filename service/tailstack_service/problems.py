@@ -173,7 +173,7 @@ CATALOGUE: dict[str, ProblemType] = {
             "warming-up",
             "The service has just been started",
             503,
-            "The numerical kernels are being compiled: a minute at the first start on a machine, later a second or two.",
+            "The numerical kernels are being compiled: a minute at the first start on a machine, later seconds.",
             "Send the request again after the time in Retry-After; GET /health/ready answers 200 once they are there.",
         ),
         ProblemType(
