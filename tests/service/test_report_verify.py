@@ -228,6 +228,25 @@ def test_a_changed_page_of_a_pdf_is_found(files: dict[str, bytes]) -> None:
     pytest.fail("no page was found in the PDF")
 
 
+def test_a_pdf_that_was_changed_between_its_streams_is_found(files: dict[str, bytes]) -> None:
+    """A drawing of the same length that is clipped away, and a table of places that was changed."""
+    content = files["pdf"]
+    box = re.search(rb"/BBox \[[^\]]*\]", content)
+    assert box is not None
+    clipped = content[: box.start()] + re.sub(rb"[1-9]", b"0", box.group()) + content[box.end() :]
+    found = audit(clipped, "x", fast=True)
+    assert (answers(found)["pages"], found.verdict) == ("different", "differs")
+    start = content.rindex(b"stream\n", 0, content.rindex(b"endstream")) + len(b"stream\n")
+    end = content.rindex(b"\nendstream")
+    places = bytearray(zlib.decompress(content[start:end]))
+    places[-1] ^= 1
+    moved = content[:start] + zlib.compress(bytes(places), 1) + content[end:]
+    moved = re.sub(
+        rb"(/Type /XRef.*?/Length )\d+", lambda m: m[1] + b"%d" % (len(moved) - len(content) + end - start), moved
+    )
+    assert audit(moved, "x", fast=True).verdict == "not verified"
+
+
 # --- what cannot be compared ----------------------------------------------------------------------
 
 
