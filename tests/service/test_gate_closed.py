@@ -77,6 +77,7 @@ def raising(error: BaseException) -> Any:
         (["good.yaml", "--format", "sarif=out.json"], 2),
         (["good.yaml", "--format", "sarif=good.yaml"], 2),
         (["good.yaml", "--policy", "policy.yaml", "--format", "sarif=./policy.yaml"], 2),
+        (["good.yaml", "--max-regression", "5"], 2),
         (["good.yaml", "--remote", "ftp://nowhere"], 2),
         (["good.yaml", "--remote", "http://127.0.0.1:9"], 3),
     ],
@@ -151,6 +152,15 @@ def test_an_output_that_cannot_be_written_is_no_pass(
     assert "cannot write out.json: No space left on device" in capsys.readouterr().err
     assert record().verdict == "not evaluated"
     assert "pass" in (folder / "out.markdown").read_text(encoding="utf-8"), "the others are written"
+
+
+def test_a_file_that_cannot_be_replaced_does_not_stay(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from tailstack_service.cli import gate_outputs
+
+    assert gate("good.yaml", "--policy", "policy.yaml") == 0
+    monkeypatch.setattr(gate_outputs, "_write", raising(OSError(28, "No space left on device")))
+    assert gate("good.yaml", "--policy", "policy.yaml") == 3
+    assert not list(folder.glob("out.*")), "what an earlier gate wrote is no answer to this one"
 
 
 def test_an_output_that_a_pattern_matches_is_neither_written_over_nor_judged(

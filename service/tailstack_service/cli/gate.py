@@ -121,9 +121,12 @@ def _record(
     )  # fmt: skip
     files = [_shown(name) for name in arguments.design]
     try:
-        say(outputs.files(known(files, (NOT_FINISHED,), NOT_EVALUATED)))
+        say(outputs.files(known(files, (NOT_FINISHED,), NOT_EVALUATED), or_none=True))
         if wrong:
             raise RequestError([Problem("", "bad-output", detail) for detail in wrong])
+        if arguments.max_regression is not None and arguments.baseline is None:
+            detail = "--max-regression: without a baseline nothing is compared"
+            raise RequestError(Problem("", "unused-option", detail, "--baseline FILE, or leave it out"))
         designs = _files(arguments.design, found)
         files = [_shown(name) for name in designs]
         return _judged(arguments, designs)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,14 +27,20 @@ class Outputs:
     formats: tuple[tuple[str, str | None], ...]
     usable: tuple[tuple[str, str], ...]
 
-    def files(self, record: GateRecord) -> list[str]:
-        """Write every file, each whole or not at all.  Returns what could not be written, in words."""
+    def files(self, record: GateRecord, *, or_none: bool = False) -> list[str]:
+        """Write every file, each whole or not at all.  Returns what could not be written, in words.
+
+        or_none: a file of an earlier gate that cannot be replaced, as the disk is full, is removed.
+        """
         failed = []
         for name, file in self.usable:
             try:
                 _write(Path(file), written(name, record))
             except OSError as error:
                 failed.append(f"cannot write {file}: {error.strerror or error}")
+                if or_none and Path(file).is_file():
+                    with suppress(OSError):
+                        Path(file).unlink()
         return failed
 
     def stdout(self, record: GateRecord) -> str | bytes:
