@@ -117,6 +117,8 @@ def test_waivers_that_are_none(
         ('"seed": 0', '"seed": 0, "seed": 1', 6, "given twice"),
         ('"findings": []', '"findings": {}', 10, "a list"),
         ('"first_order_p95_mm": 0', '"first_order_p95_mm": 1e999, "x": 0', None, "x"),
+        ('"first_order_p95_mm": 0', '"first_order_p95_mm": "9", "x": 0', None, "expected a number of 0 or more"),
+        ('"first_order_p95_mm": 0', '"first_order_p95_mm": -1, "x": 0', None, "expected a number of 0 or more"),
         ("{\n", "", None, "this is not"),
         ('"mode": "analytic",', '"mode": "analytic"', 6, "this is not"),
     ],

@@ -321,6 +321,8 @@ def test_what_is_no_report_is_refused(
         (lambda data: data["score"].update(extra=1), "/score/extra"),
         (lambda data: data["verification"].update(trials=True), "/verification/trials"),
         (lambda data: data["headline"].update(status="fine"), "/headline/status"),
+        (lambda data: data["score"].update(targets=[]), "/score/targets"),
+        (lambda data: data["verification"].update(targets=[]), "/verification/targets"),
     ],
 )
 def test_a_malformed_result_is_refused_with_its_line(

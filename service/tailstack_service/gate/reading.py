@@ -148,6 +148,8 @@ def _beyond_numbers(data: Any, seed: int) -> Problem | None:
         at, item = open_ends.pop()
         if isinstance(item, float) and not isfinite(item):
             return Problem(at, "not-finite", "the number is too large")
+        if at.endswith("p95_mm") and item is not None and (not isinstance(item, int | float) or item < 0):
+            return Problem(at, "wrong-type", f"expected a number of 0 or more; got {shown(item)}")
         children = item.items() if isinstance(item, dict) else enumerate(item) if isinstance(item, list) else ()
         open_ends += [(f"{at}/{escape(step)}", child) for step, child in children]
     return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from .rendering import CHAPTERS
 
 SCHEMA = "tailstack/"
 DESIGN = "tailstack/design/1"
+EXIT_CODES = (0, 1, 2, 3, 4, 130)  # of a gate
 HINT = "write it anew with --json (tailstack report: --format json)"
 
 
@@ -60,7 +62,7 @@ def result_of(source: Source, schema: str, file: str, limits: Limits = LIMITS) -
     except ValidationError as error:
         refused = refuse(error, source, limits, BaseModel)
         raise RequestError([_in_file(_of_result(problem, schema), file) for problem in refused.problems]) from None
-    stray = next(_strays(source.data, plain(record), ""), None)
+    stray = next(chain(_strays(source.data, plain(record), ""), _gaps(source.data, "")), None)
     if stray is not None:
         raise RequestError(_in_file(place(_of_result(stray, schema), source.placed()), file))
     try:
@@ -83,6 +85,18 @@ def _strays(given: Any, kept: Any, at: str) -> Iterator[Problem]:
             yield from _strays(one, other, f"{at}/{index}")
     elif isinstance(given, bool) != isinstance(kept, bool) or given != kept:
         yield Problem(at, "wrong-type", f"{shown(given)} does not belong here")
+
+
+def _gaps(given: Any, at: str) -> Iterator[Problem]:
+    """Where a result lacks what its fields promise: a target, an exit code of a gate."""
+    if isinstance(given, dict):
+        schema = given.get("schema")
+        if schema in (f"{SCHEMA}score/1", f"{SCHEMA}verification/1") and not given.get("targets"):
+            yield Problem(f"{at}/targets", "too-short", "there is one target at least")
+        if schema == f"{SCHEMA}gate/1" and given.get("exit_code") not in EXIT_CODES:
+            yield Problem(f"{at}/exit_code", "unknown-value", f"a gate leaves with {', '.join(map(str, EXIT_CODES))}")
+        for key, inside in given.items():
+            yield from _gaps(inside, f"{at}/{escape(key)}")
 
 
 def _of_result(problem: Problem, schema: str) -> Problem:
