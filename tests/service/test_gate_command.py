@@ -16,6 +16,7 @@ from service_scenes import ROOT, coplanar_design, limited, write_json
 from tailstack import load_design, score
 from tailstack.design.loading import data_to_yaml
 from tailstack_service.cli.main import main
+from tailstack_service.cli.report import _stem
 from tailstack_service.documents import from_plain, to_json
 from tailstack_service.gate.markdown import markdown_text
 from tailstack_service.gate.rules import RULES
@@ -234,6 +235,11 @@ def test_a_report_of_a_design_and_of_its_record(folder: Path, capsys: pytest.Cap
     assert written == [str(Path("out") / name) for name in ("bad.report.json", "bad.html", "bad.xlsx")]
     assert main(["report", "out/bad.report.json", "--format", "html", "-o", "again"]) == 1
     assert (folder / "again" / "bad.html").read_bytes() == (folder / "out" / "bad.html").read_bytes()
+
+
+def test_reports_of_two_revisions_stay_apart() -> None:
+    names = ("guide.v1.yaml", "guide.v2.yml", "guide.report.json", "guide.json", "guide", "guide.html", ".yaml")
+    assert [_stem(name) for name in names] == ["guide.v1", "guide.v2", "guide", "guide", "guide", "guide", ".yaml"]
 
 
 def test_a_report_of_what_another_verb_wrote(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

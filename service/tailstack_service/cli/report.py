@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         _no_options(arguments, OF_A_DESIGN, "a result is rendered as it is", "give the design instead")
     else:
         kind, body = "report", _computed(arguments, given[0])
-    stem = "-".join("stdin" if name == "-" else Path(name).name.split(".")[0] for name in arguments.sources)
+    stem = "-".join("stdin" if name == "-" else _stem(Path(name).name) for name in arguments.sources)
     stem = "report" if stem == "stdin" else stem
     written = []
     for form, content in _rendered(kind, body, arguments.format or ("html",)):
@@ -96,6 +96,13 @@ def run(arguments: argparse.Namespace) -> Answer:
         _replace(path, content)
         written.append(str(path))
     return Answer("".join(f"{path}\n" for path in written), _exit_code(kind, body))
+
+
+def _stem(name: str) -> str:
+    """What a file is called without its ending; revisions like guide.v1.yaml and guide.v2.yaml stay apart."""
+    endings = (".report.json", ".yaml", ".yml", *(f".{form}" for form in FORMATS))
+    ending = next((end for end in endings if name.endswith(end) and name != end), "")
+    return name.removesuffix(ending)
 
 
 def _rendered(kind: str, body: bytes, forms: Sequence[str]) -> list[tuple[str, bytes]]:
