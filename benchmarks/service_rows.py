@@ -22,6 +22,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import psutil
+
 from bench import Row
 from tailstack.design import design_to_data, load_design
 
@@ -84,6 +86,7 @@ def scores() -> list[Row]:
     rows = []
     with serving() as (host, port, _), closing(http.client.HTTPConnection(host, port, timeout=60)) as connection:
         took = []
+        settle()
         for body in bodies(BODIES):
             begun = time.perf_counter()
             connection.request("POST", "/v1/scores", body, JSON)
@@ -97,8 +100,22 @@ def scores() -> list[Row]:
         rows.append(Row(f"POST score, p99, one API process ({by})", took[int(0.99 * len(took))], "ms"))
         rows += wrk_rows(host, port, 1)
     with serving(api_processes=2) as (host, port, _):
+        settle()
         rows += wrk_rows(host, port, 2)
     return rows
+
+
+def settle(seconds: float = 60.0) -> None:
+    """Return when the service has done what it does after a start: its worker and what few requests need warm up."""
+
+    def busy() -> float:
+        family = psutil.Process().children(recursive=True)
+        return sum(times.user + times.system for times in (child.cpu_times() for child in family))
+
+    deadline, before = time.monotonic() + seconds, -1.0
+    while (now := busy()) - before > 0.15 and time.monotonic() < deadline:  # looking for work costs a tenth of this
+        before = now
+        time.sleep(2.5)
 
 
 def wrk_rows(host: str, port: int, processes: int) -> list[Row]:
