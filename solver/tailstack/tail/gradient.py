@@ -10,18 +10,10 @@ from numba import njit
 from ..system import Array
 from .ball import balls
 from .elementary import sine_and_cosine
-from .series import LOG_SINC, fold_small, rows_where
+from .series import LOG_SINC, fold_small, rows_where, sum_of_products
 
 # x cot x - 1, the logarithmic derivative of sin x / x: the same series times its own degree.
 _LOG_SLOPE = LOG_SINC * np.arange(LOG_SINC.size)
-
-
-@njit(cache=True, error_model="numpy", fastmath={"reassoc"})  # in the order in which the lanes take it
-def _sum(x: Array) -> float:
-    total = 0.0
-    for i in range(x.size):
-        total += x[i]
-    return total
 
 
 @njit(cache=True, error_model="numpy")
@@ -43,6 +35,7 @@ def lattice_gradient(
     large = np.ascontiguousarray(rows_where(h, short, False).T)
     count = large.shape[1]
     log_small = np.empty(small.shape[1])
+    ones = np.ones(small.shape[1])
     slope_small = np.empty(small.shape[1])
     by_small = np.zeros(small.shape[1])
     by_large = np.zeros(count)
@@ -75,7 +68,7 @@ def lattice_gradient(
             rate = _LOG_SLOPE[4] + z * rate
             log_small[j] = value * z * z
             slope_small[j] = rate * z * z - z * (1.0 / 3.0)
-        factor = 2.0 * exp(_sum(log_small) - 0.5 * q) / volume * ball[i]
+        factor = 2.0 * exp(sum_of_products(log_small, ones) - 0.5 * q) / volume * ball[i]
         before[0] = 1.0
         for j in range(count):  # no branch and no call: in lanes
             x = k[i, 0] * large[0, j] + k[i, 1] * large[1, j] + k[i, 2] * large[2, j]
