@@ -175,6 +175,14 @@ def test_an_output_that_a_pattern_matches_is_neither_written_over_nor_judged(
     assert [design.file for design in found.designs] == ["good.yaml"]
 
 
+@pytest.mark.parametrize("name", ["points.csv", "points.FCSV", "points.mrk.json"])
+def test_a_file_of_fiducials_is_not_written_over(folder: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+    (folder / name).write_text("label,x,y,z\n", encoding="utf-8")
+    assert main(["gate", "good.yaml", "--mode", "analytic", "--format", f"json={name}"]) == 2
+    assert f"{name} would overwrite what may be a file of fiducials" in capsys.readouterr().err
+    assert (folder / name).read_text(encoding="utf-8") == "label,x,y,z\n"
+
+
 def test_a_killed_gate_leaves_files_that_say_so(folder: Path) -> None:
     """The process is killed while it computes; what it wrote at its start stays."""
     assert gate("good.yaml", "--policy", "policy.yaml") == 0

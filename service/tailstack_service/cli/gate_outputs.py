@@ -69,6 +69,9 @@ class Outputs:
         return []
 
 
+POINTS = (".csv", ".fcsv", ".mrk.json")  # endings of the files that designs take their fiducials from
+
+
 def outputs_of(formats: Iterable[tuple[str, str | None]], inputs: Iterable[str]) -> tuple[Outputs, list[str]]:
     """The outputs, and what is wrong with them, in words.  inputs: files that are read and must not be written."""
     formats = tuple(formats)
@@ -82,6 +85,10 @@ def outputs_of(formats: Iterable[tuple[str, str | None]], inputs: Iterable[str])
             continue
         if _real(file) in read:
             wrong.append(f"--format {name}={file} would overwrite a file that is read; give it another name")
+        elif file.lower().endswith(POINTS) and Path(file).exists():
+            wrong.append(
+                f"--format {name}={file} would overwrite what may be a file of fiducials; give it another name"
+            )
         elif _real(file) in {_real(other) for _, other in usable}:
             wrong.append(f"two formats would be written to {file}; give each a file of its own")
         elif not Path(file).parent.is_dir() or Path(file).is_dir():
