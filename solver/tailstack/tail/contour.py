@@ -197,7 +197,7 @@ def tail_nodes(
         quiet = 0
         lane = _LANES
         while n < MAX_NODES:
-            if lane == _LANES:
+            if lane == _LANES:  # a count known to the compiler would be unrolled, and then not run in lanes
                 _integrands(k, stride, step, c, size, d, k0, l, m, lanes, lanes.size // 4)
                 lane = 0
             xr, xi = lanes[lane], lanes[_LANES + lane]

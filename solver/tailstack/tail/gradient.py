@@ -34,8 +34,8 @@ def lattice_gradient(
     small = np.ascontiguousarray(rows_where(h, short, True).T)
     large = np.ascontiguousarray(rows_where(h, short, False).T)
     count = large.shape[1]
-    log_small = np.empty(small.shape[1])
-    ones = np.ones(small.shape[1])
+    squares = np.empty(small.shape[1])
+    log_small = np.empty(small.shape[1])  # over the square
     slope_small = np.empty(small.shape[1])
     by_small = np.zeros(small.shape[1])
     by_large = np.zeros(count)
@@ -66,9 +66,10 @@ def lattice_gradient(
             rate = _LOG_SLOPE[8] + z * rate
             rate = _LOG_SLOPE[6] + z * rate
             rate = _LOG_SLOPE[4] + z * rate
-            log_small[j] = value * z * z
+            squares[j] = z
+            log_small[j] = value * z
             slope_small[j] = rate * z * z - z * (1.0 / 3.0)
-        factor = 2.0 * exp(sum_of_products(log_small, ones) - 0.5 * q) / volume * ball[i]
+        factor = 2.0 * exp(sum_of_products(log_small, squares) - 0.5 * q) / volume * ball[i]
         before[0] = 1.0
         for j in range(count):  # no branch and no call: in lanes
             x = k[i, 0] * large[0, j] + k[i, 1] * large[1, j] + k[i, 2] * large[2, j]
