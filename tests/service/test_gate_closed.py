@@ -54,6 +54,19 @@ def is_no_verdict(name: str, text: str) -> bool:
     return "not evaluated" in text and "pass" not in text
 
 
+def judged_in_vain(name: str, text: str) -> bool:
+    """Whether a file says that there is no verdict, though it holds what the designs came to."""
+    if name == "json":
+        return json.loads(text)["verdict"] == "not evaluated"
+    if name == "markdown":
+        return text.startswith("## ⛔ Gate: not evaluated\n")
+    if name == "junit":
+        return '<testsuites name="tailstack gate" tests="2" failures="0" errors="1">' in text
+    if name in ("text", "github"):
+        return "not evaluated (exit code 3" in text.splitlines()[-1]
+    return is_no_verdict(name, text)
+
+
 def raising(error: BaseException) -> Any:
     def broken(*_: Any, **__: Any) -> Any:
         raise error
@@ -135,30 +148,125 @@ def test_a_monte_carlo_check_that_is_refused_is_no_pass(folder: Path, monkeypatc
     assert {finding.rule for finding in record().findings} == {"not-evaluated"}
 
 
-def test_an_output_that_cannot_be_written_is_no_pass(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def failing(monkeypatch: pytest.MonkeyPatch, step: str, file: str, times: int = 1_000_000) -> None:
+    """Let a step of writing a file fail as if the disk were full, from the second time on: the gate has begun then."""
     from tailstack_service.cli import gate_outputs
 
-    write = gate_outputs._write
+    whole, seen = getattr(gate_outputs, step), []
 
-    def full(path: Path, content: bytes) -> None:
-        if path.name == "out.json" and b'"pass"' in content:
-            raise OSError(28, "No space left on device")
-        write(path, content)
+    def full(first: Any, *more: Any) -> Any:
+        name = first if isinstance(first, str) else first.file
+        if name == file:
+            seen.append(name)
+            if 1 < len(seen) <= 1 + times:
+                raise OSError(28, "No space left on device")
+        return whole(first, *more)
 
-    monkeypatch.setattr(gate_outputs, "_write", full)
+    monkeypatch.setattr(gate_outputs, step, full)
+
+
+@pytest.mark.parametrize("file", [f"out.{name}" for name in ALL])
+def test_an_output_that_cannot_be_written_leaves_no_pass_anywhere(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], file: str
+) -> None:
+    failing(monkeypatch, "_staged", file)
     assert gate("good.yaml", "--policy", "policy.yaml") == 3
-    assert "cannot write out.json: No space left on device" in capsys.readouterr().err
-    assert record().verdict == "not evaluated"
-    assert "pass" in (folder / "out.markdown").read_text(encoding="utf-8"), "the others are written"
+    shown = capsys.readouterr()
+    assert f"cannot write {file}: No space left on device\n  hint: make room for it" in shown.err
+    assert shown.err.splitlines()[-1] == "tailstack gate: verdict: not evaluated (exit code 3)"
+    assert not (folder / file).exists()
+    for name in {*ALL} - {file.removeprefix("out.")}:
+        text = (folder / f"out.{name}").read_text(encoding="utf-8")
+        assert f"cannot write {file}" in text, name
+        assert judged_in_vain(name, text), name
+    assert not list(folder.glob("*.part"))
+
+
+@pytest.mark.parametrize("times", [1, 1000])
+def test_a_file_that_cannot_be_put_in_its_place_takes_back_those_that_were(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], times: int
+) -> None:
+    """json is written last but six: text, before it, is in its place and says pass when json fails."""
+    from tailstack_service.cli.gate_outputs import _Staged
+
+    put, seen = _Staged.put, []
+
+    def denied(self: Any) -> None:
+        if self.file == "out.json":
+            seen.append(self.file)
+            if 1 < len(seen) <= 1 + times:
+                self.drop()
+                raise OSError(13, "Permission denied")
+        put(self)
+
+    monkeypatch.setattr(_Staged, "put", denied)
+    assert gate("good.yaml", "--policy", "policy.yaml") == 3
+    assert "cannot write out.json: Permission denied" in capsys.readouterr().err
+    assert judged_in_vain("text", (folder / "out.text").read_text(encoding="utf-8"))
+    assert (folder / "out.json").exists() == (times == 1), "the second time it may work"
+    if times == 1:
+        assert (record().verdict, record().exit_code, record().designs[0].verdict) == ("not evaluated", 3, "pass")
+    assert not list(folder.glob("*.part"))
+
+
+def test_a_text_on_stdout_does_not_say_pass_when_a_file_fails(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    failing(monkeypatch, "_staged", "out.json")
+    both = ("--format", "text", "--format", "json=out.json")
+    assert main(["gate", "good.yaml", "--policy", "policy.yaml", "--mode", "analytic", *both]) == 3
+    shown = capsys.readouterr()
+    assert shown.out.splitlines()[-1].startswith("verdict: not evaluated (exit code 3")
+    assert "cannot write out.json: No space left on device" in " ".join(shown.out.split())
+    assert "cannot write out.json: No space left on device" in shown.err
+
+
+def test_a_refusal_stays_a_refusal_when_a_file_fails_too(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    failing(monkeypatch, "_staged", "out.sarif")
+    assert gate("absent.yaml") == 2
+    assert record().exit_code == 2
+    assert {finding.rule for finding in record().findings} == {"not-evaluated", "invalid-design"}
+
+
+def test_nothing_is_computed_for_an_output_that_cannot_be_written(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("tailstack_service.cli.gate._judged", raising(AssertionError("judged")))
+    assert main(["gate", "good.yaml", "--format", "sarif=/proc/gate.sarif", "--format", "json=out.json"]) == 3
+    assert "cannot write /proc/gate.sarif" in capsys.readouterr().err
+    assert record().exit_code == 3
+
+
+@pytest.mark.parametrize("which", ["stdout", "stream"])
+def test_a_full_stream_leaves_no_pass_in_the_files(folder: Path, which: str) -> None:
+    wanted = ["--format=text"] if which == "stdout" else ["--format=text=/dev/full"]
+    with open("/dev/full" if which == "stdout" else os.devnull, "wb") as target:
+        ran = subprocess.run(
+            [sys.executable, "-m", "tailstack_service.cli.main", "gate", "good.yaml", "--policy=policy.yaml",
+             "--mode=analytic", "--format=json=out.json", *wanted],
+            env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
+            stdout=target, stderr=subprocess.PIPE, text=True, timeout=120, check=False,
+        )  # fmt: skip
+    assert ran.returncode == 3
+    assert f"cannot write {'to stdout' if which == 'stdout' else '/dev/full'}: No space left on device" in ran.stderr
+    assert ran.stderr.splitlines()[-1].endswith("verdict: not evaluated (exit code 3)")
+    assert (record().verdict, record().exit_code) == ("not evaluated", 3)
+    assert Path("/dev/full").is_char_device(), "a device is written to, never replaced"
+
+
+def test_a_link_stays_a_link(folder: Path) -> None:
+    (folder / "artifacts").mkdir()
+    (folder / "out.json").symlink_to(folder / "artifacts" / "gate.json")
+    assert gate("good.yaml", "--policy", "policy.yaml") == 0
+    assert (folder / "out.json").is_symlink()
+    assert json.loads((folder / "artifacts" / "gate.json").read_text(encoding="utf-8"))["verdict"] == "pass"
 
 
 def test_a_file_that_cannot_be_replaced_does_not_stay(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from tailstack_service.cli import gate_outputs
 
     assert gate("good.yaml", "--policy", "policy.yaml") == 0
-    monkeypatch.setattr(gate_outputs, "_write", raising(OSError(28, "No space left on device")))
+    monkeypatch.setattr(gate_outputs, "_staged", raising(OSError(28, "No space left on device")))
     assert gate("good.yaml", "--policy", "policy.yaml") == 3
     assert not list(folder.glob("out.*")), "what an earlier gate wrote is no answer to this one"
 
@@ -267,8 +375,11 @@ def test_the_summary_of_a_step_is_appended_and_never_too_long(
     assert main(["gate", "bad.yaml", "--mode", "analytic", "--format", "github"]) == 1
     assert summary.stat().st_size <= 2**20
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(folder))
+    capsys.readouterr()
     assert main(["gate", "good.yaml", "--mode", "analytic", "--format", "github"]) == 3
-    assert "cannot write GITHUB_STEP_SUMMARY" in capsys.readouterr().err
+    shown = capsys.readouterr()
+    assert "cannot write GITHUB_STEP_SUMMARY" in shown.err
+    assert shown.out.splitlines()[-1] == "tailstack gate: not evaluated (exit code 3)"
 
 
 def test_an_expired_waiver_fails_in_every_mode_and_fold(folder: Path) -> None:

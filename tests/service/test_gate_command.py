@@ -74,6 +74,44 @@ def test_json_on_stdout_is_nothing_but_json(folder: Path, capsys: pytest.Capture
     assert json.loads(capsys.readouterr().out)["schema"] == "tailstack/gate/1"
 
 
+@pytest.mark.parametrize(
+    ("formats", "told"),
+    [
+        ([], False), (["text"], False), (["github"], False), (["markdown"], False),
+        (["json=g.json"], True), (["json"], True), (["sarif"], True), (["text=g.txt", "junit=g.xml"], True),
+    ],
+)  # fmt: skip
+def test_the_reason_is_in_the_log_whatever_the_formats(
+    folder: Path, capsys: pytest.CaptureFixture[str], formats: list[str], told: bool
+) -> None:
+    assert gate("one.yaml", "bad.yaml", *[f"--format={name}" for name in formats]) == 1
+    shown = capsys.readouterr()
+    said = [line for line in shown.err.splitlines() if line.startswith("tailstack gate: ")]
+    if not told:
+        assert said == []
+        assert "0.3 mm" in shown.out
+        return
+    line = next(k for k, words in enumerate((folder / "bad.yaml").read_text().splitlines(), 1) if "limit_mm" in words)
+    assert said[:2] == ["tailstack gate: bad.yaml: fail", "tailstack gate: one.yaml: pass"]
+    assert said[2].startswith(f"tailstack gate: bad.yaml:{line}:")
+    assert said[2].endswith("[p95]")
+    assert said[3:] == ["tailstack gate: verdict: fail (exit code 1)"]
+
+
+def test_the_reason_in_the_log_is_short(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for k in range(15):
+        limit = FAILING if k % 4 == 0 else PASSING
+        (folder / f"d{k:02}.yaml").write_text(data_to_yaml(limited(limit)), encoding="utf-8")
+    waivers_file(folder, 30, designs=["d00.yaml"])
+    assert gate("d*.yaml", "--waivers", "waivers.json", "--format", "json=g.json") == 1
+    said = capsys.readouterr().err.splitlines()
+    assert said[:5] == ["wrote g.json", *[f"tailstack gate: d{k:02}.yaml: fail" for k in (4, 8, 12)],
+                        "tailstack gate: d00.yaml: pass"]  # fmt: skip
+    assert said[11] == "tailstack gate: ... and 5 more designs, which pass"
+    assert [line.split(":")[1] for line in said[12:15]] == [f" d{k:02}.yaml" for k in (4, 8, 12)]
+    assert said[15:] == ["tailstack gate: verdict: fail (exit code 1, 1 accepted by waivers)"]
+
+
 def test_a_baseline_written_by_one_run_is_read_by_the_next(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert gate("one.yaml", "--format", "json=base.json") == 0
     noisy = limited(PASSING)

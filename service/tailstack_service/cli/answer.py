@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -22,3 +23,13 @@ class Answer:
 
 def exit_code_of(verdict: Verdict) -> int:
     return EXIT_CODE[verdict.status]
+
+
+def write_out(body: str | bytes) -> None:
+    """An answer to stdout, its last line ended.  Raises OSError."""
+    if isinstance(body, bytes):
+        sys.stdout.flush()
+        sys.stdout.buffer.write(body if body.endswith(b"\n") or not body else body + b"\n")
+    else:
+        sys.stdout.write(body)
+    sys.stdout.flush()

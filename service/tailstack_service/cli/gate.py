@@ -6,13 +6,14 @@ import argparse
 import os
 import sys
 import unicodedata
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .answer import BAD_INPUT, FAIL, INCONCLUSIVE, NOT_EVALUATED, PASS, Answer
+from .answer import BAD_INPUT, NOT_EVALUATED, PASS, Answer
 from .answer import INTERRUPTED as INTERRUPTED_CODE
 from .progress import Progress
 
@@ -88,31 +89,61 @@ def run(arguments: argparse.Namespace) -> Answer:
     if arguments.explain is not None:
         return Answer(_explained(arguments.explain), PASS)
 
-    from .gate_outputs import outputs_of, say
+    from ..gate.terminal import gate_summary
+    from ..gate.unfinished import unwritten
+    from .gate_outputs import FOR_PEOPLE, outputs_of, say
+    from .refusals import problem_text
 
     found = _found(arguments.design)  # before anything is written: no output becomes a design, no design an output
     inputs = [arguments.policy, arguments.waivers, arguments.baseline, *arguments.design, *chain(*found.values())]
     outputs, wrong = outputs_of(arguments.format or [("text", None)], [name for name in inputs if name is not None])
-    record = _record(arguments, outputs, wrong, found)
-    failed = [*outputs.files(record), *outputs.summary(record)]
-    for _, file in outputs.usable:
-        if not any(file in line for line in failed):
+    record, outputs = _record(arguments, outputs, wrong, found)
+    refused = record.provenance.policy_sha256 is None  # what stopped it stands on stderr
+    body = b"" if refused and outputs.on_stdout == "text" else outputs.stdout(record)
+    problems = outputs.publish(record)
+    if problems and body:
+        body = outputs.stdout(unwritten(record, problems))
+    unprinted = _printed(body)
+    if problems := [*problems, *unprinted]:
+        record = unwritten(record, problems)
+        outputs.correct(record)
+        say(problem_text(replace(problem, file=None)) for problem in problems)
+    else:
+        for _, file in outputs.usable:
             print(f"wrote {file}", file=sys.stderr)
-    say(failed)
-    code = NOT_EVALUATED if failed and record.exit_code in (PASS, FAIL, INCONCLUSIVE) else record.exit_code
-    refused = record.provenance.policy_sha256 is None and ("text", None) in outputs.formats
-    return Answer("" if refused else outputs.stdout(record), code)  # a refusal in words stands on stderr
+    if unprinted or not (refused or outputs.on_stdout in FOR_PEOPLE):
+        say(gate_summary(record))
+    return Answer("", record.exit_code)
+
+
+def _printed(body: str | bytes) -> list[Problem]:
+    """Write to stdout.  Returns what kept it from being written; a reader who has left is no reason."""
+    from tailstack.errors import Problem
+
+    from .answer import write_out
+
+    try:
+        write_out(body)
+    except BrokenPipeError:
+        pass
+    except OSError as error:
+        with suppress(OSError), open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())  # or the interpreter's last flush would complain again
+        detail = f"cannot write to stdout: {error.strerror or error}"
+        return [Problem("", "not-written", detail, "the verdict is in the exit code: run the gate again")]
+    return []
 
 
 def _record(
     arguments: argparse.Namespace, outputs: Outputs, wrong: list[str], found: dict[str, list[str]]
-) -> GateRecord:
-    """The record of the gate, whatever becomes of it: what stops it is told on stderr and kept in the record."""
+) -> tuple[GateRecord, Outputs]:
+    """The record of the gate, whatever becomes of it, and the outputs that can be written to: what stops it is told on
+    stderr and kept in the record."""
     from tailstack.errors import Problem, TailstackError
 
     from ..gate.unfinished import INTERRUPTED, NOT_FINISHED, unfinished
     from ..problems import RequestError
-    from .gate_outputs import say
+    from .gate_outputs import OutputError
     from .refusals import report_error, report_failure
 
     known = partial(
@@ -121,31 +152,33 @@ def _record(
     )  # fmt: skip
     files = [_shown(name) for name in arguments.design]
     try:
-        say(outputs.files(known(files, (NOT_FINISHED,), NOT_EVALUATED), or_none=True))
+        outputs, unwritable = outputs.begin(known(files, (NOT_FINISHED,), NOT_EVALUATED))
         if wrong:
             raise RequestError([Problem("", "bad-output", detail) for detail in wrong])
+        if unwritable:
+            raise OutputError([replace(problem, file=None) for problem in unwritable])
         if arguments.max_regression is not None and arguments.baseline is None:
             detail = "--max-regression: without a baseline nothing is compared"
             raise RequestError(Problem("", "unused-option", detail, "--baseline FILE, or leave it out"))
         designs = _files(arguments.design, found)
         files = [_shown(name) for name in designs]
-        return _judged(arguments, designs)
+        return _judged(arguments, designs), outputs
     except KeyboardInterrupt:
         print("tailstack: interrupted", file=sys.stderr)
-        return known(files, (INTERRUPTED,), INTERRUPTED_CODE)
+        return known(files, (INTERRUPTED,), INTERRUPTED_CODE), outputs
     except (TailstackError, OSError) as error:
         if os.environ.get("TAILSTACK_TRACEBACK"):
             raise
         code = report_error(error, arguments)
         problems = error.problems if isinstance(error, TailstackError) else (Problem("", "os-error", str(error)),)
         problems = tuple(p if p.file is None else replace(p, file=_shown(p.file)) for p in problems)
-        return known(files, problems, code if code == BAD_INPUT else NOT_EVALUATED)
+        return known(files, problems, code if code == BAD_INPUT else NOT_EVALUATED), outputs
     except Exception as error:
         if os.environ.get("TAILSTACK_TRACEBACK"):
             raise
         report_failure(error, arguments)
         problem = Problem("", "internal-error", f"internal error, {type(error).__name__}: {error}")
-        return known(files, (problem,), NOT_EVALUATED)
+        return known(files, (problem,), NOT_EVALUATED), outputs
 
 
 def today() -> date:

@@ -1,6 +1,7 @@
 """Where a gate writes: formats to files and to stdout, and the summary of a step in GitHub Actions.
 
-Each file says *not evaluated* as soon as a gate has begun: one that is killed leaves nothing that looks current.
+Each file says *not evaluated* as soon as a gate has begun: one that is killed leaves nothing that looks current.  At
+the end all are written, or none says that the gate passed.
 """
 
 from __future__ import annotations
@@ -9,15 +10,27 @@ import os
 import sys
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from tailstack.errors import Problem, TailstackError
 
 if TYPE_CHECKING:
     from ..gate.records import GateRecord
 
 SUMMARY = "GITHUB_STEP_SUMMARY"
 ROOTS = ("GITHUB_WORKSPACE", "CI_PROJECT_DIR")  # where GitHub and GitLab check the repository out
+FOR_PEOPLE = ("text", "markdown", "github")  # on stdout they say why a gate failed
+MEND = "make room for it or give another name, then run the gate again: no verdict is given without its files"
+
+
+class OutputError(TailstackError):
+    """Somewhere an output was asked for cannot be written to."""
+
+    slug = "invalid-request"
+    title = "An output cannot be written"
+    exit_code = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,33 +40,81 @@ class Outputs:
     formats: tuple[tuple[str, str | None], ...]
     usable: tuple[tuple[str, str], ...]
 
-    def files(self, record: GateRecord, *, or_none: bool = False) -> list[str]:
-        """Write every file, each whole or not at all.  Returns what could not be written, in words.
+    def begin(self, record: GateRecord) -> tuple[Outputs, list[Problem]]:
+        """Let every file say that the gate has not ended.  Returns what can be written to, and what cannot.
 
-        or_none: a file of an earlier gate that cannot be replaced, as the disk is full, is removed.
+        A file of an earlier gate that cannot be replaced, as the disk is full, is removed.
         """
-        failed = []
+        problems: list[Problem] = []
+        usable: list[tuple[str, str]] = []
         for name, file in self.usable:
             try:
-                _write(Path(file), written(name, record))
+                if not _is_stream(file):
+                    _staged(file, written(name, record)).put()
+                usable.append((name, file))
             except OSError as error:
-                failed.append(f"cannot write {file}: {error.strerror or error}")
-                if or_none and Path(file).is_file():
-                    with suppress(OSError):
-                        Path(file).unlink()
-        return failed
+                problems.append(_refused(file, error))
+                _remove(file)
+        return replace(self, usable=tuple(usable)), problems
+
+    def publish(self, record: GateRecord) -> list[Problem]:
+        """Write the record everywhere but to stdout.  Returns what could not be written.
+
+        Every file is written beside its place first: one that cannot be keeps all of them from being replaced.
+        """
+        staged: list[_Staged] = []
+        problems: list[Problem] = []
+        for name, file in self.usable:
+            if _is_stream(file):
+                continue
+            try:
+                staged.append(_staged(file, written(name, record)))
+            except OSError as error:
+                problems.append(_refused(file, error))
+        for entry in staged:
+            try:
+                if problems:
+                    entry.drop()
+                else:
+                    entry.put()
+            except OSError as error:
+                problems.append(_refused(entry.file, error))
+        for name, file in () if problems else self.usable:
+            try:
+                if _is_stream(file):
+                    _append(file, written(name, record))
+            except OSError as error:
+                problems.append(_refused(file, error))
+        return problems or self.summary(record)
+
+    def correct(self, record: GateRecord) -> None:
+        """Write a record that says what could not be written wherever it can be; a file where it cannot is removed."""
+        for name, file in self.usable:
+            try:
+                if _is_stream(file):
+                    _append(file, written(name, record))
+                else:
+                    _staged(file, written(name, record)).put()
+            except OSError:
+                _remove(file)
+        self.summary(record)
 
     def stdout(self, record: GateRecord) -> str | bytes:
         """What goes to stdout."""
         from ..gate.terminal import gate_text
         from .design_input import coloured_output
 
-        name = next((name for name, file in self.formats if file is None), None)
+        name = self.on_stdout
         if name == "text":
             return gate_text(record, colour=coloured_output())
         return "" if name is None else written(name, record)
 
-    def summary(self, record: GateRecord) -> list[str]:
+    @property
+    def on_stdout(self) -> str | None:
+        """The format on stdout."""
+        return next((name for name, file in self.formats if file is None), None)
+
+    def summary(self, record: GateRecord) -> list[Problem]:
         """Append to the summary of a step of GitHub Actions, where format github was asked for."""
         file = os.environ.get(SUMMARY)
         if not file or not any(name == "github" for name, _ in self.formats):
@@ -65,7 +126,7 @@ class Outputs:
             with open(file, "ab") as stream:
                 stream.write(step_summary(in_repository(record, prefix()), stream.tell()).encode())
         except OSError as error:
-            return [f"cannot write {SUMMARY} {file}: {error.strerror or error}"]
+            return [_refused(f"{SUMMARY} {file}", error)]
         return []
 
 
@@ -127,13 +188,54 @@ def _real(name: str) -> str:
     return os.path.realpath(name)
 
 
-def _write(path: Path, content: bytes) -> None:
-    beside = path.with_name(path.name + f".{os.getpid()}.part")
+@dataclass(frozen=True, slots=True)
+class _Staged:
+    """A file that is written, and not yet in its place."""
+
+    file: str
+    beside: Path
+    target: Path
+
+    def put(self) -> None:
+        try:
+            os.replace(self.beside, self.target)
+        except OSError:
+            self.drop()
+            raise
+
+    def drop(self) -> None:
+        self.beside.unlink(missing_ok=True)
+
+
+def _staged(file: str, content: bytes) -> _Staged:
+    target = Path(_real(file))  # a link stays one
+    beside = target.with_name(target.name + f".{os.getpid()}.part")
     try:
-        if path.exists() and not path.is_file():  # /dev/stderr, a pipe: nothing to replace
-            path.write_bytes(content)
-            return
-        beside.write_bytes(content)
-        os.replace(beside, path)
-    finally:
+        with beside.open("wb") as stream:
+            stream.write(content)
+    except OSError:
         beside.unlink(missing_ok=True)
+        raise
+    return _Staged(file, beside, target)
+
+
+def _is_stream(file: str) -> bool:
+    """A pipe, a terminal, /dev/stderr: there is nothing to replace, and what is written stays written."""
+    return file.startswith("/dev/") or (os.path.exists(file) and not os.path.isfile(file))
+
+
+def _append(file: str, content: bytes) -> None:
+    with open(file, "ab", buffering=0) as stream:
+        view = memoryview(content)
+        while view:
+            view = view[stream.write(view) :]
+
+
+def _refused(file: str, error: OSError) -> Problem:
+    return Problem("", "not-written", f"cannot write {file}: {error.strerror or error}", MEND, file)
+
+
+def _remove(file: str) -> None:
+    if Path(file).is_file():
+        with suppress(OSError):
+            Path(file).unlink()

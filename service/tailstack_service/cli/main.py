@@ -13,6 +13,7 @@ from typing import NoReturn
 
 from ..names import TRACEBACK
 from .answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
+from .answer import write_out as _write
 from .verbs import VERBS, program, typed
 
 EPILOG = """\
@@ -98,15 +99,6 @@ def _guarded(arguments: argparse.Namespace) -> int:
             raise
         return report_failure(error, arguments)
     return int(answer.exit_code)
-
-
-def _write(body: str | bytes) -> None:
-    if isinstance(body, bytes):
-        sys.stdout.flush()
-        sys.stdout.buffer.write(body if body.endswith(b"\n") else body + b"\n")
-    else:
-        sys.stdout.write(body)
-    sys.stdout.flush()
 
 
 def _reader_left(exit_code: int) -> int:

@@ -11,8 +11,8 @@ from tailstack.design.refusals import place
 from tailstack.errors import Problem
 
 from .designs import Gate
-from .judging import WORST_FIRST, refused
-from .records import GatedDesign, GateFinding, GateRecord
+from .judging import refused
+from .records import WORST_FIRST, GatedDesign, GateFinding, GateRecord
 from .waiving import in_words
 
 # What a service calls documents that came without a file of their own.

@@ -17,11 +17,19 @@ from .checking import looks_of
 from .designs import Computed, Gate, GateDesign, first_order, wants_check
 from .numbers import numbers_of
 from .policy_document import Rules
-from .records import Fold, GatedDesign, GateFinding, GateProvenance, GateRecord, GateTarget, GateVerdict
+from .records import (
+    WORST_FIRST,
+    Fold,
+    GatedDesign,
+    GateFinding,
+    GateProvenance,
+    GateRecord,
+    GateTarget,
+    GateVerdict,
+)
 from .rules import RULES
 from .waiving import accepting, in_words, remarks_on_waivers
 
-WORST_FIRST: tuple[GateVerdict, ...] = ("not evaluated", "fail", "inconclusive", "pass")
 JUDGING = ("p95", "cvar", "exceedance", "per_unit_yield")
 Progress = Callable[[int, int], None]
 Verify = Callable[[Gate, Computed, Progress], Verification]

@@ -8,6 +8,7 @@ from typing import Literal
 from tailstack.results import Severity
 
 GateVerdict = Literal["pass", "fail", "inconclusive", "not evaluated"]
+WORST_FIRST: tuple[GateVerdict, ...] = ("not evaluated", "fail", "inconclusive", "pass")
 Mode = Literal["analytic", "verify", "auto"]
 Level = Literal["error", "warning"]
 Fold = Literal["fail", "warn"]

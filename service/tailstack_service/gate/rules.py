@@ -288,7 +288,8 @@ gate leaves with exit code 2. `tailstack schema policy` and `tailstack schema wa
         """\
 The geometry does not determine the answer, a method was outside its range, a computation did not converge, or nothing
 was there to judge: the design states no requirement and the policy sets no limit. Also: the gate itself broke off, was
-interrupted (exit code 130), was killed, or lost the service that it asked. Otherwise it leaves with exit code 3; a
+interrupted (exit code 130), was killed, lost the service that it asked, or could not write one of its outputs: its
+other outputs then give no verdict either. Otherwise it leaves with exit code 3; a
 design that was not judged never passes.""",
     ),
 )

@@ -5,9 +5,12 @@ from __future__ import annotations
 import re
 
 from ..rendering.tables import coloured, fixed, number, shortened, table, wrapped
-from .records import GateFinding, GateNumber, GateRecord
+from .places import counts
+from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord
 
 _COMMAND = re.compile(r"(?m)^([ \t]*)(?=::|##\[)")
+MOST_TOLD = 10  # of a kind, in a summary
+DECIDING = ("inconclusive",)  # decides whatever its weight
 _ROLE = {"error": "fail", "warning": "warning", "pass": "pass", "fail": "fail", "inconclusive": "inconclusive"}
 
 
@@ -28,6 +31,24 @@ def gate_text(record: GateRecord, *, colour: bool = False) -> str:
     )
     # a line that begins like this is a command to the runners of GitHub and Azure, and names come from strangers
     return _COMMAND.sub(r"\1\\", "\n\n".join(parts)) + "\n"
+
+
+def gate_summary(record: GateRecord) -> list[str]:
+    """In a few lines what the gate came to and why, for a log that gets no other words: designs, the worst first, the
+    findings that decide, the verdict."""
+    designs = sorted(record.designs, key=lambda design: WORST_FIRST.index(design.verdict))
+    lines = [f"{shortened(design.file, 60)}: {design.verdict}" for design in designs[:MOST_TOLD]]
+    if more := designs[MOST_TOLD:]:
+        bad = sum(design.verdict != "pass" for design in more)
+        lines.append(f"... and {len(more)} more designs, " + (f"{bad} of which do not pass" if bad else "which pass"))
+    said = [f for f in record.findings if counts(record, f) or (f.rule in DECIDING and f.suppressed_by is None)]
+    lines += [f"{shortened(place_of(f), 70)}: {shortened(f.message, 200)} [{f.rule}]" for f in said[:MOST_TOLD]]
+    if len(said) > MOST_TOLD:
+        lines.append(f"... and {len(said) - MOST_TOLD} more findings that count")
+    accepted = sum(finding.suppressed_by is not None for finding in record.findings)
+    waived = f", {accepted} accepted by waivers" if accepted else ""
+    lines.append(f"verdict: {record.verdict} (exit code {record.exit_code}{waived})")
+    return [_COMMAND.sub(r"\1\\", " ".join(line.split())) for line in lines]
 
 
 def place_of(finding: GateFinding) -> str:

@@ -7,6 +7,7 @@ gate begins to the moment at which it has ended.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from datetime import date
 
 from tailstack.errors import Problem
@@ -53,6 +54,14 @@ def unfinished(
             not_included=NOT_INCLUDED,
         ),
     )
+
+
+def unwritten(record: GateRecord, problems: Iterable[Problem]) -> GateRecord:
+    """The record of a gate that judged and could not leave its answer everywhere it was asked to: no verdict, whatever
+    the designs came to, and the reasons before all findings."""
+    reasons = tuple(_finding("not-evaluated", problem, ()) for problem in problems)
+    code = record.exit_code if record.verdict == "not evaluated" else 3
+    return replace(record, verdict="not evaluated", exit_code=code, findings=(*reasons, *record.findings))
 
 
 def _finding(rule: str, problem: Problem, files: Sequence[str]) -> GateFinding:
