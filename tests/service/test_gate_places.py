@@ -221,14 +221,24 @@ def test_several_rules_each_at_its_own_value(folder: Path) -> None:
             "fiducial-spacing": {"min_mm": 80.0},
             "visibility": {"min_margin_px": 900.0},
             "process-capability": {
-                "processes": [{"name": "seat", "tolerances": ["structure_connector.rz"], "min_half_width_deg": 0.2}]
+                "processes": [
+                    {"name": "seat", "tolerances": ["structure_connector.rz", "A?"], "min_half_width_deg": 0.2}
+                ]
             },
         },
     }
     (folder / "policy.yaml").write_text(data_to_yaml(policy), encoding="utf-8")
     (folder / "d.yaml").write_text(data_to_yaml(GOOD), encoding="utf-8")
     lines = data_to_yaml(GOOD).splitlines()
-    places = {finding.rule: lines[(finding.line or 0) - 1][(finding.column or 0) - 1 :] for finding in found("d.yaml")}
+    places = {
+        finding.rule: lines[(finding.line or 0) - 1][(finding.column or 0) - 1 :]
+        for finding in found("d.yaml")
+        if finding.file == "d.yaml"
+    }
     assert places["process-capability"].startswith("0.15")
+    (unused,) = (finding for finding in found("d.yaml") if finding.rule == "process-unused")
+    at = (folder / "policy.yaml").read_text(encoding="utf-8").splitlines()[(unused.line or 0) - 1]
+    assert unused.file == "policy.yaml"
+    assert at[(unused.column or 0) - 1 :].startswith(('"A?"', "'A?'", "A?"))
     assert places["fiducial-spacing"].startswith("[")
     assert places["visibility"].startswith("name: ")

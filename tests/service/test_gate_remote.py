@@ -18,7 +18,9 @@ from tailstack.design.loading import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.settings import Settings
 
-POLICY = {**STRICT, "rules": {**STRICT["rules"], "fiducial-spacing": {"min_mm": 80.0}},  # type: ignore[dict-item]
+UNUSED = {"name": "seat", "tolerances": ["structure_conector.r?"], "min_half_width_deg": 0.05}
+POLICY = {**STRICT, "rules": {**STRICT["rules"], "fiducial-spacing": {"min_mm": 80.0},  # type: ignore[dict-item]
+                              "process-capability": {"processes": [UNUSED]}},
           "verification": {"max_trials": 20000}}  # fmt: skip
 
 

@@ -193,6 +193,53 @@ def test_margin_and_overlap_of_the_views() -> None:
     ).findings
 
 
+def test_a_process_that_judges_nothing_is_remarked_at_its_pattern() -> None:
+    def remarks(*processes: dict[str, Any], **more: Any) -> list[GateFinding]:
+        rules = policy({"process-capability": {"processes": list(processes)}, **more.pop("rules", {})}, **more)
+        return of_rule(gate(small_design(), policy=rules), "process-unused")
+
+    seat = {
+        "name": "seat",
+        "tolerances": ["structure_connector.rz", "structure_conector.r?"],
+        "min_half_width_deg": 1e-6,
+    }
+    (slip,) = remarks(seat)
+    assert (slip.severity, slip.file) == ("note", "policy")
+    assert slip.pointer == "/rules/process-capability/processes/0/tolerances/1"
+    assert (
+        "'structure_conector.r?' matches no tolerance of the design held to it; did you mean structure_co"
+        in slip.message
+    )
+
+    shaft = {"name": "shaft", "tolerances": ["structure_connector.t?"], "min_half_width_deg": 1e-6}
+    (unit,) = remarks(shaft)
+    assert "matches only lengths (structure_connector.tx), and the process states no min_half_width_mm" in unit.message
+    assert remarks({**shaft, "min_half_width_mm": 1e-9}) == []
+
+    assert remarks(seat, rules={"process-unused": {"severity": "off"}}) == []
+    assert remarks(seat, rules={"process-unused": {"severity": "error"}})[0].severity == "error"
+    judged_off = {"process-capability": {"severity": "off", "processes": [seat]}}
+    assert remarks(seat, rules=judged_off) == [], "a rule that is off has nothing to hold"
+    unread = evaluate(
+        {**admitted({"designs": [{"file": "d0.yaml", "design": small_design()}], "mode": "analytic",
+                     "policy": policy({"process-capability": {"processes": [seat]}})}, today=TODAY),
+         "designs": [{"file": "d0.yaml", "design": small_design()}, {"file": "d1.yaml", "text": "name: x"}]}
+    )  # fmt: skip
+    assert of_rule(unread, "process-unused") == [], "the design that could not be read may have it"
+
+
+def test_processes_of_a_class_are_held_against_its_designs_only() -> None:
+    seat = {"name": "seat", "tolerances": ["A?"], "min_half_width_deg": 1e-6}
+    own = {"process-capability": {"processes": [seat]}}
+    classes = [{"name": "first", "files": ["d0*"], "rules": own}, {"name": "other", "files": ["d9*"], "rules": own}]
+    held = {"name": "held", "tolerances": ["structure_connector.rx"], "min_half_width_deg": 1e-6}
+    rules = policy({"process-capability": {"processes": [held]}}, classes=classes)
+    (found,) = of_rule(gate(small_design(), small_design(), policy=rules), "process-unused")
+    assert found.pointer == "/classes/0/rules/process-capability/processes/0/tolerances/0"
+    (found,) = of_rule(gate(small_design(), policy=rules), "process-unused")
+    assert found.pointer.startswith("/classes/0/"), "no design was held to the policy's own processes"
+
+
 def test_a_tolerance_tighter_than_its_process() -> None:
     design = limited(2 * P95)
     name, interface = next((k, v) for k, v in design["interfaces"].items() if v.get("tolerances"))

@@ -265,6 +265,8 @@ def _gate(arguments: argparse.Namespace, files: list[str]) -> Gate:
 
     day = today()
     policy = read_policy(None if arguments.policy is None else Path(arguments.policy))
+    if arguments.policy is not None:
+        policy = replace(policy, file=_shown(arguments.policy))
     waivers = None if arguments.waivers is None else read_waivers(Path(arguments.waivers), day)
     baseline = None if arguments.baseline is None else read_baseline(Path(arguments.baseline))
     if waivers is not None:

@@ -10,6 +10,7 @@ from tailstack.design import Design, design_to_data
 from tailstack.design.refusals import place
 from tailstack.errors import Problem
 
+from . import processes
 from .designs import Gate
 from .judging import refused
 from .records import WORST_FIRST, GatedDesign, GateFinding, GateRecord
@@ -59,6 +60,8 @@ def completed(record: GateRecord, gate: Gate) -> GateRecord:
             assert entry.refusal is not None
             designs.append(GatedDesign(entry.file, None, None, None, "not evaluated", "none", None, (), ()))
             unread += refused(entry, entry.refusal)
+    if unread:  # the service did not know of designs that may have what a pattern is for
+        findings = [finding for finding in findings if finding.rule != processes.RULE]
     order = {entry.file: index for index, entry in enumerate(gate.designs)}
     findings = sorted([*findings, *unread], key=lambda finding: order.get(finding.file, len(order)))
     if not unread:
@@ -75,6 +78,9 @@ def _placed(finding: GateFinding, gate: Gate) -> GateFinding:
     elif finding.file == WAIVERS and gate.waivers is not None:
         placed = place(Problem(finding.pointer, finding.rule, ""), gate.waivers.source)
         finding = replace(finding, file=gate.waivers.file, line=placed.line, column=placed.column)
+    elif finding.file == POLICY:
+        placed = place(Problem(finding.pointer, finding.rule, ""), gate.policy.source)
+        finding = replace(finding, file=gate.policy.file, line=placed.line, column=placed.column)
     elif finding.file == BASELINE and gate.baseline is not None:
         placed = place(Problem(finding.pointer, finding.rule, ""), gate.baseline.source)
         finding = replace(finding, file=gate.baseline.file, line=placed.line, column=placed.column)

@@ -17,6 +17,7 @@ from .checking import looks_of
 from .designs import Computed, Gate, GateDesign, first_order, wants_check
 from .numbers import numbers_of
 from .policy_document import Rules
+from .processes import remarks_on_processes
 from .records import (
     WORST_FIRST,
     Fold,
@@ -87,6 +88,7 @@ def conclude(
     findings += _version_findings(gate, rules.model_version.severity)
     on_waivers = remarks_on_waivers(gate.waivers, gate.today, used, rules.waiver_unused.severity)
     findings += on_waivers
+    findings += remarks_on_processes(gate)
     verdicts: set[GateVerdict] = {design.verdict for design in designs} | {_verdict(gate, findings)}
     verdict = next(candidate for candidate in WORST_FIRST if candidate in verdicts)
     return GateRecord(

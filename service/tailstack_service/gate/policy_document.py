@@ -193,6 +193,12 @@ class UnusedRule(Record):
     severity: Severity = Field(default="note", description=_WEIGHT, examples=["note"])
 
 
+class UnusedProcessRule(Record):
+    """A process whose pattern judges no tolerance."""
+
+    severity: Severity = Field(default="note", description=_WEIGHT, examples=["note"])
+
+
 class Rules(Record):
     """Rules by id.  A rule that is not given has its defaults."""
 
@@ -206,6 +212,7 @@ class Rules(Record):
     visibility: VisibilityRule = Field(default_factory=VisibilityRule)
     overlap: OverlapRule = Field(default_factory=OverlapRule)
     process_capability: ProcessRule = Field(default_factory=ProcessRule, alias="process-capability")
+    process_unused: UnusedProcessRule = Field(default_factory=UnusedProcessRule, alias="process-unused")
     regression: RegressionRule = Field(default_factory=RegressionRule)
     inconclusive: InconclusiveRule = Field(default_factory=InconclusiveRule)
     waiver_expired: ExpiredRule = Field(default_factory=ExpiredRule, alias="waiver-expired")

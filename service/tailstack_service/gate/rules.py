@@ -190,6 +190,21 @@ the unit of the tolerance.""",
         tight_tolerances,
     ),
     Rule(
+        "process-unused",
+        "A process judges nothing",
+        "note",
+        "fixed",
+        "",
+        """\
+A pattern of process-capability matches no tolerance of any design that is held to it, or only rotations where the
+process states no min_half_width_deg (only lengths and no min_half_width_mm). A slip in a name would be a tolerance that
+nobody judges. Nothing is said while a design cannot be read.
+
+What to do: `tailstack score DESIGN` prints the names of the tolerances; mend the pattern or remove it.
+
+Policy: severity.""",
+    ),
+    Rule(
         "regression",
         "Worse than the baseline",
         "error",
