@@ -71,7 +71,7 @@ def law_of(mean: Array, parts: Sequence[Part]) -> LinearLaw:
         if part.columns is not None:
             columns.append(part.columns)
             kinds += part.kinds
-    stacked = np.concatenate(columns, axis=1) if columns else np.zeros((3, 0))
+    stacked = np.ascontiguousarray(np.concatenate(columns, axis=1)) if columns else np.zeros((3, 0))
     if covariance.trace() < VANISHING_MM**2 and not np.abs(stacked).max(initial=0.0) > VANISHING_MM:
         covariance, stacked = np.zeros((3, 3)), np.zeros_like(stacked)
     return LinearLaw(mean, covariance, stacked, np.array(kinds, dtype=np.int64))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import sqlite3
 import threading
 import time
@@ -15,7 +16,7 @@ from service_scenes import client_with, small_design
 from starlette.requests import Request
 
 from tailstack.errors import LimitError
-from tailstack_service.http.computing import Lane, Stopped, Watch
+from tailstack_service.http.computing import Lane, Steps, Stopped, Watch
 from tailstack_service.problems import TransportError
 from tailstack_service.settings import Settings
 from tailstack_service.store import database
@@ -136,6 +137,100 @@ def test_stopping_ends_and_refuses() -> None:
             with pytest.raises(TransportError) as refused:
                 await waiting
             assert refused.value.slug == "stopping"
+        lane.close()
+
+    asyncio.run(story())
+
+
+# --- in steps ---------------------------------------------------------------------------------------
+
+
+def in_steps(where: list[str], rests: int, seconds: float = 0.0) -> Steps[int]:
+    """A computation that notes in which thread each of its steps runs."""
+    for _ in range(rests):
+        where.append(threading.current_thread().name)
+        time.sleep(seconds)
+        yield
+    where.append(threading.current_thread().name)
+    return rests
+
+
+def test_quick_steps_run_on_the_loop_and_slow_ones_go_on_in_a_thread() -> None:
+    async def story() -> None:
+        lane, here = Lane("score", 1, 0), threading.current_thread().name
+        where: list[str] = []
+        assert await lane.run_steps(request(), watch(), in_steps(where, 5), 60.0) == 5
+        assert where == [here] * 6
+        where.clear()
+        assert await lane.run_steps(request(), watch(), in_steps(where, 4, 0.02), 0.03) == 4
+        assert where[:2] == [here, here]
+        assert where[2:] == ["tailstack-score_0"] * 3
+        where.clear()
+        assert await lane.run_steps(request(), watch(), in_steps(where, 1), 0.0) == 1
+        assert where == ["tailstack-score_0"] * 2
+        assert lane.taken == 0
+        lane.close()
+
+    asyncio.run(story())
+
+
+def test_the_loop_looks_at_its_connections_between_two_computations() -> None:
+    """Whoever arrives while eight wait is seen before they are all done, and beyond the places there is a refusal."""
+
+    async def story() -> None:
+        lane, done, seen = Lane("score", 1, 7), 0, -1
+
+        def arrived() -> None:
+            nonlocal seen
+            seen = done
+
+        async def one() -> None:
+            nonlocal done
+            await lane.run_steps(request(), watch(), in_steps([], 1, 0.005), 60.0)
+            done += 1
+
+        running = [asyncio.create_task(one()) for _ in range(8)]
+        await asyncio.sleep(0)
+        with pytest.raises(TransportError, match="8 score computations are running or waiting"):
+            await lane.run_steps(request(), watch(), in_steps([], 1), 60.0)
+        near, far = socket.socketpair()
+        with near, far:
+            near.setblocking(False)
+            asyncio.get_running_loop().add_reader(near, arrived)
+            far.send(b".")
+            await asyncio.sleep(0.006)
+            asyncio.get_running_loop().remove_reader(near)
+        await asyncio.gather(*running)
+        assert 0 <= seen <= 3
+        assert lane.taken == 0
+        lane.close()
+
+    asyncio.run(story())
+
+
+def test_steps_on_the_loop_end_as_those_of_a_thread_do() -> None:
+    """At an error, late, or when the service stops; the place is free again each time."""
+
+    def failing() -> Steps[int]:
+        yield
+        return 1 // 0
+
+    async def story() -> None:
+        lane, stopping = Lane("score", 1, 0), threading.Event()
+        with pytest.raises(ZeroDivisionError):
+            await lane.run_steps(request(), watch(), failing(), 60.0)
+        with pytest.raises(LimitError, match="TAILSTACK_MAX_SECONDS"):
+            await lane.run_steps(request(), watch(0.02), in_steps([], 100, 0.005), 60.0)
+
+        def told_to_stop() -> Steps[int]:
+            stopping.set()
+            yield
+            raise AssertionError("it was told to stop")
+
+        with pytest.raises(TransportError) as refused:
+            await lane.run_steps(request(), Watch(60.0, stopping), told_to_stop(), 60.0)
+        assert refused.value.slug == "stopping"
+        assert lane.taken == 0
         lane.close()
 
     asyncio.run(story())

@@ -22,7 +22,7 @@ from tailstack_service.cli.main import main
 from tailstack_service.documents import from_plain, to_json
 from tailstack_service.reports import FORMATS, render
 from tailstack_service.reports.assembling import ReportOptions, compute_report
-from tailstack_service.reports.audit import Audit, audit
+from tailstack_service.reports.audit import Audit, Effort, audit
 from tailstack_service.reports.comparing import compute_comparison
 from tailstack_service.reports.html import html_report
 from tailstack_service.reports.rendering import document_of
@@ -102,6 +102,97 @@ def test_an_optimisation_is_run_again() -> None:
     assert "1 of " in details(found)  # and nothing else
     moved = changed(made, lambda data: data["design"]["fiducials"]["points"][0]["position_mm"].__setitem__(0, 1.25))
     assert answers(audit(moved, "x", fast=True))["new design"] == "different"
+
+
+def swept() -> bytes:
+    design = load_design(DESIGN)
+    axes = read_axes(design, [{"pointer": "/views/0/fiducial_noise_px", "values": [0.2, 0.3]}])
+    return to_json(sweep(design, axes, check="verification", trials=500))
+
+
+def optimised() -> bytes:
+    design = small_design()
+    design["optimise"] |= {"starts": 1, "seed": 5}
+    return to_json(compute_report(load_design(design), ReportOptions(parts=("score", "optimisation"))))
+
+
+def per_unit() -> bytes:
+    requirement = {"name": "each", "limit_mm": 2.0, "risk": "per_unit", "min_yield": 0.5}
+    design = load_design(small_design(requirements=[{**requirement, "name": f"each {k}"} for k in range(2)]))
+    return to_json(compute_report(design, ReportOptions(trials=500)))
+
+
+@pytest.mark.parametrize(
+    ("made", "change", "words", "enough"),
+    [
+        ("report", {"reproduction": {"trials": 10**12}}, "up to 1,000,000,000,000 trials", ["--max-trials", 10**12]),
+        ("report", {"reproduction": {"trials": None, "max_trials": 10**9}}, "up to 1,000,000,000 trials",
+         ["--max-trials", 10**9]),
+        ("comparison", {"first": {"reproduction": {"trials": 10**8}}}, "up to 200,000,000 trials",
+         ["--max-trials", 2 * 10**8]),
+        ("verification", {"trials": 10**12}, "up to 1,000,000,000,000 trials", ["--max-trials", 10**12]),
+        ("verification", {"precision_requested": 1e-6, "max_trials": 10**12}, "up to 1,000,000,000,000 trials",
+         ["--max-trials", 10**12]),
+        ("sweep", {"trials": 10**8}, "up to 200,000,000 trials", ["--max-trials", 2 * 10**8]),
+        ("optimisation", {"reproduction": {"starts": 9999}}, "started 9,999 times", ["--starts", 9999]),
+    ],
+)  # fmt: skip
+def test_a_record_that_asks_for_too_much_is_refused_at_once(
+    body: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+    made: str, change: dict[str, Any], words: str, enough: list[Any],
+) -> None:  # fmt: skip
+    """The refusal says what to type; typed, it is computed (which is not waited for here)."""
+    from tailstack_service.reports.audit import auditing
+
+    def update(data: dict[str, Any], new: dict[str, Any]) -> None:
+        for key, value in new.items():
+            if isinstance(value, dict):
+                update(data[key], value)
+            else:
+                data[key] = value
+
+    design = load_design(DESIGN)
+    honest = {
+        "report": lambda: body,
+        "comparison": lambda: to_json(compute_comparison(design, design, ReportOptions(trials=TRIALS))),
+        "verification": lambda: to_json(verify(design, trials=500)),
+        "sweep": swept,
+        "optimisation": optimised,
+    }[made]()
+    (tmp_path / "forged.json").write_bytes(changed(honest, lambda data: update(data, change)))
+    (tmp_path / "design.json").write_text(json.dumps(DESIGN), encoding="utf-8")
+    given = [str(tmp_path / "design.json")] if made in ("verification", "sweep") else []
+    monkeypatch.setattr(auditing, "again", lambda *_, **__: pytest.fail("computed"))
+    command = ["report", "--verify", str(tmp_path / "forged.json"), *given]
+    assert main(command) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert words in said
+    assert f"add {enough[0]} {enough[1]}, or --fast" in said
+    asked = []
+    monkeypatch.setattr(auditing, "again", lambda *_, **__: asked.append(1))
+    assert main([*command, enough[0], str(enough[1] - 1)]) == 2
+    assert not asked
+    assert main([*command, enough[0], str(enough[1])]) == 0
+    assert main([*command, "--fast"]) == 0
+    assert len(asked) == 2
+
+
+def test_units_of_requirements_are_counted_as_trials() -> None:
+    """closed form: 2 requirements of 2048 units with 512 shots each, and 500 trials."""
+    made = per_unit()
+    for most, refused in ((2 * 2048 * 512 + 499, True), (2 * 2048 * 512 + 500, False)):
+        try:
+            assert audit(made, "x", most=Effort(trials=most)).verdict == "verified"
+            assert not refused
+        except TailstackError as error:
+            assert refused, error
+            assert "2,097,652 trials" in str(error)
+
+
+def test_a_sweep_whose_axes_make_other_points_is_no_sweep() -> None:
+    forged = changed(swept(), lambda data: data["axes"][0].update(values=[0.1 * k for k in range(1, 100_000)]))
+    with pytest.raises(TailstackError, match="its axes make 99,999 points, the record holds 2"):
+        audit(forged, "x", load_design(DESIGN))
 
 
 @pytest.mark.parametrize("kind", ["score", "verification", "sweep"])

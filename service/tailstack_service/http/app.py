@@ -68,6 +68,7 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
         short=Lane("short", settings.short_workers, settings.max_waiting),
         reports=Lane("report", REPORT_WORKERS, settings.max_waiting),
         warmth="warming up" if warm_up else "ready",
+        settled=not warm_up,
     )
     app.state.service = service
     app.router.routes.extend(map(_routed, ROUTES))
@@ -127,20 +128,28 @@ def _warm(service: Service) -> None:
     from tailstack.design import load_design
     from tailstack.scoring import score
 
-    from .example import EXAMPLE_DESIGN
+    from .example import EXAMPLE_DESIGN, variants
 
     try:
         design = load_design(EXAMPLE_DESIGN)
         score(design)
         _keep_for_good()
         service.warmth = "ready"
-        if not service.stopping.wait(SETTLED_SECONDS):
-            from tailstack.optimisation import influence
+        if service.stopping.wait(SETTLED_SECONDS):
+            return
+        # what is asked for less often; nobody has to wait for it to be ready
+        for variant in map(load_design, variants()):
+            if service.stopping.is_set():
+                return
+            score(variant)
+        service.settled = True
+        from tailstack.optimisation import influence
 
-            influence(design)  # what the first optimisation would load; nobody has to wait for it to be ready
+        influence(design)
     except Exception:
         log.exception("", extra={"action": "warm-up-failed"})
-        service.warmth = "failed"
+        if service.warmth != "ready":
+            service.warmth = "failed"
 
 
 def _keep_for_good() -> None:

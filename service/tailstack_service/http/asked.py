@@ -17,6 +17,8 @@ from ..settings import Settings
 from .bodies import content_kind, design_of, loaded, parse_json, read_body
 from .options import Options, options_of
 
+QUICK_BYTES = 50_000  # of JSON; 500 fiducials take some 5 ms to be checked
+
 O = TypeVar("O", bound=Options)  # noqa: E741
 
 
@@ -27,10 +29,16 @@ class Asked(Generic[O]):
     source: dict[str, Any] | bytes  # the JSON body, or the YAML text of a design
     options: O
     prefix: str  # pointer to the design in what was sent
+    length: int  # bytes of the body
 
     @property
     def bare_design(self) -> bool:
         return isinstance(self.source, bytes)
+
+    @property
+    def quick_to_read(self) -> bool:
+        """Whether :meth:`design` takes milliseconds: YAML is read twenty times more slowly than JSON."""
+        return self.length <= QUICK_BYTES and not self.bare_design
 
     def design(self, settings: Settings) -> Design:
         """The checked design.  Raises Placed, RequestError, MalformedError."""
@@ -52,8 +60,8 @@ async def read_asked(request: Request, kind: type[O]) -> Asked[O]:
     if form == "json":
         refuse_query(request, (), "options go into the body, beside the design")
         data = parse_json(body, settings)
-        return Asked(data, options_of(kind, data), "/design")
-    return Asked(body, _query_options(kind, request), "")
+        return Asked(data, options_of(kind, data), "/design", len(body))
+    return Asked(body, _query_options(kind, request), "", len(body))
 
 
 def refuse_query(request: Request, known: tuple[str, ...], hint: str = "") -> None:

@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import prod
 from typing import Any
 
 from tailstack.design import Design, check_design
-from tailstack.errors import LimitError, Problem
+from tailstack.errors import LimitError, Problem, TailstackError
 
 from ..settings import Settings, variable
 from .asked import Asked
-from .operations import placed
+from .bodies import Placed
 from .options import OptimisationOptions, ReportOptions, SweepOptions, VerificationOptions, within
+
+
+def _placed(asked: Asked[Any], design: Design, check: Callable[[Design], object]) -> None:
+    """Check the design, every refusal placed in what was sent.  Raises Placed."""
+    try:
+        check(design)
+    except TailstackError as error:
+        raise Placed(error, asked.prefix) from None
 
 
 def check_verification(asked: Asked[VerificationOptions], design: Design, settings: Settings) -> None:
     """Geometry that determines an answer, trials within the limit.  Raises Placed, LimitError."""
     within(asked.options.trials, "max_trials", settings, "/trials")
-    placed(asked, design, check_design)
+    _placed(asked, design, check_design)
 
 
 def check_optimisation(asked: Asked[OptimisationOptions], design: Design, settings: Settings) -> None:
@@ -31,9 +40,9 @@ def _check_freedom(asked: Asked[Any], design: Design, settings: Settings, starts
 
     wanted = design.document.optimise
     if starts_of_design and wanted is not None:
-        placed(asked, design, lambda _: within(wanted.starts, "max_starts", settings, "/optimise/starts"))
-    placed(asked, design, check_design)
-    placed(asked, design, influence)
+        _placed(asked, design, lambda _: within(wanted.starts, "max_starts", settings, "/optimise/starts"))
+    _placed(asked, design, check_design)
+    _placed(asked, design, influence)
 
 
 def check_report(asked: Asked[ReportOptions], design: Design, settings: Settings) -> None:
@@ -42,7 +51,7 @@ def check_report(asked: Asked[ReportOptions], design: Design, settings: Settings
     if "optimisation" in asked.options.parts:
         _check_freedom(asked, design, settings, True)
     else:
-        placed(asked, design, check_design)
+        _placed(asked, design, check_design)
 
 
 def check_sweep(asked: Asked[SweepOptions], design: Design, settings: Settings) -> None:
@@ -66,7 +75,7 @@ def check_sweep(asked: Asked[SweepOptions], design: Design, settings: Settings) 
             )
         )
     read_axes(design, sweep_options(asked.options, design)["axes"])
-    placed(asked, design, check_design)
+    _placed(asked, design, check_design)
 
 
 def sweep_options(options: SweepOptions, design: Design) -> dict[str, Any]:

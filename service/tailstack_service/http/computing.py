@@ -1,8 +1,11 @@
-"""Where what is answered at once is computed: a bounded number of threads, with a way to stop what waits.
+"""Where what is answered at once is computed: one after the other, a bounded number of them, with a way to stop each.
 
 Whatever takes longer is a job and runs elsewhere.  Most of a score holds the GIL: two at a time take a quarter more
-CPU than one after the other.  So a computation has its lane for itself; the other threads are for those behind a long
-one.
+CPU than one after the other.  So a computation has its lane for itself, until it turns out to be a long one.
+
+One that comes in steps begins on the event loop: handing it to a thread costs as much as a third of a score, and more
+with every connection that wakes the loop meanwhile.  The loop looks at its connections between two computations, and
+what is not done within HERE_SECONDS goes on in a thread from the step it has reached.
 """
 
 from __future__ import annotations
@@ -10,7 +13,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
@@ -21,7 +24,9 @@ from tailstack.errors import LimitError, Problem
 from ..problems import TransportError
 
 T = TypeVar("T")
+Steps = Generator[None, None, T]  # a computation that can rest between two steps, and be taken up by another thread
 POLL_SECONDS = 0.5  # how soon a client that went away is noticed
+HERE_SECONDS = 0.01  # of the event loop for one computation: others wait for no more than this and one step
 TURN_SECONDS = 0.02  # after which a computation is a long one: several times what most take
 
 
@@ -40,8 +45,9 @@ class Watch:
         self.late = False
 
     def begin(self) -> None:
-        """The clock starts when computing starts, not while waiting for a place."""
-        self.deadline = time.monotonic() + self.seconds
+        """The clock starts when computing starts, not while waiting for a place, and once."""
+        if self.deadline is None:
+            self.deadline = time.monotonic() + self.seconds
 
     def __call__(self, *_progress: Any, **_details: Any) -> None:
         if self.stopping.is_set() or self.unwanted.is_set():
@@ -82,43 +88,60 @@ class Lane:
         self._pool = ThreadPoolExecutor(max_workers=workers, thread_name_prefix=f"tailstack-{name}")
 
     async def run(self, request: Request, watch: Watch, compute: Callable[[], T]) -> T:
-        """Compute in the lane.
+        """Compute in a thread of the lane.
 
         Raises TransportError (busy, stopping), Stopped if the client left, and what ``compute`` raises.
         """
+        return await self.run_steps(request, watch, _in_one(compute), here_seconds=0.0)
+
+    async def run_steps(self, request: Request, watch: Watch, steps: Steps[T], here_seconds: float = HERE_SECONDS) -> T:
+        """Compute on the event loop, and in a thread what is left after ``here_seconds``.  Raises as :meth:`run`."""
         if watch.stopping.is_set():
             raise stopping_error()
         if self.taken >= self.places:
-            raise TransportError(
-                "busy",
-                Problem(
-                    "",
-                    "busy",
-                    f"{self.places} {self.name} computations are running or waiting, the limit",
-                    "send the request again in a few seconds, or start the service with a higher TAILSTACK_MAX_WAITING",
-                ),
-                {"Retry-After": "2"},
-            )
-
-        def timed() -> T:
-            watch.begin()
-            watch()
-            return compute()
-
+            raise self._busy()
         self.taken += 1
         try:
             await self._turn.acquire()
         except asyncio.CancelledError:
             self.taken -= 1
             raise
-        future = asyncio.wrap_future(self._pool.submit(timed))
         turn = _Turn(self._turn)
+        try:
+            if here_seconds > 0:
+                await asyncio.sleep(0)  # connections are looked at between any two computations
+                watch.begin()
+                until = time.monotonic() + here_seconds
+                while time.monotonic() < until:
+                    watch()
+                    next(steps)
+        except StopIteration as done:
+            self._left(turn)
+            return done.value  # type: ignore[no-any-return]
+        except Stopped:
+            self._left(turn)
+            raise stopping_error() from None
+        except BaseException:
+            self._left(turn)
+            raise
+        return await self._in_thread(request, watch, steps, turn)
+
+    async def _in_thread(self, request: Request, watch: Watch, steps: Steps[T], turn: _Turn) -> T:
+        def rest() -> T:
+            watch.begin()
+            try:
+                while True:
+                    watch()
+                    next(steps)
+            except StopIteration as done:
+                return done.value  # type: ignore[no-any-return]
+
+        future = asyncio.wrap_future(self._pool.submit(rest))
         late = asyncio.get_running_loop().call_later(TURN_SECONDS, turn.over)
 
         def left(_future: asyncio.Future[T]) -> None:
             late.cancel()
-            turn.over()
-            self.taken -= 1
+            self._left(turn)
 
         future.add_done_callback(left)
         try:
@@ -134,9 +157,31 @@ class Lane:
             watch.unwanted.set()
             raise
 
+    def _left(self, turn: _Turn) -> None:
+        turn.over()
+        self.taken -= 1
+
+    def _busy(self) -> TransportError:
+        return TransportError(
+            "busy",
+            Problem(
+                "",
+                "busy",
+                f"{self.places} {self.name} computations are running or waiting, the limit",
+                "send the request again in a few seconds, or start the service with a higher TAILSTACK_MAX_WAITING",
+            ),
+            {"Retry-After": "2"},
+        )
+
     def close(self) -> None:
         """Wait for what runs (its watch has told it to stop) and drop what waits."""
         self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _in_one(compute: Callable[[], T]) -> Steps[T]:
+    """A computation as its only step."""
+    yield from ()
+    return compute()
 
 
 def stopping_error() -> TransportError:

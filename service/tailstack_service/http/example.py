@@ -1,4 +1,4 @@
-"""The design in the examples of the OpenAPI document; it also warms the service up."""
+"""The design in the examples of the OpenAPI document; it and its variants also warm the service up."""
 
 from __future__ import annotations
 
@@ -49,3 +49,23 @@ EXAMPLE_DESIGN: dict[str, Any] = {
         "rotation_bounds": {"min_deg": 0.01, "max_deg": 0.5},
     },
 }
+
+
+def variants() -> tuple[dict[str, Any], ...]:
+    """Designs that need, together with the example, every kernel a score can need."""
+    mounts = EXAMPLE_DESIGN["interfaces"]
+    seats = {name: {**mount, "tolerances": _as(mount["tolerances"], "bounded")} for name, mount in mounts.items()}
+    connector = mounts["structure_connector"]
+    plain: dict[str, Any] = {**EXAMPLE_DESIGN, "fiducials": {"points": _POINTS}}
+    gaussian = {"structure_connector": {**connector, "tolerances": _as(connector["tolerances"], "normal")}}
+    sharp = {"structure_connector": {**connector, "tolerances": {"rx": _rotation(0.1)}}}
+    silent = [{**view, "fiducial_noise_px": 0.0, "target_noise_px": 0.0} for view in EXAMPLE_DESIGN["views"]]
+    return (
+        {**EXAMPLE_DESIGN, "interfaces": seats},
+        {**plain, "interfaces": gaussian},
+        {**plain, "interfaces": sharp, "views": silent},
+    )
+
+
+def _as(tolerances: dict[str, Any], law: str) -> dict[str, Any]:
+    return {axis: {**tolerance, "distribution": law} for axis, tolerance in tolerances.items()}

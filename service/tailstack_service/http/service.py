@@ -29,6 +29,7 @@ class Service:
     short: Lane  # scores, validations, conversions, checks of what becomes a job
     reports: Lane  # renderings
     warmth: Warmth  # of the kernels
+    settled: bool  # every kernel that a score can need has run: none will be compiled in front of a client
     streams: int = 0  # event streams and waits that are open; touched by the event loop only
 
     def seat(self) -> bool:

@@ -26,7 +26,7 @@ RIGID = 1e-4  # largest entry of R'R - I that rounding in a document may leave; 
 
 def frozen(values: Any) -> Array:
     """A read-only float array."""
-    array = np.array(values, dtype=float)
+    array = np.array(values, dtype=float, order="C")  # one layout: another would have kernels compiled again
     array.setflags(write=False)
     return array
 

@@ -84,8 +84,11 @@ class _Seen:
 
 def _look(system: System) -> list[_Seen]:
     points = np.concatenate([imaged_fiducials(system), [target.position_mm for target in system.targets]])
-    nothing = (float("nan"), float("nan"))
-    return [_Seen(view, *sight(view.projection, points, *(view.image_size_px or nothing))) for view in system.views]
+    seen = []
+    for view in system.views:
+        width, height = view.image_size_px or (float("nan"), float("nan"))
+        seen.append(_Seen(view, *sight(view.projection, points, float(width), float(height))))
+    return seen
 
 
 def _check_view(system: System, seen: _Seen) -> ViewCheck:

@@ -365,7 +365,7 @@ def _without(
             blocks[g] = block
         removed[g, list(indices)] = True
     how, r, density, error = quantiles_without(
-        p, law.mean, law.covariance, h, blocks, removed[:, source], total.quantile_mm, *_tolerances(p, False)
+        p, law.mean, law.covariance, h, blocks, removed.take(source, axis=1), total.quantile_mm, *_tolerances(p, False)
     )
     found = []
     for g, group in enumerate(groups):

@@ -59,6 +59,8 @@ _PILOT = 32
 # thousands of units know their own to 1e-3.
 _SAMPLED = 1e-4
 _WINDOW = 50  # ranks within 1/50 of all units are averaged
+_ALIKE = np.zeros((0, 1), np.float32)  # coordinates of units that are all alike
+_ALIKE.setflags(write=False)  # as those of a sample are: kernels are compiled for one or the other
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +157,7 @@ def _sample(installation: LinearLaw, root: Array, shot: LinearLaw, p: float, log
     if shot.mean.any():
         raise ValueError(f"the shot's mean belongs to the installation; it must be 0 here, got {shot.mean.tolist()}")
     h, _ = lattice_columns(installation)
-    z, u, blocks = np.zeros((0, 1), np.float32), np.zeros((0, 1), np.float32), 1
+    z, u, blocks = _ALIKE, _ALIKE, 1
     if root.shape[1] or h.shape[0]:
         z, u = sobol_rows(root.shape[1], h.shape[0], log2_units, 1)
         blocks = RANDOMISATIONS
