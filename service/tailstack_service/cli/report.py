@@ -26,6 +26,7 @@ HELP = "tolerance-budget report: HTML, PDF, spreadsheet, JSON"
 FORMATS = ("html", "pdf", "xlsx", "json")
 PARTS = ("score", "verification", "optimisation")
 OF_A_DESIGN = ("parts", "trials", "precision", "max_trials", "seed", "starts")
+BOUNDS = ("max_trials", "starts")  # with --verify: the most that is computed again
 MOST_BYTES = 200_000_000  # of a file that is verified
 
 
@@ -52,7 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--verify", action="store_true",
         help="RESULT is a report or result in any format: compute its hash, pages and numbers again and compare; of a "
-        "result without its design give the design as well",
+        "result without its design give the design as well; --max-trials and --starts then bound what is computed "
+        "(default 100000000 and 256)",
     )  # fmt: skip
     parser.add_argument("--fast", action="store_true", help="with --verify: without Monte Carlo and optimiser")
 
@@ -187,10 +189,13 @@ def _held_design(result: ReadResult, file: str) -> Design:
 
 def _verified(arguments: argparse.Namespace) -> Answer:
     """Exit code 0 when everything is the same, 1 when something differs, 3 when it could not be compared."""
-    from ..reports.audit import audit
+    from ..reports.audit import Effort, audit
     from ..reports.audit.findings import audit_text
 
-    _no_options(arguments, ("format", "output", *OF_A_DESIGN), "a report is verified as it is", "leave it out")
+    refused = ("format", "output", *(name for name in OF_A_DESIGN if name not in BOUNDS))
+    _no_options(arguments, refused, "a report is verified as it is", "leave it out")
+    usual = Effort()
+    most = Effort(arguments.max_trials or usual.trials, arguments.starts or usual.starts)
     name, *rest = arguments.sources
     if name == "-":
         content, file = sys.stdin.buffer.read(MOST_BYTES + 1), "<stdin>"
@@ -198,7 +203,7 @@ def _verified(arguments: argparse.Namespace) -> Answer:
         content, file = _bytes_of(Path(name)), name
     design = _design(sys.stdin.buffer.read() if rest[0] == "-" else Path(rest[0])) if rest else None
     with Progress("verify") as progress:
-        found = audit(content, file, design, fast=arguments.fast, progress=progress.report)
+        found = audit(content, file, design, fast=arguments.fast, most=most, progress=progress.report)
     code = {"verified": PASS, "differs": FAIL, "not verified": NOT_EVALUATED}[found.verdict]
     return Answer(audit_text(found), code)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .auditing import audit
+from .effort import Effort
 from .findings import Audit
 
-__all__ = ["Audit", "audit"]
+__all__ = ["Audit", "Effort", "audit"]

@@ -12,6 +12,7 @@ from tailstack.runs import Progress
 from ...documents import plain
 from ..reading import ReadResult
 from .comparing import CLOSE, Value, values
+from .effort import Effort, check_effort
 from .findings import DIFFERENT, SAME, Audit, Question
 from .holding import held
 from .pages import pages_question
@@ -21,15 +22,19 @@ MOST = 8  # differing numbers that are told
 
 
 def audit(
-    content: bytes, file: str, given: Design | None = None, *, fast: bool = False, progress: Progress | None = None
-) -> Audit:
+    content: bytes, file: str, given: Design | None = None, *, fast: bool = False, most: Effort | None = None,
+    progress: Progress | None = None,
+) -> Audit:  # fmt: skip
     """Everything that can be compared of a report or result.
 
     given: the design of a record that does not hold its own.  fast: Monte Carlo and optimiser are not run again.
-    Raises RequestError for what cannot be read or lacks its design, TailstackError where computing fails.
+    most: what computing again may take; default ``Effort()``.  Raises RequestError for what cannot be read or lacks
+    its design, LimitError for what asks for more than that, TailstackError where computing fails.
     """
     found = held(content, file)
     result = found.result
+    if not fast:
+        check_effort(result.kind, result.record, _held_designs(result, given), most or Effort())
     questions = [_hash_question(result)]
     questions += [_design_question(*entry) for entry in _designs(result)]
     written_by = _provenance(result).tailstack_version
@@ -43,6 +48,14 @@ def audit(
             questions.append(Question("taken on trust", "trusted", f"{anew.trusted} (--fast)"))
     title = getattr(result.record, "title", None) or getattr(_provenance(result), "design_name", result.kind)
     return Audit(file, str(title), result.record.schema, written_by, tuple(questions))
+
+
+def _held_designs(result: ReadResult, given: Design | None) -> tuple[Design, ...]:
+    """The designs that numbers are computed of, so far as they are there."""
+    record = result.record
+    data = [record.first.design, record.second.design] if result.kind == "comparison" else []
+    data += [record.design] if result.kind == "report" else []
+    return tuple(load_design(each, allow_files=False) for each in data) + (() if given is None else (given,))
 
 
 def _provenance(result: ReadResult) -> Any:
