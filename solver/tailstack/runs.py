@@ -130,6 +130,7 @@ class Sampling:
     sequential: bool = False  # only until every requirement and question is decided, not to a precision
     questions: tuple[Question, ...] = ()  # to be decided besides the requirements; not asked where trials are given
     cvar: tuple[CvarQuestion, ...] = ()
+    at_least: int = 0  # trials before which a check that draws to a precision does not stop
 
     def __post_init__(self) -> None:
         if self.trials is not None and self.precision is not None:
@@ -264,7 +265,9 @@ def _run_adaptive(
 
 
 def _decided(ready: Prepared, vertex: Vertex, sampling: Sampling, samples: Samples, level: float) -> bool:
-    """No pooled requirement and no question of this run is still open."""
+    """No pooled requirement and no question of this run is still open, and as many are drawn as were asked for."""
+    if samples.trials < sampling.at_least:
+        return False
     for asked in _questions(ready, vertex, sampling):
         found = quantile_estimate(samples, asked.target, asked.error, asked.quantile, level)
         if decide(found.interval_mm, asked.limit_mm) == "inconclusive":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import io
 import json
+import re
 from typing import Any
 
 import numpy as np
@@ -12,18 +13,19 @@ import openpyxl
 import pytest
 from jsonschema import Draft202012Validator
 from scipy.stats import norm
-from service_scenes import check_problem, client_with, coplanar_design, limited
+from service_scenes import check_problem, client_with, coplanar_design, limited, small_design
 from work_driver import run_job
 
 from tailstack import load_design, verify
 from tailstack_service.documents import json_schema, to_json
 from tailstack_service.problems import RequestError
 from tailstack_service.reports import render
-from tailstack_service.reports.assembling import ReportOptions
+from tailstack_service.reports.assembling import ReportOptions, compute_report
 from tailstack_service.reports.changes import MOST, changes_of
 from tailstack_service.reports.comparing import compute_comparison
 from tailstack_service.reports.paired import FEWEST, paired_difference
 from tailstack_service.reports.records import Comparison
+from tailstack_service.reports.rendering import document_of
 
 TRIALS = 20_000
 
@@ -95,12 +97,98 @@ def test_the_difference_is_that_of_the_two_checks(found: Comparison) -> None:
     (difference,) = found.differences
     assert [report.verification for report in (found.first, found.second)] == checks
     p95 = [check.targets[0].p95_mm for check in checks]
-    assert [difference.first_p95_mm, difference.second_p95_mm] == pytest.approx(p95, rel=2e-3)
+    assert [difference.first_p95_mm, difference.second_p95_mm] == p95
     assert difference.interval_mm is not None
     assert difference.interval_mm[0] < difference.difference_mm < difference.interval_mm[1] < 0
     assert difference.conclusion == "smaller"
     assert f"{abs(difference.difference_mm):.3f} mm" in found.headline.sentence
     assert found.headline.status == found.second.headline.status
+
+
+@pytest.fixture(scope="module")
+def uneven() -> tuple[list[dict[str, Any]], Comparison]:
+    """Two designs whose checks stop after different numbers of trials: the second is so near to its limit that a look
+    more is taken to decide it."""
+    pair = [limited(0.9), {**quieter(), "requirements": [{"name": "tip-accuracy", "limit_mm": 0.644}]}]
+    designs = [load_design(data) for data in pair]
+    alone = [verify(design, precision=0.02, seed=3).trials for design in designs]
+    assert alone[0] < alone[1], alone
+    made = compute_comparison(designs[0], designs[1], ReportOptions(precision=0.02, seed=3))
+    assert [report.verification.trials for report in (made.first, made.second) if report.verification] == [alone[1]] * 2
+    return pair, made
+
+
+def test_a_design_has_one_p95_though_its_check_alone_would_stop_sooner(
+    uneven: tuple[list[dict[str, Any]], Comparison],
+) -> None:
+    pair, made = uneven
+    assert made.first.verification is not None
+    (difference,) = made.differences
+    shown = (difference.first_p95_mm, difference.second_p95_mm)
+    assert shown == (made.first.headline.value_mm, made.second.headline.value_mm)
+    assert difference.difference_mm == shown[1] - shown[0]
+    fixed = verify(load_design(pair[0]), trials=made.first.verification.trials, seed=3)
+    assert shown[0] == fixed.targets[0].p95_mm, "the same trials, asked for by their number"
+    assert made.first.verification.precision_requested == 0.02
+    page = document_of("comparison", to_json(made))
+    for number, value in zip(page.numbers, shown, strict=False):
+        assert number.value == f"{value:.3f} mm"
+    for figure, value in zip(page.figures, shown, strict=True):
+        assert f"P95 {value:.3f} mm" in figure.svg
+
+
+def test_a_job_draws_on_as_the_comparison_here_does(uneven: tuple[list[dict[str, Any]], Comparison]) -> None:
+    pair, made = uneven
+    request = {
+        "first": pair[0], "second": pair[1], "parts": ["score", "verification"], "trials": None, "precision": 0.02,
+        "seed": 3,
+    }  # fmt: skip
+    outcome, _ = run_job("comparison", request, shuffle=4)
+    assert outcome.answer == to_json(made)
+
+
+def test_both_scales_have_the_same_axis(uneven: tuple[list[dict[str, Any]], Comparison]) -> None:
+    """Designs that are far apart: each picture by itself would end somewhere else."""
+    far = compute_comparison(load_design(limited(0.9)), load_design(limited(3.0)), ReportOptions(trials=500))
+    for made in (uneven[1], far):
+        axes = []
+        for figure in document_of("comparison", to_json(made)).figures:
+            ticks = re.findall(r'<text x="([\d.]+)" y="112(?:\.0+)?"[^>]*>([\d.]+)</text>', figure.svg)
+            assert len(ticks) > 4
+            axes.append(ticks)
+        assert axes[0] == axes[1]
+
+
+def test_of_long_checks_the_interval_is_that_of_the_first_trials(monkeypatch: pytest.MonkeyPatch) -> None:
+    from tailstack_service.reports import comparing
+
+    pair = [load_design(data) for data in (limited(0.9), quieter())]
+    whole = compute_comparison(pair[0], pair[1], ReportOptions(trials=TRIALS, seed=3))
+    monkeypatch.setattr(comparing, "MOST_COMPARED", 4096)
+    made = compute_comparison(pair[0], pair[1], ReportOptions(trials=TRIALS, seed=3))
+    (all_of_them,), (part,) = whole.differences, made.differences
+    assert (part.first_p95_mm, part.difference_mm) == (all_of_them.first_p95_mm, all_of_them.difference_mm)
+    assert part.interval_mm is not None
+    assert all_of_them.interval_mm is not None
+    assert sum(part.interval_mm) / 2 == pytest.approx(part.difference_mm, abs=1e-12)
+    assert part.interval_mm[1] - part.interval_mm[0] > all_of_them.interval_mm[1] - all_of_them.interval_mm[0]
+    assert made.compared_trials == 4096
+    text = render("comparison", to_json(made), "html")[0].decode()
+    assert f"{TRIALS:,} trials each" in text
+    assert f"P95 is that of all {TRIALS:,}; the first 4,096, whose interval is wider" in text
+
+
+def test_no_two_regions_of_a_page_have_one_name(found: Comparison) -> None:
+    """What a screen reader lists: also of a report with an optimisation, which has layout and check."""
+    design = small_design()
+    design["optimise"] |= {"starts": 1, "seed": 5}
+    parts = ("score", "verification", "optimisation")
+    report = compute_report(load_design(design), ReportOptions(parts=parts, trials=500))
+    for kind, record in (("comparison", found), ("report", report), ("optimisation", report.optimisation)):
+        page = render(kind, to_json(record), "html")[0].decode().partition('id="tailstack-record"')[0]
+        names = re.findall(r'role="region" aria-label="([^"]*)"', page)
+        assert len(names) > 5
+        assert sorted(set(names)) == sorted(names), kind
 
 
 def test_a_design_against_itself_differs_by_nothing() -> None:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from tailstack.design import Design, compile_design, load_design
 from tailstack.errors import Problem
 from tailstack.results import Verification
-from tailstack.runs import Progress, prepare
+from tailstack.runs import Prepared, Progress, Sampling, prepare
+from tailstack.verifying import verify_prepared
 
 from ..problems import RequestError
-from .assembling import ReportOptions, compute_report, drawing_options, drawn_norms
+from .assembling import ReportOptions, assemble, drawing_options, drawn_norms
 from .changes import changes_of
 from .headline import contributor_name, decisive_check, verdict_sentence
 from .paired import FEWEST, SECTIONS, paired_difference
@@ -21,6 +23,7 @@ MOST_TARGETS = 24  # largest P95 first: a region may have hundreds
 CONFIDENCE = 0.95
 SAME = 1e-12  # mm: what differs by less is the same
 PARTS = ("score", "verification")
+Pair = tuple[Verification, Verification]
 
 
 def compute_comparison(
@@ -29,8 +32,36 @@ def compute_comparison(
     """Both designs reported with the same options, and their differences.  Raises TailstackError."""
     check_parts(options)
     _shared([[target.name for target in compile_design(design).targets] for design in (first, second)])
-    reports = [compute_report(design, options, progress=progress) for design in (first, second)]
+    ready = (prepare(first), prepare(second))
+    checks: tuple[Verification | None, Verification | None] = (None, None)
+    if "verification" in options.parts:
+
+        def drawn(how: Sampling) -> Pair:
+            return verify_prepared(ready[0], how, progress=progress), verify_prepared(ready[1], how, progress=progress)
+
+        checks = drawn_alike(ready, options, drawn)
+    reports = [assemble(design, options, check, None) for design, check in zip((first, second), checks, strict=True)]
     return compare(reports[0], reports[1], options)
+
+
+def drawn_alike(ready: tuple[Prepared, Prepared], options: ReportOptions, draw: Callable[[Sampling], Pair]) -> Pair:
+    """The checks of both designs, with the same trials: where one stops sooner it is drawn on, so that the P95 of each
+    is one number, and the difference that of the two.
+
+    ``draw`` checks both; checks that are asked for again have the same trials and more.
+    """
+    at_least = 0
+    while True:
+        sampling = Sampling(
+            options.trials, options.precision, options.seed, "plain", options.max_trials, at_least=at_least
+        )
+        pair = draw(sampling)
+        most = max(check.trials for check in pair)
+        # bounded components may be drawn at several vertices, and a check tells only the most trials of all of them
+        single = all(len(one.plans) == 1 for one in ready)
+        if most == at_least or options.trials is not None or (single and pair[0].trials == pair[1].trials):
+            return pair
+        at_least = most
 
 
 def check_parts(options: ReportOptions) -> None:
@@ -42,7 +73,11 @@ def check_parts(options: ReportOptions) -> None:
 
 
 def compare(first: Report, second: Report, options: ReportOptions) -> Comparison:
-    """The comparison of two reports that were computed with these options; trials are drawn again and paired."""
+    """The comparison of two reports that were computed with these options; trials are drawn again and paired.
+
+    P95 and its difference are those of the checks.  The interval is that of the first MOST_COMPARED trials where the
+    checks drew more: wider than theirs would be.
+    """
     named = [{target.name for target in report.score.targets} for report in (first, second)]
     worst = sorted(second.score.targets, key=lambda target: target.p95_mm, reverse=True)
     shared = _shared([sorted(named[0]), [target.name for target in worst]])[:MOST_TARGETS]
@@ -105,15 +140,21 @@ def _drawn(first: Report, second: Report, names: list[str], seed: int, count: in
     for name in names:
         a, b = (drawn_norms(one, name, seed, count) for one in ready)
         paired = paired_difference(a, b, 0.95, CONFIDENCE)
-        low, high = paired.interval
+        was, now = (_checked_p95(report, name) for report in (first, second))
+        low, high = (now - was + (end - paired.difference) for end in paired.interval)
         conclusion = "smaller" if high < -SAME else "larger" if low > SAME else "not decided"
         found.append(
             Difference(
-                name, "Monte Carlo", paired.first, paired.second, paired.difference, paired.interval, CONFIDENCE,
+                name, "Monte Carlo", was, now, now - was, (low, high), CONFIDENCE,
                 conclusion,  # type: ignore[arg-type]
             )
         )  # fmt: skip
     return tuple(found)
+
+
+def _checked_p95(report: Report, name: str) -> float:
+    assert report.verification is not None
+    return next(target.p95_mm for target in report.verification.targets if target.name == name)
 
 
 def _headline(first: Report, second: Report, differences: tuple[Difference, ...]) -> ComparisonHeadline:

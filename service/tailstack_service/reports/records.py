@@ -117,7 +117,7 @@ class Difference:
 
     target: str
     basis: Literal["first order", "Monte Carlo"]
-    first_p95_mm: float  # of the trials that are compared; first order where nothing was drawn
+    first_p95_mm: float  # of the check, whose trials both designs share; first order where nothing was drawn
     second_p95_mm: float
     difference_mm: float
     interval_mm: tuple[float, float] | None  # null: first order
@@ -154,8 +154,8 @@ class Comparison:
     title: str
     headline: ComparisonHeadline
     differences: tuple[Difference, ...]  # largest P95 of the second first
-    compared_trials: int | None  # of each design, the same random numbers
-    sections: int | None  # that the interval comes from
+    compared_trials: int | None  # of each design, the same random numbers: what the interval comes from
+    sections: int | None  # that they are cut into
     only_first: tuple[str, ...]  # targets that the other design does not have
     only_second: tuple[str, ...]
     changes: tuple[Change, ...]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import TailstackError
 
@@ -13,30 +14,76 @@ from .kinds import KINDS, Done, More, Step
 from .requests import Refused, canonical, design_of
 from .task import UnitResult
 
+if TYPE_CHECKING:
+    from tailstack.results import Verification
+    from tailstack.runs import Prepared, Sampling
+
 SIDES = ("first", "second")
 
 
 def advance(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
     """More units for the checks that are not finished, or the comparison."""
     from ..reports.assembling import assemble, options_of
-    from ..reports.comparing import check_parts, compare
+    from ..reports.comparing import check_parts, compare, drawn_alike
 
     try:
         options = options_of(request)
         check_parts(options)
     except RequestError as error:
         raise Refused(error) from None
-    found: dict[str, Any] = {}
+    checks: tuple[Verification | None, Verification | None] = (None, None)
+    if "verification" in options.parts:
+        ready = (_ready(request, "first"), _ready(request, "second"))
+        try:
+            checks = drawn_alike(ready, options, partial(_drawn, request, results))
+        except _NotYet as missing:
+            return missing.step
+    reports = []
+    for side, check in zip(SIDES, checks, strict=True):
+        try:
+            reports.append(assemble(design_of({"design": request[side]}), options, check, None))
+        except TailstackError as error:
+            raise Refused(error, f"/{side}") from None
+    try:
+        return Done(to_json(compare(reports[0], reports[1], options)))
+    except RequestError as error:
+        raise Refused(error, "/second") from None
+
+
+def _ready(request: dict[str, Any], side: str) -> Prepared:
+    from .verification import prepared
+
+    try:
+        return prepared(canonical(request[side]))
+    except TailstackError as error:
+        raise Refused(error, f"/{side}") from None
+
+
+class _NotYet(Exception):
+    """Parts of the checks are not recorded."""
+
+    def __init__(self, step: More) -> None:
+        super().__init__(step.note)
+        self.step = step
+
+
+def _drawn(
+    request: dict[str, Any], results: tuple[UnitResult, ...], sampling: Sampling
+) -> tuple[Verification, Verification]:
+    """Both checks from what is recorded.  Raises _NotYet with the parts that both need, Refused."""
+    from .verification import advanced
+
+    found: list[Verification] = []
     specs: list[bytes] = []
     remaining, notes = 0, []
-    for side in SIDES if "verification" in options.parts else ():
+    for side in SIDES:
         own = tuple(
             UnitResult(result.index, canonical(json.loads(result.spec)["spec"]), result.result)
             for result in results
             if json.loads(result.spec)["of"] == side
         )
         try:
-            step = KINDS["verification"].advance(_check_request(request, side), own)
+            step = advanced(request[side], sampling, own)
         except TailstackError as error:
             raise Refused(error, f"/{side}") from None
         if isinstance(step, More):
@@ -44,19 +91,10 @@ def advance(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
             remaining += step.remaining
             notes.append(f"{side}: {step.note}")
         else:
-            found[side] = read_record("verification", step.answer)
+            found.append(read_record("verification", step.answer))
     if specs:
-        return More(tuple(specs), remaining, "; ".join(notes))
-    reports = []
-    for side in SIDES:
-        try:
-            reports.append(assemble(design_of({"design": request[side]}), options, found.get(side), None))
-        except TailstackError as error:
-            raise Refused(error, f"/{side}") from None
-    try:
-        return Done(to_json(compare(reports[0], reports[1], options)))
-    except RequestError as error:
-        raise Refused(error, "/second") from None
+        raise _NotYet(More(tuple(specs), remaining, "; ".join(notes)))
+    return found[0], found[1]
 
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:

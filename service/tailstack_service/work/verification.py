@@ -58,7 +58,7 @@ def advanced(design: dict[str, Any], sampling: Sampling, results: Iterable[UnitR
     held = {unit.spec: unit.result for unit in results}
     source = Recorded(held)
     try:
-        answer = verify_prepared(_prepared(canonical(design)), sampling, threads=1, source=source)
+        answer = verify_prepared(prepared(canonical(design)), sampling, threads=1, source=source)
     except Pending as pending:
         specs = tuple(dict.fromkeys(pending.wanted))
         return More(specs, pending.remaining, f"Monte Carlo: {len(held)} parts sampled, {len(specs)} more to come")
@@ -92,17 +92,18 @@ def sampling_of(request: dict[str, Any]) -> Sampling:
 
 
 def _ready(request: dict[str, Any]) -> Prepared:
-    return _prepared(canonical(request["design"]))
+    return prepared(canonical(request["design"]))
 
 
 @lru_cache(maxsize=4)
-def _prepared(design: bytes) -> Prepared:
+def prepared(design: bytes) -> Prepared:
+    """The linear model of a design in canonical JSON; the last few are kept.  Raises DesignError, IllPosedError."""
     return prepare(loaded_design(design))
 
 
 @lru_cache(maxsize=8)
 def _plan(design: bytes, vertex: tuple[float, ...], shots_per_unit: int) -> ChainPlan:
-    return compile_plan(_prepared(design).system, vertex=np.array(vertex), shots_per_unit=shots_per_unit)
+    return compile_plan(prepared(design).system, vertex=np.array(vertex), shots_per_unit=shots_per_unit)
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ from ..records import Comparison, Difference, Report
 from .layout import layout_blocks, loaded
 from .optimisation import design_listing
 from .report import method_chapter, tolerance_curves_of
-from .score import headline_figure
+from .score import headline_figure, headline_reach
 from .tables import checks_table, findings_table, not_included
 
 TOLD = ("First", "Second")
@@ -88,10 +88,11 @@ def _signed(value: float) -> str:
 
 
 def _scales(found: Comparison) -> Iterator[Figure]:
-    """Each design's quantile and limit on a scale."""
+    """Each design's quantile and limit, on scales that are alike."""
+    reach = max(headline_reach(report.headline, report.score) for report in (found.first, found.second))
     for which, report in zip(TOLD, (found.first, found.second), strict=True):
         name = f"headline-{which.lower()}"
-        figure = headline_figure(report.headline, report.score, name)
+        figure = headline_figure(report.headline, report.score, name, reach)
         yield Figure(name, figure.svg, f"{which} design. {figure.caption}")
 
 
@@ -107,8 +108,8 @@ def _difference_blocks(found: Comparison) -> tuple[Block, ...]:
     note = "P95 of the TCP error, second minus first: negative is better."
     if found.compared_trials is not None:
         note += (
-            f" Both designs were drawn with the same random numbers, {found.compared_trials:,} trials each; every "
-            "interval holds by itself, they are not corrected for being several."
+            f" Both designs were drawn with the same random numbers, {_trials(found):,} trials each; every interval "
+            "holds by itself, they are not corrected for being several."
         )
     blocks: list[Block] = [
         Table(
@@ -274,7 +275,7 @@ def _method(found: Comparison) -> tuple[Block, ...]:
     paired = "Nothing was drawn: differences are to first order and have no interval."
     if found.compared_trials is not None:
         paired = (
-            f"Trial k of both designs has the same random numbers. The {found.compared_trials:,} trials are cut into "
+            f"Trial k of both designs has the same random numbers. {_compared(found)} are cut into "
             f"{found.sections} sections; the spread of the sections' differences about the difference of all gives the "
             "interval (Student's t). That holds however the two samples depend on each other; designs with other "
             "numbers of fiducials or shots share less, and their interval is wider."
@@ -284,8 +285,20 @@ def _method(found: Comparison) -> tuple[Block, ...]:
     blocks: list[Block] = [Bullets((paired,))]
     for which, report in zip(TOLD, (found.first, found.second), strict=True):
         blocks.append(Paragraph(f"{which} design:"))
-        blocks += method_chapter(report, f"-{which.lower()}")
+        blocks += method_chapter(report, f"-{which.lower()}", f"{which} design. ")
     return tuple(blocks)
+
+
+def _trials(found: Comparison) -> int:
+    """Of each design's check."""
+    return found.compared_trials or 0 if found.second.verification is None else found.second.verification.trials
+
+
+def _compared(found: Comparison) -> str:
+    count, drawn = found.compared_trials or 0, _trials(found)
+    if drawn - count < (found.sections or 1):
+        return f"The {count:,} trials"
+    return f"P95 is that of all {drawn:,}; the first {count:,}, whose interval is wider than all would give,"
 
 
 def _reproduction(second: Report) -> tuple[Block, ...]:

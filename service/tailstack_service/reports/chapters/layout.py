@@ -15,23 +15,30 @@ Known = tuple[dict[str, object], Score]  # a design document and what was comput
 
 
 def layout_blocks(
-    now: Known, title: str, name: str = "layout", before: Known | None = None, called: str = "before"
+    now: Known,
+    title: str,
+    name: str = "layout",
+    before: Known | None = None,
+    called: str = "before",
+    of: str = "",
 ) -> tuple[Block, ...]:
     """Pictures of a layout, drawn over another one if that is given.
 
-    name: kebab-case, unique in the report.  called: what the other layout is called.
+    name: kebab-case, unique in the report.  called: what the other layout is called.  of: begins the captions, where
+    one document shows several layouts.
     """
     design, old = loaded(now[0]), None if before is None else (loaded(before[0]), before[1])
     scene = scene_of(design, now[1], title, old, called)
-    caption = "The layout in the connector frame con, mm: nominal positions"
+    caption = f"{of}The layout in the connector frame con, mm: nominal positions"
     if scene.magnification > 0:
         size = "to scale" if scene.magnification == 1 else f"{scene.magnification:g} times their size"
         caption += f"; ellipsoids of 95 % of a Gaussian error, about target plus bias, {size}"
     caption += "." if old is None else f". In grey: {called}."
     images = images_svg(design, f"{title}: what each view sees", f"{name}-images", None if old is None else old[0])
+    seen = f"{of}What each view sees: as the structure sits with its known bias, no noise."
     return (
         Figure(name, scene_svg(scene, name), caption, scene_json(scene)),
-        Figure(f"{name}-images", images, "What each view sees: as the structure sits with its known bias, no noise."),
+        Figure(f"{name}-images", images, seen),
     )
 
 

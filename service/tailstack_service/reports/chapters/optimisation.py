@@ -96,7 +96,8 @@ def optimised_layout(found: Optimisation) -> tuple[Block, ...]:
     now, before = scored(found.design), scored(found.design_before)
     if now is None:
         return ()
-    return layout_blocks(now, f"{found.provenance.design_name}: the new layout", "layout-optimised", before)
+    title = f"{found.provenance.design_name}: the new layout"
+    return layout_blocks(now, title, "layout-optimised", before, of="New design. ")
 
 
 def change_blocks(found: Optimisation) -> tuple[Block, ...]:

@@ -49,7 +49,7 @@ def report_document(report: Report, sha256: str) -> Document:
         numbers = "; ".join(f"{n.label} {n.value} ({n.detail})" for n in optimisation_numbers(found)[:2])
         blocks = (Paragraph(f"{optimised_sentence(found)} {numbers}."), *optimised_layout(found), *change_blocks(found))
         sections.append(Section("The optimised design", blocks, page=True))
-        check = estimates_table(found.certificate.verification)
+        check = estimates_table(found.certificate.verification, " of the new design")
         sections.append(Section("Certificate of the optimum", (check, *certificate_blocks(found)), reader="auditor"))
     sections += [
         Section("Method and assumptions", method_chapter(report), reader="auditor"),
@@ -130,8 +130,11 @@ def judged_blocks(report: Report) -> tuple[Block, ...]:
     return tuple(blocks) or error_blocks(report.score)
 
 
-def method_chapter(report: Report, suffix: str = "") -> tuple[Block, ...]:
-    """First order, sampling, and how the sampled quantile settled."""
+def method_chapter(report: Report, suffix: str = "", of: str = "") -> tuple[Block, ...]:
+    """First order, sampling, and how the sampled quantile settled.
+
+    suffix, of: keep names of pictures and their captions apart in one document.
+    """
     blocks: list[Block] = [*method_blocks(report.score)]
     if report.verification is not None:
         blocks += sampling_blocks(report.verification)
@@ -140,7 +143,9 @@ def method_chapter(report: Report, suffix: str = "") -> tuple[Block, ...]:
             if shown.points:
                 name = f"convergence-{k + 1}{suffix}"
                 svg = convergence_svg(shown, limits.get(shown.target), name)
-                caption = f"Target {shown.target}: P95 of the first trials, each with the interval it has by itself."
+                caption = (
+                    f"{of}Target {shown.target}: P95 of the first trials, each with the interval it has by itself."
+                )
                 blocks.append(Figure(name, svg, caption))
     return tuple(blocks)
 

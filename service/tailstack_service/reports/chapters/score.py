@@ -71,16 +71,27 @@ def key_numbers(headline: Headline) -> tuple[KeyNumber, ...]:
     return tuple(numbers)
 
 
-def headline_figure(headline: Headline, score: Score, name: str = "headline") -> Figure:
-    """The quantile, its interval and the limit on one scale."""
-    found = next((target for target in score.targets if target.name == headline.target), None)
-    others = (("mean", found.mean_norm_mm), ("CVaR95", found.cvar95_mm)) if found is not None else ()
+def headline_figure(headline: Headline, score: Score, name: str = "headline", reach_mm: float = 0.0) -> Figure:
+    """The quantile, its interval and the limit on one scale, which goes to ``reach_mm`` at least."""
     svg = scale_svg(
-        headline.target, headline.value_mm, headline.interval_mm, headline.limit_mm, others, name,
-        f"P{100 * headline.quantile:g}",
+        headline.target, headline.value_mm, headline.interval_mm, headline.limit_mm, _others(headline, score), name,
+        f"P{100 * headline.quantile:g}", reach_mm,
     )  # fmt: skip
     caption = f"Norm of the error at target {headline.target}, {headline.basis}: the bar is the interval."
     return Figure(name, svg, caption)
+
+
+def headline_reach(headline: Headline, score: Score) -> float:
+    """The largest number on the scale of a headline, mm."""
+    high = headline.interval_mm[1] or 0.0
+    return max(
+        headline.value_mm, high, headline.limit_mm or 0.0, *(value for _, value in _others(headline, score)), 0.0
+    )
+
+
+def _others(headline: Headline, score: Score) -> tuple[tuple[str, float], ...]:
+    found = next((target for target in score.targets if target.name == headline.target), None)
+    return () if found is None else (("mean", found.mean_norm_mm), ("CVaR95", found.cvar95_mm))
 
 
 def error_blocks(score: Score) -> tuple[Block, ...]:

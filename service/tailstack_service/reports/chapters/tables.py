@@ -70,7 +70,7 @@ def _target_row(name: str, metric: TargetScore | MetricScore, depth: int = 0) ->
     )  # fmt: skip
 
 
-def estimates_table(check: Verification) -> Table:
+def estimates_table(check: Verification, of: str = "") -> Table:
     """Monte Carlo: the same with intervals, and first order over it."""
     rows = []
     for target in sorted(check.targets, key=lambda entry: entry.p95_mm, reverse=True):
@@ -79,7 +79,7 @@ def estimates_table(check: Verification) -> Table:
     confidence = f"{100 * check.targets[0].confidence:g} %" if check.targets else ""
     return Table(
         name="Monte Carlo",
-        caption=f"Monte Carlo on the full chain: the error at each target; intervals of {confidence} confidence",
+        caption=f"Monte Carlo on the full chain{of}: the error at each target; intervals of {confidence} confidence",
         columns=(
             Column("Target"), *_axes("Bias"), *_axes("Std"), Column("Mean |e|", "mm", "fixed"),
             Column("P95", "mm", "fixed", 4), Column("P95 from", "mm", "fixed", 4), Column("P95 to", "mm", "fixed", 4),

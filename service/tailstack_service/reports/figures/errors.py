@@ -82,10 +82,14 @@ def scale_svg(
     others: tuple[tuple[str, float], ...],
     name: str = "scale",
     quantile: str = "P95",
+    reach_mm: float = 0.0,
 ) -> str:
-    """The quantile with its interval on one scale with the limit; ``others`` are further numbers, in mm."""
+    """The quantile with its interval on one scale with the limit; ``others`` are further numbers, in mm.
+
+    reach_mm: the scale goes as far at least, so that two pictures can be laid beside one another.
+    """
     known = [p95_mm, interval_mm[1] or 0.0, limit_mm or 0.0, *(value for _, value in others)]
-    scale = Scale(0.0, 1.3 * max(*known, 1e-9), 22, RIGHT)
+    scale = Scale(0.0, 1.3 * max(*known, reach_mm, 1e-9), 22, RIGHT)
     y, bottom = 56.0, 96.0
     parts = scale.axis(bottom, "error at the tool, mm")
     if limit_mm is not None:
