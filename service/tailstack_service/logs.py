@@ -56,6 +56,8 @@ def log_to_stderr(form: str = "text", level: int = logging.INFO, stream: TextIO 
         logger = logging.getLogger(name)
         logger.handlers, logger.propagate = [handler], False
         logger.setLevel(level if name == "tailstack" else logging.WARNING)
+    # no line tells these, and a record would look each of them up
+    logging.logThreads = logging.logProcesses = logging.logMultiprocessing = False
 
 
 def _word(value: Any) -> str:

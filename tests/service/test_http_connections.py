@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import socket
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import cast
 
 import httpx
 import pytest
@@ -14,10 +16,11 @@ from jsonschema import Draft202012Validator
 from service_scenes import check_problem, client_with, read_answer
 
 from tailstack_service.documents import json_schema
-from tailstack_service.http.connections import GRACE_SECONDS
+from tailstack_service.http.connections import GRACE_SECONDS, Gathering
 from tailstack_service.settings import Settings
 
 HEAD = b"POST %b HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+ANSWER = b"HTTP/1.1 200 OK\r\ncontent-length: 4\r\n\r\n"
 QUICK = replace(Settings(), head_seconds=0.4, body_seconds=0.3, answer_seconds=0.5, max_body_bytes=50_000)
 
 
@@ -165,3 +168,46 @@ def test_a_long_body_is_read_off_so_that_its_refusal_arrives(client: httpx.Clien
     body = b" " * 5_000_000
     response = client.post("/v1/scores", content=body, headers={"Content-Type": "application/json"})
     check_problem(response, 413, "limit-exceeded")
+
+
+class Wire:
+    """Stands for a transport; keeps what was written, packet by packet."""
+
+    def __init__(self) -> None:
+        self.packets: list[bytes] = []
+        self.closed_after = -1
+
+    def write(self, data: bytes) -> None:
+        if data:
+            self.packets.append(data)
+
+    def close(self) -> None:
+        self.closed_after = len(self.packets)
+
+    def is_closing(self) -> bool:
+        return self.closed_after >= 0
+
+
+def test_the_head_of_an_answer_waits_for_its_body_but_not_for_long() -> None:
+    async def story() -> None:
+        wire = Wire()
+        gathering = Gathering(cast(asyncio.Transport, wire), asyncio.get_running_loop())
+        gathering.write(ANSWER)
+        gathering.write(b"body")
+        gathering.write(b"")
+        assert wire.packets == [ANSWER + b"body"]
+        gathering.write(ANSWER)
+        assert len(wire.packets) == 1
+        await asyncio.sleep(0)
+        assert wire.packets[1:] == [ANSWER]
+        gathering.write(b"event")
+        assert wire.packets[2:] == [b"event"]
+        gathering.write(ANSWER)
+        gathering.close()
+        assert wire.packets[3:] == [ANSWER]
+        assert wire.closed_after == 4
+        assert gathering.is_closing()
+        await asyncio.sleep(0)
+        assert len(wire.packets) == 4
+
+    asyncio.run(story())

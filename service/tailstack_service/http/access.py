@@ -11,6 +11,7 @@ import json
 import time
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -27,6 +28,7 @@ LOCAL_TENANT = "local"
 KEY_PREFIX = "tsk_"
 KEY_SECONDS = 5.0  # a revoked key works no longer than this
 KEYS_REMEMBERED = 10_000
+HOSTS_REMEMBERED = 64  # Host headers: a handful, unless a stranger makes them up
 CLOCK_SECONDS = 10  # by which the clock of who issues tokens may be off
 LONGEST_CREDENTIAL = 8_000
 LEAST_SECRET_BYTES = 32  # RFC 7518, 3.2: a key of HS256 has at least the size of the hash
@@ -52,7 +54,8 @@ class Access:
     def __init__(self, settings: Settings, find_key: FindKey) -> None:
         self.required = settings.auth == "required"
         self._find_key = find_key
-        self._hosts = frozenset(name.strip().lower() for name in settings.allowed_hosts.split(",") if name.strip())
+        hosts = frozenset(name.strip().lower() for name in settings.allowed_hosts.split(",") if name.strip())
+        self._is_ours = lru_cache(HOSTS_REMEMBERED)(partial(_is_one_of, hosts))
         self._tokens = check_settings(settings)
         self._known: dict[bytes, tuple[float, Caller]] = {}
 
@@ -73,13 +76,6 @@ class Access:
         if origin is not None and method not in SAFE_METHODS and not _same_place(origin, host or ""):
             detail = f"a page of {origin[:80]!r} may not change anything here"
             raise TransportError("forbidden", Problem("", "foreign-origin", detail, "call the service from a program"))
-
-    def _is_ours(self, host: str) -> bool:
-        try:
-            name = (urlsplit(f"//{host}").hostname or "").rstrip(".")
-        except ValueError:
-            return False
-        return is_loopback(name) or name in self._hosts
 
     async def admit(self, request: Request, scope: str) -> Caller:
         """The caller, who has the scope.  Raises TransportError 401 (who?) and 403 (not that)."""
@@ -126,6 +122,15 @@ class Access:
             self._known.clear()
         self._known[digest] = (now + KEY_SECONDS, caller)
         return caller
+
+
+def _is_one_of(hosts: frozenset[str], host: str) -> bool:
+    """Whether a Host header names this machine, or one of these."""
+    try:
+        name = (urlsplit(f"//{host}").hostname or "").rstrip(".")
+    except ValueError:
+        return False
+    return is_loopback(name) or name in hosts
 
 
 def _same_place(origin: str, host: str) -> bool:

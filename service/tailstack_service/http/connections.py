@@ -24,6 +24,37 @@ log = logging.getLogger("tailstack.service")
 GRACE_SECONDS = 2.0  # whoever reads the body refuses first, and says so better
 
 
+class Gathering:
+    """A transport that holds the head of an answer back until the body comes: one packet, one system call.
+
+    A head without a body, as of an event stream that has nothing to tell yet, leaves in the next turn of the loop.
+    """
+
+    def __init__(self, transport: asyncio.Transport, loop: asyncio.AbstractEventLoop) -> None:
+        self._transport, self._loop = transport, loop
+        self._head = b""
+
+    def write(self, data: bytes) -> None:
+        if self._head:
+            data, self._head = self._head + data, b""
+        elif data.startswith(b"HTTP/1.1 2"):
+            self._head = data
+            self._loop.call_soon(self._flush)
+            return
+        self._transport.write(data)
+
+    def _flush(self) -> None:
+        if self._head:
+            self.write(b"")
+
+    def close(self) -> None:
+        self._flush()
+        self._transport.close()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._transport, name)
+
+
 class Connection(H11Protocol):
     """One connection.  ``connections`` makes the class with the times of a service."""
 
@@ -38,7 +69,7 @@ class Connection(H11Protocol):
         self._stalled: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        super().connection_made(transport)
+        super().connection_made(Gathering(transport, self.loop))  # type: ignore[arg-type]
         self._await(h11.IDLE, self.head_seconds)
 
     def data_received(self, data: bytes) -> None:
