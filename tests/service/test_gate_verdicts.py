@@ -181,6 +181,29 @@ def test_distances_are_those_of_the_document() -> None:
     assert record.exit_code == 1
 
 
+@pytest.mark.parametrize(("over", "words"), [(0, None), (1, "1 more pair is closer"), (7, "7 more pairs are closer")])
+def test_pairs_that_are_not_told_are_counted(over: int, words: str | None) -> None:
+    """independent: all distances of the small design, sorted; the limit lies between the last that is too close and the
+    next."""
+    design = limited(2 * P95)
+    for k, point in enumerate(design["fiducials"]["points"]):  # no two distances alike
+        point["position_mm"] = [x + 0.31 * (k * k * i % 7) for i, x in enumerate(point["position_mm"], 1)]
+    points = [point["position_mm"] for point in design["fiducials"]["points"]]
+    distances = sorted(dist(a, b) for a, b in combinations(points, 2))
+    assert distances[10 + over] - distances[9 + over] > 1e-3
+    least = (distances[9 + over] + distances[10 + over]) / 2
+    record = gate(design, policy=policy({"fiducial-spacing": {"min_mm": least}}))
+    found = of_rule(record, "fiducial-spacing")
+    assert [finding.value for finding in found[:10]] == pytest.approx(distances[:10])
+    assert [finding.severity for finding in found] == ["error"] * 10 + ["note"] * (over > 0)
+    if words is not None:
+        assert found[10].message == f"{words} than {least:g} mm; told are the 10 closest"
+        assert (found[10].pointer, found[10].value) == ("/fiducials/points", None)
+    accepted = waiver(rule="fiducial-spacing", max_value=None, min_value=distances[0] - 1e-6)
+    waived = gate(design, policy=policy({"fiducial-spacing": {"min_mm": least}}), waivers=waivers(accepted))
+    assert waived.verdict == "pass", "what accepts the closest accepts them all"
+
+
 def test_margin_and_overlap_of_the_views() -> None:
     views = score(load_design(small_design())).views
     strict = {"visibility": {"min_margin_px": 1e4}, "overlap": {"min_px": 1e4}}

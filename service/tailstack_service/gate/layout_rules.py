@@ -27,7 +27,7 @@ def weaknesses(case: Case) -> list[Remark]:
 
 
 def close_fiducials(case: Case) -> list[Remark]:
-    """fiducial-spacing"""
+    """fiducial-spacing: the closest pairs, and how many more there are"""
     least = case.rules.fiducial_spacing.min_mm
     if least is None:
         return []
@@ -39,7 +39,7 @@ def close_fiducials(case: Case) -> list[Remark]:
         for first, here in placed[:k]
         if dist(here, there) < least
     ]
-    return [
+    told = [
         Remark(
             fiducial_pointer(case.design, index),
             f"{first} and {second} are {distance:.4g} mm apart, at least {least:g} mm are required",
@@ -48,6 +48,12 @@ def close_fiducials(case: Case) -> list[Remark]:
         )
         for distance, first, second, index in sorted(pairs)[:MOST_PAIRS]
     ]
+    if (more := len(pairs) - len(told)) > 0:
+        pointer = "/fiducials/points" if case.design.document.fiducials.points else "/fiducials/file"
+        words = f"{more} more pair{'s are' if more > 1 else ' is'} closer than {least:g} mm"
+        # no waiver has to cover it: what accepts the closest pairs accepts these
+        told.append(Remark(pointer, f"{words}; told are the {MOST_PAIRS} closest", note=True))
+    return told
 
 
 def narrow_margins(case: Case) -> list[Remark]:

@@ -137,7 +137,7 @@ Policy: severity. Waiver: min_value in the unit of the finding (mm, ratio or deg
         "mm",
         """\
 Two fiducials are closer than `min_mm`, centre to centre. Judged only if the policy sets it: how much wall a bead needs
-is a matter of manufacturing.
+is a matter of manufacturing. The ten closest pairs are findings of their own, a note says how many more there are.
 
 Policy: severity, min_mm. Waiver: min_value in mm.""",
         close_fiducials,
