@@ -5,13 +5,16 @@ from __future__ import annotations
 import csv
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
-from xml.etree import ElementTree
 
 import jsonschema
 import pytest
 from service_scenes import coplanar_design, small_design, write_json
+from test_report_figures import check_picture
 
+from tailstack.design import compile_design, load_design
+from tailstack.studies.linearity import study_linearity
 from tailstack_service.cli.main import main
 from tailstack_service.documents import from_plain, json_schema
 from tailstack_service.rendering.studies.linearity import linearity_csv, linearity_svg, linearity_text
@@ -55,7 +58,24 @@ def test_text_has_every_point_and_its_class(printed: dict) -> None:
     assert all(said in unwrapped for said in study.sentences)
     assert "refused: " in text
     for line in study.calibration:
+        assert f"  {line.points}  " in text
         assert f"{line.lowest_ratio:.3f} .. {line.highest_ratio:.3f}" in text
+
+
+def test_many_rotations_stand_below_one_another_on_a_page_of_100_columns(tmp_path: Path) -> None:
+    design = compile_design(load_design(write_json(tmp_path / "design.json", small_design())))
+    rotations = tuple(range(0, 27, 2))
+    study = study_linearity(
+        design, noises_px=(0.5,), rotations_deg=rotations, spreads=(1.0,), counts=(8,), trials=2**13
+    )
+    text = linearity_text(study)
+    assert max(map(len, text.splitlines())) <= 100
+    heads = [line.split()[4:] for line in text.splitlines() if line.startswith("8 fiducials,")]
+    assert [float(part) for head in heads for part in head if part != "deg"] == list(rotations)
+    shown = [line.split()[3:] for line in text.splitlines() if line.startswith("1    ")]
+    values = [float(part) for row in shown for part in row if part[-1:].isdigit()]
+    assert values == pytest.approx([100 * (point.ratio - 1) for point in study.points], abs=0.51)
+    assert not any(part in ("+0.0", "-0.0", "+0.00", "-0.00", "+0", "-0") for row in shown for part in row)
 
 
 def test_csv_has_a_line_for_each_point(printed: dict) -> None:
@@ -71,7 +91,9 @@ def test_csv_has_a_line_for_each_point(printed: dict) -> None:
 def test_the_map_shows_every_cell(printed: dict) -> None:
     study = from_plain("study-linearity", printed["study"])
     assert printed["figure"] == linearity_svg(study)
-    ElementTree.fromstring(printed["figure"])
+    check_picture(printed["figure"])
+    alone = replace(study, points=study.points[:1], noises_px=(0.3,), rotations_deg=(0.0,), spreads=(1.0,), counts=(8,))
+    check_picture(linearity_svg(alone))
     refused = sum(point.status == "refused" for point in study.points)
     assert printed["figure"].count(">refused<") == refused
     assert printed["figure"].count(" %<") + printed["figure"].count(" % ?<") >= len(study.points) - refused
@@ -83,6 +105,7 @@ def test_the_map_shows_every_cell(printed: dict) -> None:
         (["--noise", "0.3,wide"], 2, "expected numbers with commas"),
         (["--noise", "nan"], 2, "expected numbers with commas"),
         (["--noise", "0"], 2, "noise must lie between"),
+        (["--noise", "0"], 2, "--noise 0.3,1,3,10"),
         (["--count", "6.5"], 2, "expected whole numbers"),
         (["--count", "400"], 2, "count must lie between 6 and"),
         (["--trials", "10"], 2, "expected 8192 to"),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from .answer import NOT_EVALUATED, PASS, Answer
 from .design_input import add_design, coloured_output, read_design, whole
+from .grid_options import add_figure, add_form
 from .progress import Progress
 
 if TYPE_CHECKING:
@@ -26,12 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--set", dest="axes", action="append", required=True, type=_axis, metavar="PATH=VALUES",
         help="START:STOP:COUNT evenly spaced values, or V1,V2,... ; once for each axis, the last one runs fastest",
     )  # fmt: skip
-    form = parser.add_mutually_exclusive_group()
-    form.add_argument(
-        "--json", action="store_true", help="print the record as JSON (tailstack schema sweep); a refusal is then a "
-        "problem document on stderr",
-    )  # fmt: skip
-    form.add_argument("--csv", action="store_true", help="print one line of CSV for each point and target")
+    add_form(parser, "sweep", "point and target")
     parser.add_argument(
         "--check", choices=("score", "verification"), default="score", help="what is computed (default %(default)s)"
     )
@@ -39,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="seed of every verification (default 0)"
     )
-    parser.add_argument("--figure", metavar="FILE", help="draw P95 over one axis of several values, or two (.svg)")
+    add_figure(parser, "P95 over one axis of several values, or two")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--engine", choices=("pool", "dask"),

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
+from tailstack.sweep_results import Sweep, SweepAxis
 
-from tailstack.sweep_results import Sweep, SweepAxis, SweepPoint
-
+from .rows import csv_text, plain_text, reasons_text
 from .tables import coloured, fixed, shortened, table, wrapped
 from .verdict import heading, joined, provenance_text
 
@@ -20,7 +18,7 @@ def sweep_text(sweep: Sweep, *, colour: bool = False) -> str:
         heading(sweep.provenance, f"sweep of {len(sweep.points):,} points, {how}"),
         _axes_text(sweep.axes),
         _points_table(sweep, colour),
-        _refusals_text(sweep.points),
+        reasons_text([point.reason for point in sweep.points], MOST_REASONS, numbered=True),
         provenance_text(sweep.provenance),
     )
 
@@ -70,42 +68,21 @@ def _points_table(sweep: Sweep, colour: bool) -> str:
     return text
 
 
-def _refusals_text(points: tuple[SweepPoint, ...]) -> str:
-    """Each reason once, with the points it holds for."""
-    reasons: dict[str, list[int]] = {}
-    for place, point in enumerate(points):
-        if point.reason is not None:
-            reasons.setdefault(point.reason, []).append(place + 1)
-    lines = []
-    for reason, places in list(reasons.items())[:MOST_REASONS]:
-        which = ", ".join(map(str, places[:8])) + (", ..." if len(places) > 8 else "")
-        lines.append(
-            wrapped(f"point{'s' if len(places) > 1 else ''} {which}: {reason}", first="refused: ", indent="  ")
-        )
-    if len(reasons) > MOST_REASONS:
-        lines.append(f"refused: {len(reasons) - MOST_REASONS} more reasons (--json and --csv list them all)")
-    return "\n".join(lines)
-
-
 def sweep_csv(sweep: Sweep) -> str:
     """One line for each point and target; a refused point has one line without numbers."""
-    out = io.StringIO()
-    lines = csv.writer(out, lineterminator="\n")
-    lines.writerow([
+    rows: list[list[object]] = []
+    for place, point in enumerate(sweep.points):
+        head = [place + 1, *point.values, point.status, point.verdict]
+        if not point.targets:
+            rows.append([*head, *[None] * 7, point.reason])
+        for target in point.targets:
+            interval = target.p95_interval_mm or (None, None)
+            rows.append([
+                *head, plain_text(target.name), target.p95_mm, *interval, target.mean_norm_mm, target.bias_norm_mm,
+                target.localisation_p95_mm, None,
+            ])  # fmt: skip
+    header = (
         "point", *(axis.pointer for axis in sweep.axes), "status", "verdict", "target", "p95_mm", "p95_low_mm",
         "p95_high_mm", "mean_norm_mm", "bias_norm_mm", "localisation_p95_mm", "reason",
-    ])  # fmt: skip
-    for place, point in enumerate(sweep.points):
-        head = [place + 1, *point.values, point.status, point.verdict or ""]
-        if not point.targets:
-            lines.writerow([*head, *[""] * 7, point.reason or ""])
-        for target in point.targets:
-            low, high = target.p95_interval_mm or ("", "")
-            numbers = [target.p95_mm, low, high, target.mean_norm_mm, target.bias_norm_mm, target.localisation_p95_mm]
-            lines.writerow([*head, _cell(target.name), *numbers, ""])
-    return out.getvalue()
-
-
-def _cell(text: str) -> str:
-    """A name that a spreadsheet does not take for a formula."""
-    return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text
+    )  # fmt: skip
+    return csv_text(header, rows)

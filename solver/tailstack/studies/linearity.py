@@ -9,7 +9,7 @@ from ..cores import usable_cores
 from ..design import Design
 from ..errors import Problem
 from ..scoring import P95, checked_system, provenance, score
-from ..system import System
+from ..system import Law, System
 from ..verifying import NOT_IN_A_CHECK
 from .linearity_point import CONFIDENCE, FEWEST_FIDUCIALS, Error, examined, places
 from .linearity_records import LEAST_TRIALS, LEVELS, SECTIONS, Calibration, LinearityPoint, StudyLinearity
@@ -22,6 +22,7 @@ DEFAULT_TRIALS = 2**14
 MOST_POINTS = 5_000
 BEYOND = LEVELS[-1][1]
 NOT_VALID = "not valid"
+WORST = ", and bounded components stand where they are worst to first order"
 
 Progress = Callable[[int, int], None]
 
@@ -77,7 +78,7 @@ def study_linearity(
         trials=trials // SECTIONS * SECTIONS,
         confidence=CONFIDENCE,
         interval_method=f"both quantiles from the same deviates; Student's interval of the logarithms of {SECTIONS} "
-        "sections' ratios",
+        f"sections' ratios; {100 * CONFIDENCE:g} % each by itself, so about {round(100 * (1 - CONFIDENCE))} of 100 miss",
         noises_px=tuple(noises_px),
         rotations_deg=tuple(rotations_deg),
         spreads=tuple(spreads),
@@ -88,9 +89,17 @@ def study_linearity(
         varied="noise: of every image coordinate, in place of the design's; rotation: standard deviation of three "
         f"normal rotations of {system.interface_1.label or 'the structure on its connector'}, in place of its own; "
         "spread: factor on the layout about its centroid; fiducials: so many are kept, far apart. Everything else is "
-        "as designed.",
+        f"as designed{WORST if _any_bounded(system) else ''}. P95 is pooled over installations and shots.",
         provenance=provenance(system, NOT_IN_A_CHECK),
     )
+
+
+def _any_bounded(system: System) -> bool:
+    """Of what stays as designed; rotations of the first mount do not."""
+    first = system.interface_1.sources
+    laws = [law for law, direction in zip(first.laws, first.direction.T, strict=True) if direction[3:].any()]
+    kept = (system.interface_2.sources, system.hand_eye.sources, system.execution)
+    return Law.BOUNDED in [*laws, *(law for sources in kept for law in sources.laws)]
 
 
 def _refuse(
@@ -98,87 +107,109 @@ def _refuse(
     counts: Sequence[int], target: str | None, trials: int,
 ) -> None:  # fmt: skip
     problems = []
-    axes: tuple[tuple[str, Sequence[float], float, float], ...] = (
-        ("noise", noises, 1e-3, 100.0), ("rotation", rotations, 0.0, 30.0), ("spread", spreads, 1e-2, 10.0),
-        ("count", counts, FEWEST_FIDUCIALS, len(system.fiducials_mm)),
+    fiducials = len(system.fiducials_mm)
+    axes: tuple[tuple[str, Sequence[float], float, float, Sequence[float]], ...] = (
+        ("noise", noises, 1e-3, 100.0, NOISES_PX), ("rotation", rotations, 0.0, 30.0, ROTATIONS_DEG),
+        ("spread", spreads, 1e-2, 10.0, SPREADS),
+        ("count", counts, FEWEST_FIDUCIALS, fiducials, default_counts(fiducials)),
     )  # fmt: skip
-    for name, values, low, high in axes:
+    for name, values, low, high, usual in axes:
+        example = f"--{name} {','.join(f'{value:g}' for value in usual)}"
         for value in values:
             if not low <= value <= high:
-                detail = f"{name} must lie between {low:g} and {high:g} for this design; got {value:g}"
-                problems.append(Problem("", "out-of-range", detail))
+                design = " for this design" if name == "count" else ""
+                detail = f"{name} must lie between {low:g} and {high:g}{design}; got {value:g}"
+                problems.append(Problem("", "out-of-range", detail, example))
         if not values or len(set(values)) < len(values):
-            problems.append(Problem("", "axis", f"{name} takes at least one value, and each of them once"))
+            detail = f"{name} takes at least one value, and each of them once"
+            problems.append(Problem("", "axis", detail, example))
     size = len(noises) * len(rotations) * len(spreads) * len(counts)
     if size > MOST_POINTS:
-        problems.append(Problem("", "too-many", f"a map has at most {MOST_POINTS:,} points; these axes make {size:,}"))
+        detail = f"a map has at most {MOST_POINTS:,} points; these axes make {size:,}"
+        problems.append(Problem("", "too-many", detail, "give fewer values to an axis"))
     if trials < LEAST_TRIALS:
-        problems.append(Problem("", "trials", f"at least {LEAST_TRIALS} trials are needed for intervals; got {trials}"))
+        detail = f"at least {LEAST_TRIALS} trials are needed for intervals; got {trials}"
+        problems.append(Problem("", "trials", detail, f"--trials {DEFAULT_TRIALS}"))
     if target is not None and target not in [one.name for one in system.targets]:
         listed = ", ".join(one.name for one in system.targets[:20])
-        problems.append(Problem("", "unknown-target", f"no target is called {target!r}; there are {listed}"))
+        detail = f"no target is called {target!r}; there are {listed}"
+        problems.append(Problem("", "unknown-target", detail, f"--target {system.targets[0].name}"))
     if problems:
         raise StudyError(problems)
+
+
+def beyond(point: LinearityPoint, limit: float) -> bool | None:
+    """Whether first order is further than ``limit`` from Monte Carlo; None where the interval leaves it open."""
+    low, high = point.ratio_interval or (1.0, 1.0)
+    if 1 - limit <= low and high <= 1 + limit:
+        return False
+    return True if high < 1 - limit or low > 1 + limit else None
 
 
 def calibration(points: Sequence[LinearityPoint]) -> tuple[Calibration, ...]:
     """What the validity statement promised at these points, and what came of it."""
     lines = []
-    done = [point for point in points if point.ratio is not None and point.ratio_interval is not None]
+    done = [point for point in points if point.ratio is not None]
     for promise in ("good to 1 %", "good to 5 %", "good to 20 %", NOT_VALID):
-        chosen = [
-            (point, point.ratio or 0.0, point.ratio_interval or (0.0, 0.0))
-            for point in done
-            if point.promise == promise
-        ]
+        chosen = [point for point in done if point.promise == promise]
         if not chosen:
             continue
-        if promise == NOT_VALID:
-            kept = sum(abs(ratio - 1) > BEYOND for _, ratio, _ in chosen)
-            broken = 0
-        else:
-            limits = [(point.promised_percent or 0.0) / 100 for point, _, _ in chosen]
-            kept = sum(abs(ratio - 1) <= limit for (_, ratio, _), limit in zip(chosen, limits, strict=True))
-            broken = sum(
-                low > 1 + limit or high < 1 - limit for (_, _, (low, high)), limit in zip(chosen, limits, strict=True)
-            )
-        ratios = [ratio for _, ratio, _ in chosen]
-        lines.append(Calibration(promise, len(chosen), kept, broken, min(ratios), max(ratios)))
+        limits = [BEYOND if one.promised_percent is None else one.promised_percent / 100 for one in chosen]
+        found = [beyond(point, limit) for point, limit in zip(chosen, limits, strict=True)]
+        warned = promise == NOT_VALID
+        ratios = [point.ratio for point in chosen if point.ratio is not None]
+        kept, broken = found.count(warned), 0 if warned else found.count(True)
+        lines.append(Calibration(promise, len(chosen), kept, broken, found.count(None), min(ratios), max(ratios)))
     return tuple(lines)
 
 
+def _points(count: int) -> str:
+    return f"{count} point{'' if count == 1 else 's'}"
+
+
 def sentences(points: Sequence[LinearityPoint]) -> tuple[str, ...]:
-    """What the map says, in words."""
+    """What the map says, in words; nothing that an interval leaves open."""
     done = [point for point in points if point.ratio is not None]
     if not done:
         return ("No point could be evaluated.",)
     shares = []
     for name, limit in LEVELS:
-        count = sum(abs((point.ratio or 0.0) - 1) <= limit for point in done)
-        shares.append(f"{name} at {count}")
-    found = [f"Of {len(done)} points first order is within {', within '.join(shares)}."]
-    far = [point for point in done if point.ratio is not None and abs(point.ratio - 1) > LEVELS[1][1]]
-    hopeful = [point for point in far if point.errs == "optimistic"]
+        found = [beyond(point, limit) for point in done]
+        shares.append(f"within {name} at {found.count(False)} ({found.count(None)} open)")
+    said = [
+        f"Of {_points(len(done))} first order is, with the whole interval, {', '.join(shares)}. Open: the interval "
+        "reaches across the limit."
+    ]
+    name, limit = LEVELS[1]
+    far = [point for point in done if beyond(point, limit)]
     if far:
+        hopeful = sum(point.errs == "optimistic" for point in far)
         gentle = min(point.nu or 0.0 for point in far)
-        found.append(
-            f"Beyond 5 % it is optimistic at {len(hopeful)} points, pessimistic at "
-            f"{sum(point.errs == 'pessimistic' for point in far)}; the smallest nu among them is {gentle:.2g}."
+        said.append(
+            f"Surely beyond {name} it is optimistic at {_points(hopeful)}, pessimistic at {len(far) - hopeful}; the "
+            f"smallest nu among them is {gentle:.2g}."
         )
     else:
-        found.append("It is nowhere further than 5 % from Monte Carlo on this grid.")
-    corrected = [point for point in done if point.second_order_ratio is not None]
+        said.append(f"Nowhere on this grid is it surely further than {name} from Monte Carlo.")
+    corrected = [_nearer(point) for point in done if point.second_order_ratio is not None]
     if corrected:
-        nearer, farther = 0, 0
-        for point in corrected:
-            low, high = point.ratio_interval or (1.0, 1.0)
-            ours, theirs = point.ratio or 1.0, point.second_order_ratio or 1.0
-            if abs(theirs - ours) > (high - low) / 2:  # more than Monte Carlo leaves open
-                nearer += abs(theirs - 1) < abs(ours - 1)
-                farther += abs(theirs - 1) > abs(ours - 1)
-        found.append(
-            f"Second order is offered at {len(corrected)} points: nearer to Monte Carlo than first order at {nearer}, "
-            f"farther at {farther}, no different within the intervals at {len(corrected) - nearer - farther}. "
-            "Elsewhere it is refused."
+        said.append(
+            f"Second order is offered at {_points(len(corrected))}: nearer to Monte Carlo than first order at "
+            f"{corrected.count(True)}, farther at {corrected.count(False)}, open at {corrected.count(None)}. Elsewhere "
+            "it is refused."
         )
-    return tuple(found)
+    return tuple(said)
+
+
+def _nearer(point: LinearityPoint) -> bool | None:
+    """Whether second order is nearer to Monte Carlo than first order; None where the interval leaves it open.
+
+    Monte Carlo's P95 lies on the side of one of the two, seen from the middle between them, and they differ by more
+    than it is known to.
+    """
+    ratio, second = point.ratio or 1.0, point.second_order_ratio or 1.0
+    low, high = point.ratio_interval or (1.0, 1.0)
+    middle = (1 + second / ratio) / 2  # over first order
+    if low * middle <= 1 <= high * middle or abs(second - ratio) <= (high - low) / 2:
+        return None
+    return (low * middle > 1) == (second < ratio)

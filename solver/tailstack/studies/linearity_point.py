@@ -54,9 +54,14 @@ def far_apart(points: Array) -> NDArray[np.int64]:
 
 
 def _turning(mount: Mount, rotation_deg: float) -> Mount:
-    """The mount with its translations as they are and three independent normal rotations of this standard deviation."""
+    """The mount with its translations as they are and three independent normal rotations of this standard deviation.
+
+    A source that both turns and shifts, as a locator does, keeps its shift at the pivot.
+    """
     old = mount.sources
-    kept = [j for j in range(old.count) if not old.direction[:3, j].any()]
+    kept = [j for j in range(old.count) if old.direction[3:, j].any()]
+    shifts = old.direction[:, kept]
+    shifts[:3] = 0.0
     turns = 3 if rotation_deg > 0 else 0
     sources = Sources(
         names=("rx", "ry", "rz")[:turns] + tuple(old.names[j] for j in kept),
@@ -64,7 +69,7 @@ def _turning(mount: Mount, rotation_deg: float) -> Mount:
         half_width=np.concatenate([np.full(turns, radians(rotation_deg)), old.half_width[kept]]),
         coverage_factor=np.concatenate([np.ones(turns), old.coverage_factor[kept]]),
         units=("rad",) * turns + tuple(old.units[j] for j in kept),
-        direction=np.hstack([np.eye(6)[:, :turns], old.direction[:, kept]]),
+        direction=np.hstack([np.eye(6)[:, :turns], shifts]),
     )
     return replace(mount, sources=sources)
 

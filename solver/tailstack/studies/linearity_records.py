@@ -45,8 +45,9 @@ class Calibration:
 
     promise: str
     points: int
-    kept: int  # within what it promises, by the ratio; of "not valid": beyond 20 %
-    broken: int  # beyond what it promises with the whole interval; of "not valid": none
+    kept: int  # within what it promises, with the whole interval; of "not valid": beyond 20 %
+    broken: int  # beyond what it promises, with the whole interval; of "not valid": none
+    open: int  # the interval reaches across the limit
     lowest_ratio: float
     highest_ratio: float
 

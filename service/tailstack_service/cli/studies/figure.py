@@ -29,6 +29,8 @@ def writable_directory(name: str) -> Path:
 
     from ...problems import RequestError
 
+    if not name:
+        raise RequestError(Problem("", "file-unwritable", "no directory is named", "--figures ."))
     path = Path(name)
     if path.exists() and not path.is_dir():
         raise RequestError(Problem("", "file-unwritable", f"cannot write into {name}: it is not a directory"))

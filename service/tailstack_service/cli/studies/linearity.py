@@ -12,6 +12,7 @@ from tailstack.studies.linearity_records import LEAST_TRIALS
 
 from ..answer import NOT_EVALUATED, PASS, Answer
 from ..design_input import add_design, read_design, whole
+from ..grid_options import add_figure, add_form
 from ..progress import Progress
 
 HELP = "where first order holds: a map over noise, rotation, spread and count"
@@ -40,13 +41,8 @@ def add(parsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help="trials of each point (default %(default)s)",
     )  # fmt: skip
     parser.add_argument("--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="seed (default %(default)s)")
-    form = parser.add_mutually_exclusive_group()
-    form.add_argument(
-        "--json", action="store_true", help="print the record as JSON (tailstack schema study-linearity); a refusal is "
-        "then a problem document on stderr",
-    )  # fmt: skip
-    form.add_argument("--csv", action="store_true", help="print one line of CSV for each point")
-    parser.add_argument("--figure", metavar="FILE", help="draw the map (.svg)")
+    add_form(parser, "study-linearity", "point")
+    add_figure(parser, "the map")
     parser.add_argument("--threads", type=whole(1, 1024), metavar="N", help="threads; the answer does not depend on it")
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from ..answer import Answer
 from ..design_input import read_design, whole
+from ..grid_options import add_form
 from ..progress import Progress
 
 HELP = "the published tables, cell by cell, reproduced and corrected"
@@ -35,12 +36,7 @@ def add(parsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help="trials of each of our cells (default %(default)s)",
     )  # fmt: skip
     parser.add_argument("--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="seed (default %(default)s)")
-    form = parser.add_mutually_exclusive_group()
-    form.add_argument(
-        "--json", action="store_true", help="print the record as JSON (tailstack schema study-paper); a refusal is "
-        "then a problem document on stderr",
-    )  # fmt: skip
-    form.add_argument("--csv", action="store_true", help="print one line of CSV for each cell and geometry")
+    add_form(parser, "study-paper", "cell and geometry")
     parser.add_argument("--figures", metavar="DIR", help="draw sweeps, levels and S3 of every geometry (.svg)")
     parser.add_argument("--threads", type=whole(1, 1024), metavar="N", help="threads; the answer does not depend on it")
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
+from collections.abc import Sequence
 
 from tailstack.studies.linearity_records import LinearityPoint, StudyLinearity, Within
 
+from ..rows import csv_text, reasons_text
 from ..svg import FAINT, INK, MUTED, box, printable, text
 from ..tables import number, percent, shortened, table, wrapped
 from ..verdict import joined, provenance_text
@@ -14,11 +14,13 @@ from .page import page
 
 MARK: dict[Within, str] = {"1 %": " ", "5 %": "~", "20 %": "+", "beyond": "#"}
 MOST_REASONS = 8
+MOST_COLUMNS = 6  # rotations in a table
 # From pale to dark, so that a print in grey keeps the order; text on it stays readable.
 FILL: dict[Within, tuple[str, str]] = {
     "1 %": ("#e4f1e8", INK), "5 %": ("#f7e6a2", INK), "20 %": ("#eda35f", INK), "beyond": ("#a5301f", "#ffffff"),
 }  # fmt: skip
 CELL_WIDTH, CELL_HEIGHT, LEFT, TOP = 62, 26, 118, 78
+LEAST_WIDTH = 800  # of the key
 
 
 def linearity_text(study: StudyLinearity) -> str:
@@ -35,11 +37,11 @@ def linearity_text(study: StudyLinearity) -> str:
         wrapped(study.varied),
         "first order over Monte Carlo, less one, in %:   within 1 %   ~ within 5 %   + within 20 %   # beyond\n"
         f"? the {percent(study.confidence, 0)} % interval leaves the class open   - refused",
-        *(_count_table(study, count) for count in study.counts),
+        *(_count_tables(study, count) for count in study.counts),
         "\n".join(wrapped(said, first="* ", indent="  ") for said in study.sentences),
         _calibration_table(study),
         wrapped(f"intervals: {study.interval_method}."),
-        _refusals(study),
+        reasons_text([point.reason for point in study.points], MOST_REASONS, numbered=False),
         provenance_text(made),
     )
 
@@ -53,22 +55,29 @@ def _signed(point: LinearityPoint) -> str:
     if point.ratio is None or point.ratio_interval is None:
         return "-"
     half = 50 * (point.ratio_interval[1] - point.ratio_interval[0])
-    return f"{100 * (point.ratio - 1):+.{2 if half < 0.05 else 1 if half < 2 else 0}f}"
+    text = f"{100 * (point.ratio - 1):+.{2 if half < 0.05 else 1 if half < 2 else 0}f}"
+    return text if float(text) else text[1:]
 
 
-def _count_table(study: StudyLinearity, count: int) -> str:
+def _count_tables(study: StudyLinearity, count: int) -> str:
+    """As many tables below one another as the page's width takes."""
+    chunks = [study.rotations_deg[k : k + MOST_COLUMNS] for k in range(0, len(study.rotations_deg), MOST_COLUMNS)]
+    return "\n\n".join(_count_table(study, count, rotations) for rotations in chunks)
+
+
+def _count_table(study: StudyLinearity, count: int, rotations: Sequence[float]) -> str:
     points = _at(study)
     rows = []
     for spread in study.spreads:
         for noise in study.noises_px:
-            here = [points[noise, rotation, spread, count] for rotation in study.rotations_deg]
+            here = [points[noise, rotation, spread, count] for rotation in rotations]
             nu = next((point.nu for point in here if point.nu is not None), None)
             row = [f"{spread:g}", f"{noise:g}", number(nu, 2)]
             for point in here:
                 mark = " " if point.within is None else MARK[point.within]
                 row.append(f"{_signed(point)} {mark}{' ' if point.sure or point.within is None else '?'}")
             rows.append(row)
-    header = [f"{count} fiducials,\nspread", "noise\npx", "nu\n", *(f"{r:g} deg\n%  " for r in study.rotations_deg)]
+    header = [f"{count} fiducials,\nspread", "noise\npx", "nu\n", *(f"{r:g} deg\n%  " for r in rotations)]
     return table(header, rows)
 
 
@@ -76,39 +85,24 @@ def _calibration_table(study: StudyLinearity) -> str:
     rows = [
         [
             line.promise, str(line.points), str(line.kept), str(line.broken) if line.promise != "not valid" else "-",
-            f"{line.lowest_ratio:.3f} .. {line.highest_ratio:.3f}",
+            str(line.open), f"{line.lowest_ratio:.3f} .. {line.highest_ratio:.3f}",
         ]
         for line in study.calibration
     ]  # fmt: skip
-    header = ("validity statement", "points\n", "came\ntrue", "broken, interval\nand all", "ratio FO / MC\n")
+    header = (
+        "validity statement\n(counts: by the whole interval)", "points\n", "came\ntrue", "broken\n", "left\nopen",
+        "ratio FO / MC\n",
+    )  # fmt: skip
     return table(header, rows)
-
-
-def _refusals(study: StudyLinearity) -> str:
-    reasons: dict[str, int] = {}
-    for point in study.points:
-        if point.reason is not None:
-            reasons[point.reason] = reasons.get(point.reason, 0) + 1
-    lines = [
-        wrapped(f"{count} point{'s' if count > 1 else ''}: {reason}", first="refused: ", indent="  ")
-        for reason, count in list(reasons.items())[:MOST_REASONS]
-    ]
-    if len(reasons) > MOST_REASONS:
-        lines.append(f"refused: {len(reasons) - MOST_REASONS} more reasons (--json and --csv list them all)")
-    return "\n".join(lines)
 
 
 def linearity_csv(study: StudyLinearity) -> str:
     """One line for each point."""
-    out = io.StringIO()
-    lines = csv.writer(out, lineterminator="\n")
     names = [name for name in LinearityPoint.__dataclass_fields__ if name != "ratio_interval"]
-    lines.writerow([*names, "ratio_low", "ratio_high"])
-    for point in study.points:
-        values = [getattr(point, name) for name in names] + list(point.ratio_interval or (None, None))
-        lines.writerow(["" if value is None else str(value).lower() if value is True or value is False else value
-                        for value in values])  # fmt: skip
-    return out.getvalue()
+    rows = (
+        [*(getattr(point, name) for name in names), *(point.ratio_interval or (None, None))] for point in study.points
+    )
+    return csv_text([*names, "ratio_low", "ratio_high"], rows)
 
 
 # --- the map --------------------------------------------------------------------------------------
@@ -118,7 +112,7 @@ def linearity_svg(study: StudyLinearity) -> str:
     """Panels: spread from left to right, count from top to bottom; in each, noise upwards and rotation to the right."""
     across = CELL_WIDTH * len(study.rotations_deg) + 22
     down = CELL_HEIGHT * len(study.noises_px) + 44
-    width = max(LEFT + across * len(study.spreads) + 12, 640)
+    width = max(LEFT + across * len(study.spreads) + 12, LEAST_WIDTH)
     height = TOP + down * len(study.counts) + 62
     points = _at(study)
     parts = _key(TOP - 30)
