@@ -13,6 +13,7 @@ from numba import njit
 
 from ..system import Array
 from .elementary import sine_and_cosine
+from .series import sum_of_products
 
 
 @njit(cache=True, error_model="numpy")
@@ -65,22 +66,22 @@ def sines(scale: float, t: Array, s: Array, c: Array) -> None:
         s[i], c[i] = sine_and_cosine(scale * t[i])
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+@njit(cache=True, error_model="numpy")
 def _ball(r: float, t: Array, w: Array, s: Array, c: Array) -> tuple[float, float, float]:
-    """sum w B_r(t) / (4 pi) and its first two derivatives by r; s, c: sin and cos of r t."""
-    f0 = 0.0
-    f1 = 0.0
-    f2 = 0.0
+    """sum w B_r(t) / (4 pi) and its first two derivatives by r; s, c: sin and cos of r t, which are overwritten."""
+    terms = np.empty(t.size)
     for i in range(t.size):
         x = r * t[i]
         z = x * x
         near = x < 1e-2
-        ti = 1.0 if near else t[i]
-        v = w[i] / ti
-        f0 += w[i] * r * r * r * (1.0 / 3.0 - z / 30.0 + z * z / 840.0) if near else v * (s[i] - x * c[i]) / (ti * ti)
-        f1 += w[i] * r * r * (1.0 - z / 6.0 + z * z / 120.0) if near else v * r * s[i]
-        f2 += w[i] * r * (2.0 - 2.0 * z / 3.0) if near else v * (s[i] + x * c[i])
-    return f0, f1, f2
+        per = 1.0 / (1.0 if near else t[i])
+        sine = s[i]
+        turned = x * c[i]
+        ball = (sine - turned) * (per * per * per)
+        terms[i] = r * r * r * (1.0 / 3.0 - z / 30.0 + z * z / 840.0) if near else ball
+        s[i] = r * r * (1.0 - z / 6.0 + z * z / 120.0) if near else r * sine * per
+        c[i] = r * (2.0 - 2.0 * z / 3.0) if near else (sine + turned) * per
+    return sum_of_products(w, terms), sum_of_products(w, s), sum_of_products(w, c)
 
 
 @njit(cache=True, error_model="numpy")
@@ -126,19 +127,18 @@ def ball_sums(r: float, dimension: int, t: Array, w: Array) -> tuple[float, floa
     return scale * f0, scale * f1, scale * f2
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+@njit(cache=True, error_model="numpy")
 def _integral(r: float, t: Array, w: Array, s: Array, c: Array) -> float:
-    total = 0.0
+    """s is overwritten."""
+    r2 = r * r
     for i in range(t.size):
         x = r * t[i]
         z = x * x
         near = x < 0.05
         t2 = 1.0 if near else t[i] * t[i]
-        r2 = r * r
-        total += w[i] * (
-            r2 * r2 * (1.0 / 12.0 - z / 180.0 + z * z / 6720.0) if near else (2.0 * (1.0 - c[i]) - x * s[i]) / (t2 * t2)
-        )
-    return total
+        inner = r2 * r2 * (1.0 / 12.0 - z / 180.0 + z * z / 6720.0)
+        s[i] = inner if near else (2.0 * (1.0 - c[i]) - x * s[i]) / (t2 * t2)
+    return sum_of_products(w, s)
 
 
 @njit(cache=True, error_model="numpy")
