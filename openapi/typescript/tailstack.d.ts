@@ -4450,7 +4450,7 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description Problem: cpu-budget, queue-full. */
+        /** @description Problem: cpu-budget, too-many-streams, queue-full. */
         Problem429: {
             headers: {
                 "X-Request-ID": components["headers"]["RequestId"];
@@ -5261,6 +5261,7 @@ export interface operations {
             404: components["responses"]["Problem404"];
             421: components["responses"]["Problem421"];
             422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
             500: components["responses"]["Problem500"];
             503: components["responses"]["Problem503"];
         };

@@ -213,6 +213,13 @@ CATALOGUE: dict[str, ProblemType] = {
             "Send the request again after the time in Retry-After.",
         ),
         ProblemType(
+            "too-many-streams",
+            "Too many event streams of one tenant are open",
+            429,
+            "The operator gave each tenant a share of the places for event streams and waits, and all of it is taken.",
+            "Close a stream, or ask for the job's record instead; a place may be free after the time in Retry-After.",
+        ),
+        ProblemType(
             "not-finished",
             "The job has no result yet",
             409,

@@ -52,9 +52,14 @@ class Settings:
     max_seconds: float = _setting(60.0, "seconds of one computation that is answered at once", 0.1, 86_400)
     warm_up_seconds: float = _setting(5.0, "seconds that a request waits for the kernels to be compiled", 0, 600)
     max_wait_seconds: float = _setting(60.0, "seconds that `Prefer: wait` may ask for", 0, 600)
-    short_workers: int = _setting(2, "threads for scores, validations and the like that take long, per API process", 1, 256)
+    short_workers: int = _setting(
+        2, "threads for scores, validations and the like that take long, per API process", 1, 256
+    )
     max_waiting: int = _setting(64, "scores, validations and the like that may wait, per API process", 0, 100_000)
     max_streams: int = _setting(100, "event streams open at once, per API process", 1, 10_000)
+    max_tenant_streams: int = _setting(
+        25, "event streams of one tenant open at once, per API process, where callers are told apart", 1, 10_000
+    )
     api_processes: int = _setting(1, "API processes behind one port", 1, 64)
 
     # Jobs

@@ -20,13 +20,14 @@ from ..store import jobs as stored
 from ..store.events import Event, events_after
 from ..store.jobs import Job
 from .jobs import found, single
-from .service import Service, service_of
+from .service import Seat, Service, service_of
 
 EVENT_STREAM = "text/event-stream"
 AT_ONCE = 200  # rows read in one look
 LOOK_SECONDS, IDLE_SECONDS = 0.1, 0.5  # between looks: just after something happened, and after a while
 HEARTBEAT_SECONDS = 10.0  # shorter than the time after which proxies end a silent connection
 RETRY_MS = 1000
+SEAT_SECONDS = 5  # after which a place may be free
 
 
 async def get_events(request: Request) -> Response:
@@ -38,31 +39,37 @@ async def get_events(request: Request) -> Response:
     job = await found(request)
     if job.finished and job.last_event <= after:
         return Response(b"", 204)
-    if not service.seat():
-        limit = service.settings.max_streams
-        problem = Problem(
-            "", "busy", f"{limit} event streams are open, the limit",
-            f"ask for the job's record instead, or start the service with a higher {variable('max_streams')}",
-        )  # fmt: skip
-        raise TransportError("busy", problem, {"Retry-After": "5"})
+    if (seat := service.seat(job.tenant)) != "seated":
+        raise _refused(service, seat)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}  # nginx would hold events back
     # who has seen more than there is has seen what there is: the stream of a later event alone would never end
-    return _Seated(service, _stream(service, job, min(after, job.last_event)), headers)
+    return _Seated(service, job.tenant, _stream(service, job, min(after, job.last_event)), headers)
+
+
+def _refused(service: Service, seat: Seat) -> TransportError:
+    shared = seat == "share taken"
+    setting = "max_tenant_streams" if shared else "max_streams"
+    limit, whose = getattr(service.settings, setting), " of one tenant" if shared else ""
+    problem = Problem(
+        "", "too-many-streams" if shared else "busy", f"{limit} event streams and waits{whose} are open, the limit",
+        "close one, or ask for the job's record instead; the operator's setting is " + variable(setting),
+    )  # fmt: skip
+    return TransportError("too-many-streams" if shared else "busy", problem, {"Retry-After": str(SEAT_SECONDS)})
 
 
 class _Seated(StreamingResponse):
     """Gives its place back when it has ended, whichever way, even if it never began."""
 
-    def __init__(self, service: Service, content: AsyncIterator[bytes], headers: dict[str, str]) -> None:
+    def __init__(self, service: Service, tenant: str, content: AsyncIterator[bytes], headers: dict[str, str]) -> None:
         super().__init__(content, headers=headers, media_type=EVENT_STREAM)
         self.headers["content-type"] = EVENT_STREAM  # always UTF-8: the standard has no charset here
-        self.service = service
+        self.service, self.tenant = service, tenant
 
     async def __call__(self, scope, receive, send) -> None:  # type: ignore[no-untyped-def]
         try:
             await super().__call__(scope, receive, send)
         finally:
-            self.service.leave()
+            self.service.leave(self.tenant)
 
 
 def _last_seen(request: Request) -> int:

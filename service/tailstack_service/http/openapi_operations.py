@@ -291,7 +291,7 @@ def _get_job_events() -> dict[str, Any]:
             "200": _answer("The stream.", stream, Cache_Control="CacheControl", X_Accel_Buffering="Unbuffered"),
             "204": _answer("The job has ended and the client has seen everything: stop asking."),
         },
-        "problems": (404, 422, 503),
+        "problems": (404, 422, 429, 503),
     }
 
 

@@ -156,7 +156,7 @@ async def _awaited(request: Request, service: Service, job: Job, seconds: float)
 
     Waiting is a wish: it ends early when too many wait already, the service stops, or the caller has left.
     """
-    if not service.seat():
+    if service.seat(job.tenant) != "seated":
         return job
     try:
         deadline, look = time.monotonic() + seconds, FIRST_LOOK
@@ -169,4 +169,4 @@ async def _awaited(request: Request, service: Service, job: Job, seconds: float)
             job = seen or job
         return job
     finally:
-        service.leave()
+        service.leave(job.tenant)

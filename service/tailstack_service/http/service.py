@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 from typing import Literal
 
 from starlette.requests import Request
@@ -15,6 +16,7 @@ from .metrics import Metrics
 from .storage import Storage
 
 Warmth = Literal["warming up", "ready", "failed"]
+Seat = Literal["seated", "share taken", "all taken"]
 
 
 @dataclass(slots=True, eq=False)
@@ -30,18 +32,23 @@ class Service:
     reports: Lane  # renderings
     warmth: Warmth  # of the kernels
     settled: bool  # every kernel that a score can need has run: none will be compiled in front of a client
-    streams: int = 0  # event streams and waits that are open; touched by the event loop only
+    seated: Counter[str] = field(default_factory=Counter)  # streams and waits by tenant; the event loop's own
 
-    def seat(self) -> bool:
-        """Take one of the places for whoever stays connected; False when all are taken."""
-        if self.streams >= self.settings.max_streams:
-            return False
-        self.streams += 1
-        return True
+    def seat(self, tenant: str) -> Seat:
+        """Take one of the places for whoever stays connected, if there is one: the tenant's share may be used up, so
+        that no tenant keeps the others out, or all places."""
+        if self.access.required and self.seated[tenant] >= self.settings.max_tenant_streams:
+            return "share taken"
+        if self.seated.total() >= self.settings.max_streams:
+            return "all taken"
+        self.seated[tenant] += 1
+        return "seated"
 
-    def leave(self) -> None:
+    def leave(self, tenant: str) -> None:
         """Give the place back."""
-        self.streams -= 1
+        self.seated[tenant] -= 1
+        if not self.seated[tenant]:
+            del self.seated[tenant]
 
 
 def service_of(request: Request) -> Service:

@@ -1,0 +1,84 @@
+"""Places for whoever stays connected: a tenant has a share, so that nobody keeps the others out."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import jwt
+import pytest
+from service_scenes import check_problem, client_with, small_design
+
+from tailstack_service.settings import Settings
+
+SECRET = "a shared secret of at least 32 bytes"
+LONG = {"design": small_design(), "trials": 3000}
+
+
+def token(tenant: str) -> dict[str, str]:
+    claims = {"iss": "tests", "aud": "tailstack", "tenant": tenant, "scope": "read compute", "exp": time.time() + 600}
+    return {"Authorization": f"Bearer {jwt.encode(claims, SECRET, algorithm='HS256')}"}
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+    """A service without a worker: jobs stay queued, and streams open."""
+    secret: Path = tmp_path_factory.mktemp("keys") / "secret"
+    secret.write_text(SECRET, encoding="utf-8")
+    settings = Settings(
+        auth="required", jwt_key_file=str(secret), jwt_algorithm="HS256", jwt_issuer="tests", max_streams=5,
+        max_tenant_streams=2,
+    )  # fmt: skip
+    with client_with(settings) as client:
+        yield client
+
+
+@contextlib.contextmanager
+def streams(client: httpx.Client, path: str, count: int, headers: dict[str, str]) -> Iterator[None]:
+    with contextlib.ExitStack() as stack:
+        opened = [stack.enter_context(client.stream("GET", path, headers=headers)) for _ in range(count)]
+        lines = [stream.iter_lines() for stream in opened]  # kept: one that is dropped closes its stream
+        assert [next(each) for each in lines] == ["retry: 1000"] * count
+        yield
+
+
+def job_of(client: httpx.Client, headers: dict[str, str], seed: int) -> dict[str, Any]:
+    job: dict[str, Any] = client.post("/v1/verifications", json={**LONG, "seed": seed}, headers=headers).json()
+    return job
+
+
+def test_one_tenant_cannot_take_all_places(client: httpx.Client) -> None:
+    a, b, c = (token(name) for name in "abc")
+    jobs = {name: job_of(client, headers, 1) for name, headers in (("a", a), ("b", b), ("c", c))}
+    paths = {name: job["links"]["events"] for name, job in jobs.items()}
+    with streams(client, paths["a"], 2, a):
+        refused = client.get(paths["a"], headers=a)
+        document = check_problem(refused, 429, "too-many-streams")
+        assert document["errors"][0]["detail"] == "2 event streams and waits of one tenant are open, the limit"
+        assert "TAILSTACK_MAX_TENANT_STREAMS" in document["errors"][0]["hint"]
+        assert int(refused.headers["retry-after"]) > 0
+        begun = time.monotonic()
+        waited = client.post("/v1/verifications", json={**LONG, "seed": 2}, headers={**a, "Prefer": "wait=30"})
+        assert waited.status_code == 202, "a wait is a wish, and has the same places"
+        assert time.monotonic() - begun < 10
+        with streams(client, paths["b"], 2, b), streams(client, paths["c"], 1, c):
+            busy = check_problem(client.get(paths["c"], headers=c), 503, "busy")
+            assert busy["errors"][0]["detail"] == "5 event streams and waits are open, the limit"
+    client.post(jobs["a"]["links"]["cancel"], headers=a)
+    deadline = time.monotonic() + 20  # the service notices when it next has something to say
+    while (response := client.get(paths["a"], headers=a)).status_code != 200:
+        assert time.monotonic() < deadline, response.text
+        time.sleep(0.05)
+    assert '"state": "cancelled"' in response.text
+
+
+def test_who_is_alone_has_all_places() -> None:
+    """Without authentication there is one tenant."""
+    with client_with(Settings(max_streams=3, max_tenant_streams=1)) as client:
+        path = job_of(client, {}, 1)["links"]["events"]
+        with streams(client, path, 3, {}):
+            check_problem(client.get(path), 503, "busy")
