@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +89,51 @@ def test_a_service_that_stops_meanwhile_says_so(tmp_path: Path) -> None:
         check_problem(await asking, 503, "stopping")
 
     told(tmp_path, 60.0, story)
+
+
+def test_second_order_waits_for_its_own_kernels_and_nobody_else_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are compiled once, however many ask, and who waits is told so or answered."""
+    from tailstack_service.http import warmth
+
+    enough, begun = threading.Event(), []
+
+    def compiling(service: Service) -> None:
+        begun.append(1)
+        enough.wait(60.0)
+        service.second_order = "ready"
+
+    monkeypatch.setattr(warmth, "_warm_second_order", compiling)
+
+    async def story(client: httpx.AsyncClient, service: Service) -> None:
+        service.warmth, service.second_order = "ready", "not asked for"
+        asked = {**BODY, "second_order": True}
+        assert (await client.post("/v1/scores", json=BODY)).status_code == 200
+        assert begun == []
+        entry = check_problem(await client.post("/v1/scores", json=asked), 503, "warming-up")["errors"][0]
+        assert "but for those of second order" in entry["hint"]
+        assert (await client.post("/v1/scores", json=BODY)).status_code == 200
+        service.settings = replace(service.settings, warm_up_seconds=60.0)
+        asking = asyncio.create_task(client.post("/v1/scores", json=asked))
+        await asyncio.sleep(0.1)
+        assert not asking.done()
+        enough.set()
+        answer = await asking
+        assert answer.json()["targets"][0]["second_order"]["status"] == "applied"
+        assert begun == [1]
+
+    told(tmp_path, 0.3, story)
+
+
+def test_second_order_warms_up_by_itself(tmp_path: Path) -> None:
+    async def story(client: httpx.AsyncClient, service: Service) -> None:
+        service.warmth, service.second_order = "ready", "not asked for"
+        answer = await client.post("/v1/scores", json={**BODY, "second_order": True})
+        assert answer.json()["targets"][0]["second_order"]["status"] == "applied"
+        assert service.second_order == "ready"
+
+    told(tmp_path, 300.0, story)
 
 
 def test_what_needs_no_kernels_is_answered_at_once(tmp_path: Path) -> None:

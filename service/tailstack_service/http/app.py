@@ -68,6 +68,7 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
         short=Lane("short", settings.short_workers, settings.max_waiting),
         reports=Lane("report", REPORT_WORKERS, settings.max_waiting),
         warmth="warming up" if warm_up else "ready",
+        second_order="not asked for" if warm_up else "ready",
         settled=not warm_up,
     )
     app.state.service = service

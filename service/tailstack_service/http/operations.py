@@ -20,7 +20,7 @@ from .bodies import Placed
 from .computing import HERE_SECONDS, Steps, Watch
 from .options import Options, ScoreOptions, ValidationOptions
 from .service import service_of
-from .warmth import warmed
+from .warmth import second_order_warmed, warmed
 
 T = TypeVar("T")
 
@@ -76,6 +76,8 @@ def answering(operation: Operation) -> Callable[[Request], Awaitable[Response]]:
         service = service_of(request)
         if service.warmth == "warming up":
             await warmed(service)
+        if not operation.brief(asked.options) and service.second_order != "ready":
+            await second_order_warmed(service)
         here = service.settled and asked.quick_to_read and operation.brief(asked.options)
         return await service.short.run_steps(
             request,

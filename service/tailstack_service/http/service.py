@@ -31,6 +31,7 @@ class Service:
     short: Lane  # scores, validations, conversions, checks of what becomes a job
     reports: Lane  # renderings
     warmth: Warmth  # of the kernels
+    second_order: Warmth | Literal["not asked for"]  # of those that only second order runs
     settled: bool  # every kernel that a score can need has run: none will be compiled in front of a client
     seated: Counter[str] = field(default_factory=Counter)  # streams and waits by tenant; the event loop's own
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import sys
 import threading
@@ -15,6 +16,7 @@ from ..problems import TransportError
 from ..settings import variable
 from .service import Service
 
+log = logging.getLogger("tailstack.service")
 LOOK_SECONDS = 0.02
 RETRY_SECONDS = 5
 END_SECONDS = 1.0
@@ -48,9 +50,36 @@ async def warmed(service: Service) -> None:
 
     From a cache they are there in a second or two, which is worth waiting for; compiling them takes a minute.
     """
+    await _while_warming(service, lambda: service.warmth)
+
+
+async def second_order_warmed(service: Service) -> None:
+    """The same for the kernels that only second order runs: they are compiled when they are first asked for, aside, so
+    that a stop does not wait for them."""
+    if service.second_order == "not asked for":
+        service.second_order = "warming up"
+        Warming(lambda: _warm_second_order(service)).start()
+    await _while_warming(service, lambda: service.second_order)
+
+
+def _warm_second_order(service: Service) -> None:
+    from tailstack.design import load_design
+    from tailstack.scoring import score
+
+    from .example import EXAMPLE_DESIGN
+
+    try:
+        score(load_design(EXAMPLE_DESIGN), second_order=True)
+    except Exception:
+        log.exception("", extra={"action": "warm-up-failed"})
+    finally:
+        service.second_order = "ready"  # a kernel that cannot be compiled is told to who asks, with his design
+
+
+async def _while_warming(service: Service, warmth: Callable[[], str]) -> None:
     limit, setting = service.settings.warm_up_seconds, variable("warm_up_seconds")
     deadline = time.monotonic() + limit
-    while service.warmth == "warming up" and not service.stopping.is_set():
+    while warmth() == "warming up" and not service.stopping.is_set():
         if time.monotonic() >= deadline:
             raise TransportError(
                 "warming-up",
@@ -58,7 +87,8 @@ async def warmed(service: Service) -> None:
                     "",
                     "warming-up",
                     f"the numerical kernels are still being compiled; waited {limit:g} s ({setting})",
-                    "send the request again later: GET /health/ready answers 200 when they are there",
+                    "send the request again later: GET /health/ready answers 200 when they are there"
+                    + ("" if service.warmth == "warming up" else ", but for those of second order"),
                 ),
                 {"Retry-After": str(RETRY_SECONDS)},
             )
