@@ -6,14 +6,15 @@ import csv
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
-from xml.etree import ElementTree
 
 import jsonschema
 import pytest
 from service_scenes import EXAMPLES, ROOT, coplanar_design, write_json
+from test_report_figures import check_picture
 
 from tailstack.studies.published import CELLS
 from tailstack_service.cli.main import main
@@ -64,6 +65,13 @@ def test_text_holds_every_printed_cell_with_its_z(printed: dict) -> None:
     assert all(statement.sentence in unwrapped for statement in study.statements)
     assert all(f"{one.outside_cells} outside the 99 % band" in unwrapped for one in study.geometries[:2])
     assert "without matrix 2" in text
+    for name in "xyz":
+        line = next(line for line in lines if line.startswith(f"std {name}  "))
+        printed_mm, *ours = line.split()[2:]
+        cells = [one for geometry in study.geometries for one in geometry.cells if one.quantity == f"std_{name}"]
+        assert float(printed_mm) == cells[0].printed_mm
+        assert [ours[1], ours[3]] == [f"{cell.z:+.2f}" for cell in cells[:2]]
+    assert "are the same numbers in either reading" in unwrapped
 
 
 def test_csv_has_a_line_for_each_cell_and_geometry(printed: dict) -> None:
@@ -79,10 +87,22 @@ def test_figures_are_drawn_for_every_geometry(printed: dict) -> None:
     names = [file.name for file in printed["figures"]]
     assert names == sorted(f"{letter}_{what}.svg" for letter in "abc" for what in ("sweeps", "levels", "factor"))
     for file in printed["figures"]:
-        root = ElementTree.parse(file).getroot()
-        assert root.tag.endswith("svg")
+        check_picture(file.read_text(encoding="utf-8"))
         compared = file.name[0] != "c"
         assert ("printed" in file.read_text().partition("</desc>")[2]) == compared
+
+
+def test_bars_of_a_figure_are_the_bands_of_its_cells(printed: dict) -> None:
+    """closed form: lengths on the page over lengths in mm are one number for every printed cell of a panel."""
+    svg = next(file for file in printed["figures"] if file.name == "a_levels.svg").read_text(encoding="utf-8")
+    cells = [one for one in printed["study"]["geometries"][0]["cells"] if one["table"] == "S2"]
+    bands = [one["band_mm"][1] - one["band_mm"][0] for one in cells if one["printed_mm"] is not None]
+    upright = re.findall(r'd="M([\d.]+) ([\d.]+)L\1 ([\d.]+)" stroke="#\w+" stroke-width="1.2"', svg)
+    lengths = [abs(float(high) - float(low)) for _, low, high in upright]
+    assert len(lengths) == len(bands) == 8
+    scales = [length / band for length, band in zip(lengths, bands, strict=True) if band > 10]
+    assert len(scales) > 3
+    assert scales == pytest.approx([scales[0]] * len(scales), rel=0.02)
 
 
 def test_a_design_of_ones_own_takes_the_place_of_the_c_arm(capsys: pytest.CaptureFixture[str]) -> None:
@@ -120,6 +140,7 @@ def test_the_snippet_of_the_page_says_twelve_columns_and_rank_eleven() -> None:
         (["--fitted", "absent.yaml"], 2, "absent.yaml"),
         (["--json", "--csv"], 2, "not allowed with"),
         (["--figures", "taken"], 2, "not a directory"),
+        (["--figures", ""], 2, "no directory is named"),
         (["flat.json"], 3, "plane"),
         (["--seed", "-1"], 2, "expected"),
     ],

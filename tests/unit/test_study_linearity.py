@@ -7,6 +7,7 @@ from math import radians
 
 import numpy as np
 import pytest
+from test_oracle_paper_scenario import SCENARIO, scene
 
 from scenes import broken_system, cube8_system, mount, with_noise
 from tailstack import score, verify
@@ -106,6 +107,16 @@ def test_second_order_is_that_of_the_score():
     assert point.second_order_p95_mm == pytest.approx(expected.p95_mm, rel=1e-6)
     assert point.first_order_p95_mm == pytest.approx(score(system).targets[0].p95_mm, rel=1e-9)
     assert point.second_order_ratio == pytest.approx(point.second_order_p95_mm / point.monte_carlo_p95_mm)
+
+
+def test_second_order_of_the_papers_scenario():
+    """oracle: P95 of the law with the mean and covariance of Hessians made elsewhere; its mean shift is a fiftieth of
+    the spread there."""
+    exact = SCENARIO["A"]["exact"]
+    system = replace(scene("A", 2.0), triangulation=Triangulation.PUBLISHED)  # in metres: this form depends on units
+    point = examined(system, 0, "localisation", Place(2.0, 0.0, 1.0, 8), 2**13, 1)
+    assert point.first_order_p95_mm == pytest.approx(exact["P95"], rel=1e-6)
+    assert point.second_order_p95_mm == pytest.approx(exact["second_order_P95"], rel=1e-5)
 
 
 def test_what_a_point_changes_and_what_it_leaves():

@@ -11,19 +11,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import chi, norm
+from test_oracle_paper_scenario import scene
 
 from reference_chain import rotation
 from scenes import cube8_system, mount, read_only, system_of, target
+from tailstack import score
 from tailstack.design import compile_design, load_design
 from tailstack.estimation.resection import project
 from tailstack.geometry.camera import depths
+from tailstack.propagation.linear import linearise
 from tailstack.studies.paper import Case, paper_study
 from tailstack.studies.paper_cells import sampled, statistic
+from tailstack.studies.paper_factor import ways
 from tailstack.studies.paper_levels import level_ratios
 from tailstack.studies.paper_records import StudyPaper
 from tailstack.studies.published import CELLS, LEVELS, S3_ANALYTIC, TRIALS, Setting
 from tailstack.studies.refusals import StudyError
-from tailstack.system import Reading, RotationForm, View
+from tailstack.studies.settings import under
+from tailstack.system import Reading, RotationForm, Triangulation, View
 
 ROOT = Path(__file__).parents[2]
 ORACLE = json.loads((ROOT / "tests" / "data" / "oracles" / "paper_scenario.json").read_text())
@@ -114,20 +119,57 @@ def test_s3_is_an_omission_and_full_first_order_is_right(place: int):
     """oracle: first order by implicit differentiation elsewhere, its Monte Carlo of 10^6 trials."""
     oracle = ORACLE["AB"[place]]["S3_std_m"]
     factor = study().geometries[place].factor
-    ways = {one.name: one for one in factor.propagations}
-    assert np.array(ways["full"].std_mm) / 1e3 == pytest.approx(np.array(oracle["first_order_full"]), rel=1e-4)
+    named = {one.name: one for one in factor.propagations}
+    assert np.array(named["full"].std_mm) / 1e3 == pytest.approx(np.array(oracle["first_order_full"]), rel=1e-4)
     without = np.array(oracle["first_order_without_one_views_matrix_covariance"])
-    assert np.array(ways["without matrix 2"].std_mm) / 1e3 == pytest.approx(without, rel=1e-4)
-    assert [name for name, one in ways.items() if one.reproduces_printed and "matrix" in name] == ["without matrix 2"]
+    assert np.array(named["without matrix 2"].std_mm) / 1e3 == pytest.approx(without, rel=1e-4)
+    assert [name for name, one in named.items() if one.reproduces_printed and "matrix" in name] == ["without matrix 2"]
     for k in range(3):
         own = 4.5 * factor.standard_error_mm[k] + 0.002 * factor.monte_carlo_mm[k]
         assert factor.monte_carlo_mm[k] == pytest.approx(oracle["monte_carlo"][k] * 1e3, abs=own)
-        assert abs(ways["full"].over_monte_carlo[k] - 1) < 0.012
-    assert min(ways["without matrix 2"].over_monte_carlo) < 0.46
+        assert abs(named["full"].over_monte_carlo[k] - 1) < 0.012
+    assert min(named["without matrix 2"].over_monte_carlo) < 0.46
     assert "omission" in factor.sentence
     if place == 0:
         targets = np.array(ORACLE["A"]["exact"]["std_target_only"]) * 1e3
-        assert np.array(ways["target noise alone"].std_mm) == pytest.approx(targets, rel=1e-6)
+        assert np.array(named["target noise alone"].std_mm) == pytest.approx(targets, rel=1e-6)
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_what_every_simplification_leaves_out(place: int):
+    """closed form: variances of independent parts add, on every axis; and the sentence of the S3 it belongs to."""
+    parts = {one.name: np.square(one.std_mm) for one in study().geometries[place].factor.propagations}
+    full, targets = parts["full"], parts["target noise alone"]
+    assert parts["matrices alone"] + targets == pytest.approx(full, rel=1e-9)
+    lost = [full - parts[f"without matrix {k}"] for k in (1, 2)]
+    assert lost[0] + lost[1] + targets == pytest.approx(full, rel=1e-9)
+    seen = [parts[f"without matrix {k}"] - parts[f"without view {k}"] for k in (1, 2)]
+    assert seen[0] + seen[1] == pytest.approx(targets, rel=1e-6)
+    assert min(one.max() for one in seen) > 1e-5 * targets.max()  # in scenario A a view's own weighs next to nothing
+
+
+def test_second_order_of_s3_is_that_of_the_oracle():
+    """oracle: Hessians of the plain 4x4 triangulation made elsewhere, in metres (this form depends on units)."""
+    system = replace(scene("A", 2.0), triangulation=Triangulation.PUBLISHED)
+    at = sampled(system, 0, Setting(0.0, 0.0, 2.0), 100, 1)
+    found = {name: std for name, _, std in ways(system, 0, at)}
+    assert found["second order"] == pytest.approx(np.array(ORACLE["A"]["exact"]["second_order_std"]), rel=1e-5)
+    loud = sampled(system, 0, Setting(0.0, 0.0, 5.0), 100, 1)  # nu = 0.1
+    assert "second order" not in {name for name, _, _ in ways(system, 0, loud)}
+
+
+def test_the_error_at_the_tool_is_the_3d_error_in_both_readings_and_a_second_interface_sets_them_apart():
+    """closed form: a rigid map keeps norms; the study leaves the second interface's errors out, a score does not."""
+    for geometry in study().geometries:
+        for cell in geometry.cells:
+            assert cell.tcp_mm == pytest.approx(cell.value_mm, rel=1e-9, abs=1e-9)
+    loose = compile_design(load_design(ROOT / "examples" / "demo.yaml"))
+    for reading in Reading:
+        (geometry,) = paper_study([Case(replace(loose, reading=reading), False)], trials=40_000).geometries
+        norms = [cell for cell in geometry.cells if cell.table != "S3"]
+        assert [cell.tcp_mm for cell in norms] == pytest.approx([cell.value_mm for cell in norms], rel=1e-9, abs=1e-9)
+    result = score(loose).targets[0]
+    assert result.p95_mm > 1.05 * result.localisation.p95_mm
 
 
 def test_s2_against_its_parts():
@@ -202,7 +244,7 @@ def test_z_counts_one_percent_of_true_cells_as_outside():
 def test_levels_of_s4_move_the_target_rigidly_and_leave_no_residual(reading: Reading):
     """closed form: |T q - q|, and the displaced structure seen with the true projections."""
     system = cube8_system(reading=reading)
-    rows = level_ratios(system, 0, dict.fromkeys(LEVELS, 0.1))
+    rows = level_ratios(system, 0, dict(zip(LEVELS, (0.1, 0.2, 0.3), strict=True)))
     assert [row.level for row in rows] == list(LEVELS)
     q, pivot = system.targets[0].position_mm, system.interface_1.pivot_mm
     for row in rows:
@@ -219,8 +261,46 @@ def test_levels_of_s4_move_the_target_rigidly_and_leave_no_residual(reading: Rea
             for v in system.views
         ]
         assert row.reprojection_kept_px == pytest.approx(sqrt(np.mean(np.square(distance))), abs=1e-7)
+    assert [row.reprojection_noisy_px for row in rows] == [0.1, 0.2, 0.3]
     assert rows[0].mm_per_px is None
     assert rows[2].mm_per_px == pytest.approx(rows[2].error_mm / rows[2].reprojection_kept_px)
+
+
+def test_reprojection_with_noise_does_not_follow_the_level():
+    """closed form: in the Eq 18 reading the estimator is equivariant, trial by trial; 2 px leave about
+    2 E(chi_10) / sqrt(16) px to a best fit of 11 numbers to 16 in each of two views, and DLT is nearly one."""
+    for geometry in study().geometries:
+        found = [row.reprojection_noisy_px for row in geometry.levels]
+        assert found == pytest.approx([found[0]] * 3, rel=1e-9 if geometry.reading == "eq18" else 2e-3)
+        least = 2 * chi.mean(10) / 4
+        assert least < found[0] < 1.05 * least
+    assert len(set(found)) == 3  # physical: seen elsewhere
+
+
+def test_nu_is_that_of_the_largest_noise_of_the_tables():
+    """closed form: nu is proportional to the noise."""
+    for name, geometry in zip("AB", study().geometries, strict=True):
+        system = under(oracle_system(name), Setting(0.0, 0.0, 1.0))
+        assert geometry.nu == pytest.approx(5 * linearise(system, system.targets[0]).nu, rel=1e-9)
+
+
+def test_statements_hold_the_numbers_of_the_tables():
+    """published: cells as printed; closed form: the arm that 72 mm at 2 deg take."""
+    said = {one.about: one for one in study().statements}
+    assert said["lever"].values[2] == pytest.approx(72 / (2 * np.sin(np.deg2rad(1.0))), rel=1e-9)
+    assert "18 to 75 mm are S1's 0.018 to 0.075 over rotation" in said["units"].sentence
+    assert "90 to 108 mm are S2's 0.09039 to 0.10856 at 2 px" in said["units"].sentence
+    assert "from 0.240 at L0 to 0.219 at L2" in said["falling"].sentence
+    assert "to first order" in said["falling"].sentence
+    assert "0.276 mm/px in both rows" in said["S4"].sentence
+    ratios = [row.mm_per_px for one in study().geometries for row in one.levels if row.mm_per_px is not None]
+    assert said["S4"].values == pytest.approx(ratios)
+
+
+def test_what_is_not_held_claims_no_column_that_nobody_has_seen():
+    held = study().not_held
+    assert not any("column" in words and "tool" in words for words in held)
+    assert any(words.startswith("the error at the tool: no printed number") for words in held)
 
 
 def test_same_seed_same_digits_whatever_the_threads():
@@ -251,9 +331,20 @@ def test_the_shipped_geometries_give_s1_and_the_counts_that_the_page_states():
         Case(compile_design(load_design(ROOT / "examples" / "paper" / f"fitted_{name}.yaml")), True)
         for name in ("eq18", "physical")
     ]
-    found = paper_study(fitted)
+    other = compile_design(load_design(ROOT / "examples" / "paper" / "c_arm.yaml"))
+    *both, arm = paper_study([*fitted, Case(other, False)]).geometries
     page = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
-    for geometry in found.geometries:
+    columns = [{one.name: one.std_mm for one in geometry.factor.propagations} for geometry in both]
+    assert " / ".join(f"{value:.3g}" for value in columns[0]["without matrix 2"]) in page
+    assert " / ".join(f"{value:.1f}" for value in columns[0]["full"]) in page
+    for geometry in (*both, arm):
+        first, second = [f"{row.mm_per_px:.2f}" for row in geometry.levels if row.mm_per_px is not None]
+        assert (first if first == second else f"{first} and {second}") in page
+    assert f"{arm.lever_mm:.0f} mm from the seat" in page
+    quiet = next(cell for cell in arm.cells if (cell.row, cell.quantity) == ("rotation 0 deg", "p95"))
+    # independent: 0.252 mm at 0.5 px for this cube and target, by other programs
+    assert quiet.first_order_mm == pytest.approx(2 * 0.252, rel=0.005)
+    for geometry in both:
         assert all(not cell.outside for cell in geometry.cells if cell.table in ("S1", "S3"))
         assert f"{geometry.outside_cells} of 27" in page
         assert any(one.name == "without matrix 2" and one.reproduces_printed for one in geometry.factor.propagations)

@@ -20,7 +20,7 @@ class PaperCell:
     noise_px: float
     value_mm: float  # Monte Carlo on the full chain
     standard_error_mm: float  # of value_mm
-    tcp_mm: float  # the same statistic of the error at the tool
+    tcp_mm: float  # the same statistic of the error at the tool, sampled at the same trials
     first_order_mm: float
     other_reading_mm: float  # first order in the other reading of the installation error
     printed_mm: float | None  # None: not held, or this geometry is not meant to be the paper's

@@ -20,6 +20,8 @@ def statements(geometries: Sequence[Geometry]) -> tuple[Statement, ...]:
     """Facts about the printed tables that need no geometry, and what ours add to S4."""
     moved = 5.0
     there = _printed("S1", f"translation {moved:g} mm", "mean")
+    turned = _printed("S1", "rotation 2 deg", "mean")
+    still, both = _printed("S2", "L0, 2 px", "p95"), _printed("S2", "L2, 2 px", "p95")
     zero, again = _printed("S1", "rotation 0 deg", "mean"), _printed("S1", "translation 0 mm", "mean")
     bias = _printed("S2", "L2, 0 px", "p95")
     degrees, _ = LEVELS["L2"]
@@ -30,8 +32,8 @@ def statements(geometries: Sequence[Geometry]) -> tuple[Statement, ...]:
             "units",
             f"A translation of {moved:g} mm moves the target by {moved:g} mm in every geometry, so the mean error is "
             f"at least {moved:g} mm, whatever the noise; the table prints {there:g} under 'mm'. Read as metres it is "
-            f"{there * MM_PER_PRINTED_UNIT:g} mm, and the text's 18 to 75 mm and 90 to 108 mm are the tables' "
-            "0.018 to 0.075 and 0.090 to 0.109: the tables are in metres.",
+            f"{there * MM_PER_PRINTED_UNIT:g} mm, the text's 18 to 75 mm are S1's {zero:g} to {turned:g} over "
+            f"rotation, and its 90 to 108 mm are S2's {still:g} to {both:g} at 2 px, L0 to L2: the tables are in metres.",
             (moved, there, there * MM_PER_PRINTED_UNIT),
         ),
         Statement(
@@ -51,9 +53,9 @@ def statements(geometries: Sequence[Geometry]) -> tuple[Statement, ...]:
         Statement(
             "falling",
             f"S2 falls from {high:.3f} at L0 to {low:.3f} at L2 where the noise is 5 px. In the Eq 18 reading no "
-            "geometry does that: the noise keeps its law, and a known displacement can only raise a quantile of the "
-            "norm of a centred Gaussian vector (Anderson 1955). In the physical reading the noise gain changes with "
-            "the bias, and it can happen.",
+            "geometry does that to first order: the noise keeps its law, and a known displacement can only raise a "
+            "quantile of the norm of a centred Gaussian vector (Anderson 1955). In the physical reading the noise gain "
+            "changes with the bias, and it can happen.",
             (high, low),
         ),
     ]
@@ -68,8 +70,9 @@ def statements(geometries: Sequence[Geometry]) -> tuple[Statement, ...]:
             "both columns are measured against L0 and carry one number a level between them, one degree of freedom. "
             "With matrices estimated at each level the reprojection error does not depend on the level at all (DLT "
             "absorbs a rigid displacement), so a column that follows the error was taken with matrices that were "
-            "kept, say those of L0; both then grow with the displacement, and their ratio is a constant of the bench's "
-            f"geometry, in mm/px here: {listed}. What can be predicted is that both columns grow in proportion, and by "
+            "kept, say those of L0; both then grow with the displacement, and to first order their ratio is one number "
+            "of the bench's geometry for every level that is a multiple of the others. Here, at L1 and L2 (which are "
+            f"not quite), in mm/px: {listed}. What can be predicted is that both columns grow in proportion, and by "
             "how much from level to level where the levels are known. What cannot be had from them: the bench's noise, "
             "its bias, a test of the model's spread or tail.",
             tuple(value for _, values in ratios for value in values),

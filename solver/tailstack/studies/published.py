@@ -18,8 +18,9 @@ SOURCE = (
     'Navigation", tables S1-S4 (doi 10.21203/rs.3.rs-8811528, arXiv 2602.07846)'
 )
 TRIALS = 2000  # of each cell, says the paper
-# The text speaks of 18 -> 75 mm and 90 -> 108 mm where the tables print 0.018 -> 0.075 and 0.090 -> 0.108 "mm"; and a
-# translation of 5 mm, which moves the target by 5 mm whatever the geometry, is printed with a mean error of 0.019.
+# The text speaks of 18 -> 75 mm and 90 -> 108 mm where the tables print 0.018 -> 0.075 (S1, rotation) and 0.09039 ->
+# 0.10856 (S2 at 2 px, L0 to L2) under "mm"; and a translation of 5 mm, which moves the target by 5 mm whatever the
+# geometry, is printed with a mean error of 0.019.
 MM_PER_PRINTED_UNIT = 1000.0
 
 S1_NOISE_PX = 1.0  # the text calls the noise of S1 negligible; it is this

@@ -10,13 +10,17 @@ from ..svg import BLUE, FAINT, GREEN, INK, PURPLE, VERMILION, line, printable, r
 from .page import Scale, around, bottom_axis, left_axis
 
 COLOURS = (BLUE, VERMILION, GREEN, PURPLE, "#8a6d00", "#5b9bc8")
-Mark = Literal["disc", "ring", "square", "none"]
+Mark = Literal["disc", "ring", "square", "frame", "none"]
 NAME_GAP = 14.0  # least distance of two names, one above the other
+SAMPLE = 26.0  # length of a line before its name, where lines differ by their dashes
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """One line or a row of marks; ``errors`` are half-lengths of the bars, None for none."""
+    """One line or a row of marks; ``errors`` are half-lengths of the bars, None for none.
+
+    A frame is a square that lets what lies below it be seen.
+    """
 
     name: str  # at its right end; "" for none
     points: Sequence[tuple[float, float]]
@@ -78,8 +82,8 @@ def mark(shape: Mark, x: float, y: float, colour: str) -> str:
     """A mark centred on (x, y)."""
     if shape == "none":
         return ""
-    if shape == "square":
-        look = f'fill="#ffffff" stroke="{colour}" stroke-width="1.5"'
+    if shape in ("square", "frame"):
+        look = f'fill="{"none" if shape == "frame" else "#ffffff"}" stroke="{colour}" stroke-width="1.5"'
         return f'<rect x="{rounded(x - 3.4)}" y="{rounded(y - 3.4)}" width="6.8" height="6.8" {look}/>'
     look = f'fill="{colour}"' if shape == "disc" else f'fill="#ffffff" stroke="{colour}" stroke-width="1.5"'
     return f'<circle cx="{rounded(x)}" cy="{rounded(y)}" r="3.2" {look}/>'
@@ -95,7 +99,12 @@ def _names(axes: Axes, curves: Sequence[Curve]) -> list[str]:
     for k in range(len(places) - 1, -1, -1):
         highest = places[k + 1] - NAME_GAP if k + 1 < len(places) else places[k] - over
         places[k] = min(places[k], highest)
-    return [
-        text(axes.x.end + 10, y, printable(curve.name, 40), colour=curve.colour if curve.colour != FAINT else INK)
-        for y, curve in zip(places, named, strict=True)
-    ]
+    sampled = SAMPLE + 5 if any(curve.dashes for curve in named) else 0.0
+    x = axes.x.end + 10
+    parts = []
+    for y, curve in zip(places, named, strict=True):
+        if sampled:
+            parts.append(line(x, y - 4, x + SAMPLE, y - 4, curve.colour, 1.8, curve.dashes))
+        colour = curve.colour if curve.colour != FAINT else INK
+        parts.append(text(x + sampled, y, printable(curve.name, 40), colour=colour))
+    return parts

@@ -7,11 +7,12 @@ from collections.abc import Iterator, Sequence
 from tailstack.studies.paper_records import Geometry, PaperCell, StudyPaper
 
 from ..svg import FAINT, INK, MUTED, box, line, printable, text
-from .chart import COLOURS, Curve, drawn, fitted, mark
+from .chart import COLOURS, Curve, Mark, drawn, fitted, mark
 from .page import around, left_axis, page
 
 WIDTH, TOP, BOTTOM, HEIGHT = 900.0, 114.0, 340.0, 390.0
-NINETY_NINE = 2.576
+SHIFT = 0.1  # px, of one level against the next: their marks would lie on one another
+DASHES = ("", "7 3", "2 3")
 NOT_DRAWN = ("without view", "matrices alone")
 Points = list[tuple[float, float]]
 
@@ -26,15 +27,17 @@ def paper_figures(study: StudyPaper) -> dict[str, str]:
     return found
 
 
-def _series(cells: Sequence[PaperCell], along: str, name: str, colour: str, shift: float = 0.0) -> Iterator[Curve]:
-    """Ours as a line, printed values as squares with their 99 % bars; all of it moved aside by ``shift``."""
+def _series(
+    cells: Sequence[PaperCell], along: str, name: str, colour: str, shift: float = 0.0, dashes: str = ""
+) -> Iterator[Curve]:
+    """Ours as a line, printed values as frames with the half-width of their bands; all moved aside by ``shift``."""
     at = [(float(getattr(cell, along)) + shift, cell) for cell in cells]
-    yield Curve(name, [(x, cell.value_mm) for x, cell in at], colour)
+    yield Curve(name, [(x, cell.value_mm) for x, cell in at], colour, dashes=dashes)
     printed = [(x, cell) for x, cell in at if cell.printed_mm is not None]
     if printed:
         points: Points = [(x, cell.printed_mm or 0.0) for x, cell in printed]
-        errors = [NINETY_NINE * cell.published_error_mm for _, cell in printed]
-        yield Curve("", points, colour, joined=False, mark="square", errors=errors)
+        errors = [(cell.band_mm[1] - cell.band_mm[0]) / 2 for _, cell in printed]
+        yield Curve("", points, colour, joined=False, mark="frame", errors=errors)
 
 
 def _words(geometry: Geometry) -> str:
@@ -44,8 +47,8 @@ def _words(geometry: Geometry) -> str:
 def _legend(geometry: Geometry, study: StudyPaper) -> list[str]:
     parts = [mark("disc", 62, 46, INK), text(72, 50, f"tailstack, Monte Carlo, {study.trials:,} trials", colour=MUTED)]
     if geometry.compared:
-        parts.append(mark("square", 322, 46, INK))
-        words = f"printed, read as metres; bars: 99 % of experiments of {study.published_trials:,} trials"
+        parts.append(mark("frame", 322, 46, INK))
+        words = f"printed, read as metres; bars: {100 * study.band:g} % band of {study.published_trials:,} trials and rounding"
         parts.append(text(332, 50, words, colour=MUTED))
     return parts
 
@@ -76,10 +79,10 @@ def levels_svg(geometry: Geometry, study: StudyPaper) -> str:
     for k, level in enumerate(levels):
         chosen = [cell for cell in cells if cell.row.startswith(level)]
         name = f"{level}: {chosen[0].rotation_deg:g} deg, {chosen[0].translation_mm:g} mm"
-        curves += _series(chosen, "noise_px", name, COLOURS[k], 0.07 * (k - (len(levels) - 1) / 2))
+        curves += _series(chosen, "noise_px", name, COLOURS[k], SHIFT * (k - (len(levels) - 1) / 2), DASHES[k % 3])
     axes = fitted(curves, 62, 680, TOP, BOTTOM)
     title = "noise of each image coordinate, px"
-    parts = [*_legend(geometry, study), *drawn(axes, curves, "levels, side by side", title, "P95, mm")]
+    parts = [*_legend(geometry, study), *drawn(axes, curves, "levels, moved aside a little", title, "P95, mm")]
     words = "; ".join(f"{cell.row}: {cell.value_mm:.4g} mm" for cell in cells)
     return page(f"S2: {printable(geometry.name, 60)}", f"{_words(geometry)}. {words}.", WIDTH, HEIGHT, parts)
 
@@ -90,12 +93,12 @@ def factor_svg(geometry: Geometry) -> str:
     bars = [("Monte Carlo", found.monte_carlo_mm, COLOURS[0])]
     drawn_ways = [one for one in found.propagations if not one.name.startswith(NOT_DRAWN)]
     bars += [(one.name, one.std_mm, COLOURS[1 + k % 5]) for k, one in enumerate(drawn_ways)]
-    rings: list[tuple[str, tuple[float, ...], str]] = []
+    marks: list[tuple[str, Mark, tuple[float, ...], str]] = []
     if found.printed_monte_carlo_mm is not None and found.printed_analytic_mm is not None:
-        rings = [("printed, Monte Carlo", found.printed_monte_carlo_mm, "Monte Carlo")]
+        marks = [("printed, Monte Carlo", "square", found.printed_monte_carlo_mm, "Monte Carlo")]
         same = [one.name for one in found.propagations if one.reproduces_printed]
-        rings += [("printed, analytic", found.printed_analytic_mm, same[0] if same else "full")]
-    highest = [value for _, values, _ in [*bars, *rings] for value in values]
+        marks += [("printed, analytic", "ring", found.printed_analytic_mm, same[0] if same else "full")]
+    highest = [value for values in [*(bar[1] for bar in bars), *(one[2] for one in marks)] for value in values]
     up = around([0.0, *highest], BOTTOM, TOP - 40, zero=True)
     left, right = 62.0, 690.0
     parts = left_axis(up, left, right, "standard deviation, mm")
@@ -105,23 +108,26 @@ def factor_svg(geometry: Geometry) -> str:
         for k, (name, values, colour) in enumerate(bars):
             x0 = begin + k * wide
             parts.append(box(x0 + 1, up.at(values[axis]), x0 + wide - 1, BOTTOM, f'fill="{colour}" fill-opacity="0.8"'))
-            for _, printed, belongs in rings:
+            for _, shape, printed, belongs in marks:
                 if belongs == name:
-                    parts.append(mark("square", x0 + wide / 2, up.at(printed[axis]), INK))
+                    parts.append(mark(shape, x0 + wide / 2, up.at(printed[axis]), INK))
         parts.append(text(begin + len(bars) * wide / 2, BOTTOM + 17, label, anchor="middle", colour=MUTED))
     parts.append(line(left, BOTTOM, right, BOTTOM, FAINT))
-    parts += _key(bars, bool(rings), right + 22)
+    parts.append(text((left + right) / 2, BOTTOM + 34, "axis of the connector frame", anchor="middle", colour=MUTED))
+    parts += _key(
+        [(name, colour) for name, _, colour in bars], [(name, shape) for name, shape, _, _ in marks], right + 22
+    )
     words = "; ".join(f"{name}: {' / '.join(f'{v:.3g}' for v in values)} mm" for name, values, _ in bars)
     title = f"S3 at {found.noise_px:g} px: {printable(geometry.name, 56)}"
-    return page(title, f"{words}. {found.sentence}", WIDTH, HEIGHT - 20, parts)
+    return page(title, f"{words}. {found.sentence}", WIDTH, HEIGHT, parts)
 
 
-def _key(bars: Sequence[tuple[str, tuple[float, ...], str]], printed: bool, x: float) -> list[str]:
+def _key(bars: Sequence[tuple[str, str]], marks: Sequence[tuple[str, Mark]], x: float) -> list[str]:
     parts = []
-    for k, (name, _, colour) in enumerate(bars):
+    for k, (name, colour) in enumerate(bars):
         y = TOP - 30 + 20 * k
         parts += [box(x, y - 9, x + 14, y + 2, f'fill="{colour}" fill-opacity="0.8"'), text(x + 21, y, name)]
-    if printed:
-        y = TOP - 30 + 20 * len(bars)
-        parts += [mark("square", x + 7, y - 4, INK), text(x + 21, y, "printed")]
+    for k, (name, shape) in enumerate(marks):
+        y = TOP - 30 + 20 * (len(bars) + k)
+        parts += [mark(shape, x + 7, y - 4, INK), text(x + 21, y, name)]
     return parts
