@@ -33,7 +33,8 @@ def statements(geometries: Sequence[Geometry]) -> tuple[Statement, ...]:
             f"A translation of {moved:g} mm moves the target by {moved:g} mm in every geometry, so the mean error is "
             f"at least {moved:g} mm, whatever the noise; the table prints {there:g} under 'mm'. Read as metres it is "
             f"{there * MM_PER_PRINTED_UNIT:g} mm, the text's 18 to 75 mm are S1's {zero:g} to {turned:g} over "
-            f"rotation, and its 90 to 108 mm are S2's {still:g} to {both:g} at 2 px, L0 to L2: the tables are in metres.",
+            f"rotation, and its 90 to 108 mm are S2's {still:g} to {both:g} at 2 px, L0 to L2: the tables are in "
+            "metres.",
             (moved, there, there * MM_PER_PRINTED_UNIT),
         ),
         Statement(

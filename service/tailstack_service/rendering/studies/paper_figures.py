@@ -48,8 +48,8 @@ def _legend(geometry: Geometry, study: StudyPaper) -> list[str]:
     parts = [mark("disc", 62, 46, INK), text(72, 50, f"tailstack, Monte Carlo, {study.trials:,} trials", colour=MUTED)]
     if geometry.compared:
         parts.append(mark("frame", 322, 46, INK))
-        words = f"printed, read as metres; bars: {100 * study.band:g} % band of {study.published_trials:,} trials and rounding"
-        parts.append(text(332, 50, words, colour=MUTED))
+        band = f"{100 * study.band:g} % band of {study.published_trials:,} trials and rounding"
+        parts.append(text(332, 50, f"printed, read as metres; bars: {band}", colour=MUTED))
     return parts
 
 
