@@ -11,9 +11,8 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 from gate_scenes import BAD, GOOD, STRICT
-from jsonschema import Draft4Validator
 from service_scenes import limited
-from test_gate_formats import GITLAB, XSD, sarif_schema
+from test_gate_formats import GITLAB, SARIF, XSD
 from xsd import problems
 
 from tailstack.design.loading import data_to_yaml
@@ -134,7 +133,7 @@ def test_names_of_files_come_through_in_every_format(folder: Path) -> None:
     findings = found(*ways, *[f"--format={entry}" for entry in formats])
     assert [finding.file for finding in findings] == list(NAMES)
     log = json.loads((folder / "o.sarif").read_text(encoding="utf-8"))
-    Draft4Validator(sarif_schema()).validate(log)
+    SARIF.validate(log)
     uris = [
         result["locations"][0]["physicalLocation"]["artifactLocation"]["uri"] for result in log["runs"][0]["results"]
     ]
