@@ -5,15 +5,12 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import jsonschema
 import pytest
-from service_scenes import EXAMPLES, ROOT, coplanar_design, write_json
+from service_scenes import EXAMPLES, coplanar_design, write_json
 from test_report_figures import check_picture
 
 from tailstack.studies.published import CELLS
@@ -119,17 +116,6 @@ def test_the_scenarios_are_those_of_the_examples() -> None:
         assert scenario(name).read_bytes() == (EXAMPLES / "paper" / name).read_bytes()
     for name in FITTED:
         assert "FITTED, not published" in scenario(name).read_text(encoding="utf-8")
-
-
-def test_the_snippet_of_the_page_says_twelve_columns_and_rank_eleven() -> None:
-    page = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
-    snippet = page.partition("python - <<'PY'\n")[2].partition("\nPY\n")[0]
-    paths = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
-    done = subprocess.run(
-        [sys.executable, "-c", snippet], cwd=ROOT, env={**os.environ, "PYTHONPATH": paths}, capture_output=True,
-        text=True, timeout=120, check=False,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout) == (0, "12 11\n"), done.stderr
 
 
 @pytest.mark.parametrize(
