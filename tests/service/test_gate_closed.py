@@ -254,6 +254,36 @@ def test_a_full_stream_leaves_no_pass_in_the_files(folder: Path, which: str) -> 
     assert Path("/dev/full").is_char_device(), "a device is written to, never replaced"
 
 
+def test_a_stdout_that_is_closed_leaves_no_pass_in_the_files(folder: Path) -> None:
+    ran = subprocess.run(
+        ["sh", "-c", '"$0" -m tailstack_service.cli.main "$@" >&-', sys.executable, "gate", "good.yaml",
+         "--policy=policy.yaml", "--mode=analytic", "--format=json=out.json", "--format=text"],
+        env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
+        stderr=subprocess.PIPE, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert ran.returncode == 3
+    assert "cannot write to stdout: it is closed" in ran.stderr
+    assert "internal error" not in ran.stderr
+    assert (record().verdict, record().exit_code) == ("not evaluated", 3)
+
+
+def test_a_device_that_stands_for_a_file_is_written_to_and_not_replaced(folder: Path) -> None:
+    """/dev/stdout of a shell that writes to a file: a link of the system, which a rename would take away."""
+    assert Path("/dev/stdout").is_symlink()
+    with open(folder / "log.txt", "wb") as log:
+        ran = subprocess.run(
+            [sys.executable, "-m", "tailstack_service.cli.main", "gate", "good.yaml", "--policy=policy.yaml",
+             "--mode=analytic", "--format=text=/dev/stdout"],
+            env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
+            stdout=log, stderr=subprocess.DEVNULL, timeout=120, check=False,
+        )  # fmt: skip
+    assert ran.returncode == 0
+    assert Path("/dev/stdout").is_symlink()
+    text = (folder / "log.txt").read_text(encoding="utf-8")
+    assert text.splitlines()[-1].startswith("verdict: pass (exit code 0")
+    assert "not evaluated" not in text, "what the files say while the gate runs is no answer"
+
+
 def test_a_link_stays_a_link(folder: Path) -> None:
     (folder / "artifacts").mkdir()
     (folder / "out.json").symlink_to(folder / "artifacts" / "gate.json")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -27,6 +28,8 @@ def exit_code_of(verdict: Verdict) -> int:
 
 def write_out(body: str | bytes) -> None:
     """An answer to stdout, its last line ended.  Raises OSError."""
+    if sys.stdout is None:
+        raise OSError(errno.EBADF, "it is closed")
     if isinstance(body, bytes):
         sys.stdout.flush()
         sys.stdout.buffer.write(body if body.endswith(b"\n") or not body else body + b"\n")

@@ -35,6 +35,8 @@ def coloured_output() -> bool:
     """Colour only on a terminal, and not when the user asked for none (https://no-color.org)."""
     import os
 
+    if sys.stdout is None:  # whoever started this closed it
+        return False
     return sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 

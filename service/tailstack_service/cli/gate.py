@@ -127,7 +127,7 @@ def _printed(body: str | bytes) -> list[Problem]:
     except BrokenPipeError:
         pass
     except OSError as error:
-        with suppress(OSError), open(os.devnull, "wb") as nowhere:
+        with suppress(OSError, AttributeError), open(os.devnull, "wb") as nowhere:
             os.dup2(nowhere.fileno(), sys.stdout.fileno())  # or the interpreter's last flush would complain again
         detail = f"cannot write to stdout: {error.strerror or error}"
         return [Problem("", "not-written", detail, "the verdict is in the exit code: run the gate again")]
