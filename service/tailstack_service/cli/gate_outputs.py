@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING
 
 from tailstack.errors import Problem, TailstackError
 
+from .whole_files import Staged, append, is_stream, staged
+
 if TYPE_CHECKING:
     from ..gate.records import GateRecord
 
@@ -49,8 +51,8 @@ class Outputs:
         usable: list[tuple[str, str]] = []
         for name, file in self.usable:
             try:
-                if not _is_stream(file):
-                    _staged(file, written(name, record)).put()
+                if not is_stream(file):
+                    staged(file, written(name, record)).put()
                 usable.append((name, file))
             except OSError as error:
                 problems.append(_refused(file, error))
@@ -62,16 +64,16 @@ class Outputs:
 
         Every file is written beside its place first: one that cannot be keeps all of them from being replaced.
         """
-        staged: list[_Staged] = []
+        beside: list[Staged] = []
         problems: list[Problem] = []
         for name, file in self.usable:
-            if _is_stream(file):
+            if is_stream(file):
                 continue
             try:
-                staged.append(_staged(file, written(name, record)))
+                beside.append(staged(file, written(name, record)))
             except OSError as error:
                 problems.append(_refused(file, error))
-        for entry in staged:
+        for entry in beside:
             try:
                 if problems:
                     entry.drop()
@@ -81,8 +83,8 @@ class Outputs:
                 problems.append(_refused(entry.file, error))
         for name, file in () if problems else self.usable:
             try:
-                if _is_stream(file):
-                    _append(file, written(name, record))
+                if is_stream(file):
+                    append(file, written(name, record))
             except OSError as error:
                 problems.append(_refused(file, error))
         return problems or self.summary(record)
@@ -91,10 +93,10 @@ class Outputs:
         """Write a record that says what could not be written wherever it can be; a file where it cannot is removed."""
         for name, file in self.usable:
             try:
-                if _is_stream(file):
-                    _append(file, written(name, record))
+                if is_stream(file):
+                    append(file, written(name, record))
                 else:
-                    _staged(file, written(name, record)).put()
+                    staged(file, written(name, record)).put()
             except OSError:
                 _remove(file)
         self.summary(record)
@@ -186,49 +188,6 @@ def say(lines: Iterable[str]) -> None:
 
 def _real(name: str) -> str:
     return os.path.realpath(name)
-
-
-@dataclass(frozen=True, slots=True)
-class _Staged:
-    """A file that is written, and not yet in its place."""
-
-    file: str
-    beside: Path
-    target: Path
-
-    def put(self) -> None:
-        try:
-            os.replace(self.beside, self.target)
-        except OSError:
-            self.drop()
-            raise
-
-    def drop(self) -> None:
-        self.beside.unlink(missing_ok=True)
-
-
-def _staged(file: str, content: bytes) -> _Staged:
-    target = Path(_real(file))  # a link stays one
-    beside = target.with_name(target.name + f".{os.getpid()}.part")
-    try:
-        with beside.open("wb") as stream:
-            stream.write(content)
-    except OSError:
-        beside.unlink(missing_ok=True)
-        raise
-    return _Staged(file, beside, target)
-
-
-def _is_stream(file: str) -> bool:
-    """A pipe, a terminal, /dev/stderr: there is nothing to replace, and what is written stays written."""
-    return file.startswith("/dev/") or (os.path.exists(file) and not os.path.isfile(file))
-
-
-def _append(file: str, content: bytes) -> None:
-    with open(file, "ab", buffering=0) as stream:
-        view = memoryview(content)
-        while view:
-            view = view[stream.write(view) :]
 
 
 def _refused(file: str, error: OSError) -> Problem:

@@ -17,6 +17,7 @@ from .answer import INTERRUPTED, Answer, exit_code_of
 from .design_input import add_design, coloured_output, read_design, whole
 from .progress import Progress
 from .verbs import program
+from .whole_files import replace_file
 
 if TYPE_CHECKING:
     from tailstack.design import Design
@@ -193,13 +194,3 @@ def picture_text(design: Design, result: Optimisation) -> str:
 
     new = compile_design(load_design(result.design))
     return layout_svg(compile_design(design), new, f"{design.name}: layout before and after optimisation")
-
-
-def replace_file(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    beside = path.with_name(path.name + f".{os.getpid()}.part")
-    try:
-        beside.write_text(text, encoding="utf-8")
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)

@@ -12,6 +12,7 @@ from .answer import EXIT_CODE, FAIL, NOT_EVALUATED, PASS, Answer
 from .design_input import whole
 from .progress import Progress
 from .verify import add_most, precision
+from .whole_files import replace_file
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -95,7 +96,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     written = []
     for form, content in _rendered(kind, body, arguments.format or ("html",)):
         path = output / f"{stem}.{'report.' if form == 'json' else ''}{form}"
-        _replace(path, content)
+        replace_file(path, content)
         written.append(str(path))
     return Answer("".join(f"{path}\n" for path in written), _exit_code(kind, body))
 
@@ -256,15 +257,3 @@ def _directory(name: str) -> Path:
         raise RequestError(Problem("", "file-unwritable", f"{name} is not a directory", "give a directory with -o"))
     path.mkdir(parents=True, exist_ok=True)
     return path
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all."""
-    import os
-
-    beside = path.with_name(path.name + f".{os.getpid()}.part")
-    try:
-        beside.write_bytes(content)
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)

@@ -15,7 +15,7 @@ def writable_figure(name: str) -> Path:
 
 def write_figure(path: Path, svg: str) -> None:
     """Write it and say so on stderr.  Raises OSError."""
-    from ..optimise import replace_file
+    from ..whole_files import replace_file
 
     replace_file(path, svg)
     print(f"wrote {path}", file=sys.stderr)
