@@ -10,6 +10,7 @@ from ..panels import round_step
 from ..svg import FAINT, FONT, INK, MUTED, line, printable, text
 
 GRID = "#e3e3e3"
+LETTER = 9.0  # of a title: few names are wider
 
 
 def page(title: str, words: str, width: float, height: float, parts: list[str]) -> str:
@@ -21,7 +22,7 @@ def page(title: str, words: str, width: float, height: float, parts: list[str]) 
         f'<title id="study-title">{escape(printable(title, 160))}</title>',
         f'<desc id="study-desc">{escape(printable(words, 2000))}</desc>',
         f'<rect width="{width:g}" height="{height:g}" fill="#ffffff"/>',
-        text(15, 24, printable(title, 110), size=15, weight="bold"),
+        text(15, 24, printable(title, min(110, int((width - 30) / LETTER))), size=15, weight="bold"),
         *parts,
         "</svg>",
         "",
