@@ -16,9 +16,12 @@ from tailstack_service.cli.main import build_parser
 
 PAPER = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
 STUDIES = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"^```\n(.*?)^```$", PAPER + STUDIES, flags=re.MULTILINE | re.DOTALL)
-SNIPPET = re.compile(r"\.venv/bin/python - <<'PY'\n(.*?)\nPY\n(.*)", flags=re.DOTALL)
-SNIPPETS = [found for block in BLOCKS for found in SNIPPET.findall(block)]
+PAGES = PAPER + STUDIES
+FENCED = re.findall(r"^```(\w*)\n(.*?)^```$", PAGES, flags=re.MULTILINE | re.DOTALL)
+BLOCKS = [block for kind, block in FENCED if not kind]
+SNIPPETS = re.findall(
+    r"\.venv/bin/python - <<'PY'\n(.*?)\nPY\n```\n```text\n(.*?)^```$", PAGES, flags=re.MULTILINE | re.DOTALL
+)
 COMMANDS = [
     one.partition("|")[0].partition(" > ")[0].partition("#")[0].strip(" )")
     for block in BLOCKS
