@@ -14,17 +14,18 @@ from scipy.stats import chi2, kstest, wishart
 
 import reference_chain
 from scenes import broken_system, cube8_system, mount
-from tailstack.errors import OutOfRangeError
+from tailstack.errors import LimitError, OutOfRangeError
 from tailstack.montecarlo import compile_plan, draw
 from tailstack.propagation.linear import covariance, linearise
 from tailstack.studies import comparison_levels
 from tailstack.studies.comparison import study_comparison
-from tailstack.studies.comparison_bench import ONCE, expected, least_benches, shared, simulated
-from tailstack.studies.comparison_explaining import Scene, explanations
+from tailstack.studies.comparison_bench import ONCE, benches_for, expected, least_benches, shared, simulated
+from tailstack.studies.comparison_explaining import explanations
 from tailstack.studies.comparison_file import Group, Measurements
-from tailstack.studies.comparison_linear import sampled_law
+from tailstack.studies.comparison_linear import Scene, sampled_law
 from tailstack.studies.comparison_records import Explanation, StudyComparison
 from tailstack.studies.comparison_statistics import (
+    NormsAlong,
     departure,
     distance,
     holm,
@@ -33,7 +34,7 @@ from tailstack.studies.comparison_statistics import (
     pooled_sd,
     tail_mean,
 )
-from tailstack.system import Array, Law, System
+from tailstack.system import Array, Law, System, Triangulation
 
 HALF = np.array([np.deg2rad(0.1)] * 3 + [0.05] * 3)
 SIZES = (4, 4, 4)
@@ -271,7 +272,7 @@ def test_the_interval_of_a_factor_covers() -> None:
     system, rng, missed = scene(), np.random.default_rng(10), 0
     model = linearise(system, system.targets[0])
     law = expected(model, "tcp", 0.0)
-    base = sampled_law(system, 0, "tcp", SIZES, 0, 0.0, 499)
+    base = sampled_law(system, 0, "tcp", SIZES, 0, 0.0, least=499, trials=sum(SIZES))
     kept = replace(
         base, total=base.total[:499], displacements=(),
         contributions=tuple(
@@ -284,6 +285,55 @@ def test_the_interval_of_a_factor_covers() -> None:
         low, high = found[0].intervals[0] if found[0].intervals else (0.0, 0.0)
         missed += not low <= 1.8 <= high
     assert missed <= 7
+
+
+def test_a_narrow_interval_is_not_stepped_over() -> None:
+    """closed_form: 1,500 Gaussian errors tell their size to 1.1 % (one over the root of 2 * 3 * 1500), far less than
+    the steps of any coarse search.  Seed 21; a factor is outside its interval once in 20."""
+    system = cube8_system()
+    sigma = covariance(linearise(system, system.targets[0]), "tcp")
+    rng = np.random.default_rng(21)
+    for factor in (1.04, 1.445):
+        errors = factor * rng.multivariate_normal(np.zeros(3), sigma, 1500)
+        ((low, high),) = found_in(studied(system, errors, (1500,)), "image_noise").intervals
+        assert low < factor < high
+        assert high - low < 0.1 * factor
+
+
+def test_a_narrow_value_is_not_stepped_over_in_norms() -> None:
+    """closed_form: a shift of 3.3 mm in 12 norms of a bench whose only error is noise of 0.1 mm: known to +-0.1 mm,
+    of either sign; and it moves nothing that the rays do not."""
+    system = cube8_system()
+    sigma = covariance(linearise(system, system.targets[0]), "tcp")
+    errors = np.array([0, 0, 3.3]) + np.random.default_rng(21).multivariate_normal(np.zeros(3), sigma, 12)
+    study = studied(system, np.linalg.norm(errors, axis=1), (12,))
+    named = found_in(study, "interface_2", "tz")
+    assert len(named.intervals) == 2
+    for (low, high), truth in zip(named.intervals, (-3.3, 3.3), strict=True):
+        assert low < truth < high
+        assert high - low < 0.5
+    assert abs(abs(named.most_plausible or 0.0) - 3.3) < 0.2
+
+
+def test_explaining_norms_is_the_quadratic_it_is_taken_for() -> None:
+    rng = np.random.default_rng(22)
+    start, direction, one = rng.normal(size=(5, 4, 3)), rng.normal(size=(5, 4, 3)), rng.normal(size=3)
+    for along in (direction, one):
+        found = NormsAlong.of(start, along)
+        np.testing.assert_allclose(found.at(-1.7), np.linalg.norm(start - 1.7 * along, axis=2), rtol=1e-9)
+        np.testing.assert_allclose(found.first(2).at(0.3), found.at(0.3)[:2], rtol=1e-12)
+    np.testing.assert_allclose(NormsAlong.of(start, start).at(-1.0), 0.0, atol=1e-7)
+
+
+def test_as_many_benches_are_simulated_as_the_tests_need() -> None:
+    system = cube8_system()
+    assert benches_for([system], [32], 4, 0.05) == 4999
+    assert benches_for([system], [2000], 3, 0.05) == 1000
+    assert benches_for([system] * 10, [100] * 10, 30, 0.05) == 2000
+    with pytest.raises(LimitError, match="3,000 trials and 90 tests need 16,200,000"):
+        benches_for([system] * 30, [100] * 30, 90, 0.05)
+    slow = replace(system, triangulation=Triangulation.PUBLISHED)
+    assert benches_for([slow], [300], 3, 0.05) == 500
 
 
 def test_a_level_is_predicted_with_its_installation_error() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scenes import cube8_system, target
-from tailstack.errors import TailstackError
+from tailstack.errors import LimitError, TailstackError
 from tailstack.studies.comparison import study_comparison
 from tailstack.studies.comparison_file import Measurements, read_measurements
 
@@ -52,6 +52,7 @@ def test_points_are_read_installation_by_installation() -> None:
         POINTS.replace("1,2,3", " 1 , 2 , 3.0e0"),
         "trial,z_mm,installation,x_mm,y_mm\n1,3,1,1,2\n2,6,1,4,5\n1,9,2,7,8\n",
         "installation,trial,x_m,y_m,z_m\n1,1,1e-3,2e-3,3e-3\n1,2,.004,.005,.006\n2,1,0.007,0.008,0.009\n",
+        "installation,trial,x_\u03bcm,y_\u03bcm,z_\u03bcm\n1,1,1000,2000,3000\n1,2,4000,5000,6000\n2,1,7000,8000,9000\n",
         "installation,trial,x_µm,y_µm,z_µm\n1,1,1000,2000,3000\n1,2,4000,5000,6000\n2,1,7000,8000,9000\n",
     ],
 )
@@ -145,12 +146,20 @@ BAD = [
     ("level,error_mm\nA,1\nA,2\nA,3\nB,1\n", 5, "too-few-trials", "level 'B' at target 'tip' has 1 trials"),
     ("trial,error_mm\n1,1\n2,2\n1,3\n", 4, "given-twice", "line 2 already"),
     ("level,rx_deg,error_mm\nA,0,1\nA,0,2\nA,1,3\n", 4, "contradiction", "another installation error in line 2"),
-    ("rx_deg,error_mm\n50,1\n50,1\n50,2\n", 2, "out-of-range", "beyond 45 deg"),
+    ("rx_deg,error_mm\n50,1\n50,1\n50,2\n", 2, "out-of-range", "rx_deg is beyond 45 deg"),
     ("level,mean_mm,sd_mm\nA,1,1\nA,1,1\n", 3, "given-twice", "summed up in line 2"),
     ("level,n,mean_mm,sd_mm\nA,1,1,0\n", 2, "too-few-trials", "from 2 to"),
     ("level,n,mean_mm,sd_mm\nA,ten,1,0\n", 2, "out-of-range", "got 'ten'"),
     ("level,n,mean_mm,sd_mm\nA,12,1,-1\n", 2, "out-of-range", "sd_mm cannot be negative"),
+    ("level,n,mean_mm,sd_mm\nA,5000,1,0\n", 2, "out-of-range", "got '5000'"),
+    ("level,n,mean_mm,sd_mm\nA," + "9" * 5000 + ",1,0\n", 2, "out-of-range", "n is a whole number"),
+    ("level,n,mean_mm,sd_mm\nA,,1,0\n", 2, "out-of-range", "leave the column out"),
+    ("level,mean_mm,sd_mm\nA,1,1e9\n", 2, "out-of-range", "sd_mm is more than 100 m"),
+    ("tx_mm,error_mm\n1e9,1\n", 2, "out-of-range", "tx_mm is more than 100 m"),
+    ("error_mm,\n1,\n", 1, "csv-header", "column 2 has no name"),
+    ("error_mm\n1\n2,\n3\n", 3, "csv-row", "ends with a delimiter"),
     ('error_mm\n"1\n2\n3\n', 2, "csv-syntax", "not CSV"),
+    ("level,error_mm\n" + "A,1\n" * 20_001, 20_002, "too-many", "20,001 lines of measurements"),
     ("error_mm\n" + "1\n" * 2001, 2002, "too-many", "at most 2,000"),
     (POINTS.encode("utf-16"), 1, "encoding", "UTF-8"),
     (b"error_mm\n1\n\xb5\n", 3, "encoding", "byte 12 is not UTF-8"),
@@ -199,6 +208,25 @@ def test_points_in_con_are_errors_in_the_frame_asked_for() -> None:
         assert [test.p_value for test in found[0].tests] == [test.p_value for test in found[1].tests]
 
 
+@pytest.mark.parametrize(
+    "set_by", ["tx_mm,error_mm\n400,400\n400,401\n400,402\n", "ry_deg,error_mm\n44,1\n44,1\n44,2\n"]
+)
+def test_a_level_that_cannot_be_imaged_is_refused_at_its_line(set_by: str) -> None:
+    """The field of view is +-102 mm at the isocentre."""
+    with pytest.raises(TailstackError, match=r"outside view|behind it") as found:
+        study_comparison(cube8_system(), set_by.encode(), error="localisation")
+    problem = found.value.problems[0]
+    assert (problem.line, found.value.exit_code) == (2, 2)
+
+
+def test_more_than_can_be_tested_together_is_refused() -> None:
+    """Thirty levels of ninety trials: 90 tests at 5 % together take 5,400 benches of 2,700 trials."""
+    text = "level,error_mm\n" + "".join(f"L{k},0.{k + 10}\n" for k in range(30)) * 90
+    with pytest.raises(LimitError, match="2,700 trials and 90 tests") as found:
+        study_comparison(cube8_system(), text.encode())
+    assert "fewer levels" in found.value.problems[0].hint
+
+
 def test_a_summary_is_held_against_the_norm() -> None:
     """The mean and spread of one file given as trials and as a summary are tested alike."""
     system = cube8_system(targets=(target((0, 0, 70), "tip"),))
@@ -226,5 +254,6 @@ def test_a_summary_without_trials_is_only_shown() -> None:
     assert "its own reference" in study.levels[0].not_tested
     assert "not stated" in study.levels[1].not_tested
     assert "levels-not-stated" in rules
+    assert "benches of 100 trials" in rules["assumed-trials"].message
     other = study_comparison(system, b"level,mean_mm,reprojection_px\nL1,.69,2.5\nL2,1.5,5.0\n")
     assert "constant-ratio" not in {finding.rule for finding in other.findings}

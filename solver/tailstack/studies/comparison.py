@@ -18,17 +18,18 @@ from ..errors import OutOfRangeError, Problem
 from ..results import Finding
 from ..scoring import FRAMES, NOT_INCLUDED, checked_system, provenance, trust_of
 from ..system import System
-from .comparison_bench import least_benches
-from .comparison_explaining import Scene, explanations
+from .comparison_bench import benches_for, least_benches
+from .comparison_explaining import explanations
 from .comparison_file import Measurements, read_measurements
-from .comparison_levels import CONFIDENCE, MOST_TESTS, Bench, ErrorName, bench_of, compared, offset, stated_of
-from .comparison_linear import sampled_law
+from .comparison_levels import CONFIDENCE, Bench, ErrorName, bench_of, compared, offset, planned, stated_of
+from .comparison_linear import Scene, sampled_law
 from .comparison_records import Explanation, LevelCompared, MeasuredFile, StudyComparison
 from .comparison_statistics import holm
 from .comparison_words import conclusions, findings_of, said_of_test, verdict_of
 
 SAME_RATIO = 0.005  # error over reprojection error of two rows, as printed with three digits
-SHARE_OF_BENCHES = 0.75  # of the work that progress is told of
+SHARE_OF_BENCHES = 0.5  # of the work that progress is told of
+FEWEST_EXPLAINING = 199  # benches of the first-order law
 
 Progress = Callable[[float, float], None]
 
@@ -46,7 +47,8 @@ def study_comparison(
     """Compare a file of bench measurements with what the design predicts.
 
     error: which error was measured.  instrument_sd_mm: standard deviation per coordinate of the instrument, added to
-    the prediction at each trial.  Raises DesignError, IllPosedError; MeasurementError with line and reason;
+    the prediction at each trial.  Raises DesignError, IllPosedError; MeasurementError with line and reason; LimitError
+    where there are too many levels and trials for tests of all of them together;
     OutOfRangeError where the design predicts no spread at all, or error norms are to be compared with a design that
     has components without a law.
     """
@@ -57,7 +59,10 @@ def study_comparison(
     names = [target.name for target in system.targets]
     read = measurements if isinstance(measurements, Measurements) else read_measurements(measurements, names)
     benches = [bench_of(system, read, group, error, instrument_sd_mm) for group in read.groups]
-    least = least_benches(MOST_TESTS * len(benches), 1 - CONFIDENCE)
+    count = benches_for(
+        [bench.system for bench in benches], [bench.trials for bench in benches], sum(map(planned, benches)),
+        1 - CONFIDENCE,
+    )  # fmt: skip
     found: list[LevelCompared] = []
     firsts: dict[str, int] = {}
     for number, bench in enumerate(benches):
@@ -67,7 +72,7 @@ def study_comparison(
             if progress is not None:
                 progress(SHARE_OF_BENCHES * (before + share) / len(benches), 1.0)
 
-        found.append(compared(bench, error, seed, first, least, instrument_sd_mm, threads, told))
+        found.append(compared(bench, error, seed, first, count, instrument_sd_mm, threads, told))
     levels = _adjusted(found)
     explained = _explained(benches, levels, error, seed, instrument_sd_mm, threads, progress)
     verdict = verdict_of(levels)
@@ -155,7 +160,8 @@ def _explained(
                 progress(SHARE_OF_BENCHES + (1 - SHARE_OF_BENCHES) * (before + share) / len(targets), 1.0)
 
         here = [bench for bench in tested if bench.group.target == target]
-        least = least_benches(MOST_TESTS * len(here), 1 - CONFIDENCE)
+        least = least_benches(sum(map(planned, here)), 1 - CONFIDENCE, FEWEST_EXPLAINING)
+        room = sum(bench.trials for bench in here)
         scenes = [
             Scene(
                 target=target,
@@ -164,7 +170,9 @@ def _explained(
                 norms=bench.norms,
                 summary=stated_of(bench),
                 expected=bench.expected,
-                law=sampled_law(bench.system, bench.place, error, bench.sizes, seed, instrument_sd_mm, least),
+                law=sampled_law(
+                    bench.system, bench.place, error, bench.sizes, seed, instrument_sd_mm, least=least, trials=room
+                ),
             )
             for bench in here
         ]

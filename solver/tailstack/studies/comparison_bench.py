@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cores import usable_cores
-from ..errors import OutOfRangeError, Problem
+from ..errors import LimitError, OutOfRangeError, Problem
 from ..montecarlo import ChainPlan, compile_plan, draw, evaluate
 from ..montecarlo.chain import standard_normals
 from ..montecarlo.plan import INSTALLATION
@@ -25,7 +25,8 @@ from ..system import Array, System
 from .comparison_statistics import Expected
 
 ONCE = ("fiducial_manufacturing", "hand_eye")  # drawn once for a bench; the other per-unit sources at each installation
-MOST_ROWS, MOST_ROWS_BY_SVD = 2_000_000, 150_000  # simulated trials of one level at one target
+ROWS, ROWS_BY_SVD = 2_000_000, 150_000  # simulated trials of a file that there is room for
+MOST_ROWS, MOST_ROWS_BY_SVD = 4_000_000, 600_000  # and that the tests of a file may need: half a minute
 LEAST_REPLICATES, MOST_REPLICATES = 499, 4_999
 ROWS_AT_A_TIME = 8192
 INSTRUMENT_STREAM = 64  # of the generator; 0 and 1 are the chain's own
@@ -41,15 +42,26 @@ def at_level(system: System, deliberate: Array | None) -> System:
     return replace(system, interface_1=replace(mount, bias=mount.bias + deliberate))
 
 
-def replicates_for(plan: ChainPlan, trials: int, least: int) -> int:
-    """How many benches of so many trials are simulated: ``least``, more where there is room."""
-    room = MOST_ROWS if plan.structured else MOST_ROWS_BY_SVD
-    return int(max(min(room // trials, MOST_REPLICATES), least))
+def benches_for(systems: Sequence[System], trials: Sequence[int], tests: int, alpha: float) -> int:
+    """How many benches are simulated of each group of a file: as many as its tests need, more where there is room.
+
+    trials: of each group.  Raises LimitError where the tests together need more than can be simulated.
+    """
+    fast = all(compile_plan(system).structured for system in systems)
+    room, most = (ROWS, MOST_ROWS) if fast else (ROWS_BY_SVD, MOST_ROWS_BY_SVD)
+    least, every = least_benches(tests, alpha), sum(trials)
+    if least * every > most:
+        detail = (
+            f"{every:,} trials and {tests} tests need {least * every:,} simulated trials; at most {most:,} are made"
+        )
+        hint = "put fewer levels, targets or trials into a file; several files are compared one by one"
+        raise LimitError(Problem("", "too-many", detail, hint))
+    return max(min(room // every, MOST_REPLICATES), least)
 
 
-def least_benches(tests: int, alpha: float) -> int:
+def least_benches(tests: int, alpha: float, fewest: int = LEAST_REPLICATES) -> int:
     """So many that a two-sided p-value can fall below alpha shared among the tests, with room to spare."""
-    return max(LEAST_REPLICATES, ceil(3 * tests / alpha))
+    return max(fewest, ceil(3 * tests / alpha))
 
 
 def simulated(
@@ -60,18 +72,17 @@ def simulated(
     *,
     seed: int,
     first: int,
-    least: int = LEAST_REPLICATES,
+    count: int = MOST_REPLICATES,
     instrument_sd_mm: float = 0.0,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Array:
-    """Errors (R, n, 3) mm of R simulated benches, ``least`` or more; bounded components stand at their centres.
+    """Errors (R, n, 3) mm of R = ``count`` simulated benches; bounded components stand at their centres.
 
     ``first``: index of the first trial, so that benches of one seed do not share deviates unless they should.
     """
     plan = compile_plan(system)
     trials = sum(sizes)
-    count = replicates_for(plan, trials, least)
     at_once = max(1, ROWS_AT_A_TIME // trials)
     starts = range(0, count, at_once)
     out = np.empty((count, trials, 3))

@@ -11,7 +11,8 @@ import numpy as np
 from scipy.optimize import lsq_linear
 from scipy.special import stdtrit
 
-from ..errors import OutOfRangeError, Problem
+from ..errors import IllPosedError, OutOfRangeError, Problem
+from ..estimation.checks import check_geometry
 from ..propagation.linear import LinearModel, linearise
 from ..results import Interval
 from ..scoring import vector3
@@ -43,11 +44,11 @@ from .comparison_statistics import (
     tail_mean,
     two_sided,
 )
+from .comparison_table import refusal, shown
+from .comparison_words import UNKNOWN
 
 CONFIDENCE = 0.95
-MOST_TESTS = 4  # of one level at one target
 MOST_QUANTILES = 60
-UNKNOWN = (100,)  # trials that are simulated where their number is not stated: only the prediction is shown
 
 ErrorName = Literal["tcp", "localisation"]
 
@@ -67,9 +68,14 @@ class Bench:
     box: Array  # (3, b) mm: bounded components at their half-widths
     reason: str  # why nothing can be tested, or ""
 
+    @property
+    def trials(self) -> int:
+        """Of a simulated bench."""
+        return sum(self.sizes or (UNKNOWN,))
+
 
 def bench_of(system: System, read: Measurements, group: Group, error: ErrorName, instrument_sd_mm: float) -> Bench:
-    here = at_level(system, group.deliberate)
+    here = _at_level(system, read, group)
     place = [target.name for target in system.targets].index(group.target)
     model = linearise(here, here.targets[place])
     box = _bounded(model, error)
@@ -100,6 +106,29 @@ def bench_of(system: System, read: Measurements, group: Group, error: ErrorName,
     )
 
 
+def _at_level(system: System, read: Measurements, group: Group) -> System:
+    """Raises MeasurementError for a level at which the design cannot be imaged."""
+    here = at_level(system, group.deliberate)
+    if here is not system:
+        try:
+            check_geometry(here)
+        except IllPosedError as error:
+            detail = f"level {shown(group.level)} cannot be measured: {error.problems[0].detail}"
+            hint = "is the installation error of the level (rx_deg ... tz_mm) in the right unit?"
+            raise refusal(read.name, group.line, "ill-posed-geometry", detail, hint) from None
+    return here
+
+
+def planned(bench: Bench) -> int:
+    """How many tests a bench will have."""
+    if bench.reason:
+        return 0
+    if bench.group.summary is not None:
+        return len(stated_of(bench) or ())
+    several = (sum(bench.sizes) > len(bench.sizes)) + (len(bench.sizes) > 1)
+    return 1 + several + (sum(bench.sizes) >= LEAST_FOR_TAIL)
+
+
 def _bounded(model: LinearModel, error: str) -> Array:
     """(3, b) mm: what each component without a law does at its half-width."""
     columns = [
@@ -126,15 +155,15 @@ def compared(
     error: ErrorName,
     seed: int,
     first: int,
-    least: int,
+    count: int,
     instrument_sd_mm: float,
     threads: int | None,
     told: Callable[[float], None],
 ) -> LevelCompared:
     group = bench.group
-    sizes = bench.sizes or UNKNOWN
+    sizes = bench.sizes or (UNKNOWN,)
     errors = simulated(
-        bench.system, bench.place, error, sizes, seed=seed, first=first, least=least,
+        bench.system, bench.place, error, sizes, seed=seed, first=first, count=count,
         instrument_sd_mm=instrument_sd_mm, threads=threads, progress=told,
     )  # fmt: skip
     norms = np.linalg.norm(errors, axis=2)
@@ -217,7 +246,7 @@ def _ratio(of: Literal["vectors", "norms"], found: float, simulated: Array, know
 
 
 def _spread(bench: Bench, errors: Array, norms: Array, tested: bool) -> SpreadCompared | None:
-    sizes = bench.sizes or UNKNOWN
+    sizes = bench.sizes or (UNKNOWN,)
     if sum(sizes) == len(sizes):
         return None
     if bench.vectors is not None:

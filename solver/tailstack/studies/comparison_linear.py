@@ -18,7 +18,7 @@ from ..tail.law import UNIFORM
 from .comparison_bench import when
 from .comparison_statistics import Expected, bench_mean
 
-MOST_ROWS = 100_000  # trials of a group, all benches together
+MOST_ROWS = 100_000  # trials of the groups of a target, all benches together
 MOST_BENCHES = 999
 VANISHING_MM2 = 1e-12  # of a contributor to this error: nothing to be scaled
 LEVER = 0.01  # rad
@@ -60,16 +60,39 @@ class Law1:
     displacements: tuple[Displacement, ...]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """One level at one target: what was measured and the first-order law it is held against."""
+
+    target: str
+    sizes: tuple[int, ...]
+    errors: Array | None  # (n, 3) mm, bias of bounded components taken off
+    norms: Array | None  # (n,) mm
+    summary: tuple[float, ...] | None  # mean and, if stated, standard deviation of the norm, mm
+    expected: Expected
+    law: Law1
+
+
 def sampled_law(
-    system: System, target: int, error: str, sizes: Sequence[int], seed: int, instrument_sd_mm: float, least: int
+    system: System,
+    target: int,
+    error: str,
+    sizes: Sequence[int],
+    seed: int,
+    instrument_sd_mm: float,
+    *,
+    least: int,
+    trials: int,
 ) -> Law1:
-    """B benches (``least`` or more) of the first-order law at one target, with every contributor's own part."""
+    """B benches (``least`` or more) of the first-order law at one target, with every contributor's own part.
+
+    trials: of all the groups that are held together, which share the room there is.
+    """
     model = linearise(system, system.targets[target])
-    trials = sum(sizes)
     count = int(max(min(MOST_ROWS // trials, MOST_BENCHES), least))
     rng = np.random.default_rng([seed, 0x434F4D50])
     contributions, parts = [], {}
-    total = np.broadcast_to(model.bias_mm(error), (count, trials, 3)).copy()
+    total = np.broadcast_to(model.bias_mm(error), (count, sum(sizes), 3)).copy()
     for block in model.blocks:
         columns = _drawn(block, model.gain(block, error), rng, count, sizes)
         whole = sum(columns.values(), np.zeros((count, 1, 3)))

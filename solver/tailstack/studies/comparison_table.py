@@ -20,8 +20,10 @@ from ..system import TORSOR_COMPONENTS
 
 Form = Literal["points", "vectors", "norms", "summary"]
 
-MM = {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
+MM = {"um": 1e-3, "\u00b5m": 1e-3, "\u03bcm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}  # micro sign, Greek mu
+UNITS = "um, mm, cm, m"
 MOST_BYTES, MOST_TRIALS, LEAST_TRIALS = 20_000_000, 2_000, 3  # the last two: of one level at one target
+MOST_LINES = 20_000
 FARTHEST_MM = 1e5
 AXES: dict[Form, tuple[str, ...]] = {
     "points": ("x", "y", "z"),
@@ -112,6 +114,9 @@ class Table:
         columns, unit = _columns(name, at, said, form)
         if len(lines) == 1:
             raise refusal(name, at, "empty-document", "there is a header, and no measurement below it")
+        if len(lines) > MOST_LINES + 1:
+            detail = f"{len(lines) - 1:,} lines of measurements; at most {MOST_LINES:,} are read"
+            raise refusal(name, lines[MOST_LINES + 1][0], "too-many", detail, "several files are compared one by one")
         heads = {stem: said[place] for stem, place in columns.items()}
         return cls(name, at, delimiter, columns, heads, form, unit, tuple(lines[1:]))
 
@@ -123,6 +128,8 @@ class Table:
         if len(cells) != len(self.columns):
             detail = f"{len(cells)} cells in a table of {len(self.columns)} columns"
             hint = "decimals are written with a point" if len(cells) > len(self.columns) else ""
+            if len(cells) == len(self.columns) + 1 and not cells[-1]:
+                hint = "the line ends with a delimiter: leave it out"
             raise refusal(self.name, line, "csv-row", detail, hint)
         scale = MM[self.unit]
         values = tuple(scale * self._number(cells, line, axis) for axis in AXES[self.form])
@@ -140,6 +147,9 @@ class Table:
             raise refusal(self.name, line, "out-of-range", f"{axis} cannot be negative", column=axis)
         sd, px = self._optional(cells, line, "sd"), self._optional(cells, line, "reprojection")
         sd = None if sd is None else scale * sd
+        if sd is not None and sd > FARTHEST_MM:
+            hint = "is the unit in the header the right one?"
+            raise refusal(self.name, line, "out-of-range", f"{self.heads['sd']} is more than 100 m", hint)
         return Row(line, labels, values, self._deliberate(cells, line), self._n(cells, line), sd, px)
 
     def _number(self, cells: Sequence[str], line: int, column: str) -> float:
@@ -168,9 +178,12 @@ class Table:
             value = self._number(cells, line, component) if component in self.columns else 0.0
             factor = np.pi / 180 if component in ROTATIONS else MM[self.unit]
             if component in ROTATIONS and abs(value) > 45:
-                raise refusal(
-                    self.name, line, "out-of-range", f"{component} is beyond 45 deg: {value:g}", "", component
-                )
+                head = self.heads[component]
+                raise refusal(self.name, line, "out-of-range", f"{head} is beyond 45 deg: {value:g}", "", head)
+            if component in TRANSLATIONS and abs(value * factor) > FARTHEST_MM:
+                head = self.heads[component]
+                hint = "is the unit in the header the right one?"
+                raise refusal(self.name, line, "out-of-range", f"{head} is more than 100 m: {value:g}", hint, head)
             found.append(float(value * factor))
         return tuple(found)
 
@@ -178,10 +191,11 @@ class Table:
         if "n" not in self.columns or self.form != "summary":
             return None
         said = cells[self.columns["n"]]
-        if not re.fullmatch(r"[0-9]+", said) or not 2 <= int(said) <= MOST_TRIALS:
+        if not re.fullmatch(r"[0-9]{1,9}", said) or not 2 <= int(said) <= MOST_TRIALS:
             detail = f"n is a whole number from 2 to {MOST_TRIALS:,}; got {shown(said)}"
             code = "too-few-trials" if said in ("0", "1") else "out-of-range"
-            raise refusal(self.name, line, code, detail, "leave the column out where the number is not known", "n")
+            hint = "leave the column out where the number is not known" if not said else ""
+            raise refusal(self.name, line, code, detail, hint, "n")
         return int(said)
 
     def _optional(self, cells: Sequence[str], line: int, column: str) -> float | None:
@@ -215,7 +229,7 @@ def _form(name: str, line: int, header: str, said: Sequence[str]) -> Form:
     bare = [cell for cell in said if any(cell in axes for axes in AXES.values())]
     if bare:
         detail = f"column {shown(bare[0])} states no unit"
-        raise refusal(name, line, "csv-header", detail, f"for example {bare[0]}_mm; units: {', '.join(MM)}")
+        raise refusal(name, line, "csv-header", detail, f"for example {bare[0]}_mm; units: {UNITS}")
     partial = [(form, axes) for form, axes in AXES.items() if set(axes) & stems]
     if partial:
         form, axes = partial[0]
@@ -244,10 +258,12 @@ def _columns(name: str, line: int, said: Sequence[str], form: Form) -> tuple[dic
         elif stem in AXES[form] or stem in TRANSLATIONS or (stem == "sd" and form == "summary"):
             if unit not in MM:
                 detail = f"column {shown(cell)} has no known unit of length"
-                raise refusal(name, line, "csv-header", detail, f"for example {stem}_mm; units: {', '.join(MM)}")
+                raise refusal(name, line, "csv-header", detail, f"for example {stem}_mm; units: {UNITS}")
             units[cell] = unit
         else:
             detail, hint = f"unknown column {shown(cell)}", f"known here: {EXAMPLES[form]}, rx_deg ... tz_mm"
+            if not cell:
+                detail, hint = f"column {place + 1} has no name", "leave it out, with the delimiter before it"
             raise refusal(name, line, "csv-header", detail, hint)
         if stem in columns:
             raise refusal(name, line, "csv-header", f"column {shown(stem)} is there twice")

@@ -10,6 +10,7 @@ from ..results import Finding, Interval
 from .comparison_records import Explanation, LevelCompared, SpreadCompared, TestName
 
 MOST_LISTED = 6
+UNKNOWN = 100  # trials that are simulated where their number is not stated: only the prediction is shown
 Verdict = Literal["agrees", "differs", "not testable"]
 
 
@@ -67,6 +68,11 @@ def findings_of(levels: Sequence[LevelCompared], same_ratio: float) -> tuple[Fin
         elif level.spread is not None and level.spread.measured_mm == 0:
             message = f"level {level.level} at {level.target}: all trials are alike to the last digit"
             found.append(Finding("no-spread", "warning", message))
+    if any(level.trials is None for level in levels):
+        message = (
+            f"where the number of trials is not stated, the prediction beside it is of benches of {UNKNOWN} trials"
+        )
+        found.append(Finding("assumed-trials", "note", message))
     ratios = [level.ratio_to_reprojection_mm_per_px for level in levels]
     known = [ratio for ratio in ratios if ratio]
     if len(known) >= 2 and max(known) - min(known) <= same_ratio * max(known):

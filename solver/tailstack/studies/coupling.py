@@ -7,10 +7,10 @@ is e(i, n) - e(i, 0), and e(i, 0) + e(0, n) is what the error would be if the tw
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from math import ceil, hypot, radians, sqrt
+from math import ceil, hypot, sqrt
 from typing import Literal
 
 import numpy as np
@@ -26,13 +26,18 @@ from ..montecarlo.simulate import ERRORS
 from ..propagation.linear import LinearModel, linearise_all
 from ..runs import prepare
 from ..scoring import NOT_INCLUDED, P95, provenance
-from ..system import Array, Mount, Reading, System
+from ..system import Array, Reading, System
 from ..tail.declared import law_quantile
+from .coupling_cases import Case, Level, cases_of, in_place
 from .coupling_records import LEAST_TRIALS, SECTIONS, CouplingCase, Ratio, StudyCoupling
 from .coupling_words import conclusions, seen, sentence
 
 ROOM, MOST = 2**23, 2**25  # trials times targets of a case: by default, and at most (2 GB)
 TRIALS, TRIALS_BY_SVD = 2**18, 2**14  # by default; the second where no structured solution exists
+TRIALS_BEYOND = 2**15  # and where first order fails: noise that large sends many a trial to the plain SVD
+PILOT, FAILS = 2**11, 1.25  # trials that tell; P95 of the noise over or under first order's by this much
+NO_DEVIATION = 0.2  # nu from which the localisation error has no standard deviation (a ratio that may divide by zero)
+MOST_SHARE = 0.02  # of one trial in a sum of squares; of 8192 Gaussian errors the largest has 0.002
 CONFIDENCE = 0.95
 LOCALISED = ERRORS.index("localisation")
 LEVELS = ((1.0, 2.0), (2.0, 5.0))  # degrees, mm: the paper's L1 and L2
@@ -45,22 +50,6 @@ SHOTS = "image noise of fiducials and target, repeatability, load: drawn at each
 
 ErrorName = Literal["tcp", "localisation"]
 Progress = Callable[[int, int], None]
-Level = tuple[float, float]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Case:
-    """One installation error in one reading."""
-
-    reading: Reading
-    level: Level | None  # None: as designed
-    plans: tuple[ChainPlan, ...]  # one for each worst vertex of bounded components
-    plan_of: tuple[int, ...]  # of each target
-    models: dict[str, LinearModel]
-
-    @property
-    def name(self) -> str:
-        return "as designed" if self.level is None else f"{self.level[0]:g} deg + {self.level[1]:g} mm"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,20 +87,21 @@ def study_coupling(
     through its pivot, then the translation along (1, 1, 1)/sqrt(3), everything else in place.  trials: of each case,
     rounded up to a multiple of the sections; the digits depend on it and on the seed, not on ``threads``.
     Raises DesignError, IllPosedError; OutOfRangeError for fewer than ``LEAST_TRIALS`` trials, a level that is not
-    one, or a design that draws nothing at each shot.
+    one or that turns fiducials out of sight, or a design that draws nothing at each shot.
     """
     ready = prepare(design)
     system = ready.system
-    nominal = _in_place(system)
-    cases = [case for reading in Reading for case in _cases(replace(system, reading=reading), nominal, levels, error)]
+    nominal = in_place(system)
+    cases = [case for reading in Reading for case in cases_of(replace(system, reading=reading), nominal, levels, error)]
     at_rest = compile_plan(nominal)
-    size = ceil(_trials(trials, cases, len(system.targets)) / SECTIONS)
     if not any(view.fiducial_noise_px or view.target_noise_px for view in system.views):
         detail = "the views have no noise, so there is nothing that could couple with the installation error"
         raise OutOfRangeError(Problem("/views", "no-noise", detail, "state fiducial_noise_px and target_noise_px"))
+    models = linearise_all(nominal)
+    beyond = ready.trust.expected_error_percent is None or _fails(at_rest, models, error, seed)
+    size = ceil(_trials(trials, cases, len(system.targets), beyond) / SECTIONS)
     sampler = _Sampler(at_rest, seed, size, ERRORS.index(error), threads, progress, 1 + len(cases))
     still = sampler.still()
-    models = linearise_all(nominal)
     records = []
     for number, case in enumerate(cases, 1):
         norms = sampler.of(case, still, number)
@@ -130,16 +120,17 @@ def study_coupling(
         installation=INSTALLED,
         noise=SHOTS,
         cases=tuple(records),
-        conclusions=conclusions(records),
+        conclusions=(*conclusions(records), *(case.remark for case in cases if case.remark)),
         validity=ready.trust,
         provenance=provenance(system, tuple(line for line in NOT_INCLUDED if "second order" not in line)),
     )
 
 
-def _trials(asked: int | None, cases: Sequence[_Case], targets: int) -> int:
-    """Trials of each case: as asked, or what the design's model and its number of targets afford."""
+def _trials(asked: int | None, cases: Sequence[Case], targets: int, beyond: bool) -> int:
+    """Trials of each case: as asked, or what the design's model, its noise and its number of targets afford."""
     fast = all(plan.structured for case in cases for plan in case.plans)
-    wanted = min(TRIALS if fast else TRIALS_BY_SVD, max(ROOM // targets, LEAST_TRIALS)) if asked is None else asked
+    affordable = TRIALS_BY_SVD if not fast else TRIALS_BEYOND if beyond else TRIALS
+    wanted = min(affordable, max(ROOM // targets, LEAST_TRIALS)) if asked is None else asked
     if wanted < LEAST_TRIALS:
         detail = f"at least {LEAST_TRIALS} trials are needed for the intervals; got {wanted}"
         raise OutOfRangeError(Problem("", "too-few-trials", detail, f"--trials {TRIALS}"))
@@ -149,44 +140,16 @@ def _trials(asked: int | None, cases: Sequence[_Case], targets: int) -> int:
     return wanted
 
 
-def level_torsor(level: Level) -> Array:
-    """(6,) rad, mm: one angle about each axis, a translation along (1, 1, 1)/sqrt(3).  Raises OutOfRangeError."""
-    rotation_deg, translation_mm = level
-    if not (abs(rotation_deg) <= 45 and abs(translation_mm) <= 1000):
-        detail = (
-            f"a level is at most 45 deg about each axis and 1000 mm; got {rotation_deg:g} deg and {translation_mm:g} mm"
-        )
-        raise OutOfRangeError(Problem("", "level", detail))
-    return np.array([radians(rotation_deg)] * 3 + [translation_mm / sqrt(3)] * 3)
-
-
-def _in_place(system: System) -> System:
-    """The system without any known error: mounts unbiased, no deflection."""
-
-    def unbiased(mount: Mount) -> Mount:
-        return replace(mount, bias=np.zeros(6))
-
-    return replace(
-        system,
-        interface_1=unbiased(system.interface_1),
-        interface_2=unbiased(system.interface_2),
-        hand_eye=unbiased(system.hand_eye),
-        execution_bias_mm=np.zeros(3),
-    )
-
-
-def _cases(system: System, nominal: System, levels: Sequence[Level], error: str) -> Iterable[_Case]:
-    """As designed, with bounded components at their worst ends, and the levels, in the reading of ``system``."""
-    models = linearise_all(system)
-    ends = [tuple(sorted(error_law(m, error, P95).worst.vertex(m).items())) for m in models.values()]
-    distinct = list(dict.fromkeys(ends))
-    plans = tuple(compile_plan(system, vertex=dict(vertex)) for vertex in distinct)
-    yield _Case(system.reading, None, plans, tuple(distinct.index(vertex) for vertex in ends), models)
-    for level in levels:
-        mount = replace(nominal.interface_1, bias=level_torsor(level))
-        moved = replace(nominal, reading=system.reading, interface_1=mount)
-        plan = compile_plan(moved)
-        yield _Case(system.reading, level, (plan,), (0,) * len(ends), linearise_all(moved))
+def _fails(at_rest: ChainPlan, models: dict[str, LinearModel], error: ErrorName, seed: int) -> bool:
+    """Whether a few trials of the noise alone are far from first order, whatever its validity number says."""
+    z = _only(at_rest, draw(at_rest, seed, np.arange(PILOT, dtype=np.int64)), SHOT)
+    norms = np.linalg.norm(evaluate(at_rest, z)[:, :, ERRORS.index(error)], axis=2).T
+    for model, sample in zip(models.values(), norms, strict=True):
+        quiet = [part for block, part in zip(model.blocks, parts_of(model, error), strict=True) if not block.per_unit]
+        ratio = quantile_of(sample, P95) / law_quantile(law_of(np.zeros(3), quiet), P95).quantile_mm
+        if not 1 / FAILS < ratio < FAILS:
+            return True
+    return False
 
 
 # --- sampling -------------------------------------------------------------------------------------
@@ -228,7 +191,7 @@ class _Sampler:
         self._each(section, 0)
         return [_Still(rows[0], rows[1], rows[2:]) for rows in kept]
 
-    def of(self, case: _Case, still: Sequence[_Still], run: int) -> list[_Norms]:
+    def of(self, case: Case, still: Sequence[_Still], run: int) -> list[_Norms]:
         """What is kept of a case, by target."""
         kept = np.empty((len(still), 4, SECTIONS * self.size))
 
@@ -285,7 +248,7 @@ def sectioned(
 
 
 def _record(
-    case: _Case, target: str, error: ErrorName, norms: _Norms, still: _Still, resting: LinearModel
+    case: Case, target: str, error: ErrorName, norms: _Norms, still: _Still, resting: LinearModel
 ) -> CouplingCase:
     trials = len(still.noise)
     first = _first_order(case, case.models[target], resting, error)
@@ -302,6 +265,9 @@ def _record(
     def rms(squares: Array, part: slice) -> float:
         return sqrt(float(squares[part].mean()))
 
+    nu = max(case.models[target].nu, resting.nu)
+    share = max(float(squares.max() / squares.sum()) for squares in (norms.gain_squared, still.gain_squared))
+    spread = nu <= NO_DEVIATION and share <= MOST_SHARE
     gain = sectioned(lambda part: rms(norms.gain_squared, part) / rms(still.gain_squared, part), trials, first.gain)
     against_added = over(added, first.together / first.vector_sum)
     record = CouplingCase(
@@ -315,9 +281,11 @@ def _record(
         p95_noise_mm=noise(every),
         p95_vector_sum_mm=added(every),
         p95_first_order_mm=first.together,
-        noise_rms_biased_mm=rms(norms.gain_squared, every),
-        noise_rms_nominal_mm=rms(still.gain_squared, every),
-        gain=gain,
+        nu=nu,
+        largest_share=share,
+        noise_rms_biased_mm=rms(norms.gain_squared, every) if spread else None,
+        noise_rms_nominal_mm=rms(still.gain_squared, every) if spread else None,
+        gain=gain if spread else None,
         against_quadrature=over(
             lambda part: hypot(installed(part), noise(part)), first.together / hypot(first.installation, first.noise)
         ),
@@ -343,7 +311,7 @@ class _FirstOrder:
     gain: float
 
 
-def _first_order(case: _Case, model: LinearModel, still: LinearModel, error: str) -> _FirstOrder:
+def _first_order(case: Case, model: LinearModel, still: LinearModel, error: str) -> _FirstOrder:
     at = error_law(model, error, P95)
     pairs = list(zip(model.blocks, at.parts, strict=True))
     shot = [part for block, part in pairs if not block.per_unit]

@@ -17,7 +17,7 @@ READINGS = {
     "physical": "the structure really moves, and its images with it",
     "eq18": "the coordinates told to the estimator move, the images do not",
 }
-Which = Callable[[CouplingCase], Ratio]
+Which = Callable[[CouplingCase], Ratio | None]  # None: of what there is none
 COMPARISONS: tuple[tuple[str, str, Which], ...] = (
     ("noise gain", "biased over nominal geometry", lambda case: case.gain),
     ("P95 over quadrature", "root of the sum of squares of the parts", lambda case: case.against_quadrature),
@@ -39,8 +39,10 @@ def coupling_text(study: StudyCoupling, target: str | None = None) -> str:
     return joined(
         _heading(study),
         wrapped(f"installation: {study.installation}") + "\n" + wrapped(f"noise: {study.noise}"),
-        f"P95 of the {study.error} error at {shown[0].target}{more}, mm; ratios as per cent above or below one, ± half "
-        f"of the\n{confidence} % interval (each by itself)",
+        wrapped(
+            f"P95 of the {study.error} error at {shown[0].target}{more}, mm; ratios as per cent above or below one, ± "
+            f"half of the {confidence} % interval (each by itself)"
+        ),
         *(_reading(name, [case for case in shown if case.reading == name]) for name in READINGS),
         wrapped(f"intervals: {study.interval_method}."),
         "\n".join(wrapped(case.sentence, first="· ", indent="  ") for case in shown),
@@ -77,7 +79,7 @@ def _quantiles(cases: Sequence[CouplingCase]) -> str:
         (
             case.installation,
             *(
-                number(value)
+                "none" if value is None else number(value)
                 for value in (
                     case.p95_installation_mm, case.p95_noise_mm, case.p95_together_mm, case.p95_vector_sum_mm,
                     case.p95_first_order_mm, case.noise_rms_nominal_mm, case.noise_rms_biased_mm,
@@ -103,13 +105,15 @@ def _ratios(cases: Sequence[CouplingCase]) -> str:
     return table(header, rows)
 
 
-def _with_half_width(ratio: Ratio) -> str:
+def _with_half_width(ratio: Ratio | None) -> str:
+    if ratio is None:
+        return "none"
     decimals = min(decimals_of(ratio), MOST_DECIMALS)
     return f"{per_cent(ratio, decimals)[:-2]} ± {50 * (ratio.interval[1] - ratio.interval[0]):.{decimals}f}"
 
 
-def _predicted(ratio: Ratio) -> str:
-    return "" if ratio.first_order is None else f"{round(100 * (ratio.first_order - 1), 2) + 0.0:+.2f}"
+def _predicted(ratio: Ratio | None) -> str:
+    return "" if ratio is None or ratio.first_order is None else f"{round(100 * (ratio.first_order - 1), 2) + 0.0:+.2f}"
 
 
 # --- figure ---------------------------------------------------------------------------------------
@@ -139,15 +143,19 @@ def coupling_svg(study: StudyCoupling, target: str | None = None) -> str:
     return page("Installation error and noise: together against the parts", words, width, bottom + 70, parts)
 
 
-def _panel(left: float, bottom: float, name: str, under: str, ratios: Sequence[Ratio]) -> list[str]:
-    ends = [100 * (end - 1) for ratio in ratios for end in (*ratio.interval, ratio.first_order or ratio.value)]
-    reach = max(max(abs(end) for end in ends), 0.01)
+def _panel(left: float, bottom: float, name: str, under: str, ratios: Sequence[Ratio | None]) -> list[str]:
+    known = [ratio for ratio in ratios if ratio is not None]
+    ends = [100 * (end - 1) for ratio in known for end in (*ratio.interval, ratio.first_order or ratio.value)]
+    reach = max([0.01, *(abs(end) for end in ends)])
     scale = around([min([*ends, -0.05 * reach]), max([*ends, 0.05 * reach])], left, left + CELL)
     parts = [text(left, TOP - 24, name, weight="bold"), text(left, TOP - 10, under, colour=MUTED, size=10)]
     parts += bottom_axis(scale, TOP, bottom, "%", 45)
     parts.append(line(scale.at(0), TOP, scale.at(0), bottom, INK, 1.2))
     for row, ratio in enumerate(ratios):
         y = TOP + ROW * (row + 0.5)
+        if ratio is None:
+            parts.append(text(left + CELL / 2, y + 4, "no standard deviation", anchor="middle", colour=MUTED, size=10))
+            continue
         low, at, high = (scale.at(100 * (end - 1)) for end in (ratio.interval[0], ratio.value, ratio.interval[1]))
         if ratio.first_order is not None:
             parts.append(_diamond(scale.at(100 * (ratio.first_order - 1)), y))
