@@ -12,6 +12,7 @@ from .page import Scale, around, bottom_axis, left_axis
 COLOURS = (BLUE, VERMILION, GREEN, PURPLE, "#8a6d00", "#5b9bc8")
 Mark = Literal["disc", "ring", "square", "frame", "none"]
 NAME_GAP = 14.0  # least distance of two names, one above the other
+LEGIBLE = {VERMILION: "#b34700", FAINT: INK}  # names: a colour too pale for letters
 SAMPLE = 26.0  # length of a line before its name, where lines differ by their dashes
 
 
@@ -105,6 +106,6 @@ def _names(axes: Axes, curves: Sequence[Curve]) -> list[str]:
     for y, curve in zip(places, named, strict=True):
         if sampled:
             parts.append(line(x, y - 4, x + SAMPLE, y - 4, curve.colour, 1.8, curve.dashes))
-        colour = curve.colour if curve.colour != FAINT else INK
+        colour = LEGIBLE.get(curve.colour, curve.colour)
         parts.append(text(x + sampled, y, printable(curve.name, 40), colour=colour))
     return parts

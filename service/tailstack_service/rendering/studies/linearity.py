@@ -17,7 +17,7 @@ MOST_REASONS = 8
 MOST_COLUMNS = 6  # rotations in a table
 # From pale to dark, so that a print in grey keeps the order; text on it stays readable.
 FILL: dict[Within, tuple[str, str]] = {
-    "1 %": ("#e4f1e8", INK), "5 %": ("#f7e6a2", INK), "20 %": ("#eda35f", INK), "beyond": ("#a5301f", "#ffffff"),
+    "1 %": ("#e4f1e8", INK), "5 %": ("#efcf6d", INK), "20 %": ("#e08f4c", INK), "beyond": ("#a5301f", "#ffffff"),
 }  # fmt: skip
 CELL_WIDTH, CELL_HEIGHT, LEFT, TOP = 62, 26, 118, 78
 LEAST_WIDTH = 800  # of the key
