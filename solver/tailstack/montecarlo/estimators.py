@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import ceil, fsum, log, sqrt
+from math import ceil, fsum, inf, log, sqrt
 
 import numpy as np
 from scipy.special import bdtr, betaincinv, ndtri
@@ -119,14 +119,28 @@ def order_statistic(sample: ErrorSample, rank: int) -> float:
     return float(sample.tail[len(sample.tail) - 1 - (sample.trials - rank)])
 
 
+def between_ranks(
+    samples: Samples, target: str | int, error: str, quantile: float, low: int | None, high: int | None
+) -> tuple[float, tuple[float, float]]:
+    """Quantile of the error norm, mm, by order statistics, and those of two ranks (1-based) about it.
+
+    A rank of None has no order statistic: the end is then zero or infinite.
+    """
+    middle = ceil(samples.trials * quantile)
+    sample = with_rank(samples, target, error, middle if low is None else min(low, middle))
+    ends = (
+        0.0 if low is None else order_statistic(sample, low),
+        inf if high is None else order_statistic(sample, high),
+    )
+    return order_statistic(sample, middle), ends
+
+
 def quantile_estimate(
     samples: Samples, target: str | int, error: str, quantile: float, confidence: float = 0.95
 ) -> QuantileEstimate:
     """Quantile of the error norm by order statistics, with its distribution-free interval."""
     low, high = interval_ranks(samples.trials, quantile, confidence)
-    sample = with_rank(samples, target, error, low)
-    value = order_statistic(sample, ceil(samples.trials * quantile))
-    interval = (order_statistic(sample, low), order_statistic(sample, high))
+    value, interval = between_ranks(samples, target, error, quantile, low, high)
     return QuantileEstimate(quantile, value, interval, confidence, samples.trials)
 
 

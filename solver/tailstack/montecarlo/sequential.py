@@ -26,7 +26,7 @@ from scipy.special import gammaln
 
 from ..errors import OutOfRangeError, Problem
 from ..system import Array
-from .estimators import order_statistic, with_rank
+from .estimators import between_ranks
 from .plan import ChainPlan
 from .shards import BLOCK, ShardSource
 from .simulate import Progress, Samples, simulate
@@ -157,12 +157,7 @@ def repeated_interval(
     samples: Samples, target: str | int, error: str, quantile: float, ranks: Ranks
 ) -> RepeatedInterval:
     """A quantile by its order statistic, with the interval between the ranks of this look."""
-    middle = ceil(samples.trials * quantile)
-    lowest = middle if ranks.low is None else min(ranks.low, middle)
-    sample = with_rank(samples, target, error, lowest)
-    low = 0.0 if ranks.low is None else order_statistic(sample, ranks.low)
-    high = inf if ranks.high is None else order_statistic(sample, ranks.high)
-    return RepeatedInterval(order_statistic(sample, middle), (low, high))
+    return RepeatedInterval(*between_ranks(samples, target, error, quantile, ranks.low, ranks.high))
 
 
 def cvar_interval(
