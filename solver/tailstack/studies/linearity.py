@@ -212,4 +212,4 @@ def _nearer(point: LinearityPoint) -> bool | None:
     middle = (1 + second / ratio) / 2  # over first order
     if low * middle <= 1 <= high * middle or abs(second - ratio) <= (high - low) / 2:
         return None
-    return (low * middle > 1) == (second < ratio)
+    return abs(second - 1) < abs(ratio - 1)
