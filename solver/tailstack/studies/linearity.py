@@ -78,7 +78,7 @@ def study_linearity(
         trials=trials // SECTIONS * SECTIONS,
         confidence=CONFIDENCE,
         interval_method=f"both quantiles from the same deviates; Student's interval of the logarithms of {SECTIONS} "
-        f"sections' ratios; {100 * CONFIDENCE:g} % each by itself, so about {round(100 * (1 - CONFIDENCE))} of 100 miss",
+        f"sections' ratios; {100 * CONFIDENCE:g} % each by itself, so some {round(100 * (1 - CONFIDENCE))} of 100 miss",
         noises_px=tuple(noises_px),
         rotations_deg=tuple(rotations_deg),
         spreads=tuple(spreads),
