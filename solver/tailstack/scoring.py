@@ -126,7 +126,7 @@ def _per_unit(model: LinearModel, at: ErrorLaw, limit_mm: float | None) -> PerUn
 
 
 def _second_order(system: System, index: int, model: LinearModel, worst: WorstCase) -> SecondOrder:
-    """Second-order mean and covariance of the TCP error, where they help."""
+    """Second-order mean and covariance of the TCP error, where their series holds."""
     from .montecarlo import compile_plan, evaluate
 
     plan = compile_plan(system, vertex=worst.vertex(model))
@@ -203,7 +203,7 @@ def _checks(
 def score(design: Design | System, *, second_order: bool = False) -> Score:
     """Score a design to first order, every target and requirement.
 
-    ``second_order`` adds the second-order correction where it helps (milliseconds; refused, with the reason,
+    ``second_order`` adds the second-order correction where its series holds (milliseconds; refused, with the reason,
     where it does not).  Raises DesignError for a document that breaks its rules and IllPosedError for a
     geometry that does not determine the answer.
     """

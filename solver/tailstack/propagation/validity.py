@@ -27,7 +27,7 @@ LEVELS: tuple[tuple[float, Level, float], ...] = (
 ROTATION_LIMITS_RAD = (0.1, 0.22, 0.45)  # 0.7 times their squares: 0.7, 3.4 and 14 %
 FEWEST_FIDUCIALS = 6
 SIX_FIDUCIALS_FACTOR = 5.0
-SECOND_ORDER_LIMIT = 0.05  # second order helps below; at nu = 0.10 it errs by +26 % and -41 %
+SECOND_ORDER_LIMIT = 0.05  # second order is offered below; at nu = 0.10 it errs by +26 % and -41 %
 
 
 def validity(nu: float, fiducials: int, rotation_rad: float = 0.0) -> Validity:
