@@ -19,6 +19,7 @@ from tailstack.studies.coupling import TRIALS_BEYOND, quantile_of, sectioned, st
 from tailstack.studies.coupling_cases import level_torsor
 from tailstack.studies.coupling_records import SECTIONS, CouplingCase, Ratio, StudyCoupling
 from tailstack.studies.coupling_words import among, conclusions, per_cent, seen, side
+from tailstack.studies.refusals import StudyError
 from tailstack.system import Law, RotationForm
 
 ORACLE = json.loads((Path(__file__).parents[1] / "data/oracles/noise_covariance_cube8.json").read_text())
@@ -232,7 +233,7 @@ def test_a_level_out_of_the_image_is_remarked_and_one_out_of_sight_refused() -> 
     assert len(said) == 4
     assert "10 deg + 20 mm, physical reading" in said[3]
     assert "outside view" in said[3]
-    with pytest.raises(OutOfRangeError, match=r"45 deg \+ 1000 mm.*behind it") as refused:
+    with pytest.raises(StudyError, match=r"45 deg \+ 1000 mm.*behind it") as refused:
         study_coupling(cube8_system(), levels=((-45.0, 1000.0), (45.0, 1000.0)), trials=8192)
     assert refused.value.problems[0].code == "level"
 

@@ -86,8 +86,8 @@ def study_coupling(
     levels: (rotation deg, translation mm) of the structure-connector interface: the same angle about each axis
     through its pivot, then the translation along (1, 1, 1)/sqrt(3), everything else in place.  trials: of each case,
     rounded up to a multiple of the sections; the digits depend on it and on the seed, not on ``threads``.
-    Raises DesignError, IllPosedError; OutOfRangeError for fewer than ``LEAST_TRIALS`` trials, a level that is not
-    one or that turns fiducials out of sight, or a design that draws nothing at each shot.
+    Raises DesignError, IllPosedError; StudyError for a level that turns fiducials out of sight; OutOfRangeError
+    for fewer than ``LEAST_TRIALS`` trials, a level that is not one, or a design that draws nothing at each shot.
     """
     ready = prepare(design)
     system = ready.system

@@ -15,6 +15,7 @@ from ..montecarlo import ChainPlan, compile_plan
 from ..propagation.linear import LinearModel, linearise_all
 from ..scoring import P95
 from ..system import Array, Mount, Reading, System
+from .refusals import StudyError
 
 Level = tuple[float, float]  # degrees about each axis, mm along (1, 1, 1)
 
@@ -80,7 +81,7 @@ def cases_of(system: System, nominal: System, levels: Sequence[Level], error: st
 
 
 def _remark(moved: System, level: Level) -> str:
-    """What is not imaged at a level, or "".  Raises OutOfRangeError where the level leaves nothing to be estimated.
+    """What is not imaged at a level, or "".  Raises StudyError where the level leaves nothing to be estimated.
 
     Outside an image, the study goes on as if the detector were large enough: a paper's level may be larger than a
     field of view.
@@ -90,7 +91,7 @@ def _remark(moved: System, level: Level) -> str:
         check_geometry(unbounded)
     except IllPosedError as error:
         detail = f"at {named(level)}, {moved.reading.value} reading: {error.problems[0].detail}"
-        raise OutOfRangeError(Problem("", "level", detail, "name a smaller --level")) from None
+        raise StudyError(Problem("", "level", detail, "name a smaller --level")) from None
     try:
         check_geometry(moved)
     except IllPosedError as error:
