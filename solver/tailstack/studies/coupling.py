@@ -38,6 +38,7 @@ TRIALS_BEYOND = 2**15  # and where first order fails: noise that large sends man
 PILOT, FAILS = 2**11, 1.25  # trials that tell; P95 of the noise over or under first order's by this much
 NO_DEVIATION = 0.2  # nu from which the localisation error has no standard deviation (a ratio that may divide by zero)
 MOST_SHARE = 0.02  # of one trial in a sum of squares; of 8192 Gaussian errors the largest has 0.002
+WINDOW = 0.01  # on either side of P95: the vector sum is compared over this share of the trials
 CONFIDENCE = 0.95
 LOCALISED = ERRORS.index("localisation")
 LEVELS = ((1.0, 2.0), (2.0, 5.0))  # degrees, mm: the paper's L1 and L2
@@ -231,6 +232,18 @@ def quantile_of(values: Array, p: float) -> float:
     return float(np.partition(values, rank)[rank])
 
 
+def mean_about(values: Array, p: float, reach: float = WINDOW) -> float:
+    """Mean of the order statistics of values (n,) between the quantiles ``p - reach`` and ``p + reach``.
+
+    Two samples that differ trial by trial by less than their order statistics lie apart have the same trial at a
+    quantile, and its own difference is all that a ratio of quantiles then sees, however many trials there are; the
+    mean over a share of the trials sees theirs, and sections see it as the whole does.
+    """
+    count = len(values)
+    low, high = ceil(count * (p - reach)) - 1, ceil(count * (p + reach))
+    return float(np.partition(values, (low, high - 1))[low:high].mean())
+
+
 def sectioned(
     estimate: Callable[[slice], float], trials: int, first_order: float | None = None, confidence: float = CONFIDENCE
 ) -> Ratio:
@@ -269,7 +282,10 @@ def _record(
     share = max(float(squares.max() / squares.sum()) for squares in (norms.gain_squared, still.gain_squared))
     spread = nu <= NO_DEVIATION and share <= MOST_SHARE
     gain = sectioned(lambda part: rms(norms.gain_squared, part) / rms(still.gain_squared, part), trials, first.gain)
-    against_added = over(added, first.together / first.vector_sum)
+    against_added = sectioned(
+        lambda part: mean_about(norms.together[part], P95) / mean_about(norms.vector_sum[part], P95),
+        trials, first.together / first.vector_sum,
+    )  # fmt: skip
     record = CouplingCase(
         reading=case.reading.value,
         installation=case.name,

@@ -43,7 +43,7 @@ class CouplingCase:
     gain: Ratio | None  # of the two
     against_quadrature: Ratio  # P95 together over the root of the sum of squares of the parts
     against_sum: Ratio  # over the sum of the parts
-    against_vector_sum: Ratio
+    against_vector_sum: Ratio  # of the means of the norms between their 94 % and 96 % quantiles
     against_first_order: Ratio
     coupling: Seen  # what the interval of against_vector_sum says
     sentence: str
