@@ -339,6 +339,20 @@ def test_a_narrow_value_is_not_stepped_over_in_norms() -> None:
     assert abs(abs(named.most_plausible or 0.0) - 3.3) < 0.2
 
 
+def test_the_interval_of_a_value_is_that_of_its_test() -> None:
+    """closed_form: of a bench with noise alone whose mean is exactly 1 mm along z, the values v of interface_2.tz that
+    keep (1 - v)^2 (S^-1)_zz n within the 95 % quantile of chi-squared with three degrees; 999 benches: to 8 %."""
+    system = cube8_system()
+    sigma = covariance(linearise(system, system.targets[0]), "tcp")
+    errors = np.random.default_rng(24).multivariate_normal(np.zeros(3), sigma, 10)
+    errors += np.array([0, 0, 1.0]) - errors.mean(axis=0)
+    named = found_in(studied(system, errors, (10,)), "interface_2", "tz")
+    half = np.sqrt(chi2(3).ppf(0.95) / (10 * np.linalg.inv(sigma)[2, 2]))
+    ((low, high),) = named.intervals
+    assert (low + high) / 2 == pytest.approx(1.0, abs=1e-3)
+    assert (high - low) / 2 == pytest.approx(half, rel=0.08)
+
+
 def test_explaining_norms_is_the_quadratic_it_is_taken_for() -> None:
     rng = np.random.default_rng(22)
     start, direction, one = rng.normal(size=(5, 4, 3)), rng.normal(size=(5, 4, 3)), rng.normal(size=3)
