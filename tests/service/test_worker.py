@@ -183,7 +183,7 @@ def test_an_upgrade_computes_anew_and_says_so(db: Database) -> None:
 
 
 def test_a_killed_process_is_counted_and_its_unit_computed_again(db: Database) -> None:
-    asked = request("sleep", seconds=0.5)
+    asked = request("sleep", seconds=1.5)  # a machine may be slow to kill
     submitted = submit(db, asked)
     with working(db, worker_processes=1) as (_, engine):
         until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())

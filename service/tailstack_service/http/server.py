@@ -126,14 +126,10 @@ def serve(
     """
     check_settings(settings)
     open_database(settings.database_url, migrate=True).close()
-    if announce is not None:
-        announce()
     kept = _Family(settings, worker)
+    run = _serve_with_several if settings.api_processes > 1 else _serve_here
     try:
-        if settings.api_processes > 1:
-            _serve_with_several(bound, settings, kept)
-        else:
-            _serve_here(bound, settings, kept)
+        run(bound, settings, kept, announce or (lambda: None))
     finally:
         kept.stop()
 
@@ -158,7 +154,7 @@ class _Family:
             child.stop()
 
 
-def _serve_here(bound: socket.socket, settings: Settings, kept: _Family) -> None:
+def _serve_here(bound: socket.socket, settings: Settings, kept: _Family, announce: Callable[[], None]) -> None:
     stopped: list[int] = []
     servers: list[Server] = []
 
@@ -170,6 +166,7 @@ def _serve_here(bound: socket.socket, settings: Settings, kept: _Family) -> None
 
     previous = signal.signal(signal.SIGTERM, on_signal)
     try:
+        announce()  # whoever reads it may send a signal at once
         servers.append(Server(settings, on_stop=kept.tell))
         if not stopped:
             servers[0].run(sockets=[bound])
@@ -177,7 +174,7 @@ def _serve_here(bound: socket.socket, settings: Settings, kept: _Family) -> None
         signal.signal(signal.SIGTERM, previous)
 
 
-def _serve_with_several(bound: socket.socket, settings: Settings, kept: _Family) -> None:
+def _serve_with_several(bound: socket.socket, settings: Settings, kept: _Family, announce: Callable[[], None]) -> None:
     stopped: list[int] = []  # not an Event: a signal could interrupt this thread while it holds its lock
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
@@ -185,6 +182,7 @@ def _serve_with_several(bound: socket.socket, settings: Settings, kept: _Family)
 
     previous = {number: signal.signal(number, on_signal) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
+        announce()
         with tempfile.TemporaryDirectory(prefix="tailstack-counters-") as counters:
             for number in range(settings.api_processes):
                 start = lambda: _start_api_process(bound, settings, counters)  # noqa: E731

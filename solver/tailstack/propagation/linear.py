@@ -16,6 +16,7 @@ from ..errors import IllPosedError, Problem
 from ..system import Array, Law, Reading, System, Target
 from .chain import Block, Chain, chain_of, estimator_geometry
 from .noise import noise_gains_jit
+from .parallax import parallax_gains
 
 __all__ = [
     "Block",
@@ -64,14 +65,17 @@ def _reconstructed(chain: Chain, target: Target) -> tuple[Array, Array]:
     return first.moved(target.position_mm), first.by_torsor(target.position_mm)
 
 
-def validity_number(chain: Chain, perspective: Array) -> float:
-    """nu: standard deviation of the relative perspective error at the target, largest over views.
+def validity_number(chain: Chain, perspective: Array, parallax: Array) -> float:
+    """nu: standard deviation of what first order divides by, relative to itself; the largest of two kinds.
 
-    ``dw(q)/w(q) - dw(c)/w(c)`` with w the estimated depth and c the fiducials' centroid: free of gauge, and
-    the quantity whose smallness first order rests on.  Manufacturing errors count through their images.
-    perspective (V, N, 2) per px.
+    The relative perspective error at the target, ``dw(q)/w(q) - dw(c)/w(c)`` with w the estimated depth and c the
+    fiducials' centroid, of each view: free of gauge.  And the relative error of the firmness with which all rays
+    cross (``parallax.py``).  Manufacturing errors count through their images.  perspective (V, N, 2) and parallax
+    (V, N, 2, 2 V) per px.
     """
-    largest = 0.0
+    through = np.einsum("vicx,vick->ikx", parallax, chain.per_depth) * chain.manufacturing_std_mm[:, :, None]
+    noises = np.array([view.fiducial_noise_px for view in chain.system.views])
+    largest = sqrt(float((noises**2 * (parallax**2).sum(axis=(1, 2, 3))).sum() + (through**2).sum()))
     for view, gain, per_depth in zip(chain.system.views, perspective, chain.per_depth, strict=True):
         shared = np.einsum("ic,ick->ik", gain, per_depth) * chain.manufacturing_std_mm
         variance = view.fiducial_noise_px**2 * (gain**2).sum() + (shared**2).sum()
@@ -148,7 +152,7 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
         blocks=tuple(kind.block(*gains[kind.contributor]) for kind in chain.kinds),
         tcp_from_localisation=to_tcp,
         manufacturing_block_diagonal=block_diagonal,
-        nu=validity_number(chain, perspective),
+        nu=validity_number(chain, perspective, parallax_gains(projections, points, reconstructed)),
         extrapolation=float(np.linalg.norm(reconstructed - chain.centroid)) / chain.radius,
     )
 

@@ -1,0 +1,132 @@
+"""How firmly the rays cross: noise of the direction in which they do so least, relative to itself.
+
+Triangulation divides by the smallest singular value of ``J = d(images)/d(point)``: at a target seen along rays that
+are nearly parallel it is small, and image noise turns the rays by a part of the angle between them.  First order takes
+that part to be small.  With d the weakest direction and ``s = |J d|``, that part is ``dJ d / s``: along d the noise of
+an image must vary little beside the image itself.  Of ``dJ d`` counts what no step of the target across d would do as
+well: along ``J d`` it changes s, along the normal of the epipolar planes it turns the rays past each other.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+from numba import njit
+
+from ..system import Array
+from .noise import inverse3, mean_rows, view_residual_gains
+
+_STEP = 1e-3  # of the depth, between the points at which the noise of an image is compared: an error of its square
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def weakest(normal: Array) -> Array:
+    """(3,) unit vector along the smallest eigenvalue of a symmetric positive definite (3, 3), by powers of its inverse.
+
+    Among equal ones, any of theirs.
+    """
+    power = inverse3(normal)
+    for _ in range(10):
+        largest = 0.0
+        for i in range(3):
+            largest = max(largest, power[i, i])
+        power = power / largest
+        square = np.zeros((3, 3))
+        for i in range(3):
+            for j in range(3):
+                for k in range(3):
+                    square[i, j] += power[i, k] * power[k, j]
+        power = square
+    best = 0
+    for j in range(1, 3):
+        if power[j, j] > power[best, best]:
+            best = j
+    size = sqrt(power[best, 0] ** 2 + power[best, 1] ** 2 + power[best, 2] ** 2)
+    out = np.empty(3)
+    for k in range(3):
+        out[k] = power[best, k] / size
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _made_orthogonal(vector: Array, units: Array, count: int) -> None:
+    """Take the first ``count`` of orthonormal units (., n) out of a vector (n,), twice for the rounding."""
+    for _ in range(2):
+        for u in range(count):
+            product = 0.0
+            for k in range(vector.size):
+                product += vector[k] * units[u, k]
+            for k in range(vector.size):
+                vector[k] -= product * units[u, k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def parallax_gains(projections: Array, points: Array, target: Array) -> Array:
+    """(V, N, 2, 2 V) relative change of how the images move with the target along its weakest direction.
+
+    Per px of each fiducial's noise (its u and v); in all 2 V coordinates of the images, but for what moving the target
+    across that direction would do as well.  projections (V, 3, 4) con mm to px with |p3| = 1, points (N, 3) and
+    target (3,) mm as ``noise_gains`` takes them.
+    """
+    views, count = projections.shape[0], points.shape[0]
+    centre = mean_rows(points)
+    moved = np.zeros((3, 2 * views))  # px per mm along x, y, z
+    nearest = np.inf
+    for v in range(views):
+        seen = projections[v, :, 3].copy()
+        for r in range(3):
+            for k in range(3):
+                seen[r] += projections[v, r, k] * target[k]
+        nearest = min(nearest, seen[2])
+        for c in range(2):
+            for k in range(3):
+                moved[k, 2 * v + c] = (projections[v, c, k] - seen[c] / seen[2] * projections[v, 2, k]) / seen[2]
+    normal = np.zeros((3, 3))
+    for j in range(3):
+        for k in range(3):
+            for x in range(2 * views):
+                normal[j, k] += moved[j, x] * moved[k, x]
+    direction = weakest(normal)
+    along = np.zeros(2 * views)
+    for k in range(3):
+        along += direction[k] * moved[k]
+    firmness = 0.0
+    for x in range(2 * views):
+        firmness += along[x] * along[x]
+    firmness = sqrt(firmness)
+    # across the weakest direction: two units of what the images do there
+    least = 0
+    for k in range(1, 3):
+        if abs(direction[k]) < abs(direction[least]):
+            least = k
+    across = np.zeros((2, 3))
+    across[0, least] = 1.0
+    across[0] -= direction[least] * direction
+    for k in range(3):
+        a, b = (k + 1) % 3, (k + 2) % 3
+        across[1, k] = direction[a] * across[0, b] - direction[b] * across[0, a]
+    units = np.zeros((2, 2 * views))
+    for u in range(2):
+        for k in range(3):
+            units[u] += across[u, k] * moved[k]
+        _made_orthogonal(units[u], units, u)
+        size = 0.0
+        for x in range(2 * views):
+            size += units[u, x] * units[u, x]
+        units[u] /= sqrt(size)
+    step = _STEP * nearest
+    gains, perspective = np.empty((count, 2, 2)), np.empty((count, 2))
+    out = np.zeros((views, count, 2, 2 * views))
+    for v in range(views):
+        for side in (-1.0, 1.0):
+            there = target + 0.5 * side * step * direction
+            image = view_residual_gains(projections[v], points, centre, there, gains, perspective)
+            for i in range(count):
+                for noise in range(2):
+                    for c in range(2):
+                        out[v, i, noise, 2 * v + c] += side * gains[i, c, noise] / (image[4] * step * firmness)
+        for i in range(count):
+            for noise in range(2):
+                _made_orthogonal(out[v, i, noise], units, 2)
+    return out
