@@ -101,6 +101,7 @@ class Lane:
         if self.taken >= self.places:
             raise self._busy()
         self.taken += 1
+        waits = self._turn.locked()
         try:
             await self._turn.acquire()
         except asyncio.CancelledError:
@@ -108,6 +109,8 @@ class Lane:
             raise
         turn = _Turn(self._turn)
         try:
+            if waits and await request.is_disconnected():
+                raise Stopped
             if here_seconds > 0:
                 await asyncio.sleep(0)  # connections are looked at between any two computations
                 watch.begin()
@@ -120,7 +123,9 @@ class Lane:
             return done.value  # type: ignore[no-any-return]
         except Stopped:
             self._left(turn)
-            raise stopping_error() from None
+            if watch.stopping.is_set():
+                raise stopping_error() from None
+            raise
         except BaseException:
             self._left(turn)
             raise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import signal
 import socket
 import subprocess
@@ -23,6 +24,7 @@ from ..compute.interpreter import command, environment
 from ..problems import RequestError
 from ..settings import Settings, told_to_child, variable
 from ..store.database import open_database
+from .accepting import Taking
 from .access import check_settings, is_loopback
 from .keeping import Kept
 
@@ -91,17 +93,24 @@ class Server(uvicorn.Server):
                 timeout_graceful_shutdown=GRACE_SECONDS,
                 server_header=False,
                 ws="none",
-                # with several processes, each takes one connection at a time, or the first to wake takes them all
-                backlog=1 if settings.api_processes > 1 else BACKLOG,
+                backlog=BACKLOG,
             )
         )
         self.service = app.state.service
         self._on_stop = on_stop
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets)
-        for bound in sockets or ():
-            bound.listen(BACKLOG)
+        if self.service.settings.api_processes == 1 or not sockets:
+            await super().startup(sockets)
+            return
+        await super().startup([])
+
+        def connection() -> asyncio.Protocol:
+            kind: Callable[..., asyncio.Protocol] = self.config.http_protocol_class
+            return kind(config=self.config, server_state=self.server_state, app_state=self.lifespan.state)
+
+        count = lambda: len(self.server_state.connections)  # noqa: E731
+        self.servers = [Taking(bound, connection, count) for bound in sockets]  # type: ignore[misc]
 
     def tell(self) -> None:
         """Begin to stop: no new connections, and whatever waits ends.  From any thread, and from a signal handler."""
