@@ -16,7 +16,7 @@ from service_scenes import client_with, small_design
 from starlette.requests import Request
 
 from tailstack.errors import LimitError
-from tailstack_service.http.computing import Lane, Steps, Stopped, Watch
+from tailstack_service.http.computing import LEFT, Lane, Steps, Stopped, Watch
 from tailstack_service.problems import TransportError
 from tailstack_service.settings import Settings
 from tailstack_service.store import database
@@ -27,6 +27,7 @@ class Connection:
 
     def __init__(self, gone: bool = False) -> None:
         self.gone = gone
+        self.scope = {"state": {LEFT: True} if gone else {}}
 
     async def is_disconnected(self) -> bool:
         return self.gone
@@ -202,6 +203,21 @@ def test_the_loop_looks_at_its_connections_between_two_computations() -> None:
             asyncio.get_running_loop().remove_reader(near)
         await asyncio.gather(*running)
         assert 0 <= seen <= 3
+        assert lane.taken == 0
+        lane.close()
+
+    asyncio.run(story())
+
+
+def test_who_has_left_while_he_waited_is_not_computed_for() -> None:
+    async def story() -> None:
+        lane, where = Lane("score", 1, 5), list[str]()
+        first = asyncio.create_task(lane.run_steps(request(), watch(), in_steps([], 3, 0.005), 60.0))
+        await asyncio.sleep(0)
+        with pytest.raises(Stopped):
+            await lane.run_steps(request(gone=True), watch(), in_steps(where, 1), 60.0)
+        assert await first == 3
+        assert where == []
         assert lane.taken == 0
         lane.close()
 

@@ -26,6 +26,7 @@ from ..problems import TransportError
 T = TypeVar("T")
 Steps = Generator[None, None, T]  # a computation that can rest between two steps, and be taken up by another thread
 POLL_SECONDS = 0.5  # how soon a client that went away is noticed
+LEFT = "left"  # in the state of a request whose connection is lost: to ask the server takes a turn of the loop
 HERE_SECONDS = 0.01  # of the event loop for one computation: others wait for no more than this and one step
 TURN_SECONDS = 0.02  # after which a computation is a long one: several times what most take
 
@@ -109,7 +110,7 @@ class Lane:
             raise
         turn = _Turn(self._turn)
         try:
-            if waits and await request.is_disconnected():
+            if waits and request.scope.get("state", {}).get(LEFT):
                 raise Stopped
             if here_seconds > 0:
                 await asyncio.sleep(0)  # connections are looked at between any two computations

@@ -19,6 +19,7 @@ from tailstack.errors import Problem
 from ..problems import TransportError
 from ..settings import Settings, variable
 from .answers import problem_response
+from .computing import LEFT
 
 log = logging.getLogger("tailstack.service")
 GRACE_SECONDS = 2.0  # whoever reads the body refuses first, and says so better
@@ -129,6 +130,8 @@ class Connection(H11Protocol):
             self._stalled = None
 
     def connection_lost(self, exc: Exception | None) -> None:
+        if self.scope is not None:
+            self.scope["state"][LEFT] = True
         self._await(None, 0)
         self._taken()
         super().connection_lost(exc)
