@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import runpy
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -40,6 +41,8 @@ def test_the_tilted_flange_is_found(capfdbinary: pytest.CaptureFixture[bytes], t
     root = ElementTree.fromstring(figure.read_text())
     marks = [node for node in root.iter() if node.tag.endswith("circle")]
     assert len(marks) == len(study.levels) + sum(len(level.quantiles) for level in study.levels)
+    eight = replace(study, levels=study.levels[:1] * 8)
+    assert "tails of the first 6 of 8 levels" in comparison_svg(eight)
     text = comparison_text(study)
     assert max(map(len, text.splitlines())) <= 100
     unwrapped = " ".join(text.split())

@@ -163,6 +163,14 @@ def test_a_figure_over_two_axes_has_a_curve_each_or_is_a_map(design: Path, tmp_p
     assert "up: /views/*/fiducial_noise_px, px" in many
 
 
+def test_a_figure_says_what_it_leaves_out(tmp_path: Path) -> None:
+    """Fifteen targets, six curves; one point of three that no design can be."""
+    markups = Path(__file__).parents[2] / "examples" / "slicer_markups.yaml"
+    said = " ".join(figure(markups, tmp_path, f"{NOISE}=0.2,0.4,-1").split())
+    assert "the 6 of 15 targets with the largest P95" in said
+    assert "1 of 3 points were refused and are not drawn" in said
+
+
 @pytest.mark.parametrize(
     ("axes", "said"),
     [

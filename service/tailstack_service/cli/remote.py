@@ -135,7 +135,7 @@ class Service:
         reason = getattr(error, "reason", None) or getattr(error, "strerror", None) or error
         problem = Problem(
             "", "unreachable", f"no answer from {self.url}: {reason}",
-            "start one with tailstack serve, or name another with --url",
+            "start one with tailstack serve, or name another (--url; of sweep and gate: --remote)",
         )  # fmt: skip
         return RemoteError("unreachable", "The service cannot be reached", 0, (problem,))
 

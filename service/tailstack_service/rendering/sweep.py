@@ -13,9 +13,10 @@ MOST_REASONS = 12
 
 def sweep_text(sweep: Sweep, *, colour: bool = False) -> str:
     """Axes, one row for every point at its worst target, and why points were refused."""
+    count = f"{len(sweep.points):,} point{'s' if len(sweep.points) > 1 else ''}"
     how = "first order" if sweep.check == "score" else f"Monte Carlo, seed {sweep.seed} at every point"
     return joined(
-        heading(sweep.provenance, f"sweep of {len(sweep.points):,} points, {how}"),
+        heading(sweep.provenance, f"sweep of {count}, {how}"),
         _axes_text(sweep.axes),
         _points_table(sweep, colour),
         reasons_text([point.reason for point in sweep.points], MOST_REASONS, numbered=True),

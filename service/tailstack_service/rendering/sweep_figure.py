@@ -58,18 +58,23 @@ def _curves(sweep: Sweep, wide: Sequence[int]) -> str:
         if other is not None:
             unit = f" {sweep.axes[other].unit}" if sweep.axes[other].unit else ""
             chosen.setdefault(f"{point.values[other]:g}{unit}", []).append((x, point))
+    shown = "" if other is None else f"; curves: {_name(sweep.axes[other])}; the target with the largest P95"
     if other is None:
         worst: dict[str, float] = {}
         for point in sweep.points:
             for target in point.targets:
                 worst[target.name] = max(worst.get(target.name, 0.0), target.p95_mm)
         names = sorted(worst, key=lambda name: -worst[name])[:MOST_CURVES]
+        if len(worst) > len(names):
+            shown = f"; the {len(names)} of {len(worst)} targets with the largest P95"
         chosen = {name: [(point.values[along], point) for point in sweep.points] for name in names}
     curves: list[Curve] = []
     for k, (name, points) in enumerate(chosen.items()):
         curves += _curve(name, sorted(points, key=lambda pair: pair[0]), COLOURS[k % len(COLOURS)], other is None)
     axes = fitted(curves, LEFT, RIGHT, TOP, BOTTOM)
-    shown = "" if other is None else f"; curves: {_name(sweep.axes[other])}; the target with the largest P95"
+    refused = sum(not point.targets for point in sweep.points)
+    if refused:
+        shown += f"; {refused} of {len(sweep.points)} points were refused and are not drawn"
     parts = drawn(axes, curves, "P95 of the error at the tool", _name(sweep.axes[along]), "P95, mm") + _legend(sweep)
     base = sweep.axes[along].base
     if base is not None and axes.x.low <= base <= axes.x.high:

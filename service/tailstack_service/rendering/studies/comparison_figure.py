@@ -16,12 +16,15 @@ BAND = "#dbe8f3"
 
 def comparison_svg(study: StudyComparison) -> str:
     """Mean error by level beside what such benches would give; ordered errors against simulated ones."""
-    with_tail = [level for level in study.levels if level.quantiles][:MOST_PANELS]
+    every = [level for level in study.levels if level.quantiles]
+    with_tail = every[:MOST_PANELS]
     columns = min(1 + len(with_tail), 4)
     rows = -(-(1 + len(with_tail)) // columns)
     width = max(LEFT + columns * (PANEL + GAP) - GAP + 30, NARROWEST)
     height = TOP + rows * (PANEL + 100) + 10
-    parts = [text(15, 44, printable(f"{study.provenance.design_name}; {study.file.name}; {study.error} error", 150))]
+    left_out = f"; tails of the first {MOST_PANELS} of {len(every)} levels" if len(every) > MOST_PANELS else ""
+    about = f"{study.provenance.design_name}; {study.file.name}; {study.error} error{left_out}"
+    parts = [text(15, 44, printable(about, 150))]
     parts += _means(study.levels, LEFT, TOP)
     for number, level in enumerate(with_tail, 1):
         row, column = divmod(number, columns)
