@@ -18,7 +18,8 @@ FIELDS = (
 
 def fields_of(record: logging.LogRecord) -> dict[str, Any]:
     """What was said with ``extra={...}``, in a fixed order; unknown names are not told."""
-    return {name: getattr(record, name) for name in FIELDS if getattr(record, name, None) is not None}
+    told = vars(record)
+    return {name: told[name] for name in FIELDS if told.get(name) is not None}
 
 
 class TextFormatter(logging.Formatter):

@@ -18,7 +18,7 @@ from .results import Contributor
 from .system import Array, Law
 from .tail.declared import LawBudget, LawQuantile, law_budget, law_quantile, without_group
 
-LIGHT = 5e-3  # share s of variance below which a line is removed to first order: an error of about s^2, 3e-5 at most
+LIGHT = 1e-2  # share s of variance below which a line is removed to first order: an error of about s^2, 1e-4 at most
 
 Removal = tuple[Array | None, tuple[int, ...]]  # what to take from a law: a Gaussian covariance, columns
 

@@ -13,6 +13,7 @@ from scipy import stats
 from scipy.integrate import quad
 from scipy.special import ndtr
 
+from tailstack.geometry.symmetric import eigen_symmetric
 from tailstack.tail.gaussian import (
     norm_cdf,
     norm_cvar,
@@ -22,7 +23,6 @@ from tailstack.tail.gaussian import (
     norm_quantile_gradient,
     norm_sf,
 )
-from tailstack.tail.spectrum import eigen_symmetric
 
 ORACLE = json.loads((Path(__file__).parents[1] / "data/oracles/norm_of_gaussian.json").read_text())
 PROBABILITIES = (1e-4, 0.01, 0.3, 0.5, 0.7, 0.95, 0.999, 1 - 1e-6)

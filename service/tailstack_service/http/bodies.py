@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 from starlette.requests import ClientDisconnect, Request
@@ -114,6 +115,7 @@ class BodyTooLarge(LimitError):
     """The body itself is over the limit: 413 rather than 422."""
 
 
+@lru_cache(maxsize=4)
 def limits_of(settings: Settings) -> Limits:
     """Bounds for the reader of designs."""
     return replace(

@@ -18,6 +18,7 @@ from ..errors import IllPosedError, Problem
 from ..geometry.camera import camera_centre
 from ..geometry.naming import direction_name
 from ..geometry.rotation import cross, displacement
+from ..geometry.symmetric import eigen_symmetric
 from ..results import Finding, ViewCheck
 from ..system import Array, Reading, System, View
 from .resection import design_matrix, hartley_similarity, homogeneous
@@ -181,9 +182,9 @@ def _check_fiducials(system: System) -> list[Finding]:
 
 def _spread(centred: Array) -> tuple[Array, Array]:
     """Singular values, largest first, of points (N, 3) about their mean, and the directions, in rows (3, 3)."""
-    squares, directions = np.linalg.eigh(centred.T @ centred)
-    if squares[0] > 1e-8 * squares[2]:  # far from flat: the squares have digits enough
-        return np.sqrt(squares[::-1]), directions.T[::-1]
+    squares, directions, _ = eigen_symmetric(centred.T @ centred)
+    if squares[2] > 1e-8 * squares[0]:  # far from flat: the squares have digits enough
+        return np.sqrt(squares), directions.T
     _, values, axes = np.linalg.svd(centred, full_matrices=False)
     return values, axes
 

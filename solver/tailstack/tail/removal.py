@@ -8,11 +8,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ..geometry.symmetric import eigen_symmetric
 from ..system import Array
 from .declared_kernels import on_principal_axes, solve_on_axes, start_radius
 from .quantile import excess_quantile
 from .series import rows_where
-from .spectrum import eigen_symmetric, principal_axes
+from .spectrum import principal_axes
 
 LATTICE, GAUSSIAN, UNSOLVED, NOT_A_PART = 0, 1, 2, 3
 SLACK, ROUNDING = 1e-9, 1e-13  # of the trace: how negative an eigenvalue may be, and what is 0
