@@ -14,46 +14,18 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
+from ..geometry.symmetric import eigen_symmetric
 from ..system import Array
-from .noise import inverse3, mean_rows, view_residual_gains
+from .noise import mean_rows, view_residual_gains
 
 _STEP = 1e-3  # of the depth, between the points at which the noise of an image is compared: an error of its square
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def weakest(normal: Array) -> Array:
-    """(3,) unit vector along the smallest eigenvalue of a symmetric positive definite (3, 3), by powers of its inverse.
-
-    Among equal ones, any of theirs.
-    """
-    power = inverse3(normal)
-    for _ in range(10):
-        largest = 0.0
-        for i in range(3):
-            largest = max(largest, power[i, i])
-        power = power / largest
-        square = np.zeros((3, 3))
-        for i in range(3):
-            for j in range(3):
-                for k in range(3):
-                    square[i, j] += power[i, k] * power[k, j]
-        power = square
-    best = 0
-    for j in range(1, 3):
-        if power[j, j] > power[best, best]:
-            best = j
-    size = sqrt(power[best, 0] ** 2 + power[best, 1] ** 2 + power[best, 2] ** 2)
-    out = np.empty(3)
-    for k in range(3):
-        out[k] = power[best, k] / size
-    return out
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _made_orthogonal(vector: Array, units: Array, count: int) -> None:
-    """Take the first ``count`` of orthonormal units (., n) out of a vector (n,), twice for the rounding."""
+def _made_orthogonal(vector: Array, units: Array) -> None:
+    """Take orthonormal units (k, n) out of a vector (n,), twice for the rounding."""
     for _ in range(2):
-        for u in range(count):
+        for u in range(units.shape[0]):
             product = 0.0
             for k in range(vector.size):
                 product += vector[k] * units[u, k]
@@ -87,30 +59,13 @@ def parallax_gains(projections: Array, points: Array, target: Array) -> Array:
         for k in range(3):
             for x in range(2 * views):
                 normal[j, k] += moved[j, x] * moved[k, x]
-    direction = weakest(normal)
-    along = np.zeros(2 * views)
-    for k in range(3):
-        along += direction[k] * moved[k]
-    firmness = 0.0
-    for x in range(2 * views):
-        firmness += along[x] * along[x]
-    firmness = sqrt(firmness)
-    # across the weakest direction: two units of what the images do there
-    least = 0
-    for k in range(1, 3):
-        if abs(direction[k]) < abs(direction[least]):
-            least = k
-    across = np.zeros((2, 3))
-    across[0, least] = 1.0
-    across[0] -= direction[least] * direction
-    for k in range(3):
-        a, b = (k + 1) % 3, (k + 2) % 3
-        across[1, k] = direction[a] * across[0, b] - direction[b] * across[0, a]
-    units = np.zeros((2, 2 * views))
+    squares, axes, _ = eigen_symmetric(normal)  # the images move along the three axes at right angles
+    direction = axes[:, 2].copy()
+    firmness = sqrt(squares[2])
+    units = np.zeros((2, 2 * views))  # what the images do across the weakest direction
     for u in range(2):
         for k in range(3):
-            units[u] += across[u, k] * moved[k]
-        _made_orthogonal(units[u], units, u)
+            units[u] += axes[k, u] * moved[k]
         size = 0.0
         for x in range(2 * views):
             size += units[u, x] * units[u, x]
@@ -128,5 +83,5 @@ def parallax_gains(projections: Array, points: Array, target: Array) -> Array:
                         out[v, i, noise, 2 * v + c] += side * gains[i, c, noise] / (image[4] * step * firmness)
         for i in range(count):
             for noise in range(2):
-                _made_orthogonal(out[v, i, noise], units, 2)
+                _made_orthogonal(out[v, i, noise], units)
     return out
