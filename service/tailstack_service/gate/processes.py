@@ -7,11 +7,9 @@ from difflib import get_close_matches
 from fnmatch import fnmatchcase
 
 from tailstack.design import Design
-from tailstack.design.refusals import place
-from tailstack.errors import Problem
-from tailstack.results import Severity
 
 from .designs import Gate
+from .finding_place import finding_at
 from .layout_rules import Tolerance, tolerances_of
 from .policy_document import Process
 from .records import GateFinding
@@ -40,7 +38,9 @@ def remarks_on_processes(gate: Gate) -> list[GateFinding]:
         for index, process in enumerate(_processes(gate, pointer)):
             for number, pattern in enumerate(process.tolerances):
                 if (said := _unused(process, pattern, tolerances, len(designs))) is not None:
-                    findings.append(_at(gate, f"{pointer}/{index}/tolerances/{number}", severity, said))
+                    findings.append(
+                        finding_at(gate.policy, f"{pointer}/{index}/tolerances/{number}", RULE, severity, said)
+                    )
     return findings
 
 
@@ -75,19 +75,3 @@ def _unused(process: Process, pattern: str, tolerances: list[Tolerance], designs
     close = get_close_matches(pattern, sorted({tolerance.name for tolerance in tolerances}), 1)
     meant = f"; did you mean {close[0]}?" if close else ""
     return f"process {process.name}: {pattern!r} matches no tolerance of {of} held to it{meant}"
-
-
-def _at(gate: Gate, pointer: str, severity: Severity | str, message: str) -> GateFinding:
-    placed = place(Problem(pointer, RULE, message), gate.policy.source)
-    return GateFinding(
-        rule=RULE,
-        severity=severity,  # type: ignore[arg-type]
-        file=gate.policy.file,
-        line=placed.line,
-        column=placed.column,
-        pointer=pointer,
-        message=message,
-        value=None,
-        limit=None,
-        suppressed_by=None,
-    )

@@ -6,10 +6,8 @@ from collections.abc import Sequence
 from datetime import date
 from fnmatch import fnmatchcase
 
-from tailstack.design.refusals import place
-from tailstack.errors import Problem
-
 from .case import Remark
+from .finding_place import finding_at
 from .reading import ReadWaivers
 from .records import GateFinding
 from .rules import RULES
@@ -66,23 +64,9 @@ def remarks_on_waivers(waivers: ReadWaivers | None, today: date, used: set[int],
         what = f"waiver of {waiver.rule} by {waiver.owner}"
         if waiver.expires < today:
             message = f"{what}: expired on {waiver.expires}, today is {today}; remove it or let its owner renew it"
-            findings.append(_at(waivers, f"/waivers/{index}/expires", "waiver-expired", "error", message))
+            findings.append(finding_at(waivers, f"/waivers/{index}/expires", "waiver-expired", "error", message))
         elif index not in used and unused != "off":
-            findings.append(_at(waivers, f"/waivers/{index}", "waiver-unused", unused, f"{what}: accepts nothing here"))
+            findings.append(
+                finding_at(waivers, f"/waivers/{index}", "waiver-unused", unused, f"{what}: accepts nothing here")
+            )
     return findings
-
-
-def _at(waivers: ReadWaivers, pointer: str, rule: str, severity: str, message: str) -> GateFinding:
-    placed = place(Problem(pointer, rule, message), waivers.source)
-    return GateFinding(
-        rule=rule,
-        severity=severity,  # type: ignore[arg-type]
-        file=waivers.file,
-        line=placed.line,
-        column=placed.column,
-        pointer=pointer,
-        message=message,
-        value=None,
-        limit=None,
-        suppressed_by=None,
-    )
