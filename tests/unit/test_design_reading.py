@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -112,6 +114,41 @@ def test_bytes_that_are_no_text(content):
     with pytest.raises(DesignError) as caught:
         decode(content, "f")
     assert caught.value.problems[0].code == "not-text"
+
+
+@pytest.mark.parametrize(
+    "nest",
+    [
+        lambda n: "[" * n + "]" * n,
+        lambda n: '{"a":' * n + "1.5" + "}" * n,
+        lambda n: '[{"a": [1, 2], "b":' * (n // 2) + '"x"' + "}]" * (n // 2),
+    ],
+)
+def test_json_is_as_deep_and_as_large_as_plain_data_may_be(nest):
+    """independent: the same data handed over, value by value."""
+
+    def outcome(call):
+        try:
+            return call()
+        except LimitError as error:
+            return error.problems[0].detail
+
+    for depth in range(2, 12):
+        text = nest(depth)
+        for limits in (Limits(depth=6), Limits(nodes=9), Limits(depth=6, nodes=9)):
+            expected = outcome(partial(_careful_copy, json.loads(text), limits))
+            assert outcome(partial(lambda *given: read(*given).data, text, "json", limits)) == expected
+
+
+def test_keys_and_texts_of_json_are_as_those_of_plain_data():
+    for text, code in (
+        ('[{"a": {"' + "k" * 101 + '": 1}}]', "bad-key"),
+        ('{"a": ["\\ud800"]}', "not-text"),
+        ('{"\\udfff": 1}', "not-text"),
+    ):
+        assert refused(text, "json").code == code
+    longest = "k" * 100
+    assert read(f'{{"{longest}": "\\ud83d\\ude00"}}', "json").data == {longest: "😀"}
 
 
 def test_plain_data_refuses_what_json_has_not():

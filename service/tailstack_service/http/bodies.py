@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 from starlette.requests import ClientDisconnect, Request
 
 from tailstack.design import Design, load_design
 from tailstack.design.reading import DEFAULT_LIMITS, Limits, Source, decode, read_text, shown
+from tailstack.design.remembering import kept
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 
 from ..problems import MalformedError, RequestError, TransportError
@@ -115,7 +115,7 @@ class BodyTooLarge(LimitError):
     """The body itself is over the limit: 413 rather than 422."""
 
 
-@lru_cache(maxsize=4)
+@kept  # hashing all settings would cost more
 def limits_of(settings: Settings) -> Limits:
     """Bounds for the reader of designs."""
     return replace(

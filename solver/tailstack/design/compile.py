@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import product
+from itertools import chain, product
 from math import radians
 from typing import Any
 
@@ -22,11 +22,12 @@ from ..system import (
     no_sources,
 )
 from .consistency import axis_counts, sample_count
-from .document import DesignDocument, Region, RequirementDocument, TargetDocument
+from .document import Region, RequirementDocument, TargetDocument
 from .loading import Design
 from .locators import torsor_from_locators
-from .mount_document import Bias, Compliance, Execution, Interface, Repeatability, Tolerances
+from .mount_document import Bias, Compliance, Execution, HandEye, Interface, Repeatability, Tolerances
 from .refusals import place
+from .remembering import kept
 from .view_compile import compile_transform, compile_view, frozen, refuse_behind_detector
 
 DEFAULT_COVERAGE = 2.0
@@ -54,10 +55,12 @@ def _compile(design: Design) -> System:
     transforms = document.transforms
     if transforms.T_flange_con is None and transforms.T_tcp_flange is None:
         notes.append("no transforms are given: the tcp frame is the connector frame")
-    targets = tuple(sample for target in document.targets for sample in expand_target(target))
+    samples = {target.name: expand_target(target) for target in document.targets}
+    targets = tuple(chain.from_iterable(samples.values()))
     refuse_behind_detector(design, views, fiducials, targets)
     execution_bias, execution = _execution(document.execution)
-    hand_eye = document.execution.hand_eye
+    half_width = np.empty(fiducials.shape)
+    half_width[:] = 0.0 if made is None else made.half_width_mm
     return System(
         design_sha256=design.sha256,
         name=document.name,
@@ -65,27 +68,17 @@ def _compile(design: Design) -> System:
         fiducial_labels=design.fiducials.labels,
         fiducials_mm=fiducials,
         manufacturing_law=Law.NORMAL if made is None else Law(made.distribution),
-        manufacturing_half_width_mm=frozen(
-            np.broadcast_to(0.0 if made is None else np.array(made.half_width_mm), fiducials.shape)
-        ),
+        manufacturing_half_width_mm=frozen(half_width),
         manufacturing_coverage_factor=1.0 if made is None else _coverage(made.distribution, made.coverage_factor),
-        interface_1=_interface("interface_1", "structure_connector", document.interfaces.structure_connector),
-        interface_2=_interface("interface_2", "connector_flange", document.interfaces.connector_flange),
+        interface_1=_interface(document.interfaces.structure_connector, "interface_1", "structure_connector"),
+        interface_2=_interface(document.interfaces.connector_flange, "interface_2", "connector_flange"),
         T_flange_con=compile_transform(transforms.T_flange_con, "/transforms/T_flange_con", notes),
         T_tcp_flange=compile_transform(transforms.T_tcp_flange, "/transforms/T_tcp_flange", notes),
-        hand_eye=_perfect("hand_eye")
-        if hand_eye is None
-        else Mount(
-            "hand_eye",
-            frozen(hand_eye.pivot_mm),
-            _bias(hand_eye.bias),
-            _torsor_sources(hand_eye.tolerances),
-            "hand-eye calibration",
-        ),
+        hand_eye=_hand_eye(document.execution.hand_eye),
         execution_bias_mm=execution_bias,
         execution=execution,
         targets=targets,
-        requirements=tuple(_requirement(item, document) for item in document.requirements),
+        requirements=tuple([_requirement(item, samples) for item in document.requirements]),
         reading=document.model.installation_reading,
         rotation_form=document.model.rotation,
         triangulation=document.model.triangulation,
@@ -106,7 +99,8 @@ def _coverage(distribution: str, factor: float | None) -> float:
     return DEFAULT_COVERAGE if factor is None else factor
 
 
-def _interface(name: str, field: str, interface: Interface | None) -> Mount:
+@kept
+def _interface(interface: Interface | None, name: str, field: str) -> Mount:
     if interface is None:
         return replace(_perfect(name), label=field.replace("_", "-"))
     pivot = frozen(interface.pivot_mm)
@@ -132,6 +126,14 @@ def _interface(name: str, field: str, interface: Interface | None) -> Mount:
     return Mount(name, pivot, _bias(interface.bias), sources, interface.label or field.replace("_", "-"))
 
 
+@kept
+def _hand_eye(hand_eye: HandEye | None) -> Mount:
+    if hand_eye is None:
+        return _perfect("hand_eye")
+    sources = _torsor_sources(hand_eye.tolerances)
+    return Mount("hand_eye", frozen(hand_eye.pivot_mm), _bias(hand_eye.bias), sources, "hand-eye calibration")
+
+
 def _bias(bias: Bias) -> Array:
     turns = [radians(bias.rx_deg), radians(bias.ry_deg), radians(bias.rz_deg)]
     return frozen([*turns, bias.tx_mm, bias.ty_mm, bias.tz_mm])
@@ -151,6 +153,7 @@ def _torsor_sources(tolerances: Tolerances) -> Sources:
     )
 
 
+@kept
 def _execution(execution: Execution) -> tuple[Array, Sources]:
     parts = []
     bias = np.zeros(3)
@@ -234,9 +237,9 @@ def _sphere_points(region: Region) -> list[Array]:
     return [centre, *(centre + sphere.radius_mm * direction for direction in axial + diagonal)]
 
 
-def _requirement(item: RequirementDocument, document: DesignDocument) -> Requirement:
-    wanted = [t for t in document.targets if item.targets == "all" or t.name in item.targets]
-    names = tuple(sample.name for target in wanted for sample in expand_target(target))
+def _requirement(item: RequirementDocument, samples: dict[str, list[Target]]) -> Requirement:
+    wanted = [found for name, found in samples.items() if item.targets == "all" or name in item.targets]
+    names = tuple([sample.name for sample in chain.from_iterable(wanted)])
     return Requirement(
         item.name, item.error, item.quantile, item.limit_mm, item.confidence, names, item.risk, item.min_yield
     )

@@ -37,37 +37,27 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
     problems += _too_many("/fiducials/points", "fiducials", len(document.fiducials.points or ()), limits.fiducials)
     problems += _too_many("/targets", "targets", sum(map(sample_count, document.targets)), limits.targets)
     problems += _too_many("/requirements", "requirements", len(document.requirements), limits.targets)
-    problems += unique([(f"/views/{i}/name", view.name) for i, view in enumerate(document.views)], "views")
-    problems += unique([(f"/targets/{i}/name", target.name) for i, target in enumerate(document.targets)], "targets")
+    problems += unique([view.name for view in document.views], "/views/{}/name".format, "views")
+    named = [target.name for target in document.targets]
+    problems += unique(named, "/targets/{}/name".format, "targets")
     problems += _expanded_names(document.targets)
-    problems += unique(
-        [(f"/requirements/{i}/name", item.name) for i, item in enumerate(document.requirements)], "requirements"
-    )
+    problems += unique([item.name for item in document.requirements], "/requirements/{}/name".format, "requirements")
     for index, view in enumerate(document.views):
         if isinstance(view, PresetView):
             problems += _preset(view, f"/views/{index}")
-    named = [target.name for target in document.targets]
     for index, requirement in enumerate(document.requirements):
         if requirement.targets == "all":
             continue
         for place, name in enumerate(requirement.targets):
             problems += known(f"/requirements/{index}/targets/{place}", "target", name, named)
-        problems += unique(
-            [(f"/requirements/{index}/targets/{i}", name) for i, name in enumerate(requirement.targets)], "entries"
-        )
+        problems += unique(requirement.targets, f"/requirements/{index}/targets/{{}}".format, "entries")
     return problems + check_optimise(document, limits.fiducials)
 
 
 def check_fiducials(document: DesignDocument, fiducials: FiducialList) -> list[Problem]:
     """Labels: unique, and known where the optimiser is told to keep them."""
-    inline = document.fiducials.points is not None
-    problems = unique(
-        [
-            (f"/fiducials/points/{i}/label" if inline else "/fiducials/file", label)
-            for i, label in enumerate(fiducials.labels)
-        ],
-        "fiducials",
-    )
+    place = "/fiducials/file" if document.fiducials.points is None else "/fiducials/points/{}/label"
+    problems = unique(fiducials.labels, place.format, "fiducials")
     return problems + check_optimise_labels(document, fiducials)
 
 

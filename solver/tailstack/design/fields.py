@@ -43,9 +43,12 @@ def not_both(first: str, second: str) -> Any:
 def one_of(kind: type[StrEnum]) -> Any:
     """Texts of an enumeration, refused in our words."""
 
+    members: dict[str, StrEnum] = {member.value: member for member in kind}
+
     def check(value: Any) -> Any:
-        if isinstance(value, str) and value in list(kind):
-            return kind(value)
+        found = members.get(value) if isinstance(value, str) else None
+        if found is not None:
+            return found
         close = get_close_matches(str(value), list(kind), 1)
         hint = f"did you mean {close[0]}?" if close else ""
         raise refusal("unknown-value", f"must be {', '.join(kind)}", hint)

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pydantic_core
 import yaml
 from pydantic import ValidationError
 
 from ..errors import DesignError, LimitError, Problem
 from .consistency import check_document, check_fiducials
-from .document import SCHEMA_NAME, DesignDocument, FiducialPoint
+from .document import SCHEMA_NAME, DesignDocument, FiducialPoint, Transforms
 from .fiducial_files import FiducialList, format_of, read_fiducials
+from .fields import Record
+from .mount_document import Execution, Interfaces
+from .optimise_document import Optimise
 from .reading import DEFAULT_LIMITS, Format, Limits, Source, decode, plain_data, read_bytes, read_text, shown
 from .refusals import place, refuse
+from .remembering import kept, recognised
+from .view_document import view_class
 from .yaml_tree import scalar
 
 
@@ -96,13 +102,28 @@ def _checked(source: Source, allow_files: bool, limits: Limits) -> Design:
     data = source.data
     _check_schema_name(source)
     try:
-        document = DesignDocument.model_validate(data)
+        document = DesignDocument.model_validate(_with_known_sections(data))
     except ValidationError as error:
         raise refuse(error, source, limits) from None
     _raise(check_document(document, limits), source, limits)
     fiducials = _fiducials(document, source, allow_files, limits)
     _raise(check_fiducials(document, fiducials), source, limits)
     return Design(document, fiducials, source, _digest(document, fiducials))
+
+
+_SECTIONS: dict[str, type[Record]] = {
+    "interfaces": Interfaces, "transforms": Transforms, "execution": Execution, "optimise": Optimise,
+}  # fmt: skip
+
+
+def _with_known_sections(data: dict[str, Any]) -> dict[str, Any]:
+    """The document with the records of those sections that tend to stay as they are while a design is worked on."""
+    known = {name: recognised(kind, data[name]) for name, kind in _SECTIONS.items() if name in data}
+    views = data.get("views")
+    if isinstance(views, list):
+        classes = [view_class(view) for view in views]
+        known["views"] = [recognised(kind, view) if kind else view for kind, view in zip(classes, views, strict=True)]
+    return {**data, **known}
 
 
 def _check_schema_name(source: Source) -> None:
@@ -134,8 +155,8 @@ def _raise(problems: list[Problem], source: Source, limits: Limits) -> None:
 def _fiducials(document: DesignDocument, source: Source, allow_files: bool, limits: Limits) -> FiducialList:
     points = document.fiducials.points
     if points is not None:
-        labels = tuple(point.label or f"F{number}" for number, point in enumerate(points, 1))
-        return FiducialList(labels, tuple(point.position_mm for point in points))
+        labels = tuple([point.label or f"F{number}" for number, point in enumerate(points, 1)])
+        return FiducialList(labels, tuple([point.position_mm for point in points]))
     name = document.fiducials.file or ""
     try:
         path = _referenced(name, source, allow_files)
@@ -185,10 +206,25 @@ def _referenced(name: str, source: Source, allow_files: bool) -> Path:
 
 
 def _digest(document: DesignDocument, fiducials: FiducialList) -> str:
-    elsewhere = {"fiducials": {"points", "file"}}
-    content = document.model_dump_json(by_alias=True, exclude_none=True, exclude=elsewhere)  # fields in one order
-    points = json.dumps([fiducials.labels, fiducials.positions_mm], ensure_ascii=False, allow_nan=False)
-    return hashlib.sha256(f"{content}\n{points}".encode()).hexdigest()
+    values = [(key, write, getattr(document, name)) for name, key, write in _FIELDS]
+    content = ",".join([key + write(value) for key, write, value in values if value is not None])
+    points = _POINTS.encode([fiducials.labels, fiducials.positions_mm])
+    return hashlib.sha256(f"{{{content}}}\n{points}".encode()).hexdigest()
+
+
+def _json(value: Any, exclude: set[str] | None = None) -> str:
+    return pydantic_core.to_json(value, by_alias=True, exclude_none=True, exclude=exclude).decode()
+
+
+_kept_json = kept(_json)
+_POINTS = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
+_WRITERS: dict[str, Callable[[Any], str]] = {
+    "views": lambda views: f"[{','.join([_kept_json(view) for view in views])}]",
+    "fiducials": lambda section: _json(section, exclude={"points", "file"}),
+    **dict.fromkeys(("interfaces", "transforms", "execution"), _kept_json),
+}
+# The canonical text has the fields in the order of the class, and no spaces.
+_FIELDS = [(n, f'"{info.alias or n}":', _WRITERS.get(n, _json)) for n, info in DesignDocument.model_fields.items()]
 
 
 # --- writing ----------------------------------------------------------------------------------------

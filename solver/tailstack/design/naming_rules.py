@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 
 from ..errors import Problem
 
 
-def unique(named: Iterable[tuple[str, str]], what: str) -> list[Problem]:
+def unique(names: Sequence[str], pointer: Callable[[int], str], what: str) -> list[Problem]:
+    """A problem for each name that was there before, at the ``pointer`` of its index."""
+    if len(set(names)) == len(names):
+        return []
     seen: set[str] = set()
     problems = []
-    for pointer, name in named:
+    for index, name in enumerate(names):
         if name in seen:
             problems.append(
-                Problem(pointer, "duplicate-name", f"two {what} are called {name[:60]!r}", "names are unique")
+                Problem(pointer(index), "duplicate-name", f"two {what} are called {name[:60]!r}", "names are unique")
             )
         seen.add(name)
     return problems

@@ -37,10 +37,9 @@ def check_optimise(document: DesignDocument, most_fiducials: int) -> list[Proble
     elif isinstance(wanted.requirement, str):
         problems += known("/optimise/requirement", "requirement", wanted.requirement, names)
     elif wanted.requirement is not None:
-        pointers = [(f"/optimise/requirement/{index}", name) for index, name in enumerate(wanted.requirement)]
-        problems += unique(pointers, "entries")
-        for pointer, name in pointers:
-            problems += known(pointer, "requirement", name, names)
+        problems += unique(wanted.requirement, "/optimise/requirement/{}".format, "entries")
+        for index, name in enumerate(wanted.requirement):
+            problems += known(f"/optimise/requirement/{index}", "requirement", name, names)
     if wanted.count is not None and wanted.count.max > most_fiducials:
         detail = f"{wanted.count.max} fiducials; at most {most_fiducials} are accepted"
         problems.append(Problem("/optimise/count/max", "too-many", detail, f"max: {most_fiducials}"))
@@ -126,8 +125,8 @@ def check_optimise_labels(document: DesignDocument, fiducials: FiducialList) -> 
         for r, region in enumerate(wanted.regions or ())
         for i, label in enumerate(region.fiducials)
     ]
-    problems += unique([(f"/optimise/fixed/{i}", label) for i, label in enumerate(wanted.fixed)], "entries")
-    problems += unique(named, "entries")
+    problems += unique(wanted.fixed, "/optimise/fixed/{}".format, "entries")
+    problems += unique([label for _, label in named], lambda index: named[index][0], "entries")
     for pointer, label in named:
         if label in wanted.fixed:
             hint = "take it out of fixed, or out of the region"

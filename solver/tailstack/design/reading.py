@@ -42,6 +42,8 @@ _BOMS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
+_MARKS = tuple(mark for mark, _ in _BOMS)
+_NESTING = frozenset({dict, list})
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +94,8 @@ def read_bytes(path: Path, limit: int, name: str) -> bytes:
 
 def decode(content: bytes, name: str | None) -> str:
     """Strict UTF-8, or UTF-16/32 with a byte order mark.  Raises DesignError."""
-    encoding = next((codec for mark, codec in _BOMS if content.startswith(mark)), "utf-8")
+    marked = content.startswith(_MARKS)
+    encoding = next(codec for mark, codec in _BOMS if content.startswith(mark)) if marked else "utf-8"
     try:
         text = content.decode(encoding)
     except UnicodeDecodeError as error:
@@ -245,8 +248,11 @@ def _refuse_surrogates(text: str, path: str, file: str | None) -> None:
 
 
 def _from_json(text: str, limits: Limits, file: str | None) -> Any:
+    mappings: list[dict[str, Any]] = []
+
     def pairs(items: list[tuple[str, Any]]) -> dict[str, Any]:
         result = dict(items)
+        mappings.append(result)
         if len(result) < len(items):
             seen: set[str] = set()
             twice = next(key for key, _ in items if key in seen or seen.add(key))  # type: ignore[func-returns-value]
@@ -257,7 +263,22 @@ def _from_json(text: str, limits: Limits, file: str | None) -> Any:
         data = json.loads(text, object_pairs_hook=pairs, parse_int=integer)
     except RecursionError:
         raise LimitError(size_problem(limits, file, None)) from None
-    return plain_data(data, limits)
+    # json makes nothing but JSON's types, halves of surrogate pairs only of escapes, and fewer values than characters
+    longest = max(map(len, set().union(*mappings)), default=0)
+    if "\\u" in text or len(text) > limits.nodes or longest > LONGEST_KEY or not _shallow(data, limits.depth):
+        return plain_data(data, limits)
+    return data
+
+
+def _shallow(data: Any, depth: int) -> bool:
+    """Whether data that json made has no mappings and lists but on its first ``depth`` levels."""
+    level: list[Any] = [[data]]
+    for _ in range(depth + 1):
+        inside = [item.values() if type(item) is dict else item for item in level]
+        level = [child for items in inside for child in items if type(child) in _NESTING]
+        if not level:
+            return True
+    return False
 
 
 def _duplicate(key: str, text: str, file: str | None) -> Problem:

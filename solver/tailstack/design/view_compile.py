@@ -19,6 +19,7 @@ from ..geometry.rotation import rigid_transform, rigidity_defect, rotation_from_
 from ..system import Array, Target, View
 from .loading import Design
 from .presets import PRESETS
+from .remembering import kept
 from .view_document import DistanceView, MatrixView, PinholeView, Pose, PresetView
 
 RIGID = 1e-4  # largest entry of R'R - I that rounding in a document may leave; beyond it, it is not a rotation
@@ -35,8 +36,8 @@ def compile_view(view: Any, pointer: str, fiducials: Array, notes: list[str]) ->
     """A view of the document with its projection, con mm to px; ``notes`` is added to."""
     size: tuple[int, int] | None
     if isinstance(view, PresetView | DistanceView):
-        projection, size = _aimed(view)
-    elif isinstance(view, PinholeView):
+        return _aimed(view)
+    if isinstance(view, PinholeView):
         k = intrinsic_matrix(view.intrinsics.focal_px, view.intrinsics.principal_point_px, view.intrinsics.skew_px)
         projection = projection_from_pose(k, compile_transform(view.pose, f"{pointer}/pose", notes))
         size = view.image_size_px
@@ -46,7 +47,8 @@ def compile_view(view: Any, pointer: str, fiducials: Array, notes: list[str]) ->
     return View(view.name, frozen(projection), view.fiducial_noise_px, view.target_noise_px, size)
 
 
-def _aimed(view: PresetView | DistanceView) -> tuple[Array, tuple[int, int]]:
+@kept
+def _aimed(view: PresetView | DistanceView) -> View:
     """A preset fills in what the view leaves open; loading has made sure that nothing stays open."""
     preset = PRESETS[view.preset] if isinstance(view, PresetView) else None
 
@@ -65,7 +67,7 @@ def _aimed(view: PresetView | DistanceView) -> tuple[Array, tuple[int, int]]:
         np.array(view.beam),
         np.array(view.up_direction),
     )
-    return projection, size
+    return View(view.name, frozen(projection), view.fiducial_noise_px, view.target_noise_px, size)
 
 
 def refuse_behind_detector(
@@ -79,7 +81,7 @@ def refuse_behind_detector(
             continue
         detector = view.source_detector_mm or PRESETS[getattr(view, "preset", "")].source_detector_mm
         depth = depths(compiled.projection, points)
-        worst = int(depth.argmax())
+        worst = depth.argmax()
         if depth[worst] > detector:
             count = len(fiducials)
             name = f"target {targets[worst - count].name}" if worst >= count else f"fiducial {labels[worst]}"
@@ -116,17 +118,25 @@ def _given(view: MatrixView, pointer: str, fiducials: Array) -> Array:
 
 def compile_transform(value: Pose | Any | None, pointer: str, notes: list[str]) -> Array:
     """4x4 of a pose or a matrix; rounding in the document is taken out, anything more is refused."""
+    matrix, remarks = _transform(value, pointer)
+    notes += remarks
+    return matrix
+
+
+@kept
+def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str, ...]]:
     if value is None:
-        return frozen(np.eye(4))
+        return frozen(np.eye(4)), ()
     if isinstance(value, Pose):
         translation = np.array(value.translation_mm)
         if value.rotation_deg is not None:
-            return frozen(rigid_transform(rotation_xyz(np.deg2rad(value.rotation_deg)), translation))
+            return frozen(rigid_transform(rotation_xyz(np.deg2rad(value.rotation_deg)), translation)), ()
         if value.quaternion_wxyz is not None:
             norm = float(np.linalg.norm(value.quaternion_wxyz))
             if abs(norm - 1) > 1e-3:
                 raise _not_rigid(f"{pointer}/quaternion_wxyz", f"the quaternion's norm is {norm:.6g}, not 1")
-            return frozen(rigid_transform(rotation_from_quaternion(np.array(value.quaternion_wxyz)), translation))
+            rotation = rotation_from_quaternion(np.array(value.quaternion_wxyz))
+            return frozen(rigid_transform(rotation, translation)), ()
         rotation = np.eye(3) if value.rotation is None else np.array(value.rotation)
         pointer += "/rotation"
     else:
@@ -146,9 +156,8 @@ def compile_transform(value: Pose | Any | None, pointer: str, notes: list[str]) 
     if defect > 1e-12:
         left, _, right = np.linalg.svd(rotation)
         rotation = left @ right
-    if defect > 1e-9:
-        notes.append(f"{pointer}: replaced by the nearest rotation (R'R - I reached {defect:.1g})")
-    return frozen(rigid_transform(rotation, translation))
+    rounded = f"{pointer}: replaced by the nearest rotation (R'R - I reached {defect:.1g})"
+    return frozen(rigid_transform(rotation, translation)), (rounded,) if defect > 1e-9 else ()
 
 
 def _not_rigid(pointer: str, detail: str) -> DesignError:

@@ -248,6 +248,7 @@ VIEW_KINDS: dict[str, type[_AnyView]] = {
     "<preset>": PresetView,
     "<distances>": DistanceView,
 }
+_TAGS: dict[type, str] = {kind: tag for tag, kind in VIEW_KINDS.items()}
 _TELLS = {
     "projection": "<projection>",
     "intrinsics": "<intrinsics>",
@@ -260,11 +261,14 @@ _TELLS = {
 
 
 def _view_kind(value: Any) -> str | None:
-    if isinstance(value, _AnyView):
-        return next(tag for tag, kind in VIEW_KINDS.items() if type(value) is kind)
-    if not isinstance(value, dict):
-        return None
-    return next((tag for field, tag in _TELLS.items() if field in value), None)
+    if isinstance(value, dict):
+        return next((tag for field, tag in _TELLS.items() if field in value), None)
+    return _TAGS.get(type(value))
+
+
+def view_class(data: Any) -> type[_AnyView] | None:
+    """The class that a view of plain data is of, by the fields it has."""
+    return VIEW_KINDS.get(_view_kind(data) or "")
 
 
 ViewDocument = Annotated[
