@@ -10,15 +10,8 @@ from scipy import stats
 
 from tailstack.tail.declared import LinearLaw, law_quantile, linear_law, norm_quantile_of
 from tailstack.tail.gaussian import norm_quantile
-from tailstack.tail.per_unit import (
-    _narrowed,
-    _principal_root,
-    _sample,
-    _solved_between,
-    unit_quantile,
-    unit_risk,
-    unit_risks,
-)
+from tailstack.tail.per_unit import _sample, unit_quantile, unit_risk, unit_risks
+from tailstack.tail.unit_kernels import LEAST, MOST, principal_root, solved_between
 
 NOISE = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]]) / 10
 COLUMNS = np.array([[0.7, 0.0, 0.1, 0.3], [0.0, 0.6, 0.2, -0.2], [0.1, 0.0, 0.3, 0.2]])
@@ -231,13 +224,13 @@ def test_units_left_unsolved_are_told_apart_rightly(p):
     """Independent: every unit of the same sample solved; the same share below the limit, the same value at the rank."""
     unit = linear_law([0.2, 0, 0.1], NOISE * 20, COLUMNS)
     shot = linear_law(np.zeros(3), NOISE * 8)
-    units = _sample(unit, _principal_root(unit), shot, p, 7)
-    own = np.array([norm_quantile(p, row, shot.covariance) for row in units.d])
-    narrow = _narrowed(units)
-    assert (narrow.low <= own * (1 + 1e-12)).all()
-    assert (own <= narrow.high * (1 + 1e-12)).all()
+    units = _sample(unit, principal_root(unit.covariance), shot, p, 7)
+    own = np.array([norm_quantile(p, offset, shot.covariance) for offset in units.d.T])
+    low, high = units.table[LEAST], units.table[MOST]
+    assert (low <= own * (1 + 1e-12)).all()
+    assert (own <= high * (1 + 1e-12)).all()
     limit = float(np.quantile(own, 0.7))
-    good, between = narrow.high <= limit, (narrow.low <= limit) & (narrow.high > limit)
+    good, between = high <= limit, (low <= limit) & (high > limit)
     assert (good | between)[own <= limit].all()
     assert not good[own > limit].any()
     assert between.mean() < 0.1
@@ -247,7 +240,8 @@ def test_units_left_unsolved_are_told_apart_rightly(p):
     assert abs(risk.yield_fraction - 0.7) < 4 * sqrt(0.3 * 0.7 / risk.units)
     for rank in (100, 1500, 1945):
         # 1e-8: the contours of a sample stop at half the nodes of those of a single law.
-        assert np.sort(_solved_between(narrow, rank, rank)[0])[rank] == pytest.approx(np.sort(own)[rank], rel=1e-8)
+        solved, _ = solved_between(p, units.table, units.covariance, rank, rank, units.agreement)
+        assert np.sort(solved)[rank] == pytest.approx(np.sort(own)[rank], rel=1e-8)
 
 
 def test_several_limits_are_one_sample():

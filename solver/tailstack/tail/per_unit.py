@@ -9,8 +9,8 @@ Most units need no quantile: with r_s the p-quantile of |shot| and, for a Gaussi
     |d| + s(d) <= R(d) <= |d| + r_s     for p >= 1/2,
 
 the left because the ball of radius R lies in the half-space x'd <= R |d|, the right by the triangle inequality.  A
-closed form of R, calibrated at 32 units, brings the two together (``_narrowed``).  Only units in between are solved,
-with the exact Gaussian law of the shot.
+closed form of R, calibrated at 32 units, brings the two together (``unit_kernels.sampled``).  Only units in between are
+solved, with the exact Gaussian law of the shot.
 
 The fraction of units with |d| <= y is known exactly (the law of |d| is in ``declared.py``).  With y where units begin
 to fail, it differs from the yield's indicator for few units only: as a control variate of coefficient 1 it removes
@@ -28,7 +28,7 @@ are fixed, the Gaussian part has its symmetric root (eigenvectors jump where eig
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from math import hypot, sqrt
 
@@ -38,21 +38,28 @@ from scipy.special import ndtri
 
 from ..system import Array
 from .contour import EXACT
-from .declared import LinearLaw, lattice_columns, law_cdf_coarse, law_quantile_coarse
+from .declared import LinearLaw, lattice_columns, law_quantile_coarse
+from .distance import quantile_and_probabilities
 from .gaussian import probability_iv
-from .quantile import norm_quantile_jit, normal_quantile_jit
 from .sampling import RANDOMISATIONS, sobol_rows
 from .spectrum import principal_axes
 from .unit_kernels import (
-    drawn_together,
-    gaussian_meets,
+    HIGH,
+    LEAST,
+    LOW,
+    SIZE,
+    distance_like,
     gaussian_quantiles,
+    percentile,
     position_of,
+    principal_root,
     rank_average,
-    solve_within,
-    survey,
+    sampled,
+    share_within,
+    solved_between,
 )
 
+_FRACTION = 0.95  # of units, whose quantile is told
 _CORRECTED = 12
 _PILOT = 32
 # Agreement of two steps of a contour where units are a sample: quantiles are good to 1e-8 on half the nodes, and
@@ -92,57 +99,40 @@ def _spread(units: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _correction(p: float, shot: LinearLaw, d: Array, own: Array, weight: Array | None = None) -> tuple[float, float]:
-    """(mean, standard deviation) over the rows of d (n, 3) of R(d) - own(d), R under the declared law of the shot.
+    """(mean, standard deviation) over the columns of d (3, n) of R(d) - own(d), R under the declared law of the shot.
 
     weight: (n,) of the units in both, equal by default.
     """
-    if d.shape[0] == 0:
+    if own.size == 0:
         return 0.0, 0.0
-    laws = (LinearLaw(row, shot.covariance, shot.columns, shot.kinds) for row in d)
+    laws = (LinearLaw(offset, shot.covariance, shot.columns, shot.kinds) for offset in np.ascontiguousarray(d.T))
     difference = np.array([law_quantile_coarse(law, p).quantile_mm for law in laws]) - own
     mean = float(np.average(difference, weights=weight))
     return mean, sqrt(float(np.average((difference - mean) ** 2, weights=weight)))
 
 
-def _shape_matters(shot: LinearLaw) -> bool:
-    """Whether taking the shot's columns as Gaussian is felt at all, here by 1e-5 of probability.
-
-    A column changes the characteristic function by at most ``max_x x^4/180 exp(-x^2 / (2 rho^2)) = 0.012 rho^4``,
-    rho^2 = h'S^-1 h (``lattice.fold_small``).
-    """
-    if not shot.columns.any():
-        return False
-    variances, _, axes = principal_axes(shot.mean, shot.covariance)
-    if not variances[2] > 1e-9 * variances[0]:
-        return True
-    rho2 = ((axes.T @ shot.columns) ** 2 / variances[:, None]).sum(axis=0)
-    return bool(0.012 * (rho2**2).sum() > 1e-5)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Units:
-    """A sample of n installed units and what is known of each without solving it; the shot as a Gaussian."""
+    """A sample of n installed units and what is known of each; the shot as a Gaussian."""
 
     p: float
-    d: Array  # (n, 3) mm
+    table: Array  # (8, n) mm: ``unit_kernels`` names its rows
     blocks: int  # randomisations; 1 when all units are alike, and then n is 1
-    size: Array  # (n,) |d|, mm
     covariance: Array  # (3, 3) mm^2, total, of the shot
-    low: Array  # (n,) mm, of R(d)
-    high: Array
-    guess: Array | None  # (n,) mm, closed form of R(d); None where there are no shots
     mixed: bool  # whether the shape of the shot's columns matters
 
     @property
     def agreement(self) -> float:
-        return EXACT if self.blocks == 1 else _SAMPLED
+        return _agreement(self.blocks)
+
+    @property
+    def d(self) -> Array:
+        """(3, n) mm"""
+        return self.table[:3]
 
 
-def _principal_root(installation: LinearLaw) -> Array:
-    """(3, rank) root of the Gaussian part, the largest variance first: it gets the most even of Sobol's coordinates."""
-    variances, _, axes = principal_axes(installation.mean, installation.covariance)
-    rank = int((variances > 0).sum())
-    return np.asarray(axes[:, :rank] * np.sqrt(variances[:rank]))
+def _agreement(blocks: int) -> float:
+    return EXACT if blocks == 1 else _SAMPLED
 
 
 def _symmetric_root(installation: LinearLaw) -> Array:
@@ -161,46 +151,17 @@ def _sample(installation: LinearLaw, root: Array, shot: LinearLaw, p: float, log
     if root.shape[1] or h.shape[0]:
         z, u = sobol_rows(root.shape[1], h.shape[0], log2_units, 1)
         blocks = RANDOMISATIONS
-    covariance = shot.total_covariance
-    top = float(norm_quantile_jit(np.zeros(3), covariance, p))
-    along = float(normal_quantile_jit(p)) if p > 0.5 else -1.0
-    d, size, low, high, guess, formed = survey(
-        installation.mean, root, z, h, u, covariance, along, top, float(ndtri(p))
+    pilot = _evenly(max(z.shape[1], u.shape[1]), _PILOT)
+    law = shot.covariance, shot.columns, shot.kinds
+    table, covariance, mixed = sampled(
+        installation.mean, root, z, h, u, *law, p, float(ndtri(p)), pilot, _agreement(blocks)
     )
-    return _Units(p, d, blocks, size, covariance, low, high, guess if formed else None, _shape_matters(shot))
+    return _Units(p, table, blocks, covariance, mixed)
 
 
 def _standard_error(value: Array, blocks: int) -> float:
     """Of the mean of value (n,), from the means of its randomisations."""
     return float(value.reshape(blocks, -1).mean(axis=1).std(ddof=1)) / sqrt(blocks) if blocks > 1 else 0.0
-
-
-def _control(installation: LinearLaw, units: _Units, middle: Array, level: float) -> Array:
-    """(n,) of mean about 0: (|d| <= y) - P(|d| <= y), y where R (`middle`, nearly) is `level`; 0 where no unit is."""
-    size = units.size
-    closest = max(size.size // 100, 1)
-    near = np.argpartition(np.abs(middle - level), closest - 1)[:closest]
-    y = level - float((middle[near] - size[near]).mean())
-    if size.size == 1 or not size.min() < y < size.max():
-        return np.zeros(size.size)
-    return np.asarray((size <= y) - law_cdf_coarse(installation, y))
-
-
-def _narrowed(units: _Units) -> _Units:
-    """The same units, the bounds of R drawn together about its closed form.
-
-    The closed form's error varies little and smoothly from unit to unit.  Its range over 32 units, taken three times as
-    wide, is trusted to hold for all; were it missed, two ranks might be exchanged.
-    """
-    S, n, guess = units.covariance, units.size.size, units.guess
-    if guess is None:
-        return units
-    ranks = _evenly(n, _PILOT)
-    pilot = np.argpartition(guess, ranks)[ranks]
-    difference = gaussian_quantiles(units.p, units.d[pilot], S, units.agreement) - guess[pilot]
-    least, most = float(difference.min()), float(difference.max())
-    low, high = drawn_together(units.low, units.high, guess, 2 * least - most, 2 * most - least)
-    return replace(units, low=low, high=high)
 
 
 @lru_cache(maxsize=4)
@@ -209,18 +170,6 @@ def _evenly(n: int, count: int) -> NDArray[np.int64]:
     ranks = np.linspace(0, n - 1, min(n, count)).astype(np.int64)
     ranks.setflags(write=False)
     return ranks
-
-
-def _solved_between(units: _Units, first: int, last: int) -> tuple[Array, int]:
-    """(R (n,), number of units solved): exact for the ranks first ... last, counted from 0.
-
-    The order statistics of R lie between those of its bounds; only units that may reach across need solving.
-    """
-    low, high = units.low, units.high
-    floor, ceiling = np.partition(low, first)[first], np.partition(high, last)[last]
-    return solve_within(  # type: ignore[no-any-return]
-        units.p, units.d, units.covariance, low, high, floor, ceiling, units.agreement
-    )
 
 
 def unit_quantile(
@@ -232,14 +181,15 @@ def unit_quantile(
     in mm and one frame.  16 x 2^log2_units units are drawn, the same ones each time.  Raises ValueError.
     """
     fraction = probability_iv(fraction)
-    units = _narrowed(_sample(installation, _symmetric_root(installation), shot, p, log2_units))
-    n = units.size.size
+    units = _sample(installation, _symmetric_root(installation), shot, p, log2_units)
+    size = units.table[SIZE]
+    n = size.size
     width = max(min(n // _WINDOW, int(0.5 * n * min(fraction, 1 - fraction))), 1)
     distance = law_quantile_coarse(installation, fraction)
-    by_size = np.argsort(units.size)
-    position = position_of(distance.quantile_mm, units.size[by_size], width)
+    by_size = np.argsort(size)
+    position = position_of(distance.quantile_mm, size[by_size], width)
     first, last = max(int(position) - 2 * width, 0), min(int(position) + 2 * width + 1, n - 1)
-    own, _ = _solved_between(units, first, last)
+    own, _ = solved_between(units.p, units.table, units.covariance, first, last, units.agreement)
     order = np.argsort(own)
     ranked = own[order]
     value, shift, error, density = rank_average(ranked, position, width), 0.0, 0.0, 0.0
@@ -248,7 +198,7 @@ def unit_quantile(
     if units.mixed:
         weight = width - np.abs(rank - position)
         near = np.flatnonzero(weight[: max(_CORRECTED * n // (2 * width), 1)] > 0)
-        shift, error = _correction(units.p, shot, units.d[near], own[near], weight[near])
+        shift, error = _correction(units.p, shot, units.d[:, near], own[near], weight[near])
     if units.blocks > 1:
         a, b = max(position - width, 0.0), min(position + width, n - 1.0)
         slope = (rank_average(ranked, b, width) - rank_average(ranked, a, width)) * n / (b - a)
@@ -280,60 +230,57 @@ def unit_risks(
     for limit in limits:
         if limit is not None and not limit >= 0:
             raise ValueError(f"a limit must be >= 0 mm, got {limit}")
-    units = _sample(installation, _principal_root(installation), shot, p, log2_units)
-    narrow = _narrowed(units)
-    value, error, percentile_solved = _percentile(installation, shot, narrow)
+    units = _sample(installation, principal_root(installation.covariance), shot, p, log2_units)
+    levels = [None if limit is None else _level(shot, units, limit) for limit in limits]
+    radii = [np.nan if level is None else distance_like(units.table, level[0]) for level in levels]
+    distance, within = np.nan, [0.0] * len(radii)
+    if units.blocks > 1:
+        distance, within = quantile_and_probabilities(installation, _FRACTION, radii)
+    value, error, percentile_solved = _percentile(shot, units, distance)
     found = []
-    for limit in limits:
+    for limit, level, radius, known in zip(limits, levels, radii, within, strict=True):
         fraction: float | None = None
         fraction_error: float | None = None
         solved = percentile_solved
-        if limit is not None:
-            fraction, fraction_error, more = _yield(installation, shot, units, narrow, limit)
+        if level is not None:
+            fraction, fraction_error, more = _yield(units, *level, radius, known)
             solved += more
-        found.append(UnitRisk(units.p, limit, fraction, fraction_error, value, error, units.size.size, solved))
+        found.append(UnitRisk(units.p, limit, fraction, fraction_error, value, error, units.table.shape[1], solved))
     return tuple(found)
 
 
-def _yield(
-    installation: LinearLaw, shot: LinearLaw, units: _Units, narrow: _Units, limit: float
-) -> tuple[float, float, int]:
-    """(fraction of units with R <= limit, its standard error, units solved)."""
-    n = units.size.size
-    level, doubt = limit, 0.0
-    if units.mixed:
-        near = _spread(np.flatnonzero((units.low <= limit) & (units.high >= limit)))
-        own = gaussian_quantiles(units.p, units.d[near], units.covariance, units.agreement)
-        shift, doubt = _correction(units.p, shot, units.d[near], own)
-        level -= shift
-    good = narrow.high <= level
-    between = np.flatnonzero((narrow.low <= level) & ~good)
-    good[between] = gaussian_meets(units.p, level, units.d[between], units.covariance, units.agreement)
-    excess = good - _control(installation, units, 0.5 * (narrow.low + narrow.high), level)
+def _level(shot: LinearLaw, units: _Units, limit: float) -> tuple[float, float]:
+    """(what R for a Gaussian shot must not exceed for the limit to be met, how much that varies from unit to unit)."""
+    if not units.mixed:
+        return limit, 0.0
+    near = _spread(np.flatnonzero((units.table[LOW] <= limit) & (units.table[HIGH] >= limit)))
+    own = gaussian_quantiles(units.p, units.table, near, units.covariance, units.agreement)
+    shift, doubt = _correction(units.p, shot, units.d[:, near], own)
+    return limit - shift, doubt
+
+
+def _yield(units: _Units, level: float, doubt: float, radius: float, within: float) -> tuple[float, float, int]:
+    """(fraction of units with R <= level, its standard error, units solved).
+
+    within: P(|d| <= radius), the control; radius NaN, within 0: there is none.
+    """
+    excess, error, solved = share_within(
+        units.p, level, units.table, units.covariance, units.blocks, radius, units.agreement
+    )
+    least = units.table[LEAST]
     # Units within the correction's own spread of the level, counted by their lower bound.
-    unsure = float(((narrow.low > level - doubt) & (narrow.low <= level + doubt)).mean()) / 2 if doubt else 0.0
-    fraction = min(max(float(excess.mean()), 0.0), 1.0)
-    error = hypot(_standard_error(excess, units.blocks), unsure, 0.5 / n if 0.0 < fraction < 1.0 else 0.0)
-    return fraction, error, between.size
+    unsure = float(((least > level - doubt) & (least <= level + doubt)).mean()) / 2 if doubt else 0.0
+    fraction = min(max(excess + within, 0.0), 1.0)
+    return fraction, hypot(error, unsure, 0.5 / least.size if 0.0 < fraction < 1.0 else 0.0), solved
 
 
-def _percentile(installation: LinearLaw, shot: LinearLaw, units: _Units) -> tuple[float, float, int]:
-    """(95th percentile of R over units, its standard error, units solved); the control is |d| at its own 95 %."""
-    n = units.size.size
-    control: Array = np.zeros(n)
-    if units.blocks > 1:
-        control = np.asarray((units.size <= law_quantile_coarse(installation, 0.95).quantile_mm) - 0.95)
-    position = min(max((0.95 + float(control.mean())) * n - 0.5, 0.0), n - 1.0)  # Hazen's, counted from 0
-    first = max(min(int(position), n - 2), 0)
-    own, solved = _solved_between(units, first, min(first + 1, n - 1))
-    ranked = np.sort(own)
-    value = float(rank_average(ranked, position, 1))
+def _percentile(shot: LinearLaw, units: _Units, distance: float) -> tuple[float, float, int]:
+    """(95th percentile of R over units, its standard error, units solved); the control is |d| at its own."""
+    own, value, rank, slope, share_error, solved = percentile(
+        units.p, _FRACTION, units.table, units.covariance, units.blocks, distance, units.agreement
+    )
     shift, error = 0.0, 0.0
     if units.mixed:
-        near = _spread(np.argsort(own)[max(first - 40, 0) : first + 40])
-        shift, error = _correction(units.p, shot, units.d[near], own[near])
-    if units.blocks > 1:
-        a, b = max(first - n // 50, 0), min(first + n // 50, n - 1)
-        slope = float(ranked[b] - ranked[a]) * n / (b - a)
-        error = hypot(error, _standard_error((own <= value) - control, units.blocks) * slope, slope / n)
-    return value + shift, error, solved
+        near = _spread(np.argsort(own)[max(rank - 40, 0) : rank + 40])
+        shift, error = _correction(units.p, shot, units.d[:, near], own[near])
+    return value + shift, hypot(error, share_error * slope, slope / own.size), solved

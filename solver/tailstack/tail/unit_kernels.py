@@ -1,8 +1,11 @@
-"""Compiled steps of the risk per unit: units drawn and bounded, their quantiles solved, ranks averaged."""
+"""Compiled steps of the risk per unit: units drawn and bounded, quantiles of some solved, ranks and shares read off.
+
+A sample of n units is one table (8, n), whose rows are named here: it is handed from step to step as one array.
+"""
 
 from __future__ import annotations
 
-from math import sqrt
+from math import fabs, sqrt
 
 import numpy as np
 from numba import njit
@@ -10,35 +13,71 @@ from numpy.typing import NDArray
 
 from ..system import Array
 from .gaussian import law_on_axes
-from .quantile import quantile_on_axes
+from .law import UNIFORM
+from .quantile import norm_quantile_jit, normal_quantile_jit, quantile_on_axes
 from .sampling import SingleArray
+from .selection import nearest_units, units_at_ranks
 from .spectrum import principal_axes
+
+# Of a unit, all in mm: its offset d, |d|, bounds of its own quantile R(d) that hold, and bounds drawn together.
+X, Y, Z, SIZE, LOW, HIGH, LEAST, MOST = range(8)
 
 
 @njit(cache=True, error_model="numpy")
-def survey(
-    mean: Array,
-    root: Array,
-    z: SingleArray,
-    h: Array,
-    u: SingleArray,
-    covariance: Array,
-    along: float,
-    top: float,
-    normal: float,
-) -> tuple[Array, Array, Array, Array, Array, bool]:
-    """(d (n, 3), |d|, low, high, closed form of R(d), whether there is one) for n units.
+def principal_root(covariance: Array) -> Array:
+    """(3, rank) root of a covariance, the largest variance first: it gets the most even of Sobol's coordinates."""
+    variances, _, axes = principal_axes(np.zeros(3), covariance)
+    rank = 0
+    while rank < 3 and variances[rank] > 0.0:
+        rank += 1
+    root = np.empty((3, rank))
+    for k in range(rank):
+        for a in range(3):
+            root[a, k] = axes[a, k] * sqrt(variances[k])
+    return root
 
-    Units ``d = mean + root z + u h``, z (k, n) and u (K, n) transposed so that loops run along the units.  low, high:
-    bounds of R(d); along < 0: only 0 is known from below, else the normal quantile s(d) is measured in; covariance
-    (3, 3) of the shot, top: the quantile of |shot|, normal: ndtri(p).
+
+@njit(cache=True, error_model="numpy")
+def _as_gaussian(covariance: Array, columns: Array, kinds: NDArray[np.int64]) -> tuple[Array, bool]:
+    """(total covariance, whether taking the columns as Gaussian is felt at all, here by 1e-5 of probability).
+
+    A column changes the characteristic function by at most ``max_x x^4/180 exp(-x^2 / (2 rho^2)) = 0.012 rho^4``,
+    rho^2 = h'S^-1 h (``lattice.fold_small``).
+    """
+    variances, _, axes = principal_axes(np.zeros(3), covariance)
+    singular = not variances[2] > 1e-9 * variances[0]
+    total = covariance.copy()
+    change = 0.0
+    for j in range(kinds.size):
+        if columns[0, j] == 0.0 and columns[1, j] == 0.0 and columns[2, j] == 0.0:
+            continue
+        variance = 1.0 / 3.0 if kinds[j] == UNIFORM else 1.0 / 6.0
+        rho2 = 0.0
+        for a in range(3):
+            along = 0.0
+            for b in range(3):
+                along += axes[b, a] * columns[b, j]
+                total[a, b] += columns[a, j] * variance * columns[b, j]
+            rho2 += along * along / variances[a]
+        change += np.inf if singular else 0.012 * rho2 * rho2
+    return total, change > 1e-5
+
+
+@njit(cache=True, error_model="numpy")
+def _survey(
+    mean: Array, root: Array, z: SingleArray, h: Array, u: SingleArray, covariance: Array, p: float, normal: float
+) -> tuple[Array, bool]:
+    """(the table of n units, but with the closed form of R(d) in row LEAST; whether there is one).
+
+    Units ``d = mean + root z + u h``, z (k, n) and u (K, n) transposed so that loops run along the units.
     """
     n = max(z.shape[1], u.shape[1])
-    x = np.empty((3, n))
-    x[0] = mean[0]
-    x[1] = mean[1]
-    x[2] = mean[2]
-    first, second, third = x[0], x[1], x[2]
+    table = np.empty((8, n))
+    first, second, third = table[X], table[Y], table[Z]
+    size, low, high, guess = table[SIZE], table[LOW], table[HIGH], table[LEAST]
+    first[:] = mean[0]
+    second[:] = mean[1]
+    third[:] = mean[2]
     for j in range(z.shape[0]):
         for i in range(n):
             first[i] += root[0, j] * z[j, i]
@@ -63,18 +102,15 @@ def survey(
         square += T[a, a]
         for b in range(3):
             cube += T[a, b] * S[b, a]
-    d = np.empty((n, 3))
-    size = np.empty(n)
-    low = np.empty(n)
-    high = np.empty(n)
-    guess = np.empty(n)
+    top = norm_quantile_jit(np.zeros(3), covariance, p)
+    along = normal_quantile_jit(p) if p > 0.5 else -1.0  # below, nothing is known of R from below
     for i in range(n):
-        p, q, r = first[i], second[i], third[i]
-        length2 = p * p + q * q + r * r
-        spread = S[0, 0] * p * p + S[1, 1] * q * q + S[2, 2] * r * r
-        spread += 2.0 * (S[0, 1] * p * q + S[0, 2] * p * r + S[1, 2] * q * r)
-        wider = T[0, 0] * p * p + T[1, 1] * q * q + T[2, 2] * r * r
-        wider += 2.0 * (T[0, 1] * p * q + T[0, 2] * p * r + T[1, 2] * q * r)
+        dx, dy, dz = first[i], second[i], third[i]
+        length2 = dx * dx + dy * dy + dz * dz
+        spread = S[0, 0] * dx * dx + S[1, 1] * dy * dy + S[2, 2] * dz * dz
+        spread += 2.0 * (S[0, 1] * dx * dy + S[0, 2] * dx * dz + S[1, 2] * dy * dz)
+        wider = T[0, 0] * dx * dx + T[1, 1] * dy * dy + T[2, 2] * dz * dz
+        wider += 2.0 * (T[0, 1] * dx * dy + T[0, 2] * dx * dz + T[1, 2] * dy * dz)
         length = sqrt(length2)
         size[i] = length
         least = length + along * sqrt(max(spread, 0.0)) / length if along >= 0.0 and length > 0.0 else 0.0
@@ -87,81 +123,181 @@ def survey(
         b = sqrt(2.0) / 3.0 * normal - gamma * (2.0 / 9.0)
         w = gamma * b
         guess[i] = sqrt(max(trace + length2 + scale * b * (3.0 + 3.0 * w + w * w), 0.0))
-    for i in range(n):
-        d[i, 0] = first[i]
-        d[i, 1] = second[i]
-        d[i, 2] = third[i]
-    return d, size, low, high, guess, square > 0.0
+    return table, square > 0.0
 
 
 @njit(cache=True, error_model="numpy")
-def _turned(d: Array, axes: Array, out: Array) -> None:
+def sampled(
+    mean: Array,
+    root: Array,
+    z: SingleArray,
+    h: Array,
+    u: SingleArray,
+    shot: Array,
+    columns: Array,
+    kinds: NDArray[np.int64],
+    p: float,
+    normal: float,
+    pilot: NDArray[np.int64],
+    agreement: float,
+) -> tuple[Array, Array, bool]:
+    """(table (8, n), covariance (3, 3) of the shot taken as Gaussian, whether the shape of its columns matters).
+
+    Units as :func:`_survey` has them; shot, columns, kinds: the law of the shot; normal: ndtri(p).  The bounds of R are
+    drawn together about its closed form.  That form's error varies little and smoothly from unit to unit: its range
+    over the units at the ranks ``pilot``, taken three times as wide, is trusted to hold for all; were it missed, two
+    ranks might be exchanged.
+    """
+    covariance, mixed = _as_gaussian(shot, columns, kinds)
+    table, formed = _survey(mean, root, z, h, u, covariance, p, normal)
+    if not formed:
+        table[LEAST] = table[LOW]
+        table[MOST] = table[HIGH]
+        return table, covariance, mixed
+    guess = table[LEAST]
+    units = units_at_ranks(guess, pilot)
+    own = gaussian_quantiles(p, table, units, covariance, agreement)
+    least = np.inf
+    most = -np.inf
+    for i in range(units.size):
+        difference = own[i] - guess[units[i]]
+        least = min(least, difference)
+        most = max(most, difference)
+    below = 2.0 * least - most
+    above = 2.0 * most - least
+    for i in range(guess.size):
+        middle = guess[i]
+        table[LEAST, i] = max(table[LOW, i], middle + below)
+        table[MOST, i] = max(min(table[HIGH, i], middle + above), table[LEAST, i])
+    return table, covariance, mixed
+
+
+@njit(cache=True, error_model="numpy")
+def _turned(table: Array, unit: int, axes: Array, out: Array) -> None:
     """out = axes' d, as ``principal_axes`` turns a mean."""
     for a in range(3):
         out[a] = 0.0
         for k in range(3):
-            out[a] += axes[k, a] * d[k]
+            out[a] += axes[k, a] * table[k, unit]
 
 
 @njit(cache=True, error_model="numpy")
-def gaussian_quantiles(p: float, d: Array, covariance: Array, agreement: float) -> Array:
-    """(n,) p-quantile of |d + shot| for each row of d (n, 3); NaN: not converged.  The axes are found once for all."""
-    out = np.empty(d.shape[0])
+def gaussian_quantiles(p: float, table: Array, units: NDArray[np.int64], covariance: Array, agreement: float) -> Array:
+    """R of these units (k,), the shot Gaussian; NaN: not converged.  The axes are found once for all."""
+    out = np.empty(units.size)
     m = np.zeros(3)
     variances, _, axes = principal_axes(m, covariance)
-    for i in range(d.shape[0]):
-        _turned(d[i], axes, m)
+    for i in range(units.size):
+        _turned(table, units[i], axes, m)
         out[i] = quantile_on_axes(p, variances, m, agreement)
     return out
 
 
 @njit(cache=True, error_model="numpy")
-def gaussian_meets(p: float, limit: float, d: Array, covariance: Array, agreement: float) -> NDArray[np.bool_]:
-    out = np.empty(d.shape[0], dtype=np.bool_)
-    m = np.zeros(3)
-    variances, _, axes = principal_axes(m, covariance)
-    for i in range(d.shape[0]):
-        _turned(d[i], axes, m)
-        out[i] = law_on_axes(variances, m, limit, agreement)[0] >= p
-    return out
-
-
-@njit(cache=True, error_model="numpy")
-def drawn_together(low: Array, high: Array, guess: Array, below: float, above: float) -> tuple[Array, Array]:
-    """Bounds (n,) no farther from the guess (n,) than this."""
-    n = low.size
-    least = np.empty(n)
-    most = np.empty(n)
-    for i in range(n):
-        least[i] = max(low[i], guess[i] + below)
-        most[i] = max(min(high[i], guess[i] + above), least[i])
-    return least, most
-
-
-@njit(cache=True, error_model="numpy")
-def solve_within(
-    p: float,
-    d: Array,
-    covariance: Array,
-    low: Array,
-    high: Array,
-    floor: float,
-    ceiling: float,
-    agreement: float,
+def solved_between(
+    p: float, table: Array, covariance: Array, first: int, last: int, agreement: float
 ) -> tuple[Array, int]:
-    """(R (n,), how many were solved): exact where the bounds reach into [floor, ceiling], else their middle."""
-    n = low.size
-    out = np.empty(n)
+    """(R (n,), how many were solved): exact for the ranks first ... last, from 0; elsewhere the middle of the bounds.
+
+    The order statistics of R lie between those of its bounds; only units that may reach across need solving.
+    """
+    low, high = table[LEAST], table[MOST]
+    floor = low[units_at_ranks(low, np.array([first]))[0]]
+    ceiling = high[units_at_ranks(high, np.array([last]))[0]]
+    out = np.empty(low.size)
     m = np.zeros(3)
     variances, _, axes = principal_axes(m, covariance)
     solved = 0
-    for i in range(n):
+    for i in range(low.size):
         out[i] = 0.5 * (low[i] + high[i])
         if low[i] <= ceiling and high[i] >= floor and low[i] < high[i]:
-            _turned(d[i], axes, m)
+            _turned(table, i, axes, m)
             out[i] = quantile_on_axes(p, variances, m, agreement)
             solved += 1
     return out, solved
+
+
+@njit(cache=True, error_model="numpy")
+def _error_of_mean(counts: NDArray[np.int64], each: int) -> float:
+    """Standard error of the mean share, from the counts (blocks,) among `each` units; 0 of a single block."""
+    blocks = counts.size
+    if blocks == 1:
+        return 0.0
+    mean = counts.sum() / blocks
+    square = 0.0
+    for count in counts:
+        square += (count - mean) ** 2
+    return sqrt(square / (blocks * (blocks - 1.0))) / each
+
+
+@njit(cache=True, error_model="numpy")
+def percentile(
+    p: float, fraction: float, table: Array, covariance: Array, blocks: int, distance: float, agreement: float
+) -> tuple[Array, float, int, float, float, int]:
+    """(R (n,), its quantile over units, rank of that, dR / dfraction there, standard error of the fraction, solved).
+
+    distance: the fraction-quantile of |d|, which tells the rank; where all units are alike there is none.
+    """
+    n = table.shape[1]
+    inside = fraction * n
+    if blocks > 1:
+        inside = 0.0
+        for i in range(n):
+            inside += table[SIZE, i] <= distance
+    position = min(max(inside - 0.5, 0.0), n - 1.0)  # Hazen's, counted from 0
+    rank = max(min(int(position), n - 2), 0)
+    own, solved = solved_between(p, table, covariance, rank, min(rank + 1, n - 1), agreement)
+    under = int(position)
+    before, after = max(rank - n // 50, 0), min(rank + n // 50, n - 1)
+    at = own[units_at_ranks(own, np.array([before, under, min(under + 1, n - 1), after]))]
+    value = at[1] + (position - under) * (at[2] - at[1])
+    slope = (at[3] - at[0]) * n / (after - before) if blocks > 1 else 0.0
+    each = n // blocks
+    excess = np.zeros(blocks, np.int64)
+    for b in range(blocks):
+        for i in range(b * each, (b + 1) * each):
+            excess[b] += int(own[i] <= value) - int(table[SIZE, i] <= distance)
+    return own, value, rank, slope, _error_of_mean(excess, each), solved
+
+
+@njit(cache=True, error_model="numpy")
+def distance_like(table: Array, level: float) -> float:
+    """The |d| of units with R at the level, by the hundredth of all that is nearest to it; NaN beyond everybody's."""
+    n = table.shape[1]
+    smallest = np.inf
+    largest = -np.inf
+    away = np.empty(n)
+    for i in range(n):
+        smallest = min(smallest, table[SIZE, i])
+        largest = max(largest, table[SIZE, i])
+        away[i] = fabs(0.5 * (table[LEAST, i] + table[MOST, i]) - level)
+    near = nearest_units(away, max(n // 100, 1))
+    more = 0.0
+    for i in near:
+        more += 0.5 * (table[LEAST, i] + table[MOST, i]) - table[SIZE, i]
+    y = level - more / near.size
+    return y if smallest < y < largest else np.nan
+
+
+@njit(cache=True, error_model="numpy")
+def share_within(
+    p: float, level: float, table: Array, covariance: Array, blocks: int, distance: float, agreement: float
+) -> tuple[float, float, int]:
+    """(share of units with R <= level less that with |d| <= distance, its standard error, units solved)."""
+    each = table.shape[1] // blocks
+    excess = np.zeros(blocks, np.int64)
+    m = np.zeros(3)
+    variances, _, axes = principal_axes(m, covariance)
+    solved = 0
+    for b in range(blocks):
+        for i in range(b * each, (b + 1) * each):
+            good = table[MOST, i] <= level
+            if not good and table[LEAST, i] <= level:
+                _turned(table, i, axes, m)
+                good = law_on_axes(variances, m, level, agreement)[0] >= p
+                solved += 1
+            excess[b] += int(good) - int(table[SIZE, i] <= distance)
+    return excess.sum() / table.shape[1], _error_of_mean(excess, each), solved
 
 
 @njit(cache=True, error_model="numpy")
