@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 import sys
 from typing import Any, TextIO
 
@@ -14,6 +15,8 @@ FIELDS = (
     "action", "request", "job", "unit", "worker", "tenant", "kind", "method", "path", "route", "status", "ms", "pid",
     "seconds", "detail",
 )  # fmt: skip
+
+_PLAIN = re.compile(r"[!#-&(-<>-~]+")  # ASCII, printable, neither space nor quote nor equals sign
 
 
 def fields_of(record: logging.LogRecord) -> dict[str, Any]:
@@ -26,10 +29,10 @@ class TextFormatter(logging.Formatter):
     """``2026-01-31T12:00:00.123Z INFO tailstack.service action=answered request=... the message``."""
 
     def format(self, record: logging.LogRecord) -> str:
-        told = " ".join(f"{name}={_word(value)}" for name, value in fields_of(record).items())
+        parts = [moment(record.created), record.levelname, record.name]
+        parts += [f"{name}={_word(value)}" for name, value in fields_of(record).items()]
         message = _one_line(record.getMessage())
-        head = f"{moment(record.created)} {record.levelname} {record.name}"
-        line = " ".join(part for part in (head, told, message) if part)
+        line = " ".join([*parts, message] if message else parts)
         return line + ("\n" + self.formatException(record.exc_info) if record.exc_info else "")
 
 
@@ -59,14 +62,14 @@ def log_to_stderr(form: str = "text", level: int = logging.INFO, stream: TextIO 
         logger.setLevel(level if name == "tailstack" else logging.WARNING)
     # no line tells these, and a record would look each of them up
     logging.logThreads = logging.logProcesses = logging.logMultiprocessing = False
+    logging._srcfile = None  # documented: no record looks for the line that wrote it
 
 
 def _word(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.1f}"
     text = str(value)
-    plain = text.isascii() and text.isprintable() and not any(mark in text for mark in " =\"'")
-    return text if plain and text else repr(text)
+    return text if _PLAIN.fullmatch(text) else repr(text)
 
 
 def _one_line(text: str) -> str:

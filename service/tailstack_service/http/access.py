@@ -59,7 +59,7 @@ class Access:
         self._tokens = check_settings(settings)
         self._known: dict[bytes, tuple[float, Caller]] = {}
 
-    def check_address(self, method: str, headers: Mapping[str, str]) -> None:
+    def check_address(self, method: str, host: bytes | None, origin: bytes | None) -> None:
         """Refuse what a web page could have sent to a service without authentication.
 
         A page can make a browser call loopback under a name of its own (DNS rebinding), which shows in Host, or
@@ -67,14 +67,12 @@ class Access:
         """
         if self.required:
             return
-        host = headers.get("host")
         if host is not None and not self._is_ours(host):
-            detail = f"the Host header says {host[:80]!r}, and that is not this machine"
+            detail = f"the Host header says {host.decode('latin-1')[:80]!r}, and that is not this machine"
             hint = f"use 127.0.0.1 or localhost, or add the name to {variable('allowed_hosts')}"
             raise TransportError("wrong-host", Problem("", "wrong-host", detail, hint))
-        origin = headers.get("origin")
-        if origin is not None and method not in SAFE_METHODS and not _same_place(origin, host or ""):
-            detail = f"a page of {origin[:80]!r} may not change anything here"
+        if origin is not None and method not in SAFE_METHODS and not _same_place(origin, host or b""):
+            detail = f"a page of {origin.decode('latin-1')[:80]!r} may not change anything here"
             raise TransportError("forbidden", Problem("", "foreign-origin", detail, "call the service from a program"))
 
     async def admit(self, request: Request, scope: str) -> Caller:
@@ -124,18 +122,18 @@ class Access:
         return caller
 
 
-def _is_one_of(hosts: frozenset[str], host: str) -> bool:
+def _is_one_of(hosts: frozenset[str], host: bytes) -> bool:
     """Whether a Host header names this machine, or one of these."""
     try:
-        name = (urlsplit(f"//{host}").hostname or "").rstrip(".")
+        name = (urlsplit(f"//{host.decode('latin-1')}").hostname or "").rstrip(".")
     except ValueError:
         return False
     return is_loopback(name) or name in hosts
 
 
-def _same_place(origin: str, host: str) -> bool:
+def _same_place(origin: bytes, host: bytes) -> bool:
     try:
-        return urlsplit(origin).netloc.lower() == host.lower() != ""
+        return urlsplit(origin.decode("latin-1")).netloc.lower() == host.decode("latin-1").lower() != ""
     except ValueError:
         return False
 

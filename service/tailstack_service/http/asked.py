@@ -66,6 +66,8 @@ async def read_asked(request: Request, kind: type[O]) -> Asked[O]:
 
 def refuse_query(request: Request, known: tuple[str, ...], hint: str = "") -> None:
     """Refuse query parameters that mean nothing here, each with a pointer to its name.  Raises RequestError."""
+    if not request.scope["query_string"]:
+        return
     for name in request.query_params:
         if name not in known:
             hint = hint or (f"known: {', '.join(known)}" if known else "this operation takes none")

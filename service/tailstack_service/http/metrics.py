@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
+from functools import cache
 
 from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest, multiprocess
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
@@ -36,13 +37,18 @@ class Metrics:
             "tailstack_http_request_seconds", "Seconds until a request was answered.", ("method", "route"),
             buckets=SECONDS, registry=counted,
         )  # fmt: skip
+        self._counters = cache(self._labelled)
         if shared:
             multiprocess.MultiProcessCollector(self._registry)  # type: ignore[no-untyped-call]
 
     def answered(self, method: str, route: str, status: int, seconds: float) -> None:
         """Count one request under the template of its route, never under its path: paths are without end."""
-        self._requests.labels(method, route, str(status)).inc()
-        self._seconds.labels(method, route).observe(seconds)
+        requests, durations = self._counters(method, route, status)
+        requests.inc()
+        durations.observe(seconds)
+
+    def _labelled(self, method: str, route: str, status: int) -> tuple[Counter, Histogram]:
+        return self._requests.labels(method, route, str(status)), self._seconds.labels(method, route)
 
     def page(self, database: Database | None) -> bytes:
         """The text format of Prometheus.  Without a database, what this process knows."""

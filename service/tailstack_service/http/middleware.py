@@ -1,32 +1,37 @@
-"""One ASGI layer around everything: request ids, who may call at all, counting, one log line, the last resort."""
+"""The one layer around every answer: request ids, who may call at all, refusals, counting, one log line."""
 
 from __future__ import annotations
 
 import logging
+import os
 import re
 import time
-import uuid
 
-from starlette.datastructures import Headers
+from starlette.requests import Request
 from starlette.responses import Response
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
 
-from tailstack.errors import Problem
+from tailstack.errors import Problem, TailstackError
 
 from ..problems import TransportError
-from .answers import problem_response
+from .bodies import Placed
 from .computing import Stopped
 from .metrics import NO_ROUTE
+from .refusals import defect, refused
+from .routing import answered
 from .service import Service
 
 log = logging.getLogger("tailstack.service")
-_ID = re.compile(r"[A-Za-z0-9._:-]{1,64}\Z")
+_ID = re.compile(rb"[A-Za-z0-9._:-]{1,64}\Z")
 CLIENT_LEFT = 499
 LONGEST_METHOD, LONGEST_PATH = 20, 200  # characters that are logged: a stranger may send 60,000
 
 
 class RequestLog:
-    """Gives each request an id (its own X-Request-ID if that is harmless), echoes it, logs and counts the outcome."""
+    """Gives each request an id (its own X-Request-ID if that is harmless), echoes it, logs and counts the outcome.
+
+    What is no request, the start and the end of the service, goes to ``app``.
+    """
 
     def __init__(self, app: ASGIApp, service: Service) -> None:
         self.app = app
@@ -36,41 +41,27 @@ class RequestLog:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        headers = Headers(scope=scope)
-        offered = headers.get("x-request-id", "")
-        request_id = offered if _ID.match(offered) else uuid.uuid4().hex
-        scope.setdefault("state", {})["request_id"] = request_id
-        started, status = time.perf_counter(), 0
-
-        async def send_with_id(message: Message) -> None:
-            nonlocal status
-            if message["type"] == "http.response.start":
-                status = message["status"]
-                message["headers"] = [*message["headers"], (b"x-request-id", request_id.encode())]
-            await send(message)
-
+        headers = dict(reversed(scope["headers"]))  # of those that came twice, the first
+        offered = headers.get(b"x-request-id", b"")
+        request_id = offered.decode() if _ID.match(offered) else os.urandom(16).hex()
+        state = scope.setdefault("state", {})
+        state["request_id"] = request_id
+        request = Request(scope, receive, send)
+        started = time.perf_counter()
         try:
-            if "transfer-encoding" in headers and "content-length" in headers:
-                raise _two_lengths()
-            self.service.access.check_address(scope["method"], headers)
-            await self.app(scope, receive, send_with_id)
+            response = await self._response(request, headers)
+            status = response.status_code
+            response.raw_headers.append((b"x-request-id", request_id.encode()))
+            await response(scope, receive, send)
         except Stopped:  # the client left; nobody reads an answer
             status = CLIENT_LEFT
-        except TransportError as refused:
-            await _refusal(refused, scope, request_id)(scope, receive, send_with_id)
         except Exception:
-            log.exception("", extra={"action": "failed", "request": request_id, "path": scope["path"][:LONGEST_PATH]})
-            if status == 0:
-                defect = Problem(
-                    "", "internal-error", "the request met a defect of the service", "report it with the id"
-                )
-                error = TransportError("internal-error", defect)
-                await _refusal(error, scope, request_id)(scope, receive, send_with_id)
+            _log_defect(request)
         took = time.perf_counter() - started
         route = getattr(scope.get("route"), "path", NO_ROUTE)
         method = scope["method"] if route != NO_ROUTE else NO_ROUTE  # a stranger's methods are without end
         self.service.metrics.answered(method, route, status, took)
-        caller = scope["state"].get("caller")
+        caller = state.get("caller")
         log.info(
             "",
             extra={
@@ -80,13 +71,28 @@ class RequestLog:
             },
         )  # fmt: skip
 
+    async def _response(self, request: Request, headers: dict[bytes, bytes]) -> Response:
+        try:
+            if b"transfer-encoding" in headers and b"content-length" in headers:
+                raise _two_lengths()
+            self.service.access.check_address(request.method, headers.get(b"host"), headers.get(b"origin"))
+            return await answered(request)
+        except (TailstackError, Placed) as error:
+            return refused(request, error)
+        except Stopped:
+            raise
+        except Exception:
+            _log_defect(request)
+            return refused(request, defect())
+
+
+def _log_defect(request: Request) -> None:
+    told = {"request": request.state.request_id, "path": request.scope["path"][:LONGEST_PATH]}
+    log.exception("", extra={"action": "failed", **told})
+
 
 def _two_lengths() -> TransportError:
     """Where a request ends must not be a matter of opinion between a proxy and this service (RFC 9112, 6.1)."""
     detail = "the request says its length twice: Content-Length and Transfer-Encoding"
     problem = Problem("", "two-lengths", detail, "send one of them")
     return TransportError("malformed-document", problem, {"Connection": "close"})
-
-
-def _refusal(error: TransportError, scope: Scope, request_id: str) -> Response:
-    return problem_response(error, instance=scope["path"], request_id=request_id)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import cache
@@ -33,10 +32,6 @@ class Route:
     endpoint: Endpoint
     scope: str | None = None
     query: tuple[str, ...] | None = ()
-
-    def matches(self, path: str) -> bool:
-        """Whether a path is one of this route."""
-        return re.fullmatch(re.sub(r"\\{\w+\\}", "[^/]+", re.escape(self.path)), path) is not None
 
 
 async def _openapi(_request: Request) -> Response:

@@ -92,6 +92,7 @@ class Server(uvicorn.Server):
                 http=connections(settings),
                 timeout_graceful_shutdown=GRACE_SECONDS,
                 server_header=False,
+                proxy_headers=False,  # nothing here depends on who the client is, or how he came
                 ws="none",
                 backlog=BACKLOG,
             )

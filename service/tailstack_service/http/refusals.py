@@ -1,0 +1,48 @@
+"""Whatever was raised on the way to an answer, as the problem document that is answered instead."""
+
+from __future__ import annotations
+
+import logging
+
+from starlette.requests import Request
+from starlette.responses import Response
+
+from tailstack.errors import Problem, TailstackError
+
+from ..problems import TransportError
+from ..store.errors import StoreError, StoreUnavailable
+from .answers import problem_response
+from .bodies import BodyTooLarge, Placed
+
+log = logging.getLogger("tailstack.service")
+STORE_RETRY_SECONDS = 2
+
+
+def refused(request: Request, error: TailstackError | Placed) -> Response:
+    """The answer to a request that is refused."""
+    refusal, prefix = (error.error, error.prefix) if isinstance(error, Placed) else (error, "")
+    request_id = request.state.request_id
+    if isinstance(refusal, StoreUnavailable | StoreError):
+        refusal = _without_its_address(request_id, refusal)
+    status = 413 if isinstance(refusal, BodyTooLarge) else None
+    response = problem_response(
+        refusal, instance=request.scope["path"], request_id=request_id, status=status, prefix=prefix
+    )
+    if response.status_code in (429, 503):
+        response.headers.setdefault("Retry-After", str(STORE_RETRY_SECONDS))
+    return response
+
+
+def defect() -> TransportError:
+    """What a client is told of an exception that nobody expected."""
+    return TransportError(
+        "internal-error",
+        Problem("", "internal-error", "the request met a defect of the service", "report it with the id"),
+    )
+
+
+def _without_its_address(request_id: str, error: TailstackError) -> TransportError:
+    """What a driver says may name hosts, files and users: that is for the log, not for a client."""
+    log.warning("%s", error, extra={"action": error.slug, "request": request_id})
+    detail = "the database does not answer" if error.slug == "store-unavailable" else "the database cannot be used"
+    return TransportError(error.slug, Problem("", error.slug, detail, "the log says why, under the id of the request"))
