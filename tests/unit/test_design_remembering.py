@@ -99,15 +99,35 @@ def test_a_long_section_is_read_all_the_same():
     assert len(designs[0].document.optimise.keep_out) == len(zones)
 
 
+def hash_of_all(design):
+    """independent: pydantic's text of the whole document at once, and Python's json of the points."""
+    elsewhere = {"fiducials": {"points", "file"}}
+    content = design.document.model_dump_json(by_alias=True, exclude_none=True, exclude=elsewhere)
+    points = json.dumps([design.fiducials.labels, design.fiducials.positions_mm], ensure_ascii=False)
+    return hashlib.sha256(f"{content}\n{points}".encode()).hexdigest()
+
+
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
 def test_the_hash_is_of_the_document_as_pydantic_writes_it(path):
-    """independent: the whole document at once, its fiducials' points from where they were read."""
     for _ in range(2):
         design = load_design(path)
-        elsewhere = {"fiducials": {"points", "file"}}
-        content = design.document.model_dump_json(by_alias=True, exclude_none=True, exclude=elsewhere)
-        points = json.dumps([design.fiducials.labels, design.fiducials.positions_mm], ensure_ascii=False)
-        assert design.sha256 == hashlib.sha256(f"{content}\n{points}".encode()).hexdigest()
+        assert design.sha256 == hash_of_all(design)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-7, 1e-5, 9.9999999e-5, 1e-4, 1.00001e-4, 0.1, 30.00001, 99999.99999999999])
+def test_the_hash_does_not_depend_on_who_writes_the_numbers(size):
+    data = changed([size, -size, -0.0], "fiducials", "points", 0, "position_mm")
+    data["fiducials"]["points"][1]["label"] = 'a, "é" e'
+    design = load_design(data)
+    assert design.sha256 == hash_of_all(design)
+
+
+def test_sections_that_are_left_out_are_those_that_hold_nothing():
+    bare = {key: DEMO[key] for key in ("schema", "name", "views", "fiducials", "targets", "requirements")}
+    written = load_design({**bare, "interfaces": {}, "transforms": {}, "execution": {}, "model": {}})
+    left_out = load_design(bare)
+    assert left_out.document == written.document
+    assert left_out.sha256 == written.sha256 == hash_of_all(left_out)
 
 
 def test_a_part_is_known_by_identity_and_an_id_that_is_used_again_is_another():

@@ -27,6 +27,7 @@ from .fields import (
     exactly_one,
     one_of,
     refusal,
+    shared,
 )
 from .mount_document import Execution, Interfaces
 from .optimise_document import Optimise
@@ -229,20 +230,20 @@ class DesignDocument(Record):
     views: Annotated[list[ViewDocument], Field(min_length=2)] = Field(description="The X-ray views, two or more.")
     fiducials: Fiducials = Field(description="The fiducials the views are resected from.")
     interfaces: Interfaces = Field(
-        default_factory=Interfaces,
+        default_factory=shared(Interfaces()),
         description="Installation errors. Absent: both interfaces are perfect.",
     )
     transforms: Transforms = Field(
-        default_factory=Transforms,
+        default_factory=shared(Transforms()),
         description="From the connector to the tool. Absent: identity.",
     )
     execution: Execution = Field(
-        default_factory=Execution,
+        default_factory=shared(Execution()),
         description="Errors of the robot and the tool. Absent: none.",
     )
     targets: Annotated[list[TargetDocument], Field(min_length=1)] = Field(
         description="Where the tool has to go: named points or regions, in con."
     )
     requirements: list[RequirementDocument] = Field(default=[], description="What is promised. Default nothing.")
-    model: Model = Field(default_factory=Model, description="Choices of the model.")
+    model: Model = Field(default_factory=shared(Model()), description="Choices of the model.")
     optimise: Optimise | None = Field(default=None, description="Freedom of the optimiser. Absent: it refuses.")

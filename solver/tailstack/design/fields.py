@@ -6,14 +6,16 @@ arithmetic behind it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from difflib import get_close_matches
 from enum import StrEnum
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
 LENGTH = 1e5  # mm
+_Record = TypeVar("_Record", bound="Record")
 
 
 class Record(BaseModel):
@@ -22,6 +24,11 @@ class Record(BaseModel):
     model_config = ConfigDict(
         extra="forbid", strict=True, frozen=True, allow_inf_nan=False, hide_input_in_errors=True, use_enum_values=False
     )
+
+
+def shared(record: _Record) -> Callable[[], _Record]:
+    """The default of a field: one record for every document that leaves it out, as records do not change."""
+    return lambda: record
 
 
 def refusal(code: str, message: str, hint: str = "", at: str = "") -> PydanticCustomError:

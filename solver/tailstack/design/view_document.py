@@ -80,7 +80,7 @@ class _Aimed(_AnyView):
             )
         b, u = self.beam, self.up_direction
         cross = (b[1] * u[2] - b[2] * u[1], b[2] * u[0] - b[0] * u[2], b[0] * u[1] - b[1] * u[0])
-        size_b, size_u, size_c = (max(map(abs, v)) for v in (b, u, cross))
+        size_b, size_u, size_c = [max(map(abs, v)) for v in (b, u, cross)]
         if size_b == 0 or size_u == 0 or size_c < 1e-6 * size_b * size_u:
             raise refusal(
                 "parallel-directions",
