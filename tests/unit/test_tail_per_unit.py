@@ -11,7 +11,16 @@ from scipy import stats
 from tailstack.tail.declared import LinearLaw, law_quantile, linear_law, norm_quantile_of
 from tailstack.tail.gaussian import norm_quantile
 from tailstack.tail.per_unit import _sample, unit_quantile, unit_risk, unit_risks
-from tailstack.tail.unit_kernels import LEAST, MOST, principal_root, solved_between
+from tailstack.tail.unit_kernels import (
+    LEAST,
+    MOST,
+    SIZE,
+    distance_like,
+    percentile,
+    principal_root,
+    share_within,
+    solved_between,
+)
 
 NOISE = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]]) / 10
 COLUMNS = np.array([[0.7, 0.0, 0.1, 0.3], [0.0, 0.6, 0.2, -0.2], [0.1, 0.0, 0.3, 0.2]])
@@ -242,6 +251,39 @@ def test_units_left_unsolved_are_told_apart_rightly(p):
         # 1e-8: the contours of a sample stop at half the nodes of those of a single law.
         solved, _ = solved_between(p, units.table, units.covariance, rank, rank, units.agreement)
         assert np.sort(solved)[rank] == pytest.approx(np.sort(own)[rank], rel=1e-8)
+
+
+def test_shares_ranks_and_errors_are_those_of_the_whole_sample():
+    """Independent: every unit solved, NumPy's sort, and standard errors from the means of the 16 scramblings."""
+    unit, shot = linear_law([0.2, 0, 0.1], NOISE * 20, COLUMNS), linear_law(np.zeros(3), NOISE * 8)
+    units = _sample(unit, principal_root(unit.covariance), shot, 0.95, 7)
+    given = units.table, units.covariance, 16
+    own = np.array([norm_quantile(0.95, offset, shot.covariance) for offset in units.d.T])
+    size = np.linalg.norm(units.d, axis=0)
+    assert units.table[SIZE] == pytest.approx(size, rel=1e-14)
+    ranked, middle = np.sort(own), (units.table[LEAST] + units.table[MOST]) / 2
+
+    def error(excess):
+        return excess.reshape(16, 128).mean(axis=1).std(ddof=1) / 4
+
+    for level in ranked[[200, 1000, 1900]] + 1e-6:
+        y = distance_like(units.table, level)
+        near = np.argsort(np.abs(middle - level))[:20]
+        assert y == pytest.approx(level - (middle - size)[near].mean(), rel=1e-12)
+        excess = 1.0 * (own <= level) - (size <= y)
+        found = share_within(0.95, level, *given, y, units.agreement)
+        assert found[:2] == pytest.approx((excess.mean(), error(excess)), rel=1e-12, abs=1e-15)
+        within = (own <= level).mean(), error(1.0 * (own <= level))
+        assert share_within(0.95, level, *given, np.nan, units.agreement)[:2] == pytest.approx(within, rel=1e-12)
+    for inside in (1700, 1950):  # units no farther than y tell the rank
+        y = np.sort(size)[inside - 1]
+        _, value, rank, slope, share_error, _ = percentile(0.95, 0.95, *given, y, units.agreement)
+        assert rank == inside - 1
+        assert value == pytest.approx((ranked[inside - 1] + ranked[inside]) / 2, rel=1e-8)
+        assert share_error == pytest.approx(error(1.0 * (own <= value) - (size <= y)), rel=1e-12)
+        assert slope == pytest.approx((ranked[rank + 40] - ranked[rank - 40]) * 2048 / 80, rel=0.02)
+    assert np.isnan(distance_like(units.table, 0.5 * ranked[0]))
+    assert np.isnan(distance_like(units.table, 2 * ranked[-1]))
 
 
 def test_several_limits_are_one_sample():

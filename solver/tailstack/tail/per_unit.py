@@ -120,19 +120,12 @@ class _Units:
     blocks: int  # randomisations; 1 when all units are alike, and then n is 1
     covariance: Array  # (3, 3) mm^2, total, of the shot
     mixed: bool  # whether the shape of the shot's columns matters
-
-    @property
-    def agreement(self) -> float:
-        return _agreement(self.blocks)
+    agreement: float  # of two steps of a contour
 
     @property
     def d(self) -> Array:
         """(3, n) mm"""
         return self.table[:3]
-
-
-def _agreement(blocks: int) -> float:
-    return EXACT if blocks == 1 else _SAMPLED
 
 
 def _symmetric_root(installation: LinearLaw) -> Array:
@@ -147,16 +140,14 @@ def _sample(installation: LinearLaw, root: Array, shot: LinearLaw, p: float, log
     if shot.mean.any():
         raise ValueError(f"the shot's mean belongs to the installation; it must be 0 here, got {shot.mean.tolist()}")
     h, _ = lattice_columns(installation)
-    z, u, blocks = _ALIKE, _ALIKE, 1
+    z, u, blocks, agreement = _ALIKE, _ALIKE, 1, EXACT
     if root.shape[1] or h.shape[0]:
         z, u = sobol_rows(root.shape[1], h.shape[0], log2_units, 1)
-        blocks = RANDOMISATIONS
+        blocks, agreement = RANDOMISATIONS, _SAMPLED
     pilot = _evenly(max(z.shape[1], u.shape[1]), _PILOT)
     law = shot.covariance, shot.columns, shot.kinds
-    table, covariance, mixed = sampled(
-        installation.mean, root, z, h, u, *law, p, float(ndtri(p)), pilot, _agreement(blocks)
-    )
-    return _Units(p, table, blocks, covariance, mixed)
+    table, covariance, mixed = sampled(installation.mean, root, z, h, u, *law, p, float(ndtri(p)), pilot, agreement)
+    return _Units(p, table, blocks, covariance, mixed, agreement)
 
 
 def _standard_error(value: Array, blocks: int) -> float:

@@ -64,6 +64,26 @@ def _as_gaussian(covariance: Array, columns: Array, kinds: NDArray[np.int64]) ->
 
 
 @njit(cache=True, error_model="numpy")
+def _add_columns(h: Array, u: SingleArray, x: Array, y: Array, z: Array) -> None:
+    """(x, y, z) += h' u, h (k, 3) and u (k, n), in the order of k; four at a time, to read and write the sums less."""
+    count = h.shape[0]
+    last = count - 1
+    c = np.zeros((count + 3, 3))
+    c[:count] = h
+    for j in range(0, count, 4):
+        u0, u1, u2, u3 = u[j], u[min(j + 1, last)], u[min(j + 2, last)], u[min(j + 3, last)]
+        x0, y0, z0 = c[j]
+        x1, y1, z1 = c[j + 1]
+        x2, y2, z2 = c[j + 2]
+        x3, y3, z3 = c[j + 3]
+        for i in range(x.size):
+            a0, a1, a2, a3 = u0[i], u1[i], u2[i], u3[i]
+            x[i] = x[i] + a0 * x0 + a1 * x1 + a2 * x2 + a3 * x3
+            y[i] = y[i] + a0 * y0 + a1 * y1 + a2 * y2 + a3 * y3
+            z[i] = z[i] + a0 * z0 + a1 * z1 + a2 * z2 + a3 * z3
+
+
+@njit(cache=True, error_model="numpy")
 def _survey(
     mean: Array, root: Array, z: SingleArray, h: Array, u: SingleArray, covariance: Array, p: float, normal: float
 ) -> tuple[Array, bool]:
@@ -78,16 +98,8 @@ def _survey(
     first[:] = mean[0]
     second[:] = mean[1]
     third[:] = mean[2]
-    for j in range(z.shape[0]):
-        for i in range(n):
-            first[i] += root[0, j] * z[j, i]
-            second[i] += root[1, j] * z[j, i]
-            third[i] += root[2, j] * z[j, i]
-    for j in range(u.shape[0]):
-        for i in range(n):
-            first[i] += u[j, i] * h[j, 0]
-            second[i] += u[j, i] * h[j, 1]
-            third[i] += u[j, i] * h[j, 2]
+    _add_columns(np.ascontiguousarray(root.T), z, first, second, third)
+    _add_columns(h, u, first, second, third)
     S = covariance
     T = np.zeros((3, 3))
     trace = 0.0
@@ -205,15 +217,16 @@ def solved_between(
     floor = low[units_at_ranks(low, np.array([first]))[0]]
     ceiling = high[units_at_ranks(high, np.array([last]))[0]]
     out = np.empty(low.size)
-    m = np.zeros(3)
-    variances, _, axes = principal_axes(m, covariance)
+    across = np.empty(low.size, np.int64)
     solved = 0
     for i in range(low.size):
         out[i] = 0.5 * (low[i] + high[i])
         if low[i] <= ceiling and high[i] >= floor and low[i] < high[i]:
-            _turned(table, i, axes, m)
-            out[i] = quantile_on_axes(p, variances, m, agreement)
+            across[solved] = i
             solved += 1
+    own = gaussian_quantiles(p, table, across[:solved], covariance, agreement)
+    for i in range(solved):
+        out[across[i]] = own[i]
     return out, solved
 
 
