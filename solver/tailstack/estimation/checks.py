@@ -9,20 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
-from math import sqrt
+from math import asin, degrees, sqrt
 
 import numpy as np
 
 from ..errors import IllPosedError, Problem
 from ..geometry.camera import camera_centre
 from ..geometry.naming import direction_name
-from ..geometry.rotation import cross, displacement
-from ..geometry.symmetric import eigen_symmetric
+from ..geometry.rotation import displacement
 from ..results import Finding, ViewCheck
 from ..system import Array, Reading, System, View
 from .resection import design_matrix, hartley_similarity, homogeneous
-from .sighting import closest_two, design_squares, sight
+from .sighting import look, sines_between_rays, spread
 
 FEWEST = 6  # Eq 2: two rows a fiducial for eleven unknowns
 TOUCHING_MM = 1e-3  # two fiducials closer than this are one
@@ -51,7 +49,7 @@ def examine(system: System) -> tuple[tuple[Finding, ...], tuple[ViewCheck, ...]]
     seen = _look(system)
     views = tuple(_check_view(system, each) for each in seen)
     findings += _check_visibility(system, views, seen)
-    findings += _check_resection(system, [each.images[: len(system.fiducials_mm)] for each in seen])
+    findings += _check_resection(system, seen)
     return (*findings, *_check_triangulation(system)), views
 
 
@@ -81,33 +79,42 @@ class _Seen:
     depth: Array  # (N + T,) mm
     images: Array  # (N + T, 2) px; NaN where not in front
     margin: Array  # (N + T,) px; NaN where not in front, or where the size of the image is not stated
+    depth_range_mm: tuple[float, float]  # of the fiducials
+    smallest_margin_px: float  # of those in front; NaN where there is none
+    clear: bool  # everything is in front of the source and, where its size is stated, inside the image
+    closest: tuple[int, int, float]  # the two fiducials whose images are, and how close, px
+    firm: bool  # the resection is surely not weak
 
 
 def _look(system: System) -> list[_Seen]:
     points = np.concatenate([imaged_fiducials(system), [target.position_mm for target in system.targets]])
+    sizes = np.array([view.image_size_px or (np.nan, np.nan) for view in system.views], dtype=np.float64)
+    projections = np.array([view.projection for view in system.views])
+    # Squared singular values; twice the limit, as they are good to 1e-7 of the largest.
+    depths, images, margins, facts = look(projections, points, len(system.fiducials_mm), sizes, (2 * WEAK) ** 2)
     seen = []
-    for view in system.views:
-        width, height = view.image_size_px or (float("nan"), float("nan"))
-        seen.append(_Seen(view, *sight(view.projection, points, float(width), float(height))))
+    for view, depth, image, margin, fact in zip(system.views, depths, images, margins, facts.tolist(), strict=True):
+        nearest, farthest, smallest, least_depth, least_margin, first, second, distance, firm = fact
+        clear = least_depth > 0 and not least_margin < 0
+        closest = (int(first), int(second), distance)
+        seen.append(_Seen(view, depth, image, margin, (nearest, farthest), smallest, clear, closest, firm == 1.0))
     return seen
 
 
 def _check_view(system: System, seen: _Seen) -> ViewCheck:
     labels, view = system.fiducial_labels, seen.view
-    depth, margin = seen.depth[: len(labels)], seen.margin[: len(labels)]
-    in_front = depth > 0
-    outside = ~in_front
-    smallest = None
-    if view.image_size_px is not None and in_front.any():
-        outside |= margin < 0
-        smallest = float(np.nanmin(margin))
-    first, second, distance = closest_two(seen.images[: len(labels)])
+    outside: tuple[str, ...] = ()
+    if not seen.clear:
+        depth, margin = seen.depth[: len(labels)], seen.margin[: len(labels)]
+        outside = tuple(labels[i] for i in np.flatnonzero(~(depth > 0) | (margin < 0)).tolist())
+    first, second, distance = seen.closest
+    smallest = seen.smallest_margin_px
     return ViewCheck(
         view=view.name,
         checked=view.image_size_px is not None,
-        depth_range_mm=(float(depth.min()), float(depth.max())),
-        outside=tuple(labels[i] for i in np.flatnonzero(outside).tolist()),
-        smallest_margin_px=smallest,
+        depth_range_mm=seen.depth_range_mm,
+        outside=outside,
+        smallest_margin_px=None if smallest != smallest else smallest,
         closest_pair=(labels[first], labels[second]) if first < second else ("", ""),
         closest_pair_px=distance,
     )
@@ -131,7 +138,7 @@ def _check_fiducials(system: System) -> list[Finding]:
                 f"use at least {FEWEST}; 8 or more give a margin",
             )
         )
-    first, second, distance = closest_two(points)
+    squares, axes, extents, first, second, distance = spread(points)
     if distance < TOUCHING_MM:
         raise IllPosedError(
             _refuse(
@@ -141,8 +148,14 @@ def _check_fiducials(system: System) -> list[Finding]:
                 "move or remove one of them",
             )
         )
-    centred = points - points.mean(axis=0)
-    values, axes = _spread(centred)
+    largest, middle, least = squares.tolist()
+    if least > 1e-8 * largest:  # far from flat: the squares have digits enough
+        values = (sqrt(largest), sqrt(middle), sqrt(least))
+    else:
+        centred = points - points.mean(axis=0)
+        _, values, axes = np.linalg.svd(centred, full_matrices=False)
+        extents = np.ptp(centred @ axes.T, axis=0)
+    _, width, thickness = extents.tolist()
     if values[1] < COLLINEAR * values[0]:
         raise IllPosedError(
             _refuse(
@@ -153,7 +166,6 @@ def _check_fiducials(system: System) -> list[Finding]:
                 "spread them in three dimensions",
             )
         )
-    thickness = _extent(centred, axes[2])
     if values[2] < COPLANAR * values[0]:
         raise IllPosedError(
             _refuse(
@@ -164,7 +176,6 @@ def _check_fiducials(system: System) -> list[Finding]:
                 f"lift at least two fiducials off the plane, along {direction_name(axes[2])}; the more the better",
             )
         )
-    width = _extent(centred, axes[1])
     if thickness < FLAT * width:
         return [
             Finding(
@@ -180,21 +191,6 @@ def _check_fiducials(system: System) -> list[Finding]:
     return []
 
 
-def _spread(centred: Array) -> tuple[Array, Array]:
-    """Singular values, largest first, of points (N, 3) about their mean, and the directions, in rows (3, 3)."""
-    squares, directions, _ = eigen_symmetric(centred.T @ centred)
-    if squares[2] > 1e-8 * squares[0]:  # far from flat: the squares have digits enough
-        return np.sqrt(squares), directions.T
-    _, values, axes = np.linalg.svd(centred, full_matrices=False)
-    return values, axes
-
-
-def _extent(centred: Array, direction: Array) -> float:
-    """Of points (N, 3) along a unit vector."""
-    along = centred @ direction
-    return float(along.max() - along.min())
-
-
 # --- what each view sees ----------------------------------------------------------------------------
 
 
@@ -204,7 +200,7 @@ def _check_visibility(system: System, checks: tuple[ViewCheck, ...], seen: Seque
     for index, (each, check) in enumerate(zip(seen, checks, strict=True)):
         pointer = f"/views/{index}"
         view, depth = each.view, each.depth
-        behind = [_name_of(system, index) for index in np.flatnonzero(depth <= 0).tolist()]
+        behind = [] if each.clear else [_name_of(system, index) for index in np.flatnonzero(depth <= 0).tolist()]
         if behind:
             listed = ", ".join(behind[:6]) + (f" and {len(behind) - 6} more" if len(behind) > 6 else "")
             problems.append(
@@ -219,7 +215,7 @@ def _check_visibility(system: System, checks: tuple[ViewCheck, ...], seen: Seque
         if view.image_size_px is None:
             text = f"the image size of view {view.name} is not stated: the field of view was not checked"
             findings.append(Finding("field-of-view-not-checked", "note", text, pointer))
-        elif (depth > 0).all():
+        elif not (behind or each.clear):
             problems += _outside(system, each, view.image_size_px, pointer)
         if check.closest_pair_px < OVERLAP_PX:
             findings.append(
@@ -263,16 +259,13 @@ def _outside(system: System, seen: _Seen, size: tuple[int, int], pointer: str) -
 # --- resection --------------------------------------------------------------------------------------
 
 
-def _check_resection(system: System, seen: Sequence[Array]) -> list[Finding]:
-    """seen: (N, 2) px of the fiducials in each view."""
+def _check_resection(system: System, seen: Sequence[_Seen]) -> list[Finding]:
     told = system.fiducials_mm
     findings = []
-    squares = np.stack([design_squares(told, images) for images in seen])
-    values = np.linalg.eigvalsh(squares)
-    # Squared singular values: good to 1e-7 of the largest.  What may be remarked on is decided by the plain ones.
-    doubtful = ~(values[:, 1] > (2 * WEAK) ** 2 * values[:, 11])
-    for index in np.flatnonzero(doubtful).tolist():
-        view, images = system.views[index], seen[index]
+    for each in seen:
+        if each.firm:
+            continue
+        view, images = each.view, each.images[: len(told)]
         object_frame = hartley_similarity(told)
         points = homogeneous(told) @ object_frame.T
         image_frame = hartley_similarity(images)
@@ -338,15 +331,18 @@ def _odd_one_out(points: Array) -> tuple[int, Array] | None:
 
 
 def _check_triangulation(system: System) -> list[Finding]:
-    centres = np.array([camera_centre(view.projection) for view in system.views])
+    projections = np.array([view.projection for view in system.views])
+    places = np.array([target.position_mm for target in system.targets])
     names = ", ".join(view.name for view in system.views)
-    pairs = list(combinations(range(len(centres)), 2))
     findings = []
-    for target in system.targets:
+    for target, sine in zip(system.targets, sines_between_rays(projections, places).tolist(), strict=True):
+        angle = degrees(asin(min(sine, 1.0)))
+        if angle >= SMALL_PARALLAX_DEG:
+            continue
+        centres = np.array([camera_centre(projection) for projection in projections])
         rays = target.position_mm - centres
         reach = np.sqrt((rays**2).sum(axis=1))
         rays = rays / reach[:, None]
-        sine = max(sqrt(sum(x * x for x in cross(rays[a], rays[b]).tolist())) for a, b in pairs)
         if sine < NO_PARALLAX:
             spread = float(np.linalg.norm(centres - centres[0], axis=1).max())
             to_structure = float(np.linalg.norm(centres - system.fiducials_mm.mean(axis=0), axis=1).min())
@@ -371,17 +367,15 @@ def _check_triangulation(system: System) -> list[Finding]:
                     "turn one view out of that line" if near else "bring the target nearer or the views apart",
                 )
             )
-        angle = float(np.degrees(np.arcsin(min(sine, 1.0))))
-        if angle < SMALL_PARALLAX_DEG:
-            findings.append(
-                Finding(
-                    "small-parallax",
-                    "warning",
-                    f"the rays to target {target.name} meet at {angle:.1f} degrees at most: depth along "
-                    f"{direction_name(rays.sum(axis=0))} is poorly known",
-                    "/views",
-                    angle,
-                    SMALL_PARALLAX_DEG,
-                )
+        findings.append(
+            Finding(
+                "small-parallax",
+                "warning",
+                f"the rays to target {target.name} meet at {angle:.1f} degrees at most: depth along "
+                f"{direction_name(rays.sum(axis=0))} is poorly known",
+                "/views",
+                angle,
+                SMALL_PARALLAX_DEG,
             )
+        )
     return findings

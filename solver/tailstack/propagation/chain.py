@@ -30,6 +30,7 @@ class Block:
 class Kind:
     """A block but for its gains."""
 
+    place: slice  # of its sources among those of all blocks
     contributor: str
     components: tuple[str, ...]
     laws: tuple[Law, ...]
@@ -40,9 +41,10 @@ class Kind:
     per_unit: bool
 
     def block(self, localisation: Array, tcp: Array) -> Block:
+        """With its columns of the gains (3, K) of all sources."""
         return Block(
-            self.contributor, self.components, self.laws, self.half_width, self.std, self.units, localisation, tcp,
-            self.grouped, self.per_unit,
+            self.contributor, self.components, self.laws, self.half_width, self.std, self.units,
+            localisation[:, self.place], tcp[:, self.place], self.grouped, self.per_unit,
         )  # fmt: skip
 
 
@@ -60,9 +62,7 @@ class Chain:
     third: Displacement
     to_tool: Array  # (4, 4) con -> tcp
     manufacturing_std_mm: Array  # (N, 3)
-    per_depth: Array  # (V, N, 2, 3) relative to depth: px per mm of manufacturing error
-    centroid: Array  # (3,)
-    radius: float  # rms distance of the points from it
+    fiducial_noise_px: Array  # (V,)
     kinds: tuple[Kind, ...]  # of every block, in the order of the chain
 
 
@@ -91,29 +91,35 @@ def _estimator_geometry(system: System, first: Displacement) -> tuple[Array, Arr
 
 def _kinds(system: System, std: Array) -> tuple[Kind, ...]:
     """Blocks in the order of the chain: image noise view by view, manufacturing, mounts, execution."""
-    kinds = []
+    kinds: list[Kind] = []
     count = len(system.fiducials_mm)
+    start = 0
+
+    def add(
+        name: str, laws: tuple[Law, ...], half_width: Array, std: Array, units: tuple[str, ...], *,
+        components: tuple[str, ...] = (), per_unit: bool,
+    ) -> None:  # fmt: skip
+        nonlocal start
+        place = slice(start, start := start + len(laws))
+        named = components or ("all",) * len(laws)
+        kinds.append(Kind(place, name, named, laws, half_width, std, units, not components, per_unit))
+
     for view in system.views:
         for name, px, scalars in (
             (f"fiducial_noise:{view.name}", view.fiducial_noise_px, 2 * count),
             (f"target_noise:{view.name}", view.target_noise_px, 2),
         ):
             sigma = np.full(scalars, px)
-            laws = (Law.NORMAL,) * scalars
-            kinds.append(Kind(name, ("all",) * scalars, laws, sigma, sigma, ("px",) * scalars, True, False))
+            add(name, (Law.NORMAL,) * scalars, sigma, sigma, ("px",) * scalars, per_unit=False)
     if std.any():
-        scalars = 3 * count
-        laws = (system.manufacturing_law,) * scalars
-        wide = system.manufacturing_half_width_mm.ravel()
-        every = ("all",) * scalars
-        kinds.append(Kind("fiducial_manufacturing", every, laws, wide, std.ravel(), ("mm",) * scalars, True, True))
+        laws, wide = (system.manufacturing_law,) * (3 * count), system.manufacturing_half_width_mm.ravel()
+        add("fiducial_manufacturing", laws, wide, std.ravel(), ("mm",) * (3 * count), per_unit=True)
     mounts = ((mount.name, mount.sources, True) for mount in (system.interface_1, system.interface_2, system.hand_eye))
     for name, sources, per_unit in (*mounts, ("execution", system.execution, False)):
         if sources.names:
-            kinds.append(
-                Kind(
-                    name, sources.names, sources.laws, sources.half_width, sources.std, sources.units, False, per_unit
-                )
+            add(
+                name, sources.laws, sources.half_width, sources.std, sources.units,
+                components=sources.names, per_unit=per_unit,
             )  # fmt: skip
     return tuple(kinds)
 
@@ -126,14 +132,7 @@ def chain_of(system: System) -> Chain:
         for mount in (system.interface_1, system.interface_2, system.hand_eye)
     )
     projections, points, per_error = _estimator_geometry(system, first)
-    homogeneous = np.ones((len(points), 4))
-    homogeneous[:, :3] = points
-    image = homogeneous @ projections.transpose(0, 2, 1)  # (V, N, 3)
-    depth = image[:, :, 2, None, None]
-    per_mm = projections[:, None, :2, :3] - image[:, :, :2, None] / depth * projections[:, None, 2:, :3]
-    per_depth = per_mm @ per_error / depth
     std = system.manufacturing_std_mm
-    centroid = points.mean(axis=0)
     return Chain(
         system=system,
         projections=projections,
@@ -145,8 +144,6 @@ def chain_of(system: System) -> Chain:
         third=third,
         to_tool=system.T_tcp_con,
         manufacturing_std_mm=std,
-        per_depth=per_depth,
-        centroid=centroid,
-        radius=float(np.sqrt(((points - centroid) ** 2).sum(axis=1).mean())),
+        fiducial_noise_px=np.array([view.fiducial_noise_px for view in system.views]),
         kinds=_kinds(system, std),
     )

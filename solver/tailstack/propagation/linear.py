@@ -8,15 +8,13 @@ sources are second order and left out; ``second_order`` and the Monte Carlo acco
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
 
 import numpy as np
 
 from ..errors import IllPosedError, Problem
 from ..system import Array, Law, Reading, System, Target
 from .chain import Block, Chain, chain_of, estimator_geometry
-from .noise import noise_gains_jit
-from .parallax import parallax_gains
+from .images import image_gains
 
 __all__ = [
     "Block",
@@ -27,7 +25,6 @@ __all__ = [
     "largest_rotation_rad",
     "linearise",
     "linearise_all",
-    "validity_number",
 ]
 
 
@@ -42,8 +39,8 @@ class LinearModel:
     blocks: tuple[Block, ...]
     tcp_from_localisation: Array  # (3, 3): what a displacement of q_hat in con does in tcp
     manufacturing_block_diagonal: Array  # (3, 3) con, covariance of Eq 16: cross-view terms dropped
-    nu: float  # validity number: largest over views
-    extrapolation: float
+    nu: float  # validity number: standard deviation of what first order divides by, relative to it; the largest
+    extrapolation: float  # distance of the point from the fiducials' centroid over their RMS radius
 
     def gain(self, block: Block, error: str) -> Array:
         return block.tcp if error == "tcp" else block.localisation
@@ -65,24 +62,6 @@ def _reconstructed(chain: Chain, target: Target) -> tuple[Array, Array]:
     return first.moved(target.position_mm), first.by_torsor(target.position_mm)
 
 
-def validity_number(chain: Chain, perspective: Array, parallax: Array) -> float:
-    """nu: standard deviation of what first order divides by, relative to itself; the largest of two kinds.
-
-    The relative perspective error at the target, ``dw(q)/w(q) - dw(c)/w(c)`` with w the estimated depth and c the
-    fiducials' centroid, of each view: free of gauge.  And the relative error of the firmness with which all rays
-    cross (``parallax.py``).  Manufacturing errors count through their images.  perspective (V, N, 2) and parallax
-    (V, N, 2, 2 V) per px.
-    """
-    through = np.einsum("vicx,vick->ikx", parallax, chain.per_depth) * chain.manufacturing_std_mm[:, :, None]
-    noises = np.array([view.fiducial_noise_px for view in chain.system.views])
-    largest = sqrt(float((noises**2 * (parallax**2).sum(axis=(1, 2, 3))).sum() + (through**2).sum()))
-    for view, gain, per_depth in zip(chain.system.views, perspective, chain.per_depth, strict=True):
-        shared = np.einsum("ic,ick->ik", gain, per_depth) * chain.manufacturing_std_mm
-        variance = view.fiducial_noise_px**2 * (gain**2).sum() + (shared**2).sum()
-        largest = max(largest, sqrt(variance))
-    return largest
-
-
 def linearise(system: System, target: Target) -> LinearModel:
     """Linear model of localisation and TCP error at one target (Eqs 15-16, cross-view terms kept).
 
@@ -99,13 +78,14 @@ def linearise_all(system: System) -> dict[str, LinearModel]:
 
 def linearise_at(chain: Chain, target: Target) -> LinearModel:
     """:func:`linearise` where the chain is known already."""
-    projections, points, system = chain.projections, chain.points, chain.system
+    system = chain.system
     reconstructed, torsor_1 = _reconstructed(chain, target)
-    views, count = projections.shape[0], points.shape[0]
-    fiducial, target_gain = np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2))
-    manufacturing, perspective = np.zeros((views, count, 3, 3)), np.zeros((views, count, 2))
-    noise_gains_jit(projections, points, reconstructed, fiducial, target_gain, manufacturing, perspective)
-    if not (np.isfinite(fiducial).all() and np.isfinite(target_gain).all()):
+    localisation = np.zeros((3, chain.kinds[-1].place.stop))  # what the images do comes first
+    finite, block_diagonal, nu, extrapolation = image_gains(
+        chain.projections, chain.points, reconstructed, chain.per_error, chain.manufacturing_std_mm,
+        chain.fiducial_noise_px, localisation,
+    )  # fmt: skip
+    if not finite:
         raise IllPosedError(
             Problem(
                 "/fiducials",
@@ -120,40 +100,28 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
     at_tool = turn @ moved + shift
     from_moved = chain.third.rotation @ turn
     to_tcp = from_moved @ chain.second.rotation
-
-    gains = {}
-    by_view = fiducial.transpose(0, 2, 1, 3).reshape(views, 3, 2 * count)
-    for view, columns, two in zip(system.views, by_view, target_gain, strict=True):
-        gains[f"fiducial_noise:{view.name}"] = (columns, to_tcp @ columns)
-        gains[f"target_noise:{view.name}"] = (two, to_tcp @ two)
-    block_diagonal = np.zeros((3, 3))
-    std = chain.manufacturing_std_mm
-    if std.any():
-        if system.reading is not Reading.PHYSICAL:  # where it is the identity
-            manufacturing = manufacturing @ chain.per_error
-        shared = manufacturing.sum(axis=0).transpose(1, 0, 2).reshape(3, 3 * count)
-        gains["fiducial_manufacturing"] = (shared, to_tcp @ shared)
-        scaled = manufacturing * std[None, :, None, :]
-        block_diagonal = np.einsum("vijk,vilk->jl", scaled, scaled)
-    for name, sources, localisation, tcp in (
-        (system.interface_1.name, system.interface_1.sources, torsor_1, to_tcp @ torsor_1),
-        (system.interface_2.name, system.interface_2.sources, None, from_moved @ torsor_2),
-        (system.hand_eye.name, system.hand_eye.sources, None, chain.third.by_torsor(at_tool)),
-        ("execution", system.execution, None, np.eye(3)),
+    place = {kind.contributor: kind.place for kind in chain.kinds}
+    mount = system.interface_1
+    if mount.name in place:
+        localisation[:, place[mount.name]] = torsor_1 @ mount.sources.direction
+    tcp = to_tcp @ localisation
+    for name, sources, acting in (
+        (system.interface_2.name, system.interface_2.sources, from_moved @ torsor_2),
+        (system.hand_eye.name, system.hand_eye.sources, chain.third.by_torsor(at_tool)),
+        ("execution", system.execution, None),
     ):
-        if sources.names:
-            here = np.zeros((3, len(sources.names))) if localisation is None else localisation @ sources.direction
-            gains[name] = (here, tcp @ sources.direction)
+        if name in place:
+            tcp[:, place[name]] = sources.direction if acting is None else acting @ sources.direction
     return LinearModel(
         target=target,
         reconstructed_mm=reconstructed,
         localisation_bias_mm=reconstructed - target.position_mm,
         tcp_bias_mm=chain.third.moved(at_tool) + system.execution_bias_mm - (turn @ target.position_mm + shift),
-        blocks=tuple(kind.block(*gains[kind.contributor]) for kind in chain.kinds),
+        blocks=tuple(kind.block(localisation, tcp) for kind in chain.kinds),
         tcp_from_localisation=to_tcp,
         manufacturing_block_diagonal=block_diagonal,
-        nu=validity_number(chain, perspective, parallax_gains(projections, points, reconstructed)),
-        extrapolation=float(np.linalg.norm(reconstructed - chain.centroid)) / chain.radius,
+        nu=nu,
+        extrapolation=extrapolation,
     )
 
 

@@ -1,0 +1,126 @@
+"""What the images do to the point of one target, all of it compiled: gains, Eq 16's covariance, the validity number."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+from numba import njit
+
+from ..system import Array
+from .noise import mean_rows, noise_gains_jit
+from .parallax import parallax_gains
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _images_by_displacement(projections: Array, points: Array, per_error: Array) -> Array:
+    """(V, N, 2, 3) relative to depth, px per mm of manufacturing error: how the images of points (N, 3) move."""
+    views, count = projections.shape[0], points.shape[0]
+    out = np.zeros((views, count, 2, 3))
+    per_mm = np.empty(3)
+    for v in range(views):
+        for i in range(count):
+            seen = projections[v, :, 3].copy()
+            for r in range(3):
+                for k in range(3):
+                    seen[r] += projections[v, r, k] * points[i, k]
+            for c in range(2):
+                for k in range(3):
+                    per_mm[k] = projections[v, c, k] - seen[c] / seen[2] * projections[v, 2, k]
+                for k in range(3):
+                    for j in range(3):
+                        out[v, i, c, k] += per_mm[j] * per_error[j, k] / seen[2]
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _validity_number(perspective: Array, parallax: Array, per_error: Array, std: Array, noises: Array) -> float:
+    """nu: standard deviation of what first order divides by, relative to itself; the largest of two kinds.
+
+    The relative perspective error at the target, ``dw(q)/w(q) - dw(c)/w(c)`` with w the estimated depth and c the
+    fiducials' centroid, of each view: free of gauge.  And the relative error of the firmness with which all rays
+    cross (``parallax.py``).  Manufacturing errors count through their images.  perspective (V, N, 2) and parallax
+    (V, N, 2, 2 V) per px; per_error (V, N, 2, 3) px per mm; std (N, 3) mm; noises (V,) px.
+    """
+    views, count, _, images = parallax.shape
+    crossing = 0.0
+    largest = 0.0
+    for v in range(views):
+        own = 0.0
+        for i in range(count):
+            for c in range(2):
+                own += (noises[v] * perspective[v, i, c]) ** 2
+                for x in range(images):
+                    crossing += (noises[v] * parallax[v, i, c, x]) ** 2
+            for k in range(3):
+                made = perspective[v, i, 0] * per_error[v, i, 0, k] + perspective[v, i, 1] * per_error[v, i, 1, k]
+                own += (made * std[i, k]) ** 2
+        largest = max(largest, own)
+    for i in range(count):
+        for k in range(3):
+            for x in range(images):
+                made = 0.0
+                for v in range(views):
+                    for c in range(2):
+                        made += parallax[v, i, c, x] * per_error[v, i, c, k]
+                crossing += (made * std[i, k]) ** 2
+    return sqrt(max(largest, crossing))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def image_gains(
+    projections: Array, points: Array, target: Array, per_error: Array, std: Array, noises: Array, gains: Array
+) -> tuple[bool, Array, float, float]:
+    """Gains of every image noise and manufacturing error on the reconstructed point, by column.
+
+    projections (V, 3, 4), points (N, 3) and target (3,) mm as ``noise_gains`` takes them; per_error (3, 3): what a
+    manufacturing error does to the points; std (N, 3) mm of it; noises (V,) px of the fiducials.  Fills the first
+    columns of gains (3, K): for each view 2 N of its fiducials (u and v of each) and 2 of the target, mm per px; then
+    3 N of the manufacturing errors (x, y, z of each), mm per mm, if any is not 0.  Returns (whether all gains of noise
+    are finite, (3, 3) mm^2 covariance of the manufacturing errors as Eq 16 has it: cross-view terms dropped, nu,
+    distance of the target from the points' centroid over their RMS radius).
+    """
+    views, count = projections.shape[0], points.shape[0]
+    fiducial, aimed = np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2))
+    made, perspective = np.zeros((views, count, 3, 3)), np.zeros((views, count, 2))
+    noise_gains_jit(projections, points, target, fiducial, aimed, made, perspective)
+    first = 0
+    total = 0.0
+    for v in range(views):
+        for j in range(3):
+            for i in range(count):
+                gains[j, first + 2 * i] = fiducial[v, i, j, 0]
+                gains[j, first + 2 * i + 1] = fiducial[v, i, j, 1]
+                total += abs(fiducial[v, i, j, 0]) + abs(fiducial[v, i, j, 1])
+            for c in range(2):
+                gains[j, first + 2 * count + c] = aimed[v, j, c]
+                total += abs(aimed[v, j, c])
+        first += 2 * count + 2
+    block_diagonal = np.zeros((3, 3))
+    if std.any():
+        through = np.empty((3, 3))
+        for i in range(count):
+            for v in range(views):
+                for j in range(3):
+                    for k in range(3):
+                        through[j, k] = 0.0
+                        for x in range(3):
+                            through[j, k] += made[v, i, j, x] * per_error[x, k]
+                        if v == 0:
+                            gains[j, first + 3 * i + k] = 0.0
+                        gains[j, first + 3 * i + k] += through[j, k]
+                for j in range(3):
+                    for x in range(3):
+                        for k in range(3):
+                            block_diagonal[j, x] += through[j, k] * through[x, k] * std[i, k] ** 2
+    parallax = parallax_gains(projections, points, target)
+    moved = _images_by_displacement(projections, points, per_error)
+    nu = _validity_number(perspective, parallax, moved, std, noises)
+    centroid = mean_rows(points)
+    away = 0.0
+    square = 0.0
+    for k in range(3):
+        away += (target[k] - centroid[k]) ** 2
+        for i in range(count):
+            square += (points[i, k] - centroid[k]) ** 2 / count
+    return np.isfinite(total), block_diagonal, nu, sqrt(away / square)
