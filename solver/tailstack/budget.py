@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,37 +24,27 @@ LIGHT = 1e-2  # share s of variance below which a line is removed to first order
 Removal = tuple[Array | None, tuple[int, ...]]  # what to take from a law: a Gaussian covariance, columns
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Line:
+class Line(NamedTuple):
     """One line of the budget before its numbers: some sources of one block."""
 
     block: Block
     component: str
     sources: tuple[int, ...]
     number: int  # of the block
-    place: slice  # of its sources among those of all blocks
+    place: int  # of its number among those of all sources, followed by those of all blocks
 
 
 def lines_of(model: LinearModel) -> tuple[Line, ...]:
     lines = []
-    start = 0
+    start, whole = 0, sum(len(block.units) for block in model.blocks)
     for number, block in enumerate(model.blocks):
         count = len(block.units)
         if not block.grouped:
-            lines += [
-                Line(block, name, (j,), number, slice(start + j, start + j + 1))
-                for j, name in enumerate(block.components)
-            ]
+            lines += [Line(block, name, (j,), number, start + j) for j, name in enumerate(block.components)]
         if block.grouped or count > 1:
-            lines.append(Line(block, "all", tuple(range(count)), number, slice(start, start + count)))
+            lines.append(Line(block, "all", tuple(range(count)), number, whole + number))
         start += count
     return tuple(lines)
-
-
-def _sums(lines: tuple[Line, ...], values: Array) -> list[float]:
-    """Of values (K,) of all sources, over those of each line."""
-    each: list[float] = values.tolist()
-    return [each[line.place.start] if len(line.sources) == 1 else float(values[line.place].sum()) for line in lines]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,22 +54,37 @@ class _Sources:
     gain: Array  # (3, K)
     std: Array  # (K,)
     half_width: Array  # (K,)
+    starts: list[int]  # of the blocks
     other: list[int]  # those that are not normal
     held: list[int]  # those of them that are a column of the law, in its order
 
+    def of_lines(self, values: Array, lines: tuple[Line, ...]) -> list[list[float]]:
+        """Of quantities (Q, K) of all sources, their sums over those of each line."""
+        all_of = np.concatenate([values, np.add.reduceat(values, self.starts, axis=1)], axis=1)
+        found: list[list[float]] = all_of[:, [line.place for line in lines]].tolist()
+        return found
+
 
 def _sources(model: LinearModel, at: ErrorLaw) -> _Sources:
-    other, held = [], []
+    starts: list[int] = []
+    other: list[int] = []
+    held: list[int] = []
     start = 0
     for block, part in zip(model.blocks, at.parts, strict=True):
-        if part.columns is not None:
+        starts.append(start)
+        end = start + len(block.laws)
+        if len(part.sources) == len(block.laws):
+            other += range(start, end)
+            held += range(start, end)
+        elif part.columns is not None:
             other += [start + j for j, law in enumerate(block.laws) if law is not Law.NORMAL]
             held += [start + j for j in part.sources]
-        start += len(block.laws)
+        start = end
     return _Sources(
         np.concatenate([model.gain(block, at.error) for block in model.blocks], axis=1),
         np.concatenate([block.std for block in model.blocks]),
         np.concatenate([block.half_width for block in model.blocks]),
+        starts,
         other,
         held,
     )
@@ -135,48 +141,43 @@ def budget(model: LinearModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contri
     variance = float(np.trace(at.total_covariance))
     lines, sources = lines_of(model), _sources(model, at)
     squares = (sources.gain**2).sum(axis=0)  # of one native unit each
-    own = _sums(lines, squares * sources.std**2)
+    lengths, own = sources.of_lines(np.stack([squares, squares * sources.std**2]), lines)
     shares = [value / variance for value in own] if variance > 0 else [0.0] * len(lines)
     heavy = [k for k, share in enumerate(shares) if share > LIGHT]
     first = _first_columns(at.parts)
     removals = [_removal(lines[k], at, model.gain(lines[k].block, at.error), first) for k in heavy]
     numbers = law_budget(at.law, total.p, removals, total)
-    without = dict(zip(heavy, (found.quantile_mm for found in numbers.without), strict=True))
     by_variance = _by_variance(sources, numbers)
     by_half_width = _by_half_width(model, sources, by_variance, numbers, at.worst.signs)
-    rows = []
-    signs = at.worst.signs
-    light = _sums(lines, by_variance)
-    lengths, slopes = _sums(lines, squares), _sums(lines, by_half_width)
-    for k, line in enumerate(lines):
-        if signs and any((line.block.contributor, j) in signs for j in line.sources):
-            without_mm = _without_bounded(model, at, line, total.p)
-        elif k in without:
-            without_mm = without[k]
-        else:
-            without_mm = _without_light(total.quantile_mm, light[k])
-        rows.append(_row(line, shares[k], without_mm, sqrt(lengths[k]), slopes[k]))
-    return tuple(rows)
+    light, slopes = sources.of_lines(np.stack([by_variance, by_half_width]), lines)
+    without = [_without_light(total.quantile_mm, slope) for slope in light]
+    for k, found in zip(heavy, numbers.without, strict=True):
+        without[k] = found.quantile_mm
+    if signs := at.worst.signs:
+        for k, line in enumerate(lines):
+            if any((line.block.contributor, j) in signs for j in line.sources):
+                without[k] = _without_bounded(model, at, line, total.p)
+    return tuple(map(_row, lines, shares, without, lengths, slopes))
 
 
-def _row(line: Line, share: float, without_mm: float, length: float, slope: float) -> Contributor:
-    """A line with its numbers; those of one unit only where all its sources are alike."""
+def _row(line: Line, share: float, without_mm: float, square: float, slope: float) -> Contributor:
+    """A line with its numbers, those of one unit only where all its sources are alike; square: of the gains' length."""
     block, j = line.block, line.sources[0]
-    single = len(line.sources) == 1
-    law = str(block.laws[j])
-    if not single and block.laws.count(block.laws[j]) < len(block.laws):
-        law = "mixed"
-    if not (single or (block.grouped and bool((block.half_width == block.half_width[0]).all()))):
-        return Contributor(block.contributor, line.component, law, None, "", None, None, share, None, without_mm)
+    law, single = block.laws[j], len(line.sources) == 1
+    if not single:
+        mixed = block.laws.count(law) < len(block.laws)
+        if not block.grouped or bool((block.half_width != block.half_width[0]).any()):
+            named = "mixed" if mixed else str(law)
+            return Contributor(block.contributor, line.component, named, None, "", None, None, share, None, without_mm)
     unit, factor = unit_for_people(block.units[j])
     return Contributor(
-        name=block.contributor,
-        component=line.component,
-        law=law,
+        block.contributor,
+        line.component,
+        str(law),
         half_width=float(block.half_width[j]) * factor,
         unit=unit,
         std=float(block.std[j]) * factor,
-        sensitivity_mm_per_unit=length / factor,
+        sensitivity_mm_per_unit=sqrt(square) / factor,
         variance_share=share,
         dp95_per_unit=slope / factor,
         p95_without_mm=without_mm,

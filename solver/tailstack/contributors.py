@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .propagation.linear import Block, LinearModel
 from .system import Array, Law
@@ -15,6 +17,8 @@ from .tail.spectrum import VANISHING_MM
 
 DEGREES = {"rad": ("deg", float(np.rad2deg(1.0)))}
 KIND = {Law.UNIFORM: 0, Law.TRIANGULAR: 1}
+
+Indices = NDArray[np.intp]
 
 
 def unit_for_people(unit: str) -> tuple[str, float]:
@@ -32,27 +36,32 @@ class Part:
     sources: tuple[int, ...]  # of the block, one a column
 
 
+@lru_cache(maxsize=64)
+def _split(laws: tuple[Law, ...], spread: tuple[bool, ...]) -> tuple[Indices, Indices, tuple[int, ...]]:
+    """Which of these sources are normal, which make a column, and the kinds of those columns."""
+    normal = [j for j, law in enumerate(laws) if law is Law.NORMAL]
+    kept = [j for j, law in enumerate(laws) if law in KIND and spread[j]]
+    found = np.array(normal, dtype=np.intp), np.array(kept, dtype=np.intp)
+    for indices in found:
+        indices.setflags(write=False)
+    return *found, tuple(KIND[laws[j]] for j in kept)
+
+
 def part_of(block: Block, gain: Array) -> Part:
     """The part of one block with its gains (3, n) on the error."""
     laws = block.laws
-    of_first = laws.count(laws[0]) == len(laws)
-    if of_first and laws[0] is Law.NORMAL:
+    if laws[0] is Law.NORMAL and laws.count(Law.NORMAL) == len(laws):
         scaled = gain * block.std
         return Part(scaled @ scaled.T, None, (), ())
-    wide = block.half_width.tolist()
-    if of_first and laws[0] in KIND and min(wide) > 0:
-        return Part(None, gain * block.half_width, (KIND[laws[0]],) * len(laws), tuple(range(len(laws))))
-    normal = [j for j, law in enumerate(laws) if law is Law.NORMAL]
-    kept = tuple(j for j, law in enumerate(laws) if law in KIND and wide[j] > 0)
+    normal, kept, kinds = _split(laws, tuple((block.half_width > 0).tolist()))
     covariance = None
-    if normal:
-        scaled = gain[:, normal] * block.std[normal]
+    if normal.size:
+        scaled = (gain * block.std).take(normal, axis=1)
         covariance = scaled @ scaled.T
-    if len(kept) == len(laws):
-        columns = gain * block.half_width
-    else:
-        columns = gain[:, kept] * block.half_width[list(kept)]
-    return Part(covariance, columns, tuple(KIND[laws[j]] for j in kept), kept)
+    columns = gain * block.half_width
+    if kept.size < len(laws):
+        columns = columns.take(kept, axis=1)
+    return Part(covariance, columns, kinds, tuple(kept.tolist()))
 
 
 def parts_of(model: LinearModel, error: str) -> tuple[Part, ...]:

@@ -150,11 +150,11 @@ def _check_fiducials(system: System) -> list[Finding]:
         )
     largest, middle, least = squares.tolist()
     if least > 1e-8 * largest:  # far from flat: the squares have digits enough
-        values = (sqrt(largest), sqrt(middle), sqrt(least))
+        values = [sqrt(largest), sqrt(middle), sqrt(least)]
     else:
         centred = points - points.mean(axis=0)
-        _, values, axes = np.linalg.svd(centred, full_matrices=False)
-        extents = np.ptp(centred @ axes.T, axis=0)
+        _, singular, axes = np.linalg.svd(centred, full_matrices=False)
+        values, extents = singular.tolist(), np.ptp(centred @ axes.T, axis=0)
     _, width, thickness = extents.tolist()
     if values[1] < COLLINEAR * values[0]:
         raise IllPosedError(
