@@ -51,7 +51,7 @@ NOT_INCLUDED = (
 
 
 def vector3(values: Array) -> Vector3:
-    x, y, z = (float(v) for v in values)
+    x, y, z = values.tolist()
     return (x, y, z)
 
 
