@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
 
-import pydantic_core
-from pydantic import TypeAdapter
+from pydantic import ConfigDict, TypeAdapter
 
 from tailstack.design import Design, check_design, design_json_schema, list_presets
 from tailstack.results import Finding, Optimisation, Score, Verification, ViewCheck
@@ -114,6 +113,19 @@ def _adapter(kind: type) -> TypeAdapter[Any]:
     return _ADAPTERS[kind]
 
 
+_WRITERS: dict[type, TypeAdapter[Any]] = {}
+
+
+def _writer(kind: type) -> TypeAdapter[Any]:
+    """Of a tuple of one record: a dataclass itself has no place to say how a number that is none is written.
+
+    Three times as fast as finding out the type of every value.
+    """
+    if kind not in _WRITERS:
+        _WRITERS[kind] = TypeAdapter(tuple[kind], config=ConfigDict(ser_json_inf_nan="constants"))  # type: ignore[valid-type]
+    return _WRITERS[kind]
+
+
 def plain(record: Any) -> Any:
     """A record as JSON's own types (tuples stay tuples)."""
     return _adapter(type(record)).dump_python(record)
@@ -122,7 +134,7 @@ def plain(record: Any) -> Any:
 def to_json(record: Any, *, indent: int | None = None) -> bytes:
     """A record as UTF-8 JSON.  Raises ValueError if it holds a number that JSON cannot hold."""
     if indent is None:
-        quick = pydantic_core.to_json(record, inf_nan_mode="constants")
+        quick = _writer(type(record)).dump_json((record,))[1:-1]
         if b"NaN" not in quick and b"Infinity" not in quick:  # a name may say so too: the writer below can tell
             return quick
     separators = (",", ":") if indent is None else (",", ": ")

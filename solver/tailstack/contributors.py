@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,7 @@ def unit_for_people(unit: str) -> tuple[str, float]:
     return DEGREES.get(unit, (unit, 1.0))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class Part(NamedTuple):
     """What one contributor adds to a law: a Gaussian covariance, columns, or both."""
 
     covariance: Array | None  # (3, 3) mm^2

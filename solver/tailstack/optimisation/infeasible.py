@@ -100,7 +100,7 @@ def _factor(model: LinearModel, demand: Demand, contributors: set[str], limit_mm
 
     def quantile(factor: float) -> float:
         blocks = tuple(
-            replace(block, half_width=block.half_width * factor, std=block.std * factor)
+            block._replace(half_width=block.half_width * factor, std=block.std * factor)
             if block.contributor in contributors
             else block
             for block in model.blocks

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,8 +11,7 @@ from ..geometry.rotation import Displacement, displacement
 from ..system import Array, Law, Reading, System
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Block:
+class Block(NamedTuple):
     """One contributor: k independent scalar sources and what one native unit of each does to the error."""
 
     contributor: str
@@ -26,8 +26,7 @@ class Block:
     per_unit: bool  # drawn once per installed unit (True) or at each shot (False)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Kind:
+class Kind(NamedTuple):
     """A block but for its gains."""
 
     place: slice  # of its sources among those of all blocks

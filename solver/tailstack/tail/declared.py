@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,8 +77,7 @@ _LARGEST_COARSE_BOX = 2e5
 _LOG2_POINTS, _LOG2_COARSE = 12, 10
 
 
-@dataclass(frozen=True, slots=True)
-class LawQuantile:
+class LawQuantile(NamedTuple):
     """A quantile and how it was got.
 
     error_mm estimates the numerical error: for the lattice, the root sum of squares of the smallest decade of

@@ -108,7 +108,7 @@ def _scaled(model: LinearModel, line: Line, factor: float, error: str, quantile:
     wide, std = block.half_width.copy(), block.std.copy()
     wide[list(line.sources)] *= factor
     std[list(line.sources)] *= factor
-    changed = replace(block, half_width=wide, std=std)
+    changed = block._replace(half_width=wide, std=std)
     blocks = tuple(changed if k == line.number else other for k, other in enumerate(model.blocks))
     return _quantile(replace(model, blocks=blocks), error, quantile)
 
