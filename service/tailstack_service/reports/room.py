@@ -125,7 +125,7 @@ def _excess(model: LinearModel, line: Line, check: Check) -> Callable[[float], f
 
     def beyond(factor: float) -> float:
         scale = np.where(chosen, factor, 1.0)
-        block = replace(line.block, std=line.block.std * scale, half_width=line.block.half_width * scale)
+        block = line.block._replace(std=line.block.std * scale, half_width=line.block.half_width * scale)
         blocks = tuple(block if other is line.block else other for other in model.blocks)
         law = error_law(replace(model, blocks=blocks), check.error, check.quantile).law
         return law_quantile(law, check.quantile).quantile_mm - check.limit_mm
