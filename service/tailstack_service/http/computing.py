@@ -41,7 +41,7 @@ class Watch:
     def __init__(self, seconds: float, stopping: threading.Event) -> None:
         self.seconds = seconds
         self.stopping = stopping
-        self.unwanted = threading.Event()
+        self.unwanted = False
         self.deadline: float | None = None
         self.late = False
 
@@ -51,7 +51,7 @@ class Watch:
             self.deadline = time.monotonic() + self.seconds
 
     def __call__(self, *_progress: Any, **_details: Any) -> None:
-        if self.stopping.is_set() or self.unwanted.is_set():
+        if self.unwanted or self.stopping.is_set():
             raise Stopped
         if self.deadline is not None and time.monotonic() > self.deadline:
             self.late = True
@@ -153,14 +153,14 @@ class Lane:
         try:
             while not (await asyncio.wait({future}, timeout=POLL_SECONDS))[0]:
                 if await request.is_disconnected():
-                    watch.unwanted.set()
+                    watch.unwanted = True
             return future.result()
         except Stopped:
             if watch.stopping.is_set():
                 raise stopping_error() from None
             raise
         except asyncio.CancelledError:
-            watch.unwanted.set()
+            watch.unwanted = True
             raise
 
     def _left(self, turn: _Turn) -> None:
