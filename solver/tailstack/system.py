@@ -67,11 +67,8 @@ class Sources:
     @property
     def std(self) -> Array:
         """(k,) standard deviation in native units; 0 for BOUNDED."""
-        factor = [
-            1 / c if law is Law.NORMAL else STD_PER_HALF_WIDTH[law]
-            for law, c in zip(self.laws, self.coverage_factor, strict=True)
-        ]
-        return np.asarray(self.half_width * np.array(factor))
+        each = zip(self.laws, self.half_width.tolist(), self.coverage_factor.tolist(), strict=True)
+        return np.array([h * (1 / c if law is Law.NORMAL else STD_PER_HALF_WIDTH[law]) for law, h, c in each])
 
     @property
     def count(self) -> int:

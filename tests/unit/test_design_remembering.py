@@ -122,6 +122,15 @@ def test_the_hash_does_not_depend_on_who_writes_the_numbers(size):
     assert design.sha256 == hash_of_all(design)
 
 
+@pytest.mark.parametrize("count", [1, 16, 17, 40])
+def test_a_long_list_is_hashed_as_a_short_one(count):
+    targets = [{"name": f"t{k}", "position_mm": [k, 0, 70.0]} for k in range(count)]
+    for _ in range(2):
+        design = load_design(changed(targets, "targets"))
+        assert design.sha256 == hash_of_all(design)
+        assert [target.name for target in compile_design(design).targets] == [target["name"] for target in targets]
+
+
 def test_sections_that_are_left_out_are_those_that_hold_nothing():
     bare = {key: DEMO[key] for key in ("schema", "name", "views", "fiducials", "targets", "requirements")}
     written = load_design({**bare, "interfaces": {}, "transforms": {}, "execution": {}, "model": {}})

@@ -208,13 +208,14 @@ def _load(compliance: Compliance) -> Sources:
 # --- targets ----------------------------------------------------------------------------------------
 
 
-def expand_target(target: TargetDocument) -> list[Target]:
+@kept
+def expand_target(target: TargetDocument) -> tuple[Target, ...]:
     """The named points of a target; a region's are called name[0], name[1], ..."""
     if target.region is None:
-        return [Target(target.name, frozen(target.position_mm))]
+        return (Target(target.name, frozen(target.position_mm)),)
     points = _box_points(target.region) if target.region.box is not None else _sphere_points(target.region)
     assert len(points) == sample_count(target)
-    return [Target(f"{target.name}[{k}]", frozen(point), target.name) for k, point in enumerate(points)]
+    return tuple([Target(f"{target.name}[{k}]", frozen(point), target.name) for k, point in enumerate(points)])
 
 
 def _box_points(region: Region) -> list[Array]:
@@ -237,7 +238,7 @@ def _sphere_points(region: Region) -> list[Array]:
     return [centre, *(centre + sphere.radius_mm * direction for direction in axial + diagonal)]
 
 
-def _requirement(item: RequirementDocument, samples: dict[str, list[Target]]) -> Requirement:
+def _requirement(item: RequirementDocument, samples: dict[str, tuple[Target, ...]]) -> Requirement:
     wanted = [found for name, found in samples.items() if item.targets == "all" or name in item.targets]
     names = tuple([sample.name for sample in chain.from_iterable(wanted)])
     return Requirement(

@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pydantic_core
 import yaml
 from pydantic import ValidationError
 
 from ..errors import DesignError, LimitError, Problem
+from .canonical import sha256_of
 from .consistency import check_document, check_fiducials
-from .document import SCHEMA_NAME, DesignDocument, FiducialPoint, Model, Transforms
+from .document import (
+    SCHEMA_NAME,
+    DesignDocument,
+    FiducialPoint,
+    Model,
+    RequirementDocument,
+    TargetDocument,
+    Transforms,
+)
 from .fiducial_files import FiducialList, format_of, read_fiducials
 from .fields import Record
 from .mount_document import Execution, Interfaces
 from .optimise_document import Optimise
 from .reading import DEFAULT_LIMITS, Format, Limits, Source, decode, plain_data, read_bytes, read_text, shown
 from .refusals import place, refuse
-from .remembering import kept, recognised
+from .remembering import FEW, recognised
 from .view_document import view_class
 from .yaml_tree import scalar
 
@@ -108,22 +115,28 @@ def _checked(source: Source, allow_files: bool, limits: Limits) -> Design:
     _raise(check_document(document, limits), source, limits)
     fiducials = _fiducials(document, source, allow_files, limits)
     _raise(check_fiducials(document, fiducials), source, limits)
-    return Design(document, fiducials, source, _digest(document, fiducials))
+    return Design(document, fiducials, source, sha256_of(document, fiducials))
 
 
 _SECTIONS: dict[str, type[Record]] = {
     "interfaces": Interfaces, "transforms": Transforms, "execution": Execution, "model": Model, "optimise": Optimise,
 }  # fmt: skip
+_LISTS: dict[str, Callable[[Any], type[Record] | None]] = {
+    "views": view_class, "targets": lambda _: TargetDocument, "requirements": lambda _: RequirementDocument,
+}  # fmt: skip
 
 
 def _with_known_sections(data: dict[str, Any]) -> dict[str, Any]:
-    """The document with the records of those sections that tend to stay as they are while a design is worked on."""
-    known = {name: recognised(kind, data[name]) for name, kind in _SECTIONS.items() if name in data}
-    views = data.get("views")
-    if isinstance(views, list):
-        classes = [view_class(view) for view in views]
-        known["views"] = [recognised(kind, view) if kind else view for kind, view in zip(classes, views, strict=True)]
-    return {**data, **known}
+    """The document with the records of what tends to stay as it is while a design is worked on: all but the points."""
+    known = dict(data)
+    for name, kind in _SECTIONS.items():
+        if name in data:
+            known[name] = recognised(kind, data[name])
+    for name, kind_of in _LISTS.items():
+        entries = data.get(name)
+        if type(entries) is list and len(entries) <= FEW:
+            known[name] = [recognised(kind_of(entry), entry) for entry in entries]
+    return known
 
 
 def _check_schema_name(source: Source) -> None:
@@ -203,36 +216,6 @@ def _referenced(name: str, source: Source, allow_files: bool) -> Path:
             Problem("", "file-refused", f"{shown(name)} leads out of the design's directory", "move the file beside it")
         )
     return path
-
-
-def _digest(document: DesignDocument, fiducials: FiducialList) -> str:
-    values = [(key, write, getattr(document, name)) for name, key, write in _FIELDS]
-    content = ",".join([key + write(value) for key, write, value in values if value is not None])
-    points = f"[{_PLAIN.encode(fiducials.labels)}, {_positions_json(fiducials.positions_mm)}]"
-    return hashlib.sha256(f"{{{content}}}\n{points}".encode()).hexdigest()
-
-
-def _positions_json(positions_mm: Sequence[tuple[float, float, float]]) -> str:
-    """The text of Python's json, by a faster writer where both write all digits alike."""
-    text = pydantic_core.to_json(positions_mm).decode()
-    if "e" in text or "0.0000" in text:  # Python has an exponent from 0.00001 on, the other writer later
-        return _PLAIN.encode(positions_mm)
-    return text.replace(",", ", ")
-
-
-def _json(value: Any, exclude: set[str] | None = None) -> str:
-    return pydantic_core.to_json(value, by_alias=True, exclude_none=True, exclude=exclude).decode()
-
-
-_kept_json = kept(_json)
-_PLAIN = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
-_WRITERS: dict[str, Callable[[Any], str]] = {
-    "views": lambda views: f"[{','.join([_kept_json(view) for view in views])}]",
-    "fiducials": lambda section: _json(section, exclude={"points", "file"}),
-    **dict.fromkeys(("interfaces", "transforms", "execution", "model"), _kept_json),
-}
-# The canonical text has the fields in the order of the class, and no spaces.
-_FIELDS = [(n, f'"{info.alias or n}":', _WRITERS.get(n, _json)) for n, info in DesignDocument.model_fields.items()]
 
 
 # --- writing ----------------------------------------------------------------------------------------

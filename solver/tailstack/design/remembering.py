@@ -17,14 +17,17 @@ from .fields import Record
 
 LONGEST = 16_384  # bytes of a section that is worth remembering
 MOST = 128
+FEW = 16  # entries of a list that are worth looking up one by one
 
 _Part = TypeVar("_Part")
 _Rest = ParamSpec("_Rest")
 _Made = TypeVar("_Made")
 
 
-def recognised(kind: type[Record], data: Any) -> Any:
+def recognised(kind: type[Record] | None, data: Any) -> Any:
     """The record of ``data``, one object for all data of the same bytes; ``data`` itself where it is not valid."""
+    if kind is None:
+        return data
     try:
         content = marshal.dumps(data, 2)  # the last version that writes equal data as equal bytes
         return _record(kind, content) if len(content) <= LONGEST else data
