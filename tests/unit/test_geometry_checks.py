@@ -13,7 +13,7 @@ from scenes import cube_fiducials, mount, system_of, target, with_noise
 from tailstack.errors import IllPosedError
 from tailstack.estimation.checks import check_geometry, check_views, examine, imaged_fiducials
 from tailstack.estimation.resection import design_matrix, hartley_similarity, homogeneous, project
-from tailstack.estimation.sighting import closest_two, design_squares, sight
+from tailstack.estimation.sighting import closest_two, design_squares, firm, look, sight, sines_between_rays, spread
 from tailstack.geometry.camera import camera_centre
 from tailstack.geometry.rotation import rotation_xyz
 from tailstack.system import Reading
@@ -163,7 +163,12 @@ def test_small_parallax_and_overlap_and_unknown_size_are_remarked():
     assert [finding.rule for finding in findings] == ["projected-overlap"]
     assert "F6 and F8" in findings[0].message
     views = tuple(replace(view, image_size_px=None) for view in with_noise(0.5))
-    assert rules(system_of(CUBE, views=views)) == {"field-of-view-not-checked"}
+    system = system_of(CUBE + np.array([0, 0, -15]), views=views)  # outside, if the size were known
+    assert rules(system) == {"field-of-view-not-checked"}
+    assert [(check.checked, check.smallest_margin_px, check.outside) for check in check_views(system)] == [
+        (False, None, ()),
+        (False, None, ()),
+    ]
 
 
 def test_view_checks_of_the_cube():
@@ -213,6 +218,79 @@ def test_sight_and_squares_are_those_of_the_resection():
         (homogeneous(expected) @ hartley_similarity(expected).T)[:, :2],
     )
     np.testing.assert_allclose(design_squares(points[:9], expected), rows.T @ rows, atol=1e-12)
+
+
+@settings(deadline=None)  # the first call may compile
+@given(st.integers(0, 10_000), st.floats(-4, 0))
+def test_firm_is_never_said_of_what_the_eigenvalues_deny(seed, log_share):
+    """Layouts from thick to flat: the proof by Cholesky against the eigenvalues themselves."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-60, 60, (9, 3)) * [1, 1, 10 ** rng.uniform(-4, 0)]
+    points = points @ rotation_xyz(rng.uniform(-3, 3, 3)).T
+    images = project(system_of(CUBE).views[0].projection, points)
+    values = np.linalg.eigvalsh(design_squares(points, images))
+    if firm(points, images, 10**log_share):
+        assert values[1] > 10**log_share * values[-1]
+
+
+def test_a_cube_is_firm():
+    images = project(system_of(CUBE).views[0].projection, CUBE)
+    assert firm(CUBE, images, 1e-4)
+
+
+def test_one_look_is_all_views():
+    """A point behind a source, one beside the image, a view of unknown size: against one view, one rule at a time."""
+    rng = np.random.default_rng(8)
+    views = system_of(CUBE).views
+    away = 3 * camera_centre(views[0].projection)
+    points = np.vstack([rng.uniform(-60, 60, (8, 3)), [[400.0, 0, 0]], [away], rng.uniform(-60, 60, (2, 3))])
+    sizes = np.array([[1536.0, 1024.0], [np.nan, np.nan]])
+    projections = np.array([view.projection for view in views])
+    for count in (8, 9, 10):
+        depth, images, margin, facts = look(projections, points, count, sizes, 1e-4)
+        for v, view in enumerate(views):
+            own_depth, own_images, own_margin = sight(view.projection, points, *sizes[v])
+            np.testing.assert_array_equal(depth[v], own_depth)
+            np.testing.assert_array_equal(images[v], own_images)
+            np.testing.assert_array_equal(margin[v], own_margin)
+            nearest, farthest, smallest, least_depth, least_margin, first, second, distance, sure = facts[v]
+            assert (nearest, farthest, least_depth) == (
+                own_depth[:count].min(), own_depth[:count].max(), own_depth.min(),
+            )  # fmt: skip
+            if v == 0:
+                assert smallest == np.nanmin(own_margin[:count])
+                assert least_margin == np.nanmin(own_margin)
+            else:
+                assert np.isnan(smallest)
+                assert np.isnan(least_margin)
+            assert (first, second, distance) == closest_two(own_images[:count])
+            assert sure == (nearest > 0 and firm(points[:count], own_images[:count], 1e-4))
+
+
+def test_spread_is_that_of_the_singular_values():
+    points = np.random.default_rng(4).normal(size=(11, 3)) * [30, 8, 2] + [100, -40, 7]
+    squares, directions, extents, *closest = spread(points)
+    centred = points - points.mean(axis=0)
+    _, values, axes = np.linalg.svd(centred, full_matrices=False)
+    np.testing.assert_allclose(np.sqrt(squares), values, rtol=1e-12)
+    np.testing.assert_allclose(np.abs(directions @ axes.T), np.eye(3), atol=1e-11)
+    np.testing.assert_allclose(extents, np.ptp(centred @ axes.T, axis=0), rtol=1e-12)
+    assert tuple(closest) == closest_two(points)
+
+
+def test_sines_between_rays_are_those_of_the_cross_products():
+    rng = np.random.default_rng(6)
+    views = [*system_of(CUBE).views, with_noise(0.5)[0]]
+    views[2] = replace(views[2], projection=views[2].projection @ np.block(
+        [[rotation_xyz(np.array([0.2, 0.5, -0.4])), np.array([[5.0], [-9], [3]])], [np.zeros((1, 3)), np.ones((1, 1))]]
+    ))  # fmt: skip
+    targets = rng.uniform(-80, 80, (5, 3))
+    found = sines_between_rays(np.array([view.projection for view in views]), targets)
+    for target_mm, sine in zip(targets, found, strict=True):
+        rays = [target_mm - camera_centre(view.projection) for view in views]
+        rays = [ray / np.linalg.norm(ray) for ray in rays]
+        pairs = ((0, 1), (0, 2), (1, 2))
+        assert sine == pytest.approx(max(np.linalg.norm(np.cross(rays[a], rays[b])) for a, b in pairs), rel=1e-12)
 
 
 @settings(deadline=None)  # the first call may compile

@@ -38,6 +38,7 @@ def sight(projection: Array, points: Array, width: float, height: float) -> tupl
     """
     count = points.shape[0]
     depth, images, margin = np.empty(count), np.empty((count, 2)), np.empty(count)
+    known = width == width and height == height  # a minimum passes NaN by
     seen = np.empty(3)
     for i in range(count):
         for a in range(3):
@@ -48,7 +49,7 @@ def sight(projection: Array, points: Array, width: float, height: float) -> tupl
         if seen[2] > 0.0:
             u, v = seen[0] / seen[2], seen[1] / seen[2]
             images[i, 0], images[i, 1] = u, v
-            margin[i] = min(min(u + 0.5, width - 0.5 - u), min(v + 0.5, height - 0.5 - v))
+            margin[i] = min(min(u + 0.5, width - 0.5 - u), min(v + 0.5, height - 0.5 - v)) if known else np.nan
         else:
             images[i, 0], images[i, 1], margin[i] = np.nan, np.nan, np.nan
     return depth, images, margin

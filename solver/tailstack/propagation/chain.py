@@ -82,7 +82,7 @@ def _estimator_geometry(system: System, first: Displacement) -> tuple[Array, Arr
     if system.reading is Reading.PHYSICAL:
         told, per_error, seen = system.fiducials_mm.copy(), np.eye(3), projections @ first.matrix()
     else:
-        per_error = first.rotation
+        per_error = first.rotation.copy()  # writable as the identity is: kernels see one kind
         told = system.fiducials_mm @ per_error.T + first.shift_mm
         seen = projections @ np.linalg.inv(first.matrix())
     return seen / np.linalg.norm(seen[:, 2, :3], axis=1)[:, None, None], told, per_error
