@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from starlette.requests import ClientDisconnect, Request
+from starlette.requests import Request
 
 from tailstack.design import Design, load_design
 from tailstack.design.reading import DEFAULT_LIMITS, Limits, Source, decode, read_text, shown
@@ -45,7 +45,6 @@ def content_kind(request: Request, *, yaml: bool, raw: tuple[str, ...] = ()) -> 
     header = request.headers.get("content-type", "")
     kind, _, parameters = header.partition(";")
     kind = kind.strip().lower()
-    accepted = ", ".join([JSON, *(YAML[:1] if yaml else ()), *raw])
     encoding = request.headers.get("content-encoding", "identity").strip().lower()
     charset = next(
         (p.split("=")[1].strip(' "').lower() for p in parameters.split(";") if "charset=" in p.lower()), "utf-8"
@@ -62,6 +61,7 @@ def content_kind(request: Request, *, yaml: bool, raw: tuple[str, ...] = ()) -> 
         return kind
     else:
         refused = f"Content-Type: {header[:80]}" if header else "no Content-Type"
+    accepted = ", ".join([JSON, *(YAML[:1] if yaml else ()), *raw])
     problem = Problem("", "content-type", f"this operation reads {accepted}; UTF-8, not compressed; got {refused}")
     raise TransportError("unsupported-media-type", problem)
 
@@ -72,10 +72,15 @@ async def read_body(request: Request, settings: Settings) -> bytes:
     if announced.isdigit() and len(announced) < 19 and int(announced) > DRAINED + settings.max_body_bytes:
         raise _too_long(f"{int(announced)} bytes were announced", settings)
     chunks: list[bytes] = []
-    size = 0
+    size, more = 0, True
     try:
         async with asyncio.timeout(settings.body_seconds):
-            async for chunk in request.stream():
+            while more:
+                message = await request.receive()
+                if message["type"] == "http.disconnect":
+                    detail = f"the body broke off after {size} bytes"
+                    raise MalformedError(Problem("", "incomplete-body", detail))
+                chunk, more = message.get("body", b""), message.get("more_body", False)
                 size += len(chunk)
                 if size <= settings.max_body_bytes:
                     chunks.append(chunk)
@@ -92,8 +97,6 @@ async def read_body(request: Request, settings: Settings) -> bytes:
             ),
             {"Connection": "close"},
         ) from None
-    except ClientDisconnect:
-        raise MalformedError(Problem("", "incomplete-body", f"the body broke off after {size} bytes")) from None
     if size > settings.max_body_bytes:
         raise _too_long(f"{size} bytes arrived", settings)
     return b"".join(chunks)
