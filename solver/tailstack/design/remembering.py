@@ -26,7 +26,7 @@ _Made = TypeVar("_Made")
 
 def recognised(kind: type[Record] | None, data: Any) -> Any:
     """The record of ``data``, one object for all data of the same bytes; ``data`` itself where it is not valid."""
-    if kind is None:
+    if kind is None or type(data) is not dict:
         return data
     try:
         content = marshal.dumps(data, 2)  # the last version that writes equal data as equal bytes
