@@ -129,20 +129,20 @@ class _Units:
 
 
 def _symmetric_root(installation: LinearLaw) -> Array:
-    """(3, 3) root of the Gaussian part, continuous in it; (3, 0) without one."""
+    """(3, 3) root of the Gaussian part, continuous in it; (0, 3) without one."""
     variances, _, axes = principal_axes(installation.mean, installation.covariance)
-    return np.asarray((axes * np.sqrt(variances)) @ axes.T if variances[0] > 0 else np.zeros((3, 0)))
+    return np.asarray((axes * np.sqrt(variances)) @ axes.T if variances[0] > 0 else np.zeros((0, 3)))
 
 
 def _sample(installation: LinearLaw, root: Array, shot: LinearLaw, p: float, log2_units: int) -> _Units:
-    """16 x 2^log2_units units, the Gaussian part by its root (3, k).  Raises ValueError."""
+    """16 x 2^log2_units units, the Gaussian part by its root (k, 3).  Raises ValueError."""
     p = probability_iv(p)
     if shot.mean.any():
         raise ValueError(f"the shot's mean belongs to the installation; it must be 0 here, got {shot.mean.tolist()}")
     h, _ = lattice_columns(installation)
     z, u, blocks, agreement = _ALIKE, _ALIKE, 1, EXACT
-    if root.shape[1] or h.shape[0]:
-        z, u = sobol_rows(root.shape[1], h.shape[0], log2_units, 1)
+    if root.shape[0] or h.shape[0]:
+        z, u = sobol_rows(root.shape[0], h.shape[0], log2_units, 1)
         blocks, agreement = RANDOMISATIONS, _SAMPLED
     pilot = _evenly(max(z.shape[1], u.shape[1]), _PILOT)
     law = shot.covariance, shot.columns, shot.kinds

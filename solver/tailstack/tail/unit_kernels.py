@@ -25,15 +25,15 @@ X, Y, Z, SIZE, LOW, HIGH, LEAST, MOST = range(8)
 
 @njit(cache=True, error_model="numpy")
 def principal_root(covariance: Array) -> Array:
-    """(3, rank) root of a covariance, the largest variance first: it gets the most even of Sobol's coordinates."""
+    """(rank, 3) root of a covariance, a row an axis, the largest first: it gets the evenest of Sobol's coordinates."""
     variances, _, axes = principal_axes(np.zeros(3), covariance)
     rank = 0
     while rank < 3 and variances[rank] > 0.0:
         rank += 1
-    root = np.empty((3, rank))
+    root = np.empty((rank, 3))
     for k in range(rank):
         for a in range(3):
-            root[a, k] = axes[a, k] * sqrt(variances[k])
+            root[k, a] = axes[a, k] * sqrt(variances[k])
     return root
 
 
@@ -69,13 +69,14 @@ def _add_columns(h: Array, u: SingleArray, x: Array, y: Array, z: Array) -> None
     count = h.shape[0]
     last = count - 1
     c = np.zeros((count + 3, 3))
-    c[:count] = h
+    for j in range(count):
+        for a in range(3):
+            c[j, a] = h[j, a]
     for j in range(0, count, 4):
         u0, u1, u2, u3 = u[j], u[min(j + 1, last)], u[min(j + 2, last)], u[min(j + 3, last)]
-        x0, y0, z0 = c[j]
-        x1, y1, z1 = c[j + 1]
-        x2, y2, z2 = c[j + 2]
-        x3, y3, z3 = c[j + 3]
+        x0, x1, x2, x3 = c[j, 0], c[j + 1, 0], c[j + 2, 0], c[j + 3, 0]
+        y0, y1, y2, y3 = c[j, 1], c[j + 1, 1], c[j + 2, 1], c[j + 3, 1]
+        z0, z1, z2, z3 = c[j, 2], c[j + 1, 2], c[j + 2, 2], c[j + 3, 2]
         for i in range(x.size):
             a0, a1, a2, a3 = u0[i], u1[i], u2[i], u3[i]
             x[i] = x[i] + a0 * x0 + a1 * x1 + a2 * x2 + a3 * x3
@@ -89,16 +90,15 @@ def _survey(
 ) -> tuple[Array, bool]:
     """(the table of n units, but with the closed form of R(d) in row LEAST; whether there is one).
 
-    Units ``d = mean + root z + u h``, z (k, n) and u (K, n) transposed so that loops run along the units.
+    Units ``d = mean + root' z + h' u``, root (k, 3), h (K, 3), z (k, n), u (K, n): loops run along the units.
     """
     n = max(z.shape[1], u.shape[1])
     table = np.empty((8, n))
     first, second, third = table[X], table[Y], table[Z]
     size, low, high, guess = table[SIZE], table[LOW], table[HIGH], table[LEAST]
-    first[:] = mean[0]
-    second[:] = mean[1]
-    third[:] = mean[2]
-    _add_columns(np.ascontiguousarray(root.T), z, first, second, third)
+    for i in range(n):
+        first[i], second[i], third[i] = mean[0], mean[1], mean[2]
+    _add_columns(root, z, first, second, third)
     _add_columns(h, u, first, second, third)
     S = covariance
     T = np.zeros((3, 3))
@@ -163,8 +163,9 @@ def sampled(
     covariance, mixed = _as_gaussian(shot, columns, kinds)
     table, formed = _survey(mean, root, z, h, u, covariance, p, normal)
     if not formed:
-        table[LEAST] = table[LOW]
-        table[MOST] = table[HIGH]
+        for i in range(table.shape[1]):
+            table[LEAST, i] = table[LOW, i]
+            table[MOST, i] = table[HIGH, i]
         return table, covariance, mixed
     guess = table[LEAST]
     units = units_at_ranks(guess, pilot)
@@ -214,8 +215,11 @@ def solved_between(
     The order statistics of R lie between those of its bounds; only units that may reach across need solving.
     """
     low, high = table[LEAST], table[MOST]
-    floor = low[units_at_ranks(low, np.array([first]))[0]]
-    ceiling = high[units_at_ranks(high, np.array([last]))[0]]
+    rank = np.empty(1, np.int64)
+    rank[0] = first
+    floor = low[units_at_ranks(low, rank)[0]]
+    rank[0] = last
+    ceiling = high[units_at_ranks(high, rank)[0]]
     out = np.empty(low.size)
     across = np.empty(low.size, np.int64)
     solved = 0
@@ -231,16 +235,16 @@ def solved_between(
 
 
 @njit(cache=True, error_model="numpy")
-def _error_of_mean(counts: NDArray[np.int64], each: int) -> float:
-    """Standard error of the mean share, from the counts (blocks,) among `each` units; 0 of a single block."""
+def _mean_share(counts: NDArray[np.int64], each: int) -> tuple[float, float]:
+    """(mean share, its standard error) from the counts (blocks,) among `each` units; error 0 of a single block."""
     blocks = counts.size
-    if blocks == 1:
-        return 0.0
-    mean = counts.sum() / blocks
+    mean = 0.0
+    for count in counts:
+        mean += count / blocks
     square = 0.0
     for count in counts:
         square += (count - mean) ** 2
-    return sqrt(square / (blocks * (blocks - 1.0))) / each
+    return mean / each, sqrt(square / (blocks * max(blocks - 1.0, 1.0))) / each
 
 
 @njit(cache=True, error_model="numpy")
@@ -261,16 +265,19 @@ def percentile(
     rank = max(min(int(position), n - 2), 0)
     own, solved = solved_between(p, table, covariance, rank, min(rank + 1, n - 1), agreement)
     under = int(position)
-    before, after = max(rank - n // 50, 0), min(rank + n // 50, n - 1)
-    at = own[units_at_ranks(own, np.array([before, under, min(under + 1, n - 1), after]))]
-    value = at[1] + (position - under) * (at[2] - at[1])
-    slope = (at[3] - at[0]) * n / (after - before) if blocks > 1 else 0.0
+    reach = max(n // 50, 1)
+    before, after = max(rank - reach, 0), min(rank + reach, n - 1)
+    ranks = np.empty(4, np.int64)
+    ranks[0], ranks[1], ranks[2], ranks[3] = before, under, min(under + 1, n - 1), after
+    unit = units_at_ranks(own, ranks)
+    value = own[unit[1]] + (position - under) * (own[unit[2]] - own[unit[1]])
+    slope = (own[unit[3]] - own[unit[0]]) * n / (after - before) if blocks > 1 else 0.0
     each = n // blocks
     excess = np.zeros(blocks, np.int64)
     for b in range(blocks):
         for i in range(b * each, (b + 1) * each):
             excess[b] += int(own[i] <= value) - int(table[SIZE, i] <= distance)
-    return own, value, rank, slope, _error_of_mean(excess, each), solved
+    return own, value, rank, slope, _mean_share(excess, each)[1], solved
 
 
 @njit(cache=True, error_model="numpy")
@@ -310,7 +317,8 @@ def share_within(
                 good = law_on_axes(variances, m, level, agreement)[0] >= p
                 solved += 1
             excess[b] += int(good) - int(table[SIZE, i] <= distance)
-    return excess.sum() / table.shape[1], _error_of_mean(excess, each), solved
+    share, error = _mean_share(excess, each)
+    return share, error, solved
 
 
 @njit(cache=True, error_model="numpy")
