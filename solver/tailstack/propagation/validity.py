@@ -1,11 +1,11 @@
 """How far first order can be trusted: the validity number nu and what it was calibrated to mean.
 
 nu (``images._validity_number``) is the standard deviation of what first order divides by, relative to itself: of the
-depth in each image, and of the firmness with which the rays cross.  First order takes it to be small.  The thresholds were calibrated by Monte Carlo on families of layouts, with views far apart and close
-together (``docs/method.md``, ``benchmarks/validity_calibration.py``): they hold the error of the first-order P95 on
-95 % of them.  Higher quantiles err more, and towards optimism.  Six fiducials leave one
-redundant equation, and near-critical layouts then err by up to 25 % at nu = 0.02, mostly towards pessimism:
-nu counts five times there.
+depth in each image, and of the firmness with which the rays cross.  First order takes it to be small.  The thresholds
+were calibrated by Monte Carlo on families of layouts, with views far apart and close together (``docs/method.md``,
+``benchmarks/validity_calibration.py``): they hold the error of the first-order P95 on 95 % of them.  Higher quantiles
+err more, and towards optimism.  Six fiducials leave one redundant equation, and near-critical layouts then err by up
+to 25 % at nu = 0.02, mostly towards pessimism: nu counts five times there.
 """
 
 from __future__ import annotations
