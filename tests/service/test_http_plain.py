@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
 import socket
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import h11
 import httpx
 import pytest
-import uvicorn
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from service_scenes import client_with, read_answer
-from uvicorn.server import ServerState
 
 from tailstack_service.http import connections
 from tailstack_service.http.plain import read_plain
@@ -154,35 +150,6 @@ def test_a_head_that_nearly_matches_costs_time_in_proportion() -> None:
 def client() -> Iterator[httpx.Client]:
     with client_with(replace(Settings(), body_seconds=0.5)) as client:
         yield client
-
-
-def test_who_has_left_is_not_answered_by_h11_either() -> None:
-    """An answer without a length to a connection that is gone: as when a stream begins too late."""
-
-    async def story() -> None:
-        settings = Settings()
-        service = uvicorn.Config(streaming, lifespan="off", proxy_headers=False, http=connections.connections(settings))
-        service.load()
-        state = ServerState()
-        connection = connections.connections(settings)(service, state, {}, asyncio.get_running_loop())
-        here, there = socket.socketpair()
-        with there:
-            transport, _ = await asyncio.get_running_loop().connect_accepted_socket(lambda: connection, here)
-            connection.data_received(GET + b"\r\n")
-            connection.connection_lost(None)
-            await asyncio.gather(*state.tasks)
-            transport.close()
-            await asyncio.sleep(0.01)
-
-    sent: list[str] = []
-
-    async def streaming(scope: Any, receive: Any, send: Any) -> None:
-        await send({"type": "http.response.start", "status": 200, "headers": []})
-        await send({"type": "http.response.body", "body": b"x"})
-        sent.append("all")
-
-    asyncio.run(story())
-    assert sent == ["all"]
 
 
 def said(client: httpx.Client, pieces: list[bytes]) -> bytes:

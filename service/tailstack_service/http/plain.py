@@ -63,8 +63,6 @@ class PlainCycle(RequestResponseCycle):
         self._start: HTTPResponseStartEvent | None = None  # waits for the body
 
     async def send(self, message: ASGISendEvent) -> None:
-        if self.disconnected:  # h11 has closed its side, and takes no request any more
-            return
         if self._hand_over is None or self.response_complete:
             await super().send(message)
         elif message["type"] == "http.response.start" and _has_length(message):
