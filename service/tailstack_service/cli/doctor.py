@@ -14,7 +14,7 @@ from .answer import NOT_EVALUATED, PASS, Answer
 
 HELP = "check this installation"
 
-PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "casadi", "pydantic", "pyyaml", "starlette", "uvicorn")
+PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "casadi", "pydantic", "pyyaml", "fastapi", "starlette", "uvicorn")
 # 0.95 quantile of the norm of N(0, I) in three dimensions: square root of the chi-square quantile with 3 degrees
 CHI_95_3 = 2.7954834829151074
 
