@@ -41,6 +41,7 @@ def test_requests_are_counted_by_route_and_never_by_path(client: httpx.Client) -
         client.get(f"/v1/jobs/{name}")
         client.get(f"/nowhere/{name}")
         client.request("BREW", f"/{name}")
+        client.request(f"BREW-{name}", "/version")
     after = samples(client)
 
     def more(**labels: str) -> float:
@@ -49,6 +50,7 @@ def test_requests_are_counted_by_route_and_never_by_path(client: httpx.Client) -
 
     assert more(method="GET", route="/v1/jobs/{id}", status="404") == 3
     assert more(method="(none)", route="(none)", status="404") == 6
+    assert more(method="(none)", route="(none)", status="405") == 3
     assert not any("nowhere" in str(key) or "BREW" in str(key) for key in after)
     assert after["tailstack_http_request_seconds_count", (("method", "GET"), ("route", "/v1/jobs/{id}"))] >= 3
 

@@ -11,7 +11,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
-from starlette.applications import Starlette
+from fastapi import FastAPI
 from starlette.types import ASGIApp
 
 from ..settings import Settings, settings_from
@@ -19,6 +19,7 @@ from .access import Access
 from .computing import Lane
 from .metrics import Metrics
 from .middleware import RequestLog
+from .routing import plain_routes
 from .service import Service
 from .storage import Storage
 from .warmth import Warming
@@ -28,7 +29,7 @@ REPORT_WORKERS = 1  # rendering holds the GIL, and scores are computed in the sa
 SETTLED_SECONDS = 1.5  # after which a service that has just become ready loads what is asked for less often
 
 
-def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Starlette:
+def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> FastAPI:
     """The application with these settings, by default those of the environment (``TAILSTACK_*``).
 
     ``warm_up`` compiles the kernels in the background when the application starts; readiness tells when that is
@@ -36,7 +37,10 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Sta
     wait and stream.  Raises RequestError for settings of authentication that cannot work.
     """
     settings = settings_from(os.environ) if settings is None else settings
-    app = _Application(lifespan=_lifespan)
+    app = _Application(
+        title="tailstack", docs_url=None, redoc_url=None, openapi_url=None, redirect_slashes=False, lifespan=_lifespan
+    )
+    app.router.routes.extend(plain_routes())
     storage = Storage(settings.database_url)
 
     async def find_key(presented: str) -> Any:
@@ -60,15 +64,21 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Sta
     return app
 
 
-class _Application(Starlette):
-    """Requests go from the log straight to their routes, without what Starlette would wrap around each of them."""
+class _Application(FastAPI):
+    """Requests go from the log straight to their routes, without the six layers that are put around any application."""
+
+    def openapi(self) -> dict[str, Any]:
+        """The document of these routes, which say more of themselves than a signature could."""
+        from .openapi import document
+
+        return document()
 
     def build_middleware_stack(self) -> ASGIApp:
         return RequestLog(self.router, self.state.service)
 
 
 @asynccontextmanager
-async def _lifespan(app: Starlette) -> AsyncIterator[None]:
+async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     service: Service = app.state.service
     warming = Warming(lambda: _warm(service)) if service.warmth == "warming up" else None
     if warming is not None:

@@ -9,7 +9,8 @@ import time
 
 from starlette.requests import Request
 from starlette.responses import Response
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.routing import Router
+from starlette.types import Receive, Scope, Send
 
 from tailstack.errors import Problem, TailstackError
 
@@ -30,16 +31,16 @@ LONGEST_METHOD, LONGEST_PATH = 20, 200  # characters that are logged: a stranger
 class RequestLog:
     """Gives each request an id (its own X-Request-ID if that is harmless), echoes it, logs and counts the outcome.
 
-    What is no request, the start and the end of the service, goes to ``app``.
+    What is no request, the start and the end of the service, is the router's own.
     """
 
-    def __init__(self, app: ASGIApp, service: Service) -> None:
-        self.app = app
+    def __init__(self, router: Router, service: Service) -> None:
+        self.router = router
         self.service = service
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
-            await self.app(scope, receive, send)
+            await self.router(scope, receive, send)
             return
         headers = dict(reversed(scope["headers"]))  # of those that came twice, the first
         offered = headers.get(b"x-request-id", b"")
@@ -76,7 +77,7 @@ class RequestLog:
             if b"transfer-encoding" in headers and b"content-length" in headers:
                 raise _two_lengths()
             self.service.access.check_address(request.method, headers.get(b"host"), headers.get(b"origin"))
-            return await answered(request)
+            return await answered(request, self.router)
         except (TailstackError, Placed) as error:
             return refused(request, error)
         except Stopped:

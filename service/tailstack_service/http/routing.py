@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Awaitable, Callable
 
 from starlette.requests import Request
 from starlette.responses import Response
+from starlette.routing import Match, Router
+from starlette.routing import Route as Plain
 
 from tailstack.errors import Problem
 
@@ -15,35 +17,45 @@ from .routes import ROUTES, Route
 from .service import service_of
 
 LONGEST_TOLD = 120  # characters of a path that is unknown
-_PATTERNS = tuple((re.compile(re.sub(r"\\{(\w+)\\}", r"(?P<\1>[^/]+)", re.escape(r.path))), r) for r in ROUTES)
-_PLAIN = {(route.method, route.path): route for route in ROUTES if "{" not in route.path}
 
 
-async def answered(request: Request) -> Response:
+def plain_routes() -> list[Plain]:
+    """Every route as a router matches it; they read their requests themselves, and need nothing that FastAPI does."""
+    found = []
+    for route in ROUTES:
+        plain = Plain(route.path, _admitting(route), methods=[route.method], name=route.operation_id)
+        plain.methods = {route.method}  # a GET does not answer to HEAD
+        found.append(plain)
+    return found
+
+
+def _admitting(route: Route) -> Callable[[Request], Awaitable[Response]]:
+    async def endpoint(request: Request) -> Response:
+        request.scope["route"] = route
+        if route.scope is not None:
+            request.state.caller = await service_of(request).access.admit(request, route.scope)
+        if route.query is not None:
+            refuse_query(request, route.query)
+        return await route.endpoint(request)
+
+    return endpoint
+
+
+async def answered(request: Request, router: Router) -> Response:
     """The answer of the endpoint.  Raises what it raises, and TransportError (not-found, method-not-allowed)."""
-    route = request.scope["route"] = _route_of(request)
-    if route.scope is not None:
-        request.state.caller = await service_of(request).access.admit(request, route.scope)
-    if route.query is not None:
-        refuse_query(request, route.query)
-    return await route.endpoint(request)
-
-
-def _route_of(request: Request) -> Route:
-    """The route, after noting what its path says.  A GET does not answer to HEAD."""
-    method, path = request.scope["method"], request.scope["path"]
-    plain = _PLAIN.get((method, path))
-    if plain is not None:
-        return plain
-    matching = [(found, route) for pattern, route in _PATTERNS if (found := pattern.fullmatch(path))]
-    for found, route in matching:
-        if route.method == method:
-            request.scope["path_params"] = found.groupdict()
-            return route
-    told = path[:LONGEST_TOLD]
-    if not matching:
+    methods: set[str] = set()
+    for route in router.routes:
+        match, said = route.matches(request.scope)
+        if match is Match.FULL:
+            request.scope.update(said)
+            response: Response = await said["endpoint"](request)
+            return response
+        if match is Match.PARTIAL and isinstance(route, Plain):
+            methods |= route.methods or set()
+    told = request.scope["path"][:LONGEST_TOLD]
+    if not methods:
         problem = Problem("", "not-found", f"there is nothing at {told}", "GET /openapi.json lists every path")
         raise TransportError("not-found", problem)
-    allowed = ", ".join(sorted({route.method for _, route in matching}))
-    problem = Problem("", "method-not-allowed", f"{told} does not answer to {method}", f"use {allowed}")
+    allowed = ", ".join(sorted(methods))
+    problem = Problem("", "method-not-allowed", f"{told} does not answer to {request.method}", f"use {allowed}")
     raise TransportError("method-not-allowed", problem, {"Allow": allowed})
