@@ -13,6 +13,7 @@ from openapi_spec_validator import OpenAPIV31SpecValidator
 from service_scenes import ROOT, client_with, small_design
 
 from tailstack_service.documents import json_schema, schema_names
+from tailstack_service.http.app import create_app
 from tailstack_service.http.openapi import openapi_json
 from tailstack_service.settings import Settings
 
@@ -54,6 +55,10 @@ def test_committed_document_is_the_generated_one() -> None:
 def test_document_is_valid_openapi_3_1() -> None:
     assert DOCUMENT["openapi"].startswith("3.1")
     OpenAPIV31SpecValidator(DOCUMENT).validate()
+
+
+def test_the_application_describes_itself_by_it() -> None:
+    assert create_app(warm_up=False).openapi() == json.loads(openapi_json())
 
 
 def test_served_document_is_the_same(client: httpx.Client) -> None:
