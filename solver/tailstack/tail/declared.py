@@ -107,7 +107,7 @@ class LawBudget:
     dr_dlog_column: Array  # (k,) mm
 
 
-def _tolerances(p: float, fine: bool) -> tuple[float, float, float]:
+def tolerances(p: float, fine: bool) -> tuple[float, float, float]:
     """(threshold of a term, bound of the aliasing, largest box); far tails need smaller absolute errors."""
     tail = min(p, 1.0 - p) / 0.05
     if fine:
@@ -128,7 +128,7 @@ def _quantile(law: LinearLaw, p: float, fine: bool) -> LawQuantile:
     h, _ = lattice_columns(law)
     if h.shape[0] == 0:
         return _gaussian_quantile(law, p)
-    found, r, density, error = solve(p, law.mean, law.covariance, h, *_tolerances(p, fine))
+    found, r, density, error = solve(p, law.mean, law.covariance, h, *tolerances(p, fine))
     if found:
         return LawQuantile(p, float(r), float(density), LATTICE_METHOD, float(error / density))
     x, longest = sample_rest(law.mean, law.covariance, h, _LOG2_POINTS if fine else _LOG2_COARSE)
@@ -150,7 +150,7 @@ def _cdf(law: LinearLaw, r: float, fine: bool) -> float:
     h, _ = lattice_columns(law)
     if h.shape[0] == 0:
         return norm_cdf(r, law.mean, law.covariance)
-    found, value, _ = probability(r, law.mean, law.covariance, h, *_tolerances(0.5, fine))
+    found, value, _ = probability(r, law.mean, law.covariance, h, *tolerances(0.5, fine))
     if found:
         return float(value)
     x, longest = sample_rest(law.mean, law.covariance, h, _LOG2_POINTS if fine else _LOG2_COARSE)
@@ -177,7 +177,7 @@ def law_exceedance(law: LinearLaw, limit: float) -> float:
 
 
 def _mean_excess(law: LinearLaw, h: Array, r: float, p: float) -> float:
-    found, value = mean_excess(r, law.mean, law.covariance, h, *_tolerances(p, True))
+    found, value = mean_excess(r, law.mean, law.covariance, h, *tolerances(p, True))
     if found:
         return float(value)
     x, longest = sample_rest(law.mean, law.covariance, h, _LOG2_POINTS)
@@ -227,7 +227,7 @@ def law_summary(law: LinearLaw, p: float, limit: float | None = None, *, relaxed
     h, _ = lattice_columns(law)
     if h.shape[0]:
         asked = np.nan if limit is None else float(limit)
-        threshold, aliasing, largest_box = _tolerances(p, True)
+        threshold, aliasing, largest_box = tolerances(p, True)
         found, r, density, error, mean_norm, excess, beyond = summary(
             p, asked, law.mean, law.covariance, h, relaxed * threshold, relaxed * aliasing, largest_box
         )
@@ -274,7 +274,7 @@ def _gradient(
     if dimension < 3:
         return _differences(law, total)
     # A decade below the budget's own threshold: derivatives weight the far terms by up to k^2 more.
-    threshold, aliasing, largest = _tolerances(p, fine)
+    threshold, aliasing, largest = tolerances(p, fine)
     _, _, nodes, volume, _ = build(total.quantile_mm, sigma, m, m, S, turned, 0.1 * threshold, aliasing, largest, True)
     if volume == 0.0:
         return _differences(law, total)
@@ -365,7 +365,7 @@ def _without(
             blocks[g] = block
         removed[g, list(indices)] = True
     how, r, density, error = quantiles_without(
-        p, law.mean, law.covariance, h, blocks, removed.take(source, axis=1), total.quantile_mm, *_tolerances(p, False)
+        p, law.mean, law.covariance, h, blocks, removed.take(source, axis=1), total.quantile_mm, *tolerances(p, False)
     )
     found = []
     for g, group in enumerate(groups):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import isnan, sqrt
 
 from .ball import ball_sums
-from .declared import LinearLaw, _tolerances, lattice_columns, law_cdf_coarse, law_quantile_coarse
+from .declared import LinearLaw, lattice_columns, law_cdf_coarse, law_quantile_coarse, tolerances
 from .declared_kernels import on_principal_axes, solve_on_axes, start_radius
 
 
@@ -21,9 +21,7 @@ def quantile_and_probabilities(law: LinearLaw, p: float, radii: Sequence[float])
     if h.shape[0]:
         sigma, m, S, turned, _, dimension, offset = on_principal_axes(law.mean, law.covariance, h)
         start = start_radius(p, sigma, m, turned)
-        found, rho, _, _, largest, t, w = solve_on_axes(
-            p, start, sigma, m, S, turned, dimension, *_tolerances(p, False)
-        )
+        found, rho, _, _, largest, t, w = solve_on_axes(p, start, sigma, m, S, turned, dimension, *tolerances(p, False))
 
     def probability(r: float) -> float:
         if isnan(r):
