@@ -14,6 +14,7 @@ from typing import Any
 from fastapi import FastAPI
 from starlette.types import ASGIApp
 
+from ..documents import to_json
 from ..settings import Settings, settings_from
 from .access import Access
 from .computing import Lane
@@ -94,7 +95,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
 
 
 def _warm(service: Service) -> None:
-    """Compile what requests will run, so that the first one does not wait for it."""
+    """Compile what requests will run, and make what writes the answer, so that the first one does not wait for it."""
     from tailstack.design import load_design
     from tailstack.scoring import score
 
@@ -102,7 +103,7 @@ def _warm(service: Service) -> None:
 
     try:
         design = load_design(EXAMPLE_DESIGN)
-        score(design)
+        to_json(score(design))
         _keep_for_good()
         service.warmth = "ready"
         if service.stopping.wait(SETTLED_SECONDS):
