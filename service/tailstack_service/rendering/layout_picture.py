@@ -62,36 +62,7 @@ def layout_svg(before: System, after: System, title: str) -> str:
     for column in range(2):
         parts += _image_column(column, [(system.views[column], marks) for system, marks in rows])
     parts += _oblique_column([marks for _, marks in rows])
-    return "\n".join([*parts, *_legend(after, HEIGHT, True), "</svg>"]) + "\n"
-
-
-def single_layout_svg(system: System, title: str, name: str = "layout") -> str:
-    """One SVG (text), 1200 units wide: the first two views and the con frame of a system, nothing compared."""
-    marks = marks_of(system, None)
-    height = ROW_TOP + ROW_HEIGHT + 44
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{height}" '
-        f'viewBox="0 0 {WIDTH} {height}" role="img" aria-labelledby="{name}-title {name}-desc" '
-        f'font-family="Helvetica, Arial, DejaVu Sans, sans-serif" font-size="{FONT}" fill="{INK}">',
-        f'<title id="{name}-title">{escape(printable(title, 120))}</title>',
-        f'<desc id="{name}-desc">{escape(single_description(system))}</desc>',
-        f'<rect width="{WIDTH}" height="{height}" fill="#ffffff"/>',
-        text(MARGIN, 26, printable(title, 110), size=17, weight="bold"),
-    ]
-    for column in range(2):
-        parts += _image_column(column, [(system.views[column], marks)])
-    return "\n".join([*parts, *_oblique_column([marks]), *_legend(system, height, False), "</svg>"]) + "\n"
-
-
-def single_description(system: System) -> str:
-    """The picture of one layout in words."""
-    views = " and ".join(printable(view.name, 40) for view in system.views[:2])
-    targets = ", ".join(printable(target.name, 30) for target in system.targets[:5])
-    return (
-        f"{len(system.fiducials_mm)} fiducials. Left and middle, the detector images of {views} in px, u to the right, "
-        "v down; right, the connector frame con in mm from an oblique direction. Targets are crosses "
-        f"({targets}), pivots of the interfaces triangles. Positions are nominal."
-    )
+    return "\n".join([*parts, *_legend(after), "</svg>"]) + "\n"
 
 
 def marks_of(system: System, before: System | None) -> list[Mark]:
@@ -342,14 +313,12 @@ def _drawn(
     return parts
 
 
-def _legend(after: System, height: int, compared: bool) -> list[str]:
-    """Two lines below the rows; ``compared``: with the marks of what moved and what is new."""
-    y, x = height - 32.0, float(MARGIN) + 6
+def _legend(after: System) -> list[str]:
+    """Two lines below the rows."""
+    y, x = HEIGHT - 32.0, float(MARGIN) + 6
     entries: list[tuple[Kind | Literal["was"], str]] = [
         ("fiducial", "fiducial"), ("new", "new fiducial"), ("was", "from where it was"), ("target", "target"),
     ]  # fmt: skip
-    if not compared:
-        entries = [entries[0], entries[-1]]
     parts = []
     for kind, words in entries:
         parts.append(line(x - 7, y, x + 7, y, FAINT, 0.9) if kind == "was" else shape(kind, x, y))

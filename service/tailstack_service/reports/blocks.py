@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -147,8 +146,3 @@ def tone_of(status: str) -> Tone:
     if status in ("fail", "not evaluated"):
         return "fail"
     return "inconclusive" if status == "inconclusive" else "neutral"
-
-
-def rows_of(cells: Sequence[Sequence[Cell]]) -> tuple[Row, ...]:
-    """Plain rows."""
-    return tuple(Row(tuple(row)) for row in cells)
