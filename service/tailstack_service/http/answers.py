@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from typing import Any
+from urllib.parse import quote
 
 from starlette.requests import Request
 from starlette.responses import Response
@@ -17,6 +18,11 @@ from .preferences import matches
 
 JSON = "application/json"
 PROBLEM = "application/problem+json"
+
+
+def path_of(request: Request) -> str:
+    """The path that was asked for, as a URI reference says it, whatever Host says."""
+    return quote(request.scope["path"], safe="/:@!$&'()*+,;=", errors="replace")
 
 
 def record_response(record: Any, status: int = 200, headers: Mapping[str, str] | None = None) -> Response:

@@ -72,7 +72,9 @@ class _Application(FastAPI):
         """The document of these routes, which say more of themselves than a signature could."""
         from .openapi import document
 
-        return document()
+        if self.openapi_schema is None:
+            self.openapi_schema = document()
+        return self.openapi_schema
 
     def build_middleware_stack(self) -> ASGIApp:
         return RequestLog(self.router, self.state.service)

@@ -22,7 +22,7 @@ from ..store.events import eta_seconds, events_after
 from ..store.jobs import Job
 from ..store.tables import STATES
 from ..work.kinds import KINDS
-from .answers import JSON, record_response, stated_problem, tagged_response
+from .answers import JSON, path_of, record_response, stated_problem, tagged_response
 from .service import service_of
 
 PAGE, LARGEST_PAGE = 50, 200
@@ -149,7 +149,7 @@ def unsuccessful(request: Request, job: Job, *, bare_design: bool = False) -> Re
         if bare_design:
             errors = tuple(replace(entry, pointer=entry.pointer.removeprefix("/design")) for entry in errors)
         return stated_problem(
-            replace(document, instance=request.url.path, request_id=request.state.request_id, errors=errors)
+            replace(document, instance=path_of(request), request_id=request.state.request_id, errors=errors)
         )
     if job.finished:
         raise TransportError("cancelled", Problem("", "cancelled", "the job was cancelled; it has no result"))

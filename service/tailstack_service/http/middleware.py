@@ -10,7 +10,7 @@ import time
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Router
-from starlette.types import Receive, Scope, Send
+from starlette.types import Message, Receive, Scope, Send
 
 from tailstack.errors import Problem, TailstackError
 
@@ -48,16 +48,24 @@ class RequestLog:
         state = scope.setdefault("state", {})
         state["request_id"] = request_id
         request = Request(scope, receive, send)
-        started = time.perf_counter()
+        started, status = time.perf_counter(), 0
+
+        async def send_with_id(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message["headers"], (b"x-request-id", request_id.encode())]
+                status = message["status"]
+            await send(message)
+
         try:
             response = await self._response(request, headers)
-            status = response.status_code
-            response.raw_headers.append((b"x-request-id", request_id.encode()))
-            await response(scope, receive, send)
+            await response(scope, receive, send_with_id)
         except Stopped:  # the client left; nobody reads an answer
             status = CLIENT_LEFT
         except Exception:
             _log_defect(request)
+            if status == 0:
+                await refused(request, defect())(scope, receive, send_with_id)
         took = time.perf_counter() - started
         route = getattr(scope.get("route"), "path", NO_ROUTE)
         method = scope["method"] if route != NO_ROUTE else NO_ROUTE  # a stranger's methods are without end
@@ -80,11 +88,6 @@ class RequestLog:
             return await answered(request, self.router)
         except (TailstackError, Placed) as error:
             return refused(request, error)
-        except Stopped:
-            raise
-        except Exception:
-            _log_defect(request)
-            return refused(request, defect())
 
 
 def _log_defect(request: Request) -> None:

@@ -11,7 +11,7 @@ from tailstack.errors import Problem, TailstackError
 
 from ..problems import TransportError
 from ..store.errors import StoreError, StoreUnavailable
-from .answers import problem_response
+from .answers import path_of, problem_response
 from .bodies import BodyTooLarge, Placed
 
 log = logging.getLogger("tailstack.service")
@@ -25,9 +25,7 @@ def refused(request: Request, error: TailstackError | Placed) -> Response:
     if isinstance(refusal, StoreUnavailable | StoreError):
         refusal = _without_its_address(request_id, refusal)
     status = 413 if isinstance(refusal, BodyTooLarge) else None
-    response = problem_response(
-        refusal, instance=request.scope["path"], request_id=request_id, status=status, prefix=prefix
-    )
+    response = problem_response(refusal, instance=path_of(request), request_id=request_id, status=status, prefix=prefix)
     if response.status_code in (429, 503):
         response.headers.setdefault("Retry-After", str(STORE_RETRY_SECONDS))
     return response

@@ -12,6 +12,7 @@ from starlette.routing import Route as Plain
 from tailstack.errors import Problem
 
 from ..problems import TransportError
+from .answers import path_of
 from .asked import refuse_query
 from .routes import ROUTES, Route
 from .service import service_of
@@ -52,7 +53,7 @@ async def answered(request: Request, router: Router) -> Response:
             return response
         if match is Match.PARTIAL and isinstance(route, Plain):
             methods |= route.methods or set()
-    told = request.scope["path"][:LONGEST_TOLD]
+    told = path_of(request)[:LONGEST_TOLD]
     if not methods:
         problem = Problem("", "not-found", f"there is nothing at {told}", "GET /openapi.json lists every path")
         raise TransportError("not-found", problem)

@@ -43,7 +43,7 @@ def _record(kind: type[Record], content: bytes) -> Record:
 def kept(make: Callable[Concatenate[_Part, _Rest], _Made]) -> Callable[Concatenate[_Part, _Rest], _Made]:
     """``make``, remembering what it made of a record (by identity) and further hashable arguments.
 
-    The record is immutable and small, and so is what is made of it: it is shared.
+    The record is immutable, and so is what is made of it: it is shared.
     """
     made: dict[tuple[Any, ...], tuple[_Part, _Made]] = {}
 
