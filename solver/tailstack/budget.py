@@ -163,12 +163,10 @@ def budget(model: LinearModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contri
 def _row(line: Line, share: float, without_mm: float, square: float, slope: float) -> Contributor:
     """A line with its numbers, those of one unit only where all its sources are alike; square: of the gains' length."""
     block, j = line.block, line.sources[0]
-    law, single = block.laws[j], len(line.sources) == 1
-    if not single:
-        mixed = block.laws.count(law) < len(block.laws)
-        if not block.grouped or bool((block.half_width != block.half_width[0]).any()):
-            named = "mixed" if mixed else str(law)
-            return Contributor(block.contributor, line.component, named, None, "", None, None, share, None, without_mm)
+    law = block.laws[j]
+    if len(line.sources) > 1 and not (block.grouped and bool((block.half_width == block.half_width[0]).all())):
+        named = str(law) if block.laws.count(law) == len(block.laws) else "mixed"
+        return Contributor(block.contributor, line.component, named, None, "", None, None, share, None, without_mm)
     unit, factor = unit_for_people(block.units[j])
     half_width, std = float(block.half_width[j]) * factor, float(block.std[j]) * factor
     sensitivity, slope = sqrt(square) / factor, slope / factor

@@ -147,6 +147,11 @@ class System:
     notes: tuple[str, ...] = field(default=())  # assumptions recorded on the way (e.g. RAS converted to LPS)
 
     @property
+    def projections(self) -> Array:
+        """(V, 3, 4) of all views."""
+        return np.array([view.projection for view in self.views])
+
+    @property
     def T_tcp_con(self) -> Array:
         return self.T_tcp_flange @ self.T_flange_con
 

@@ -6,7 +6,6 @@ built to hurt a parser.
 
 from __future__ import annotations
 
-import copy
 import json
 import random
 from pathlib import Path
@@ -16,6 +15,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from plain_data import replaced
 from tailstack.design import check_design, convert, load_design
 from tailstack.design.fiducial_files import FORMATS
 from tailstack.errors import Problem, TailstackError
@@ -55,17 +55,6 @@ def paths(node, here=()):
     items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
     for key, child in items:
         yield from paths(child, (*here, key))
-
-
-def replaced(data, path, value):
-    if not path:
-        return value
-    data = copy.deepcopy(data)
-    node = data
-    for step in path[:-1]:
-        node = node[step]
-    node[path[-1]] = value
-    return data
 
 
 scalars = (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import socket
 import threading
@@ -16,6 +15,8 @@ from typing import Any
 import httpx
 from openapi_scenes import json_examples, light, operations, parameters
 from served import served
+
+from plain_data import replaced
 
 FORMATS = ("html", "pdf", "xlsx", "json")
 KEPT_OPTIMISATIONS = 1  # of those that are accepted; the others are cancelled, for each takes seconds
@@ -63,15 +64,6 @@ def texts(node: Any, way: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
         yield way
     for key, child in node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ():
         yield from texts(child, (*way, key))
-
-
-def replaced(body: Any, way: tuple[Any, ...], text: str) -> Any:
-    body = copy.deepcopy(body)
-    node = body
-    for step in way[:-1]:
-        node = node[step]
-    node[way[-1]] = text
-    return body
 
 
 def baits(address: str) -> tuple[str, ...]:

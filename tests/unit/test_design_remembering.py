@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import hashlib
 import json
 from math import copysign
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
+from plain_data import replaced
 from tailstack.design import compile_design, load_design
 from tailstack.design.remembering import LONGEST, MOST, kept
 from tailstack.errors import DesignError
@@ -24,12 +24,7 @@ EXAMPLES = sorted(
 
 
 def changed(value, *path):
-    data = copy.deepcopy(DEMO)
-    at = data
-    for step in path[:-1]:
-        at = at[step]
-    at[path[-1]] = value
-    return data
+    return replaced(DEMO, path, value)
 
 
 def arrays(value):

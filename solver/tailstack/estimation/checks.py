@@ -89,9 +89,8 @@ class _Seen:
 def _look(system: System) -> list[_Seen]:
     points = np.concatenate([imaged_fiducials(system), [target.position_mm for target in system.targets]])
     sizes = np.array([view.image_size_px or (np.nan, np.nan) for view in system.views], dtype=np.float64)
-    projections = np.array([view.projection for view in system.views])
     # Squared singular values; twice the limit, as they are good to 1e-7 of the largest.
-    depths, images, margins, facts = look(projections, points, len(system.fiducials_mm), sizes, (2 * WEAK) ** 2)
+    depths, images, margins, facts = look(system.projections, points, len(system.fiducials_mm), sizes, (2 * WEAK) ** 2)
     seen = []
     for view, depth, image, margin, fact in zip(system.views, depths, images, margins, facts.tolist(), strict=True):
         nearest, farthest, smallest, least_depth, least_margin, first, second, distance, firm = fact
@@ -331,7 +330,7 @@ def _odd_one_out(points: Array) -> tuple[int, Array] | None:
 
 
 def _check_triangulation(system: System) -> list[Finding]:
-    projections = np.array([view.projection for view in system.views])
+    projections = system.projections
     places = np.array([target.position_mm for target in system.targets])
     names = ", ".join(view.name for view in system.views)
     findings = []

@@ -78,7 +78,7 @@ def estimator_geometry(system: System) -> tuple[Array, Array, Array]:
 
 
 def _estimator_geometry(system: System, first: Displacement) -> tuple[Array, Array, Array]:
-    projections = np.array([view.projection for view in system.views])
+    projections = system.projections
     if system.reading is Reading.PHYSICAL:
         told, per_error, seen = system.fiducials_mm.copy(), np.eye(3), projections @ first.matrix()
     else:

@@ -9,27 +9,22 @@ from numba import njit
 
 from ..system import Array
 from .noise import mean_rows, noise_gains_jit
-from .parallax import parallax_gains
+from .parallax import motion_of_image, parallax_gains
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _images_by_displacement(projections: Array, points: Array, per_error: Array) -> Array:
-    """(V, N, 2, 3) relative to depth, px per mm of manufacturing error: how the images of points (N, 3) move."""
+def _images_by_error(projections: Array, points: Array, per_error: Array) -> Array:
+    """(V, N, 2, 3) px per mm: how the image of each point (N, 3) moves with its manufacturing error."""
     views, count = projections.shape[0], points.shape[0]
     out = np.zeros((views, count, 2, 3))
-    per_mm = np.empty(3)
+    motion = np.empty((2, 3))
     for v in range(views):
         for i in range(count):
-            seen = projections[v, :, 3].copy()
-            for r in range(3):
-                for k in range(3):
-                    seen[r] += projections[v, r, k] * points[i, k]
+            motion_of_image(projections[v], points[i], motion)
             for c in range(2):
                 for k in range(3):
-                    per_mm[k] = projections[v, c, k] - seen[c] / seen[2] * projections[v, 2, k]
-                for k in range(3):
                     for j in range(3):
-                        out[v, i, c, k] += per_mm[j] * per_error[j, k] / seen[2]
+                        out[v, i, c, k] += motion[c, j] * per_error[j, k]
     return out
 
 
@@ -114,7 +109,7 @@ def image_gains(
                         for k in range(3):
                             block_diagonal[j, x] += through[j, k] * through[x, k] * std[i, k] ** 2
     parallax = parallax_gains(projections, points, target)
-    moved = _images_by_displacement(projections, points, per_error)
+    moved = _images_by_error(projections, points, per_error)
     nu = _validity_number(perspective, parallax, moved, std, noises)
     centroid = mean_rows(points)
     away = 0.0

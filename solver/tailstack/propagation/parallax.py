@@ -34,6 +34,19 @@ def _made_orthogonal(vector: Array, units: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def motion_of_image(projection: Array, point: Array, out: Array) -> float:
+    """Fill out (2, 3), px per mm, with how the image of a point (3,) moves with it; its depth, mm.  P (3, 4)."""
+    seen = projection[:, 3].copy()
+    for r in range(3):
+        for k in range(3):
+            seen[r] += projection[r, k] * point[k]
+    for c in range(2):
+        for k in range(3):
+            out[c, k] = (projection[c, k] - seen[c] / seen[2] * projection[2, k]) / seen[2]
+    return float(seen[2])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def parallax_gains(projections: Array, points: Array, target: Array) -> Array:
     """(V, N, 2, 2 V) relative change of how the images move with the target along its weakest direction.
 
@@ -45,15 +58,12 @@ def parallax_gains(projections: Array, points: Array, target: Array) -> Array:
     centre = mean_rows(points)
     moved = np.zeros((3, 2 * views))  # px per mm along x, y, z
     nearest = np.inf
+    motion = np.empty((2, 3))
     for v in range(views):
-        seen = projections[v, :, 3].copy()
-        for r in range(3):
-            for k in range(3):
-                seen[r] += projections[v, r, k] * target[k]
-        nearest = min(nearest, seen[2])
+        nearest = min(nearest, motion_of_image(projections[v], target, motion))
         for c in range(2):
             for k in range(3):
-                moved[k, 2 * v + c] = (projections[v, c, k] - seen[c] / seen[2] * projections[v, 2, k]) / seen[2]
+                moved[k, 2 * v + c] = motion[c, k]
     normal = np.zeros((3, 3))
     for j in range(3):
         for k in range(3):
