@@ -1,4 +1,4 @@
-"""Which of the image's compiled kernels this processor is given.  A .pth file imports this into every interpreter.
+"""Which of the image's compiled kernels this processor is given; a .pth file asks at the start of every interpreter.
 
 numba looks its cache up under the name of the processor, and an image runs on other processors than the one it was
 built on.  Kernels are therefore compiled for levels of the x86-64 psABI instead, and the highest level is taken that
@@ -27,15 +27,19 @@ def levels_of_processor() -> list[str]:
     return [level for level, needed in LEVELS.items() if needed <= flags]
 
 
-def choose(prebuilt: Path = PREBUILT) -> None:
-    """Set NUMBA_CPU_NAME and NUMBA_CPU_FEATURES for this process and its children."""
-    if "NUMBA_CPU_NAME" not in os.environ:
+def choose(environment: dict[str, str], prebuilt: Path = PREBUILT) -> dict[str, str]:
+    """What this processor and these prebuilt kernels add to the environment of a process."""
+    chosen = {}
+    if "NUMBA_CPU_NAME" not in environment:
         level = next((level for level in levels_of_processor() if (prebuilt / level).exists()), None)
         if level is None:
-            return
-        os.environ["NUMBA_CPU_NAME"] = level
-    if os.environ["NUMBA_CPU_NAME"] in LEVELS:
-        os.environ.setdefault("NUMBA_CPU_FEATURES", "")  # else numba adds this processor's own
+            return {}
+        chosen["NUMBA_CPU_NAME"] = level
+    if (environment | chosen)["NUMBA_CPU_NAME"] in LEVELS and "NUMBA_CPU_FEATURES" not in environment:
+        chosen["NUMBA_CPU_FEATURES"] = ""  # else numba adds this processor's own
+    return chosen
 
 
-choose()
+def write_choice() -> None:
+    """For this process and its children; what ``tailstack.pth`` calls."""
+    os.environ.update(choose(dict(os.environ)))

@@ -394,24 +394,32 @@ def test_without_a_place_to_write_the_reason_is_said(prebuilt: tuple[Path, Path]
         ("x86-64-v4", (), {}, (None, None)),
         ("x86-64-v4", ("x86-64-v4", "x86-64-v3"), {"NUMBA_CPU_NAME": "x86-64-v3"}, ("x86-64-v3", "")),
         ("x86-64-v4", ("x86-64-v4",), {"NUMBA_CPU_NAME": "znver5"}, ("znver5", None)),
+        ("x86-64-v4", ("x86-64-v4",), {"NUMBA_CPU_FEATURES": "+fma"}, ("x86-64-v4", "+fma")),
     ],
 )
 def test_the_highest_level_that_processor_and_image_have(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, processor: str, built: tuple[str, ...], given: dict[str, str],
     expected: tuple[str | None, str | None],
 ) -> None:  # fmt: skip
-    monkeypatch.delenv("NUMBA_CPU_NAME", raising=False)
-    monkeypatch.delenv("NUMBA_CPU_FEATURES", raising=False)
     monkeypatch.syspath_prepend(str(DOCKER / "image"))
     import tailstack_kernels
 
-    for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"):
-        monkeypatch.delenv(name, raising=False)
-    for name, value in given.items():
-        monkeypatch.setenv(name, value)
     for level in built:
         (tmp_path / level).touch()
     levels = list(tailstack_kernels.LEVELS)
     monkeypatch.setattr(tailstack_kernels, "levels_of_processor", lambda: levels[levels.index(processor) :])
-    tailstack_kernels.choose(tmp_path)
-    assert (os.environ.get("NUMBA_CPU_NAME"), os.environ.get("NUMBA_CPU_FEATURES")) == expected
+    before = dict(os.environ)
+    chosen = given | tailstack_kernels.choose(given, tmp_path)
+    assert (chosen.get("NUMBA_CPU_NAME"), chosen.get("NUMBA_CPU_FEATURES")) == expected
+    assert dict(os.environ) == before  # a choice that leaks compiles later processes for another processor
+
+
+def test_the_start_of_every_interpreter_of_the_image_writes_the_choice() -> None:
+    """The line of the .pth file, run as ``site`` runs it."""
+    (line,) = [entry for entry in (DOCKER / "image" / "tailstack.pth").read_text().splitlines() if " " in entry]
+    assert line.startswith("import ")  # or site takes it for a directory
+    program = f"import os\n{line}\nprint(os.environ['NUMBA_CPU_NAME'], repr(os.environ['NUMBA_CPU_FEATURES']))"
+    given = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA_")}
+    given |= {"NUMBA_CPU_NAME": "x86-64-v3", "PYTHONPATH": str(DOCKER / "image")}
+    done = subprocess.run([sys.executable, "-c", program], env=given, capture_output=True, text=True, timeout=60)
+    assert done.stdout.split() == ["x86-64-v3", "''"], done.stderr
