@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .propagation.linear import Block, LinearModel
 from .system import Array, Law
+from .tail.bounded import indistinguishable
 from .tail.bounded import worst_case as worst_vertex
 from .tail.declared import LinearLaw
 from .tail.spectrum import VANISHING_MM
@@ -139,6 +140,49 @@ def worst_case(
     return _worst_case(model, error, quantile, None, without)
 
 
+def worst_vertices(model: LinearModel, error: str, quantile: float) -> tuple[dict[str, float], ...]:
+    """The vertices that first order cannot tell from the worst one, the worst first: ends by "contributor.component".
+
+    Components that first order says the error is blind to are left out.
+    """
+    keys = _bounded_sources(model)
+    if not keys:
+        return ({},)
+    columns = _bounded_columns(model, error, keys)
+    law = law_of(model.bias_mm(error), parts_of(model, error))
+    worst = worst_vertex(law, columns, quantile)
+    felt = [
+        (k, f"{block.contributor}.{block.components[j]}") for k, (block, j) in enumerate(keys) if columns[:, k].any()
+    ]
+    return tuple(
+        {name: float(signs[k]) for k, name in felt} for signs in indistinguishable(law, columns, quantile, worst.signs)
+    )
+
+
+def mean_at(model: LinearModel, error: str, vertex: Mapping[str, float]) -> Array:
+    """(3,) mm: the bias with bounded components at these ends, by "contributor.component"."""
+    mean = model.bias_mm(error).copy()
+    for block, j in _bounded_sources(model):
+        end = vertex.get(f"{block.contributor}.{block.components[j]}", 0.0)
+        mean += model.gain(block, error)[:, j] * (block.half_width[j] * end)
+    return mean
+
+
+def _bounded_sources(model: LinearModel, without: frozenset[tuple[str, int]] = frozenset()) -> list[tuple[Block, int]]:
+    return [
+        (block, j)
+        for block in model.blocks
+        if Law.BOUNDED in block.laws
+        for j, law in enumerate(block.laws)
+        if law is Law.BOUNDED and block.half_width[j] > 0 and (block.contributor, j) not in without
+    ]
+
+
+def _bounded_columns(model: LinearModel, error: str, keys: list[tuple[Block, int]]) -> Array:
+    """(3, q) mm: what each of these sources does at the end of its half-width."""
+    return np.stack([model.gain(block, error)[:, j] * block.half_width[j] for block, j in keys], axis=1)
+
+
 def _worst_case(
     model: LinearModel,
     error: str,
@@ -146,22 +190,15 @@ def _worst_case(
     parts: Sequence[Part] | None,
     without: frozenset[tuple[str, int]],
 ) -> WorstCase:
-    keys = [
-        (block.contributor, j, block)
-        for block in model.blocks
-        if Law.BOUNDED in block.laws
-        for j, law in enumerate(block.laws)
-        if law is Law.BOUNDED and block.half_width[j] > 0 and (block.contributor, j) not in without
-    ]
+    keys = _bounded_sources(model, without)
     mean = model.bias_mm(error)
     if not keys:
         return WorstCase(mean, {}, ())
-    columns = np.stack([model.gain(block, error)[:, j] * block.half_width[j] for _, j, block in keys], axis=1)
     law = law_of(mean, parts_of(model, error) if parts is None else parts)
-    found = worst_vertex(law, columns, quantile)
+    found = worst_vertex(law, _bounded_columns(model, error, keys), quantile)
     names = []
-    for (contributor, j, block), sign in zip(keys, found.signs, strict=True):
+    for (block, j), sign in zip(keys, found.signs, strict=True):
         unit, factor = unit_for_people(block.units[j])
-        names.append(f"{contributor}.{block.components[j]}={sign * block.half_width[j] * factor:+g} {unit}")
-    signs = {(contributor, j): float(sign) for (contributor, j, _), sign in zip(keys, found.signs, strict=True)}
+        names.append(f"{block.contributor}.{block.components[j]}={sign * block.half_width[j] * factor:+g} {unit}")
+    signs = {(block.contributor, j): float(sign) for (block, j), sign in zip(keys, found.signs, strict=True)}
     return WorstCase(found.law.mean, signs, tuple(names))

@@ -7,13 +7,12 @@ the same questions.  A source that lacks a part raises Pending with all that can
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from math import ceil
 
 import numpy as np
 
-from .contributors import declared_law
+from .contributors import declared_law, mean_at
 from .cores import usable_cores
 from .montecarlo import compile_plan, run_indices
 from .montecarlo.estimators import Goal, planned_looks, quantile_estimate, simulate_to_precision
@@ -34,9 +33,11 @@ from .sampling import (
     Source,
     UnitsWanted,
     Vertex,
+    confidence_at_each,
     confidence_of,
     cvar_decided,
     goals_of,
+    largest,
     limits_of,
     lowest_quantile,
     prepare,
@@ -63,7 +64,9 @@ __all__ = [
     "Sampling",
     "Source",
     "UnitsWanted",
+    "confidence_at_each",
     "confidence_of",
+    "largest",
     "limits_of",
     "prepare",
     "radial_estimate",
@@ -77,14 +80,14 @@ UNITS_PER_BATCH = 32
 
 def run_all(
     ready: Prepared, sampling: Sampling, threads: int | None, progress: Progress | None, source: Source | None
-) -> tuple[Run, dict[tuple[Requirement, str], Array]]:
+) -> tuple[Run, dict[tuple[Requirement, str], list[Array]]]:
     """Everything that is sampled: trials, and the units' own quantiles by requirement and target."""
     run: list[Run] = []
-    own: dict[tuple[Requirement, str], Array] = {}
+    own: dict[tuple[Requirement, str], list[Array]] = {}
 
     def trials() -> None:
         if sampling.method == "radial":
-            run.append(_run_radial(ready, sampling.seed, threads, progress, source))
+            run.append(_run_radial(ready, sampling, threads, progress, source))
         elif sampling.trials is not None:
             run.append(_run_fixed(ready, sampling.trials, sampling.seed, threads, progress, source))
         elif sampling.sequential:
@@ -99,10 +102,9 @@ def run_all(
     return run[0], own
 
 
-def _run_fixed(
+def _draw(
     ready: Prepared, trials: int, seed: int, threads: int | None, progress: Progress | None, source: Source | None
-) -> Run:
-    level = confidence_of(ready.system)
+) -> dict[Vertex, Samples]:
     runs = [
         partial(
             simulate, plan, trials=trials, seed=seed, quantile=lowest_quantile(ready.system), threads=threads,
@@ -111,7 +113,14 @@ def _run_fixed(
         )
         for plan in ready.plans.values()
     ]  # fmt: skip
-    samples = dict(zip(ready.plans, together(runs), strict=True))
+    return dict(zip(ready.plans, together(runs), strict=True))
+
+
+def _run_fixed(
+    ready: Prepared, trials: int, seed: int, threads: int | None, progress: Progress | None, source: Source | None
+) -> Run:
+    level = confidence_at_each(ready)
+    samples = _draw(ready, trials, seed, threads, progress, source)
     reached = 0.0
     for vertex, sample in samples.items():
         for goal in goals_of(ready, vertex):
@@ -123,7 +132,7 @@ def _run_fixed(
 def _run_adaptive(
     ready: Prepared, sampling: Sampling, threads: int | None, progress: Progress | None, source: Source | None
 ) -> Run:
-    confidence = confidence_of(ready.system)
+    confidence = confidence_at_each(ready)
     runs = [
         partial(
             simulate_to_precision, plan, precision=sampling.precision or PRECISION, seed=sampling.seed,
@@ -156,41 +165,48 @@ def _decided(ready: Prepared, vertex: Vertex, sampling: Sampling, samples: Sampl
 
 
 def _run_radial(
-    ready: Prepared, seed: int, threads: int | None, progress: Progress | None, source: Source | None
+    ready: Prepared, sampling: Sampling, threads: int | None, progress: Progress | None, source: Source | None
 ) -> Run:
     quantiles = {(name, error, P95) for name, error in ready.vertices}
     quantiles |= {(n, r.error, r.quantile) for r in ready.system.requirements for n in r.targets}
-    wanted = [RadialWanted(*which, seed) for which in sorted(quantiles)]
-    plain: list[Run] = []
+    wanted = [
+        RadialWanted(name, error, quantile, sampling.seed, vertex)
+        for name, error, quantile in sorted(quantiles)
+        for vertex in ready.vertices[name, error]
+    ]
+    trials = RADIAL_COMPANION_TRIALS if sampling.trials is None else sampling.trials
+    samples: dict[Vertex, Samples] = {}
     estimates: list[RadialEstimate] = []
     together([
-        lambda: plain.append(_run_fixed(ready, RADIAL_COMPANION_TRIALS, seed, threads, progress, source)),
+        lambda: samples.update(_draw(ready, trials, sampling.seed, threads, progress, source)),
         lambda: estimates.extend(together(
             [partial(radial_estimate, ready, one) if source is None else partial(source.radial, one) for one in wanted]
         )),
     ])  # fmt: skip
-    found = {
-        (one.target, one.error, one.quantile): Quantile(estimate.value_mm, estimate.interval_mm)
-        for one, estimate in zip(wanted, estimates, strict=True)
-    }
-    reached = max((found.interval_mm[1] - found.interval_mm[0]) / (2 * found.value_mm) for found in estimates)
+    at_each: dict[tuple[str, str, float], list[Quantile]] = {}
+    for one, estimate in zip(wanted, estimates, strict=True):
+        key = one.target, one.error, one.quantile
+        at_each.setdefault(key, []).append(Quantile(estimate.value_mm, estimate.interval_mm))
+    found = {key: largest(several) for key, several in at_each.items()}
+    reached = max((one.interval_mm[1] - one.interval_mm[0]) / (2 * one.value_mm) for one in found.values())
     stopping = (
         f"Quantiles by radial conditional sampling with {sum(found.evaluations for found in estimates)} evaluations of "
-        f"the chain; moments, CVaR, worst case and exceedance from {RADIAL_COMPANION_TRIALS} plain trials."
+        f"the chain; moments, CVaR, worst case and exceedance from {trials} plain trials."
     )
-    return replace(plain[0], stopping=stopping, precision_reached=reached, quantiles=found)
+    return Run(samples, confidence_at_each(ready), stopping, reached, found)
 
 
 def radial_estimate(ready: Prepared, wanted: RadialWanted) -> RadialEstimate:
     """One quantile by radial conditional sampling, with the linear model as its control.  Raises OutOfRangeError."""
     name, error = wanted.target, wanted.error
     place = [target.name for target in ready.system.targets].index(name)
-    model, case = ready.models[name], ready.worst[name, error]
-    plan = ready.plans[ready.vertices[name, error]]
-    law, _ = declared_law(model, error, case.mean_mm)
+    model = ready.models[name]
+    mean = mean_at(model, error, dict(wanted.vertex))
+    plan = ready.plans[wanted.vertex]
+    law, _ = declared_law(model, error, mean)
     first = law_quantile(law, wanted.quantile)
     linear = LinearChain(
-        mean=case.mean_mm,
+        mean=mean,
         gain=gains_in_plan_order(plan, model.blocks, place, error),
         exceedance=partial(law_exceedance, law),
         quantile_mm=first.quantile_mm,
@@ -198,24 +214,27 @@ def radial_estimate(ready: Prepared, wanted: RadialWanted) -> RadialEstimate:
     )
     return radial(
         plan, linear, target=place, error=error, quantile=wanted.quantile, seed=wanted.seed,
-        confidence=confidence_of(ready.system),
+        confidence=confidence_at_each(ready),
     )  # fmt: skip
 
 
 def _unit_quantiles(
     ready: Prepared, seed: int, threads: int | None, source: Source | None
-) -> dict[tuple[Requirement, str], Array]:
-    """(UNITS,) mm, by requirement and target, where the requirement is on each unit."""
-    wanted = {}
+) -> dict[tuple[Requirement, str], list[Array]]:
+    """(UNITS,) mm at each vertex, by requirement and target, where the requirement is on each unit."""
+    wanted = []
     for requirement in ready.system.requirements:
         for name in requirement.targets if requirement.risk == "per_unit" else ():
-            plan = compile_plan(
-                ready.system, vertex=dict(ready.vertices[name, requirement.error]), shots_per_unit=SHOTS
-            )
             place = [target.name for target in ready.system.targets].index(name)
-            wanted[requirement, name] = UnitsWanted(plan, seed, place, requirement.error, requirement.quantile)
+            for vertex in ready.vertices[name, requirement.error]:
+                plan = compile_plan(ready.system, vertex=dict(vertex), shots_per_unit=SHOTS)
+                one = UnitsWanted(plan, seed, place, requirement.error, requirement.quantile)
+                wanted.append(((requirement, name), one))
     ask = partial(_units_here, threads=threads) if source is None else source.unit_quantiles
-    return dict(zip(wanted, together([partial(ask, one) for one in wanted.values()]), strict=True))
+    own: dict[tuple[Requirement, str], list[Array]] = {}
+    for (key, _), found in zip(wanted, together([partial(ask, one) for _, one in wanted]), strict=True):
+        own.setdefault(key, []).append(found)
+    return own
 
 
 def _units_here(wanted: UnitsWanted, *, threads: int | None) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Literal, Protocol, TypeVar
 
-from .contributors import WorstCase, worst_case
+from .contributors import WorstCase, worst_case, worst_vertices
 from .design import Design
 from .errors import DesignError, OutOfRangeError, Problem
 from .montecarlo import ChainPlan, compile_plan
@@ -45,12 +45,13 @@ class UnitsWanted:
 
 @dataclass(frozen=True, slots=True)
 class RadialWanted:
-    """A quantile by radial conditional sampling."""
+    """A quantile by radial conditional sampling at one vertex."""
 
     target: str
     error: str
     quantile: float
     seed: int
+    vertex: Vertex = ()
 
 
 class Source(Protocol):
@@ -64,14 +65,18 @@ class Source(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """What a check needs of the linear model: at which vertex to simulate, and what to compare with."""
+    """What a check needs of the linear model: at which vertices to simulate, and what to compare with.
+
+    Where first order cannot tell some vertices of the bounded components from the worst one (opposite ones without a
+    bias), an error is sampled at each of them, the worst by first order first, and the worst of what is found is told.
+    """
 
     system: System
     findings: tuple[Finding, ...]
     trust: Validity
     models: dict[str, LinearModel]
     worst: dict[Key, WorstCase]
-    vertices: dict[Key, Vertex]
+    vertices: dict[Key, tuple[Vertex, ...]]
     plans: dict[Vertex, ChainPlan]
 
 
@@ -79,6 +84,12 @@ class Prepared:
 class Quantile:
     value_mm: float
     interval_mm: Interval
+
+
+def largest(found: Iterable[Quantile]) -> Quantile:
+    """The largest of a quantile at several vertices, with its interval: each end is the largest of theirs."""
+    value, low, high = zip(*((one.value_mm, *one.interval_mm) for one in found), strict=True)
+    return Quantile(max(value), (max(low), max(high)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,12 +133,16 @@ def prepare(design: Design | System) -> Prepared:
     system, findings, _ = checked_system(design)
     models = {target.name: linearise(system, target) for target in system.targets}
     worst = {(name, error): worst_case(model, error, P95) for name, model in models.items() for error in FRAMES}
-    vertices: dict[Key, Vertex] = {}
-    for (name, error), case in worst.items():
-        # Where the error is blind to a component, the vertex of the TCP error serves: one run instead of two.
-        ends = worst[name, "tcp"].vertex(models[name]) | case.vertex(models[name])
-        vertices[name, error] = tuple(sorted(ends.items()))
-    plans = {vertex: compile_plan(system, vertex=dict(vertex)) for vertex in dict.fromkeys(vertices.values())}
+    vertices: dict[Key, tuple[Vertex, ...]] = {}
+    for name, model in models.items():
+        for error in FRAMES:
+            asked = {r.quantile for r in system.requirements if r.error == error and name in r.targets}
+            ends = [end for quantile in (P95, *sorted(asked - {P95})) for end in worst_vertices(model, error, quantile)]
+            # Where the error is blind to a component, the TCP error's worst vertex serves: one run instead of two.
+            elsewhere = worst[name, "tcp"].vertex(model)
+            vertices[name, error] = tuple(dict.fromkeys(tuple(sorted((elsewhere | end).items())) for end in ends))
+    every = dict.fromkeys(vertex for several in vertices.values() for vertex in several)
+    plans = {vertex: compile_plan(system, vertex=dict(vertex)) for vertex in every}
     return Prepared(system, findings, trust_of(system, models), models, worst, vertices, plans)
 
 
@@ -148,16 +163,21 @@ def together(asked: Iterable[Callable[[], T]]) -> list[T]:
 
 def goals_of(ready: Prepared, vertex: Vertex) -> list[Goal]:
     """Quantiles that must be precise in the run at this vertex: P95 and every requirement's own."""
-    wanted = {(name, error, P95) for (name, error), at in ready.vertices.items() if at == vertex and error == "tcp"}
+    wanted = {(name, error, P95) for (name, error), at in ready.vertices.items() if vertex in at and error == "tcp"}
     for requirement in ready.system.requirements:
         for name in requirement.targets:
-            if ready.vertices[name, requirement.error] == vertex:
+            if vertex in ready.vertices[name, requirement.error]:
                 wanted.add((name, requirement.error, requirement.quantile))
     return [Goal(*goal) for goal in sorted(wanted)]
 
 
 def confidence_of(system: System) -> float:
     return max((r.confidence for r in system.requirements), default=0.95)
+
+
+def confidence_at_each(ready: Prepared) -> float:
+    """Confidence of an interval at one vertex with which the largest over all vertices of an error has its own."""
+    return 1 - (1 - confidence_of(ready.system)) / max(len(several) for several in ready.vertices.values())
 
 
 def lowest_quantile(system: System) -> float:
@@ -179,12 +199,12 @@ def questions_of(ready: Prepared, vertex: Vertex, sampling: Sampling) -> tuple[Q
         if requirement.risk == "pooled"
     )
     everything = dict.fromkeys((*required, *sampling.questions))
-    return tuple(asked for asked in everything if ready.vertices[asked.target, asked.error] == vertex)
+    return tuple(asked for asked in everything if vertex in ready.vertices[asked.target, asked.error])
 
 
 def cvar_decided(ready: Prepared, vertex: Vertex, sampling: Sampling, samples: Samples, looks: int) -> bool:
     for asked in sampling.cvar:
-        if ready.vertices[asked.target, "tcp"] != vertex:
+        if vertex not in ready.vertices[asked.target, "tcp"]:
             continue
         p95 = quantile_estimate(samples, asked.target, "tcp", P95).value_mm
         mean = cvar_estimate(samples, asked.target, "tcp", P95).value_mm

@@ -12,8 +12,10 @@ from .sampling import (
     Run,
     Sampling,
     Source,
+    confidence_at_each,
     confidence_of,
     cvar_decided,
+    largest,
     limits_of,
     lowest_quantile,
     questions_of,
@@ -25,7 +27,7 @@ from .scoring import P95
 def run_sequential(
     ready: Prepared, sampling: Sampling, threads: int | None, progress: Progress | None, source: Source | None
 ) -> Run:
-    confidence = confidence_of(ready.system)
+    confidence = confidence_at_each(ready)
     runs = [
         partial(
             simulate_to_decision, plan, seed=sampling.seed, questions=questions_of(ready, vertex, sampling),
@@ -40,10 +42,13 @@ def run_sequential(
     wanted |= {(n, r.error, r.quantile) for r in ready.system.requirements for n in r.targets}
     quantiles: dict[tuple[str, str, float], Quantile] = {}
     for name, error, quantile in sorted(wanted):
-        run = found[ready.vertices[name, error]]
-        ranks = repeated_ranks(run.looks, quantile, confidence)[run.looks.index(run.samples.trials)]
-        one = repeated_interval(run.samples, name, error, quantile, ranks)
-        quantiles[name, error, quantile] = Quantile(one.value_mm, one.interval_mm)
+        at_each = []
+        for vertex in ready.vertices[name, error]:
+            run = found[vertex]
+            ranks = repeated_ranks(run.looks, quantile, confidence)[run.looks.index(run.samples.trials)]
+            one = repeated_interval(run.samples, name, error, quantile, ranks)
+            at_each.append(Quantile(one.value_mm, one.interval_mm))
+        quantiles[name, error, quantile] = largest(at_each)
     reached = max(
         (one.interval_mm[1] - one.interval_mm[0]) / (2 * one.value_mm) if one.value_mm > 0 else 0.0
         for key, one in quantiles.items()
@@ -54,7 +59,7 @@ def run_sequential(
     stopping = (
         f"Stopped after {longest.samples.trials} trials because {reason}: a sequential test with up to "
         f"{len(longest.looks)} looks, each limit of a quantile decided wrongly with a probability of at most "
-        f"{(1 - confidence) / 2:.3g} on either side, over all looks."
+        f"{(1 - confidence_of(ready.system)) / 2:.3g} on either side, over all looks."
     )
     samples = {vertex: run.samples for vertex, run in found.items()}
     return Run(samples, confidence, stopping, reached, quantiles)

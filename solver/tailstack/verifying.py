@@ -9,7 +9,7 @@ from scipy.special import betaincinv  # scipy.stats takes most of a second to im
 
 from .contributors import declared_law
 from .design import Design
-from .montecarlo.estimators import cvar_estimate, exceedance_estimate, interval_ranks, quantile_estimate
+from .montecarlo.estimators import between_ranks, cvar_estimate, exceedance_estimate, interval_ranks, quantile_estimate
 from .precision import PRECISION
 from .results import (
     Check,
@@ -31,7 +31,9 @@ from .runs import (
     Run,
     Sampling,
     Source,
+    confidence_at_each,
     confidence_of,
+    largest,
     prepare,
     run_all,
 )
@@ -60,8 +62,9 @@ def verify(
     ``trials`` draws exactly so many; otherwise trials are drawn until every interval's relative half-width is
     at most ``precision`` (default 0.005) *and* every requirement is decided, up to ``max_trials``.  ``method="radial"``
     takes the quantiles from radial conditional sampling (far fewer evaluations; refused where a ray crosses
-    twice).  Same seed, same digits, whatever ``threads``.  Bounded components stand at the vertex that the linear
-    model finds worst.  Raises DesignError, IllPosedError, OutOfRangeError.
+    twice), and the rest from ``trials`` plain ones.  Same seed, same digits, whatever ``threads``.  Bounded components
+    stand at the vertex that the linear model finds worst; where it cannot tell several apart, all of them are run and
+    the largest of what they give is told.  Raises DesignError, IllPosedError, OutOfRangeError.
     """
     sampling = Sampling(trials, precision, seed, method, max_trials)
     return verify_prepared(prepare(design), sampling, threads=threads, progress=progress)
@@ -89,7 +92,7 @@ def verify_prepared(
         precision_requested=sampling.precision or PRECISION if plain else None,
         max_trials=sampling.max_trials if plain else None,
         precision_reached=run.precision_reached,
-        stopping=run.stopping,
+        stopping=run.stopping + _vertices_told(ready),
         targets=targets,
         reprojection=_reprojection(run),
         first_order_ratio=worst.first_order_ratio,
@@ -101,29 +104,45 @@ def verify_prepared(
 def _quantile(ready: Prepared, run: Run, name: str, error: str, quantile: float) -> Quantile:
     if (name, error, quantile) in run.quantiles:
         return run.quantiles[name, error, quantile]
-    sample = run.samples[ready.vertices[name, error]]
-    found = quantile_estimate(sample, name, error, quantile, run.confidence_level)
-    return Quantile(found.value_mm, found.interval_mm)
+    at_each = (
+        quantile_estimate(run.samples[vertex], name, error, quantile, run.confidence_level)
+        for vertex in ready.vertices[name, error]
+    )
+    return largest(Quantile(found.value_mm, found.interval_mm) for found in at_each)
+
+
+def _vertices_told(ready: Prepared) -> str:
+    """A sentence where an error was sampled at several vertices."""
+    if all(len(several) == 1 for several in ready.vertices.values()):
+        return ""
+    return (
+        f" First order cannot tell which of several vertices of the bounded components is worst, so {len(ready.plans)} "
+        "were run; of each number the largest is told."
+    )
 
 
 def _metric(ready: Prepared, run: Run, name: str, error: str) -> MetricEstimate:
-    samples = run.samples[ready.vertices[name, error]]
-    sample = samples.of(name, error)
+    """Bias, spread and mean norm at the vertex with the largest P95; of the tail's numbers each one's largest."""
+    runs = [run.samples[vertex] for vertex in ready.vertices[name, error]]
+    worst = max(runs, key=lambda samples: between_ranks(samples, name, error, P95, None, None)[0])
+    sample = worst.of(name, error)
     found = _quantile(ready, run, name, error, P95)
     law, _ = declared_law(ready.models[name], error, ready.worst[name, error].mean_mm)
     limit = tightest_limit(ready.system, name, error)
     beyond = None
     if limit is not None:
-        above = exceedance_estimate(samples, name, error, limit, confidence_of(ready.system))
-        beyond = Exceedance(limit, above.probability, above.interval)
+        level = confidence_at_each(ready)
+        above = [exceedance_estimate(samples, name, error, limit, level) for samples in runs]
+        low, high = zip(*(one.interval for one in above), strict=True)
+        beyond = Exceedance(limit, max(one.probability for one in above), (max(low), max(high)))
     return MetricEstimate(
         bias_mm=vector3(sample.mean),
         std_mm=vector3(np.sqrt(np.diag(sample.covariance))),
         mean_norm_mm=sample.mean_norm,
         p95_mm=found.value_mm,
         p95_interval_mm=found.interval_mm,
-        cvar95_mm=cvar_estimate(samples, name, error, P95).value_mm,
-        worst_mm=sample.worst,
+        cvar95_mm=max(cvar_estimate(samples, name, error, P95).value_mm for samples in runs),
+        worst_mm=max(samples.of(name, error).worst for samples in runs),
         exceedance=beyond,
         first_order_ratio=law_quantile(law, P95).quantile_mm / found.value_mm if found.value_mm > 0 else 1.0,
     )
@@ -131,13 +150,12 @@ def _metric(ready: Prepared, run: Run, name: str, error: str) -> MetricEstimate:
 
 def _target(ready: Prepared, run: Run, name: str) -> TargetEstimate:
     metric = _metric(ready, run, name, "tcp")
-    samples = run.samples[ready.vertices[name, "tcp"]]
     return TargetEstimate(
         name=name,
         frame=FRAMES["tcp"],
         **{field: getattr(metric, field) for field in MetricEstimate.__dataclass_fields__},
         confidence=confidence_of(ready.system),
-        flagged_trials=samples.redone,
+        flagged_trials=max(run.samples[vertex].redone for vertex in ready.vertices[name, "tcp"]),
         first_order_p95_mm=metric.first_order_ratio * metric.p95_mm,
         localisation=_metric(ready, run, name, "localisation"),
     )
@@ -149,7 +167,7 @@ def _reprojection(run: Run) -> Reprojection:
     return Reprojection(len(values), float(values.mean()), float(np.quantile(values, P95)))
 
 
-def _checks(ready: Prepared, run: Run, own: dict[tuple[Requirement, str], Array]) -> tuple[Check, ...]:
+def _checks(ready: Prepared, run: Run, own: dict[tuple[Requirement, str], list[Array]]) -> tuple[Check, ...]:
     checks = []
     for requirement in ready.system.requirements:
         for name in requirement.targets:
@@ -161,24 +179,24 @@ def _checks(ready: Prepared, run: Run, own: dict[tuple[Requirement, str], Array]
     return tuple(checks)
 
 
-def _check_units(requirement: Requirement, name: str, own: Array) -> Check:
-    """Nested sampling: ``UNITS`` installed units, ``SHOTS`` shots of each.
+def _check_units(requirement: Requirement, name: str, own: list[Array]) -> Check:
+    """Nested sampling at each vertex: ``UNITS`` installed units, ``SHOTS`` shots of each; the worst vertex is told.
 
     Yield with its Clopper-Pearson interval; value: the 95th percentile over units of the unit's own quantile, by
     order statistics.  A unit's quantile is itself estimated from its shots: a unit on the limit counts as met half
     of the time, which pulls the yield towards one half by much less than the interval's width.
     """
-    ordered = np.sort(own)
-    met = int((ordered <= requirement.limit_mm).sum())
-    alpha = 1 - requirement.confidence
+    alpha = (1 - requirement.confidence) / len(own)
+    below, above = interval_ranks(UNITS, P95, 1 - alpha)
+    at_each = [np.sort(units) for units in own]
+    met = min(int((ordered <= requirement.limit_mm).sum()) for ordered in at_each)
     low = float(betaincinv(met, UNITS - met + 1, alpha / 2)) if met > 0 else 0.0
     high = float(betaincinv(met + 1, UNITS - met, 1 - alpha / 2)) if met < UNITS else 1.0
-    below, above = interval_ranks(UNITS, P95, requirement.confidence)
     return check_per_unit(
         requirement,
         name,
-        float(ordered[ceil(UNITS * P95) - 1]),
-        (float(ordered[below - 1]), float(ordered[above - 1])),
+        max(float(ordered[ceil(UNITS * P95) - 1]) for ordered in at_each),
+        (max(float(ordered[below - 1]) for ordered in at_each), max(float(ordered[above - 1]) for ordered in at_each)),
         met / UNITS,
         (low, high),
     )

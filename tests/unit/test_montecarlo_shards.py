@@ -198,9 +198,9 @@ def test_a_check_asked_again_and_again_is_the_check(sampling: Sampling, size: in
 
 
 def test_a_check_with_nothing_at_hand_asks_for_everything_at_once() -> None:
-    """Both vertices and the installed units wait together, not one after the other."""
+    """All vertices and the installed units at each of them wait together, not one after the other."""
     ready = prepare(_bounded_and_per_unit())
-    assert len(ready.plans) == 2
+    assert len(ready.plans) == 4
     with pytest.raises(Pending) as pending:
         verify_prepared(ready, Sampling(trials=10_000), source=Slowly(ready, 2**18))
-    assert sorted(key[0] for key in pending.value.wanted) == ["trials", "trials", "units"]
+    assert sorted(key[0] for key in pending.value.wanted) == ["trials"] * 4 + ["units"] * 4

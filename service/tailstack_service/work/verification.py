@@ -69,7 +69,8 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     """One part: what :class:`Recorded` asked for."""
     ready, seed = _ready(request), sampling_of(request).seed
     if spec["what"] == "radial":
-        wanted = RadialWanted(spec["target"], spec["error"], spec["quantile"], seed)
+        vertex = tuple((name, end) for name, end in spec["vertex"])
+        wanted = RadialWanted(spec["target"], spec["error"], spec["quantile"], seed, vertex)
         return canonical(asdict(radial_estimate(ready, wanted)))
     plan = _plan(canonical(request["design"]), tuple(spec["vertex"]), SHOTS if spec["what"] == "units" else 1)
     if spec["what"] == "units":
@@ -133,7 +134,10 @@ class Recorded:
         return np.concatenate([unpack(self.held[spec])[1][0] for spec in specs])
 
     def radial(self, wanted: RadialWanted) -> RadialEstimate:
-        asked = {"what": "radial", "target": wanted.target, "error": wanted.error, "quantile": wanted.quantile}
+        asked = {
+            "what": "radial", "vertex": wanted.vertex, "target": wanted.target, "error": wanted.error,
+            "quantile": wanted.quantile,
+        }  # fmt: skip
         spec = canonical(asked)
         if spec not in self.held:
             self._pending([spec])

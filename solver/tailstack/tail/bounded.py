@@ -11,6 +11,10 @@ affine.  A quasi-convex function on a box attains its maximum at a vertex.  (For
 There are 2^q vertices; with m = 0 opposite ones agree and half suffice.  Gaussian quantiles rank them; then the
 declared law has the word: at the best quantile r* so far every vertex must have P(|e| <= r*) >= p, and one that has not
 is solved for and replaces it, until none is left.
+
+*Which vertices first order cannot tell apart.*  With m = 0 opposite vertices agree exactly to first order, and only
+there: the full chain turns by finite angles, and one of the two is worse by some tenths of a per cent.  What is sampled
+with the full chain is therefore sampled at every vertex of :func:`indistinguishable`.
 """
 
 from __future__ import annotations
@@ -26,6 +30,8 @@ from .declared import LawQuantile, LinearLaw, lattice_columns, law_cdf, law_quan
 from .gaussian import probability_iv
 
 MOST_BOUNDED = 12
+NEAR = 0.01  # of the quantile: what first order, at its best, claims to know
+MOST_TOGETHER = 4  # vertices that are told apart by sampling
 _THRESHOLD, _ALIASING, _LARGEST_BOX = 1e-7, 1e-8, 2e5
 
 
@@ -89,6 +95,33 @@ def worst_case(law: LinearLaw, bounded: Array, p: float) -> WorstCase:
     full = np.ones(bounded.shape[1], dtype=int)
     full[active] = signs
     return WorstCase(tuple(int(s) for s in full), at, quantile, count)
+
+
+def indistinguishable(law: LinearLaw, bounded: Array, p: float, worst: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
+    """The worst vertex and the others that first order cannot tell from it: signs (q,) of each, the worst first.
+
+    Those are the vertices whose p-quantile (of the Gaussian law of equal covariance) is within 1 % of the worst one's
+    and whose mean is farther than 1 % of it from the means of those already taken: farthest first, at most four in all.
+    Signs of columns of zeros stay as they are in ``worst``.  Arguments as of :func:`worst_case`, which found ``worst``.
+    """
+    active = np.flatnonzero((bounded != 0).any(axis=0))
+    columns = np.ascontiguousarray(bounded[:, active])
+    count = 1 << int(active.size)
+    ranking = gaussian_vertices(p, law.mean, law.total_covariance, columns, count)
+    signs = 1 - 2 * (np.arange(count)[:, None] >> np.arange(active.size) & 1)
+    first = int(np.flatnonzero((signs == np.array(worst, dtype=int)[active]).all(axis=1))[0])
+    near = np.flatnonzero(ranking >= (1 - NEAR) * ranking[first])
+    means = law.mean + signs[near] @ columns.T
+    taken = [first]
+    distance = np.linalg.norm(means - (law.mean + columns @ signs[first]), axis=1)
+    while len(taken) < MOST_TOGETHER and distance.max(initial=0.0) > NEAR * ranking[first]:
+        # Equally far but for rounding: the lowest number, so that every machine takes the same.
+        farthest = int(np.flatnonzero(distance >= (1 - 1e-9) * distance.max())[0])
+        taken.append(int(near[farthest]))
+        distance = np.minimum(distance, np.linalg.norm(means - means[farthest], axis=1))
+    full = np.tile(np.array(worst, dtype=int), (len(taken), 1))
+    full[:, active] = signs[taken]
+    return tuple(tuple(int(s) for s in row) for row in full)
 
 
 def _probabilities(law: LinearLaw, bounded: Array, count: int, r: float) -> Array:

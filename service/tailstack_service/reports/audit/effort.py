@@ -53,7 +53,7 @@ def _trials(kind: str, record: Any) -> tuple[str, int]:
     if kind == "comparison":
         at, trials = _asked("/first/reproduction", record.first.reproduction)
         return at, 2 * trials
-    if kind == "verification" and record.method == "plain":
+    if kind == "verification":
         fixed = record.precision_requested is None
         return ("/trials", record.trials) if fixed else ("/max_trials", record.max_trials or MAX_TRIALS)
     if kind == "sweep":

@@ -108,9 +108,9 @@ def _verification(record: Verification, given: Design, fast: bool, progress: Pro
         first = {target.name: target.p95_mm for target in score(given).targets}
         targets = tuple(replace(target, first_order_p95_mm=first[target.name]) for target in record.targets)
         return Again(plain(replace(record, targets=targets)), "the Monte Carlo check")
-    plain_trials = record.method == "plain" and record.precision_requested is None
+    fixed = record.precision_requested is None
     made = verify(
-        given, trials=record.trials if plain_trials else None, precision=record.precision_requested, seed=record.seed,
+        given, trials=record.trials if fixed else None, precision=record.precision_requested, seed=record.seed,
         method=record.method, max_trials=record.max_trials or MAX_TRIALS, progress=progress,
     )  # fmt: skip
     return Again(plain(made))
