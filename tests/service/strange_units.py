@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import signal
 import time
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,7 @@ def expected_answer(request_bytes: bytes) -> bytes:
 def _behave(asked: dict[str, Any]) -> None:
     do, seconds = asked["do"], asked.get("seconds", 60.0)
     if do == "die":
-        os.kill(os.getpid(), 9)
+        os.kill(os.getpid(), asked.get("signal", signal.SIGKILL))
     elif do == "leave":
         os._exit(3)
     elif do == "raise":

@@ -87,7 +87,7 @@ def test_a_death_is_that_of_one_task_and_not_of_the_dask_worker(dask_cluster: Cl
     futures = [engine.submit(task("die" if k % 4 == 0 else "answer", n=k), f"mixed-{k}") for k in range(12)]
     for number, future in enumerate(futures):
         if number % 4 == 0:
-            with pytest.raises(Died, match="signal 9"):
+            with pytest.raises(Died, match="SIGKILL"):
                 future.result(LONG)
         else:
             assert future.result(LONG).result

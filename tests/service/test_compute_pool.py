@@ -63,6 +63,20 @@ def test_a_task_and_its_outcome(pool: PoolEngine) -> None:
     assert pool.submit(look, "two").result(LONG).answer == expected_answer(asked)
 
 
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (signal.SIGILL, r"SIGILL \(illegal instruction: kernels built for another processor\)"),
+        (signal.SIGKILL, r"SIGKILL \(killed from outside, as where memory runs out\)"),
+        (signal.SIGSEGV, r"SIGSEGV \(segmentation fault\)"),
+        (signal.SIGRTMIN + 1, rf"signal {signal.SIGRTMIN + 1}$"),
+    ],
+)
+def test_a_death_names_its_signal(pool: PoolEngine, number: int, words: str) -> None:
+    with pytest.raises(Died, match=words):
+        pool.submit(task("die", signal=int(number)), f"signal-{number}").result(LONG)
+
+
 def test_what_solvers_print_does_not_meet_the_outcomes(pool: PoolEngine) -> None:
     for number in range(4):
         assert pool.submit(task("print"), f"print-{number}").result(LONG).result
@@ -74,7 +88,7 @@ def test_a_death_is_that_of_one_task(pool: PoolEngine) -> None:
     futures = [pool.submit(one, f"mixed-{number}") for number, one in enumerate(tasks)]
     for number, future in enumerate(futures):
         if number % 4 == 0:
-            with pytest.raises(Died, match="signal 9"):
+            with pytest.raises(Died, match="SIGKILL"):
                 future.result(LONG)
         else:
             assert future.result(LONG).result

@@ -110,6 +110,13 @@ def test_a_poison_unit_fails_its_job_and_no_other(db: Database, caplog: pytest.L
     assert 3 <= len(told(caplog, "died")) <= 6  # three times of one unit, and of the other as often at most
 
 
+def test_a_job_whose_kernels_are_of_another_processor_says_so(db: Database) -> None:
+    with working(db, max_unit_deaths=2):
+        ended = finished(db, submit(db, request("die", signal=int(signal.SIGILL))))
+    assert problem_of(ended)["type"] == "/v1/problems/unit-lost"
+    assert "SIGILL (illegal instruction: kernels built for another processor)" in problem_of(ended)["detail"]
+
+
 def test_an_outcome_that_a_unit_cannot_have_is_a_defect(db: Database, monkeypatch: pytest.MonkeyPatch) -> None:
     """A solver that answers nothing at all: refused by the store, and said so."""
     monkeypatch.setattr("strange_units.FUNCTION", "empty_units:perform")
@@ -182,11 +189,12 @@ def test_an_upgrade_computes_anew_and_says_so(db: Database) -> None:
     assert event.data == {"from": VERSION, "to": "2.0"}
 
 
-def test_a_killed_process_is_counted_and_its_unit_computed_again(db: Database) -> None:
-    asked = request("sleep", seconds=1.5)  # a machine may be slow to kill
+def test_a_killed_process_is_counted_and_its_unit_computed_again(db: Database, tmp_path: Path) -> None:
+    note = tmp_path / "note"
+    asked = request("sleep", seconds=1.5, note=str(note))  # a machine may be slow to kill
     submitted = submit(db, asked)
     with working(db, worker_processes=1) as (_, engine):
-        until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())
+        until(lambda: note.exists() and len(note.read_text().splitlines()) == 2)  # a look, and the unit itself
         os.kill(engine.pids()[0], signal.SIGKILL)
         assert answer(db, finished(db, submitted)) == expected_answer(asked)
     assert [row.deaths for row in unit_rows(db, submitted)] == [0, 1, 0]

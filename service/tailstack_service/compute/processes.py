@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import threading
 import time
@@ -21,6 +22,11 @@ from .interpreter import command, environment
 
 CLOSED = "the processes were stopped"
 FRUITLESS = 3  # processes in a row that end before they begin a task
+# What a signal says to whoever reads it in the problem of a job
+REASONS = {
+    "SIGILL": "illegal instruction: kernels built for another processor",
+    "SIGKILL": "killed from outside, as where memory runs out",
+}
 
 
 class Child:
@@ -37,6 +43,7 @@ class Child:
         )
         self.pid = self._process.pid
         self.spent = False  # it has ended, or asks to be replaced
+        self.ending = ""  # how it ended under a task
 
     @property
     def alive(self) -> bool:
@@ -54,9 +61,10 @@ class Child:
             self.spent = self.spent or tired
         except (EOFError, OSError):
             self.kill()
+            self.ending = describe_ending(self._process.wait())
             if not begun:
                 return None
-            raise Died(_ending(self._process.wait())) from None
+            raise Died(f"the computing process ended with {self.ending}") from None
         if raised is not None:
             raise Defect(raised)
         result: Outcome = outcome
@@ -105,7 +113,10 @@ class Children:
                 self._give_back(key, child)
             if outcome is not None:
                 return outcome
-        raise GivenBack(f"{FRUITLESS} computing processes in a row ended before they began; stderr may say why")
+        raise GivenBack(
+            f"{FRUITLESS} computing processes in a row ended before they began, the last with {child.ending}; "
+            f"stderr may say why"
+        )
 
     def pids(self) -> list[int]:
         """Of the processes that there are."""
@@ -168,8 +179,15 @@ class Children:
         child.close()
 
 
-def _ending(code: int) -> str:
-    return f"the computing process ended with {f'signal {-code}' if code < 0 else f'exit code {code}'}"
+def describe_ending(code: int) -> str:
+    """What ended a process, from its return code: its exit code, or the signal by name and what that signal means."""
+    if code >= 0:
+        return f"exit code {code}"
+    try:
+        name = signal.Signals(-code).name
+    except ValueError:  # a real-time signal
+        return f"signal {-code}"
+    return f"{name} ({REASONS.get(name) or (signal.strsignal(-code) or 'signal').lower()})"
 
 
 _orders: SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = SimpleQueue()

@@ -224,9 +224,11 @@ def _begin_anew(connection: Connection, job: AnyRow, at: float, version: str) ->
     connection.execute(sa.update(tables.jobs).where(_JOB.id == job.id).values(values))
 
 
-def lost_unit(attempts: int, deaths: int) -> bytes:
-    """The problem of a job whose unit was begun that often, and took so many processes with it, without an end."""
+def lost_unit(attempts: int, deaths: int, why: str = "") -> bytes:
+    """The problem of a job whose unit was begun that often, and took so many processes with it, without an end; ``why``
+    says how the last of them ended, where anybody saw it."""
     detail = f"one part of the job was begun {attempts} times without an end; {deaths} computing processes died of it"
+    detail += f"; at last, {why}" if why else ""
     hint = "ask for less at a time (trials, starts, points); the log of the worker says how its processes ended"
     return as_problem(UnitLost(Problem("", "unit-lost", detail, hint)))
 

@@ -185,10 +185,11 @@ def _too_long(max_job_seconds: float) -> bytes:
     return as_problem(LimitError(Problem("", "job-too-long", detail, hint)))
 
 
-def release(db: Database, claim: Claim, *, died: bool) -> None:
+def release(db: Database, claim: Claim, *, died: bool, why: str = "") -> None:
     """Give the unit back at once; nothing happens if it is no longer this claim's.
 
-    ``died``: a computing process ended under it.  With as many deaths or attempts as the claim allows, the job fails.
+    ``died``: a computing process ended under it.  With as many deaths or attempts as the claim allows, the job fails,
+    and its problem ends with ``why``.
     """
     with writing(db) as connection:
         job = _hold(connection, claim)
@@ -198,5 +199,5 @@ def release(db: Database, claim: Claim, *, died: bool) -> None:
         if not _give_up(connection, claim, "ready", ready_at=at, deaths=deaths):
             return
         if deaths >= claim.max_deaths or claim.attempts >= claim.max_attempts:
-            problem = lost_unit(claim.attempts, deaths)
+            problem = lost_unit(claim.attempts, deaths, why)
             end_job(connection, job.id, job.last_event, at, "failed", problem=problem)

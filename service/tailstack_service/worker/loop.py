@@ -156,7 +156,7 @@ class Worker:
             if not died:
                 self._rest_until = time.monotonic() + self._rest
                 self._rest = min(2 * self._rest, LONGEST_REST)
-            return _Ending(held, "released", lambda: self._release(held, died=died))
+            return _Ending(held, "released", lambda: self._release(held, died=died, why=str(raised or "")))
         if raised is not None:
             log.error("%s", raised, extra={"action": "defect", **told(held)})
             return self._to_record(held, refusals.defect())
@@ -176,8 +176,8 @@ class Worker:
             log.error("%s", error, extra={"action": "defect", **told(held)})
             return units.record(self._db, held.claim, refusals.defect(), max_job_seconds=self._settings.max_job_seconds)
 
-    def _release(self, held: Held, *, died: bool) -> bool:
-        units.release(self._db, held.claim, died=died)
+    def _release(self, held: Held, *, died: bool, why: str) -> bool:
+        units.release(self._db, held.claim, died=died, why=why)
         return True
 
     def _write_endings(self) -> None:
