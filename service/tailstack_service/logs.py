@@ -46,7 +46,7 @@ class JsonFormatter(logging.Formatter):
         told |= fields_of(record)
         if record.exc_info:
             told["exception"] = self.formatException(record.exc_info)
-        return json.dumps(told, ensure_ascii=False, default=str)
+        return json.dumps(told, ensure_ascii=False, default=str)  # noqa: TID251 - a line of a log, whatever stands in it
 
 
 def log_to_stderr(form: str = "text", level: int = logging.INFO, stream: TextIO | None = None) -> None:

@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from .json_text import write_json
 from .system import Array
 
 
 def pack(head: dict[str, Any], arrays: Sequence[Array]) -> bytes:
     """``head`` (JSON's own types) and float64 arrays of any shape as bytes; the same input gives the same bytes."""
     shapes = [list(array.shape) for array in arrays]
-    text = json.dumps({"head": head, "shapes": shapes}, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+    text = write_json({"head": head, "shapes": shapes}, sort_keys=True).encode()
     parts = [np.ascontiguousarray(array, dtype="<f8").tobytes() for array in arrays]
     return b"".join([len(text).to_bytes(4, "little"), text, *parts])
 

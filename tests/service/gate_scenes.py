@@ -126,6 +126,10 @@ def _raising(kind: type[BaseException]) -> Callable[..., Any]:
     return judge
 
 
+def laid_out(data: Any) -> str:
+    return json.dumps(data, indent=2, ensure_ascii=False) + "\n"
+
+
 def settled(name: str, content: bytes) -> str:
     """What does not change from machine to machine: six digits, no version, no hash of a document; the rules of SARIF,
     which are the pages of ``--explain``, are left out."""
@@ -135,7 +139,9 @@ def settled(name: str, content: bytes) -> str:
         for rule in log["runs"][0]["tool"]["driver"]["rules"]:
             for field in ("fullDescription", "help"):
                 rule[field] = dict.fromkeys(rule[field], "...")
-        text = json.dumps(log, indent=2, ensure_ascii=False) + "\n"
+        text = laid_out(log)
+    if name == "json":
+        text = laid_out(json.loads(text))
     text = _DIGITS.sub(lambda found: f"{float(found.group()):.6g}", text)
     return _HASH.sub(r'\1"..."', text).replace(__version__, "VERSION")
 

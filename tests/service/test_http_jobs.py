@@ -429,7 +429,7 @@ def test_streams_are_bounded_and_places_come_back(idle: httpx.Client) -> None:
     while (response := idle.get(path)).status_code != 200:
         assert time.monotonic() < deadline, response.text
         time.sleep(0.05)
-    assert '"state": "cancelled"' in response.text
+    assert '"state":"cancelled"' in response.text
 
 
 def test_the_client_of_the_command_line_reads_the_same(client: httpx.Client) -> None:

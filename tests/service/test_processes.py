@@ -217,7 +217,7 @@ def test_a_stop_ends_waits_and_streams_and_loses_no_job(tmp_path: Path) -> None:
     with service(tmp_path) as (process, url), httpx.Client(base_url=url, timeout=60, trust_env=False) as client:
         for job_id in (job["id"], waiting.result().json()["id"]):
             text = client.get(f"/v1/jobs/{job_id}/events").text
-            assert '"state": "succeeded"' in text
+            assert '"state":"succeeded"' in text
 
 
 def test_events_go_on_after_the_service_was_killed(tmp_path: Path) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
+
+from tailstack.json_text import write_json
 
 from .answer import NOT_EVALUATED, PASS, Answer
 from .design_input import whole
@@ -75,7 +76,7 @@ def _list(service: Service, arguments: argparse.Namespace) -> Answer:
         path = page["next"]
     found = found[: arguments.limit]
     if arguments.json:
-        return Answer(json.dumps(found, indent=2, ensure_ascii=False).encode())
+        return Answer(write_json(found).encode())
     if not found:
         made = f"curl {service.url}/v1/verifications -H 'Content-Type: application/yaml' --data-binary @design.yaml"
         print(f"there are no such jobs; to make one: {made}", file=sys.stderr)
@@ -87,7 +88,7 @@ def _record(record: dict[str, Any], arguments: argparse.Namespace, code: int = P
     from ..rendering.jobs import job_text
 
     if arguments.json:
-        return Answer(json.dumps(record, indent=2, ensure_ascii=False).encode(), code)
+        return Answer(write_json(record).encode(), code)
     return Answer(job_text(record), code)
 
 

@@ -60,15 +60,16 @@ def _create(db: Database, arguments: argparse.Namespace) -> Answer:
 
 
 def _list(db: Database, arguments: argparse.Namespace) -> Answer:
-    import json
     from dataclasses import asdict
+
+    from tailstack.json_text import write_json
 
     from ..rendering.tables import table
     from ..store.keys import list_keys
 
     found = list_keys(db, arguments.tenant)
     if arguments.json:
-        return Answer(json.dumps([{**asdict(key), "state": state} for key, state in found], indent=2).encode())
+        return Answer(write_json([{**asdict(key), "state": state} for key, state in found]).encode())
     if not found:
         print(f"there are no keys; to make one: {program()} keys create --tenant T --name N", file=sys.stderr)
         return Answer("")

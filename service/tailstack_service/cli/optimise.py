@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         following = f"next: {program()} verify {output}"
     if arguments.json:
         print(following, file=sys.stderr)
-        return Answer(to_json(result, indent=2), code)
+        return Answer(to_json(result), code)
     return Answer(f"{optimisation_text(result, colour=coloured_output())}{following}\n", code)
 
 
@@ -177,12 +177,10 @@ def write_results(design: Design, result: Optimisation, output: Path | None, pic
 
 def design_text(data: dict[str, object], path: Path) -> str:
     """A design as its file's ending asks for."""
-    import json
-
-    from tailstack.design.loading import data_to_yaml
+    from tailstack.design.loading import data_to_yaml, to_json
 
     if path.suffix.lower() == ".json":
-        return json.dumps(data, indent=2, ensure_ascii=False) + "\n"
+        return to_json(data)
     return data_to_yaml(data)
 
 

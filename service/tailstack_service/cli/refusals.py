@@ -76,7 +76,7 @@ def _report(error: TailstackError, arguments: argparse.Namespace, code: int) -> 
 
         error.problems = problems
         document = problem_document(error, instance=f"tailstack {arguments.verb}")
-        sys.stderr.write(to_json(document, indent=2).decode() + "\n")
+        sys.stderr.write(to_json(document).decode() + "\n")
         return code
     lines = [f"tailstack {arguments.verb}: {error.title[0].lower()}{error.title[1:]}"]
     lines += [problem_text(problem) for problem in problems]

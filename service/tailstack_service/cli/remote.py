@@ -22,6 +22,7 @@ from tailstack.errors import (
     Problem,
     TailstackError,
 )
+from tailstack.json_text import write_json
 
 from ..job_document import ENDED
 from ..names import KEY, URL
@@ -106,7 +107,7 @@ class Service:
         seconds: float = SECONDS,
     ) -> Reply:  # fmt: skip
         """The answer to a request; ``data`` goes as JSON.  Raises RemoteError for a refusal and a silent service."""
-        body = None if data is None else json.dumps(data, allow_nan=False).encode()
+        body = None if data is None else write_json(data).encode()
         sent = {"Accept": "application/json, */*"} | ({} if body is None else {"Content-Type": "application/json"})
         with self._open(method, path, body, {**sent, **(headers or {})}, seconds) as answer:
             try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from .answer import Answer
 
@@ -16,6 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.errors import Problem
+    from tailstack.json_text import write_json
 
     from ..documents import json_schema, schema_names
     from ..problems import RequestError
@@ -27,4 +27,4 @@ def run(arguments: argparse.Namespace) -> Answer:
         raise RequestError(
             Problem("", "unknown-schema", f"no schema is called {arguments.name!r}", f"one of {', '.join(names)}")
         )
-    return Answer((json.dumps(json_schema(arguments.name), indent=2, ensure_ascii=False) + "\n").encode())
+    return Answer((write_json(json_schema(arguments.name), indent=2) + "\n").encode())

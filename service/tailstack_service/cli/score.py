@@ -35,5 +35,5 @@ def run(arguments: argparse.Namespace) -> Answer:
         )
     code = exit_code_of(result.verdict)
     if arguments.json:
-        return Answer(to_json(result, indent=2), code)
+        return Answer(to_json(result), code)
     return Answer(score_text(result, target=arguments.target, colour=coloured_output()), code)

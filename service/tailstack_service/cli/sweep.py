@@ -99,7 +99,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         write_figure(figure, sweep_svg(result))
     code = PASS if any(point.status == "ok" for point in result.points) else NOT_EVALUATED
     if arguments.json:
-        return Answer(to_json(result, indent=2), code)
+        return Answer(to_json(result), code)
     if arguments.csv:
         return Answer(sweep_csv(result), code)
     return Answer(sweep_text(result, colour=coloured_output()), code)

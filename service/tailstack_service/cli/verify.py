@@ -73,5 +73,5 @@ def run(arguments: argparse.Namespace) -> Answer:
         )
     code = exit_code_of(result.verdict)
     if arguments.json:
-        return Answer(to_json(result, indent=2), code)
+        return Answer(to_json(result), code)
     return Answer(verification_text(result, colour=coloured_output()), code)

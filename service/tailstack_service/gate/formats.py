@@ -25,7 +25,7 @@ class Format:
 
 
 def _json(record: GateRecord) -> bytes:
-    return to_json(record, indent=2) + b"\n"
+    return to_json(record) + b"\n"
 
 
 def _text(record: GateRecord) -> bytes:

@@ -7,8 +7,9 @@ out.
 
 from __future__ import annotations
 
-import json
 from typing import Any
+
+from tailstack.json_text import write_json
 
 from .places import counts, fingerprints
 from .records import GateFinding, GateRecord
@@ -23,7 +24,7 @@ def gitlab_text(record: GateRecord) -> str:
         for finding, print_ in zip(record.findings, fingerprints(record.findings), strict=True)
         if finding.suppressed_by is None
     ]
-    return json.dumps(reported, indent=2, ensure_ascii=False) + "\n"
+    return write_json(reported, indent=2) + "\n"
 
 
 def _entry(record: GateRecord, finding: GateFinding, print_: str) -> dict[str, Any]:

@@ -7,7 +7,6 @@ type instead.
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from datetime import date, timedelta
@@ -23,6 +22,7 @@ from tailstack.design.loading import read_source
 from tailstack.design.reading import DEFAULT_LIMITS, Limits, Source, shown
 from tailstack.design.refusals import escape, place, refuse
 from tailstack.errors import DesignError, LimitError, Problem
+from tailstack.json_text import write_json
 
 from .errors import GateError
 from .policy_document import POLICY_SCHEMA, Policy, Rules
@@ -197,8 +197,7 @@ def _prefixed(problem: Problem, prefix: str) -> Problem:
 
 
 def _digest(content: Any) -> str:
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()
+    return hashlib.sha256(write_json(content, sort_keys=True).encode()).hexdigest()
 
 
 def _wrong(waiver: Waiver, index: int, today: date) -> list[Problem]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import PurePath
 from typing import Any
 from urllib.parse import quote
+
+from tailstack.json_text import write_json
 
 from .places import fingerprints
 from .records import GateFinding, GateRecord
@@ -45,7 +46,7 @@ def sarif_text(record: GateRecord) -> str:
             "notIncluded": list(record.provenance.not_included),
         },
     }
-    return json.dumps({"$schema": SCHEMA, "version": "2.1.0", "runs": [run]}, indent=2, ensure_ascii=False) + "\n"
+    return write_json({"$schema": SCHEMA, "version": "2.1.0", "runs": [run]}, indent=2) + "\n"
 
 
 def _rule(rule: Rule) -> dict[str, Any]:

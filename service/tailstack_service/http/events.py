@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from collections.abc import AsyncIterator
 
@@ -11,6 +10,7 @@ from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
 from tailstack.errors import Problem, TailstackError
+from tailstack.json_text import write_json
 
 from ..job_document import ENDED
 from ..moments import moment
@@ -123,7 +123,7 @@ async def _gone(service: Service, job: Job) -> bool:
 
 def written(job: Job, event: Event) -> bytes:
     """One event on the wire: id, name, and JSON on one line."""
-    data = json.dumps({"job": job.id, "at": moment(event.at), **event.data}, ensure_ascii=False, allow_nan=False)
+    data = write_json({"job": job.id, "at": moment(event.at), **event.data})
     return f"id: {event.sequence}\nevent: {event.name}\ndata: {data}\n\n".encode()
 
 

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import platform
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 
 from tailstack import __version__
 from tailstack.errors import Problem, TailstackError
+from tailstack.json_text import write_json
 
 from ..documents import RECORDS, json_schema, schema_names
 from ..problems import CATALOGUE, ProblemType, TransportError
+from .answers import record_response
 from .metrics import CONTENT_TYPE, live_workers
 from .service import Warmth, service_of
 
@@ -59,7 +60,7 @@ class Version:
 
 
 async def liveness(request: Request) -> Response:
-    return JSONResponse(asdict(Health("alive")))
+    return record_response(Health("alive"))
 
 
 async def readiness(request: Request) -> Response:
@@ -83,7 +84,7 @@ async def readiness(request: Request) -> Response:
         document = replace(document, status="no database")
     ready = document.status == "ready"
     headers = {"Cache-Control": "no-store"} | ({} if ready else {"Retry-After": "2"})
-    return JSONResponse(asdict(document), 200 if ready else 503, headers)
+    return record_response(document, 200 if ready else 503, headers)
 
 
 async def metrics(request: Request) -> Response:
@@ -97,19 +98,19 @@ async def metrics(request: Request) -> Response:
 
 
 async def version(request: Request) -> Response:
-    return JSONResponse(asdict(Version(__version__, platform.python_version(), DOCUMENTS)))
+    return record_response(Version(__version__, platform.python_version(), DOCUMENTS))
 
 
 async def schemas(request: Request) -> Response:
     entries = (SchemaEntry(name, title, f"/v1/schemas/{name}") for name, title in schema_names().items())
-    return JSONResponse(asdict(SchemaList(tuple(entries))))
+    return record_response(SchemaList(tuple(entries)))
 
 
 async def schema(request: Request) -> Response:
     name = request.path_params["name"]
     if name not in schema_names():
         raise _nothing(f"no schema is called {name[:60]!r}", f"one of {', '.join(schema_names())}")
-    body = await asyncio.to_thread(lambda: json.dumps(json_schema(name), ensure_ascii=False, separators=(",", ":")))
+    body = await asyncio.to_thread(lambda: write_json(json_schema(name)))
     return Response(body, media_type="application/schema+json")
 
 
@@ -118,7 +119,7 @@ async def problem_type(request: Request) -> Response:
     if slug not in CATALOGUE:
         raise _nothing(f"no class of problems is called {slug[:60]!r}", f"one of {', '.join(CATALOGUE)}")
     entry: ProblemType = CATALOGUE[slug]
-    return JSONResponse(asdict(entry))
+    return record_response(entry)
 
 
 def _nothing(detail: str, hint: str) -> TransportError:

@@ -5,10 +5,10 @@ Bodies are read by our own strict reader and streams are plain, so nothing here 
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 from tailstack import __version__
+from tailstack.json_text import write_json
 
 from . import openapi_components as components
 from .openapi_operations import operation_of
@@ -67,4 +67,4 @@ def document() -> dict[str, Any]:
 
 def openapi_json() -> bytes:
     """The document as it is committed."""
-    return (json.dumps(document(), indent=1, ensure_ascii=False) + "\n").encode()
+    return (write_json(document(), indent=1) + "\n").encode()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import json
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -11,6 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from tailstack.design.reading import Vast, shown
 from tailstack.errors import LimitError, Problem
+from tailstack.json_text import write_json
 from tailstack.precision import FINEST_PRECISION
 
 from ..problems import RequestError
@@ -237,7 +237,7 @@ def _example(path: tuple[str | int, ...], options: type[Options]) -> str:
     """The example of the field at an error's path, to be typed."""
     name = [step for step in path if isinstance(step, str)][-1]
     examples = {**Axis.model_fields, **options.model_fields}[name].examples
-    return f"for example: {json.dumps({name: examples[0]})}" if examples else ""
+    return f"for example: {write_json({name: examples[0]})}" if examples else ""
 
 
 def within(value: int | None, setting: str, settings: Settings, pointer: str) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import cache
 
 from starlette.requests import Request
 from starlette.responses import Response
+
+from tailstack.json_text import write_json
 
 from . import events, information, jobs, results
 from .answers import JSON
@@ -43,7 +44,7 @@ async def _openapi(_request: Request) -> Response:
 def _document() -> bytes:
     from .openapi import document
 
-    return json.dumps(document(), ensure_ascii=False, separators=(",", ":")).encode()
+    return write_json(document()).encode()
 
 
 ROUTES = (

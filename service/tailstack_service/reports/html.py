@@ -6,11 +6,9 @@ One script may run in it, the viewer of the layout, named by its hash in the pag
 from __future__ import annotations
 
 import hashlib
-import json
 from base64 import b64encode
 from functools import cache
 from importlib.resources import files
-from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -121,6 +119,4 @@ def shown(cell: Cell, column: Column) -> str:
 
 def _inert(record: bytes) -> str:
     """JSON that cannot end the element it stands in, nor begin another."""
-    data: Any = json.loads(record)
-    text = json.dumps(data, ensure_ascii=False, separators=(",", ":"))
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+    return record.decode().replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")

@@ -12,6 +12,7 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from tailstack.errors import TailstackError
+from tailstack.json_text import write_json
 
 from ..problems import problem_document
 from . import tables
@@ -39,7 +40,7 @@ def end_job(
     u, j = tables.units.c, tables.jobs.c
     connection.execute(sa.delete(tables.units).where(u.job_id == job_id, u.state != tables.RECORDED))
     connection.execute(sa.update(tables.units).where(u.job_id == job_id).values(spec=None, result=None))
-    text = None if problem is None else json.dumps(json.loads(problem), separators=(",", ":"))
+    text = None if problem is None else write_json(json.loads(problem))
     values = {
         "state": state,
         "finished_at": at,
@@ -59,4 +60,4 @@ def end_job(
 
 def as_problem(error: TailstackError) -> bytes:
     """A refusal as a problem document in JSON, without instance."""
-    return json.dumps(asdict(problem_document(error, instance=""))).encode()
+    return write_json(asdict(problem_document(error, instance=""))).encode()

@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import TailstackError
+from tailstack.json_text import write_json
 
 if TYPE_CHECKING:
     from tailstack.design import Design
@@ -23,8 +24,7 @@ class Refused(Exception):
 
 def canonical(data: Any) -> bytes:
     """JSON with sorted keys and no spaces, UTF-8.  Raises ValueError for a number that JSON cannot hold."""
-    text = json.dumps(data, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    return text.encode()
+    return write_json(data, sort_keys=True).encode()
 
 
 def design_of(request: dict[str, Any]) -> Design:

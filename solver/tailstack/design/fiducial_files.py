@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 import re
 from collections.abc import Sequence
@@ -16,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import DesignError, LimitError, Problem
+from ..json_text import write_json
 from .reading import Limits, read_text, shown
 
 FORMATS = (".csv", ".fcsv", ".mrk.json")
@@ -86,7 +86,7 @@ def write_fiducials(fiducials: FiducialList, name: str) -> str:
         ]
         markup = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm", "controlPoints": points}
         schema = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"
-        return json.dumps({"@schema": schema + "markups-schema-v1.0.3.json#", "markups": [markup]}, indent=1) + "\n"
+        return write_json({"@schema": schema + "markups-schema-v1.0.3.json#", "markups": [markup]}, indent=1) + "\n"
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     if ending == ".csv":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import yaml
 from pydantic import ValidationError
 
 from ..errors import DesignError, LimitError, Problem
+from ..json_text import write_json
 from .canonical import sha256_of
 from .consistency import check_document, check_fiducials
 from .document import (
@@ -245,7 +245,7 @@ def design_to_json(design: Design, *, inline: bool = True) -> str:
 
 def to_json(data: Any) -> str:
     """Plain data as indented JSON text."""
-    return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return write_json(data, indent=2) + "\n"
 
 
 def design_to_yaml(design: Design, *, inline: bool = True) -> str:

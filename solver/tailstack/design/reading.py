@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import DesignError, LimitError, Problem
+from ..json_text import write_json
 from .wording import DEFAULT_LIMITS, Limits, Vast, problem, shown, size_problem
 from .yaml_tree import LONGEST_KEY, Place, integer, read_yaml
 
@@ -283,6 +284,6 @@ def _shallow(data: Any, depth: int) -> bool:
 
 def _duplicate(key: str, text: str, file: str | None) -> Problem:
     """Find the line of a JSON key that occurs twice (its last occurrence)."""
-    at = text.rfind(json.dumps(key, ensure_ascii=False))
+    at = text.rfind(write_json(key))
     line = text.count("\n", 0, at) + 1 if at >= 0 else None
     return Problem("", "duplicate-key", f"the field {key[:60]!r} is given twice", "keep one of them", file, line, None)

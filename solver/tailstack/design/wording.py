@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from ..errors import Problem
+from ..json_text import write_json
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ def shown(value: Any, length: int = 60) -> str:
     """What arrived, short enough for a message."""
     if isinstance(value, str):
         body = value if len(value) <= length else value[: length - 3] + "..."
-        return "the text " + json.dumps(body, ensure_ascii=False)
+        return "the text " + write_json(body)
     if value is None:
         return "nothing (null)"
     if isinstance(value, bool):

@@ -74,5 +74,5 @@ def run(arguments: argparse.Namespace) -> Answer:
         write_figure(figure, comparison_svg(result))
     code = EXIT[result.verdict]
     if arguments.json:
-        return Answer(to_json(result, indent=2), code)
+        return Answer(to_json(result), code)
     return Answer(comparison_text(result, colour=coloured_output()), code)

@@ -75,5 +75,5 @@ def run(arguments: argparse.Namespace) -> Answer:
     if figure is not None:
         write_figure(figure, coupling_svg(result, arguments.target))
     if arguments.json:
-        return Answer(to_json(result, indent=2))
+        return Answer(to_json(result))
     return Answer(coupling_text(result, arguments.target))

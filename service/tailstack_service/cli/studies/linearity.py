@@ -91,5 +91,5 @@ def run(arguments: argparse.Namespace) -> Answer:
         write_figure(figure, linearity_svg(study))
     code = PASS if any(point.status == "ok" for point in study.points) else NOT_EVALUATED
     if arguments.json:
-        return Answer(to_json(study, indent=2), code)
+        return Answer(to_json(study), code)
     return Answer(linearity_csv(study) if arguments.csv else linearity_text(study), code)

@@ -71,5 +71,5 @@ def run(arguments: argparse.Namespace) -> Answer:
         for name, svg in paper_figures(study).items():
             write_figure(directory / name, svg)
     if arguments.json:
-        return Answer(to_json(study, indent=2))
+        return Answer(to_json(study))
     return Answer(paper_csv(study) if arguments.csv else paper_text(study))
