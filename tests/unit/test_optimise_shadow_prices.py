@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import combinations
 from math import radians
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,6 +32,7 @@ from tailstack.optimisation.program import build_program
 from tailstack.optimisation.search import Search
 from tailstack.optimisation.shadow_prices import shadow_prices
 from tailstack.optimisation.terms import estimator_of, terms_of
+from tailstack.system import Law
 
 LIMIT_MM = 0.7
 
@@ -176,6 +178,40 @@ def test_shadow_prices_are_slopes_of_the_optimum(name: str, monkeypatch: pytest.
         slack = 2e-3 * abs(low + high)
         assert low - slack <= prices[wanted].cost_per_unit <= high + slack, wanted
         assert wanted == "lower x face of the box" or high - low <= 0.02 * abs(low + high), wanted
+
+
+def _per_unit(limit_mm: float, **changes: Any) -> PlacementProblem:
+    """Noise is most of the error: 0.25 mm of it in each unit, a known bias, uniform manufacturing errors."""
+    problem = fixed_layout(oracle_problem(8, limit_mm), cube_fiducials())
+    system = replace(
+        problem.system,
+        manufacturing_law=Law.UNIFORM,
+        manufacturing_half_width_mm=np.full((8, 3), 0.05),
+        interface_1=replace(problem.system.interface_1, bias=np.array([0.0, 0.0, 0.0, 0.05, 0.0, 0.03])),
+    )
+    wanted = requirement(limit_mm, risk="per_unit", min_yield=0.9, **changes)
+    return replace(problem, system=system, requirements=(wanted,))
+
+
+@pytest.mark.parametrize("law", [Law.UNIFORM, Law.NORMAL])
+def test_the_price_of_a_per_unit_limit_is_the_slope_of_the_optimum(law: Law) -> None:
+    """independent: the problem solved again 1 um on either side; where noise is most of the error, cost bends."""
+
+    def problem(limit_mm: float) -> PlacementProblem:
+        found = _per_unit(limit_mm)
+        system = found.system
+        mounts = {
+            name: replace(part, sources=replace(part.sources, laws=(law,) * part.sources.count))
+            for name, part in (("interface_1", system.interface_1), ("interface_2", system.interface_2))
+        }
+        return replace(found, system=replace(system, **mounts))
+
+    limit_mm, step = 0.36, 0.001
+    solution = solve_placement(problem(limit_mm), starts=2, seed=2, threads=1)
+    (price,) = (p for p in shadow_prices(solution.program, solution.found.point, solution.cost) if p.name == "limit")
+    above, below = (_continued(problem(limit_mm + side * step), solution) for side in (1, -1))
+    assert price.cost_per_unit == pytest.approx((above - below) / (2 * step), rel=5e-3)
+    assert abs(price.cost_per_unit) * limit_mm > 2 * solution.cost  # not what cost ~ 1 / limit would give
 
 
 def test_what_a_tolerance_between_its_bounds_is_worth() -> None:

@@ -22,6 +22,7 @@ SAMPLED_AT_AIM = 4e-4  # likewise for a per-unit quantile, which is sampled
 MAX_ROUNDS = 20
 NEARLY = 1.02  # of its aim: an iterate that near is brought down, one further off has not settled
 STATIONARY = 1e-6  # residual of the first-order conditions with the exact law that ends the rounds
+SAMPLED_STATIONARY = 1e-4  # likewise for a per-unit quantile: its sample knows a slope to some per cent
 FREE_VERTICES = 6  # rounds in which bounded sources may change ends; two vertices may tie at the optimum
 
 
@@ -82,7 +83,7 @@ def settle(found: Search, aims: Array, start: PlacementSolution | None = None) -
         if rounds and _arrived(program, here.point, held, reached):
             exact = _corrected(program, here, held, own, same_ends=True)
             residual = kkt_residual(program, here.point, exact)
-            if residual > STATIONARY and rounds < FREE_VERTICES:
+            if residual > _stationary(program) and rounds < FREE_VERTICES:
                 here = Found(_again(program, here.point, exact), exact)
                 continue
             ratios = _everywhere(found, here.point)
@@ -146,6 +147,11 @@ def _window(program: Program, held: list[Promise]) -> float:
     if any(term.demand.per_unit for term in program.terms):
         return SAMPLED_AT_AIM
     return max(AT_AIM, KNOWN * max(item.relative_error for item in held))
+
+
+def _stationary(program: Program) -> float:
+    sampled = any(term.demand.per_unit for term in program.terms)
+    return SAMPLED_STATIONARY if sampled else STATIONARY
 
 
 def _again(program: Program, point: Point, parameters: Parameters) -> Point:

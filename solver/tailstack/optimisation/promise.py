@@ -8,16 +8,17 @@ first-order conditions are those of the exact law (first-order model management:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import log
 
 import numpy as np
 
-from ..contributors import WorstCase, declared_law, worst_case
+from ..contributors import Part, WorstCase, declared_law, law_of, part_of, worst_case
 from ..propagation.linear import LinearModel, linearise
 from ..system import Array, Law
 from ..tail.declared import law_gradient, law_quantile
-from ..tail.per_unit import unit_quantile
+from ..tail.per_unit import UnitQuantile, unit_quantile
 from .moments import closed_form_mm
 from .problem import Choice, Demand, PlacementProblem, apply_choice
 from .terms import LAYOUT_BLOCKS, DemandTerms, mechanics_of
@@ -25,6 +26,7 @@ from .terms import LAYOUT_BLOCKS, DemandTerms, mechanics_of
 MADE = "fiducial_manufacturing"
 LOG2_UNITS = 7  # 2048 units for a per-unit quantile: as the score draws them
 STEP = 1e-5  # relative step of central differences of the closed form
+UNIT_STEP = 1e-2  # likewise of a per-unit quantile: its slope jumps a little, which the step evens out
 PIVOT_STEP_MM, SPACING_STEP = 0.05, 1e-3  # of the exact quantile
 
 
@@ -104,12 +106,25 @@ def exact_quantile(model: LinearModel, demand: Demand) -> ExactQuantile:
         law, _ = declared_law(model, requirement.error, worst.mean_mm)
         found = law_quantile(law, requirement.quantile)
         return ExactQuantile(found.quantile_mm, found.density, found.error_mm / max(found.quantile_mm, 1e-300), worst)
-    installed = tuple(block for block in model.blocks if block.per_unit)
-    shots = tuple(block for block in model.blocks if not block.per_unit)
-    unit, _ = declared_law(model, requirement.error, worst.mean_mm, installed)
-    shot, _ = declared_law(model, requirement.error, np.zeros(3), shots)
-    own = unit_quantile(unit, shot, requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
+    own = _unit_quantile(model, demand, worst.mean_mm)
     return ExactQuantile(own.value_mm, own.density, own.standard_error_mm / max(own.value_mm, 1e-300), worst)
+
+
+def _unit_quantile(
+    model: LinearModel, demand: Demand, mean_mm: Array, stretch: Mapping[str, Array] | None = None
+) -> UnitQuantile:
+    """The required fraction of units' own quantile; ``stretch``: (3, 3) by which gains of some contributors are
+    multiplied."""
+    requirement = demand.requirement
+    unit: list[Part] = []
+    shot: list[Part] = []
+    for block in model.blocks:
+        gain = model.gain(block, requirement.error)
+        if stretch is not None and block.contributor in stretch:
+            gain = stretch[block.contributor] @ gain
+        (unit if block.per_unit else shot).append(part_of(block, gain))
+    laws = law_of(mean_mm, unit), law_of(np.zeros(3), shot)
+    return unit_quantile(*laws, requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
 
 
 def closed_form_at(problem: PlacementProblem, terms: DemandTerms, held: Promise, choice: Choice) -> float:
@@ -129,15 +144,12 @@ def no_correction(problem: PlacementProblem) -> Correction:
 def correction_at(
     problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Promise, same_ends: Array | None
 ) -> Correction:
-    """The correction that makes value and gradient exact at a choice; value alone for a per-unit quantile, whose
-    sampled value has no useful derivative.  ``same_ends`` (B,) keeps the bounded sources where they are in the
-    programme, when the worst vertex flips between iterates."""
+    """The correction that makes value and gradient exact at a choice.  ``same_ends`` (B,) keeps the bounded sources
+    where they are in the programme, when the worst vertex flips between iterates."""
     signs = held.signs if same_ends is None else same_ends
     at_ends = held if same_ends is None else replace(held, signs=same_ends)
     difference = 2 * log(held.exact_mm) - 2 * log(closed_form_at(problem, terms, at_ends, choice))
-    if terms.demand.per_unit:
-        return replace(no_correction(problem), offset=difference)
-    exact = _exact_gradient(problem, terms, choice, held)
+    exact = (_unit_gradient if terms.demand.per_unit else _exact_gradient)(problem, terms, choice, held)
     form = _closed_gradient(problem, terms, choice, held, signs)
     slope = Correction(
         0.0, exact.noise - form.noise, exact.made - form.made, exact.widths - form.widths,
@@ -181,22 +193,70 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
             column = where.get((source.contributor, source.index))
             widths[source.free] += 0.0 if column is None else float(slopes.dr_dlog_column[column])
 
-    def exact(at: Choice) -> tuple[float, Array, Array]:
-        there = promise(problem, terms, at)
-        return 2 * log(there.exact_mm), there.noise, there.made
-
-    steps = _mechanical_steps(problem, choice)
     curvature = per * slopes.dr_dcovariance
+    pivots, spacings = _mechanical_gradient(problem, terms, choice, curvature, curvature)
+    return Correction(0.0, curvature, curvature, per * widths, pivots, spacings)
+
+
+def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Promise) -> Correction:
+    """Gradient of log r^2 of a per-unit quantile by central differences: the units are the same ones each time, and
+    the value drawn from them is continuous, so that it has a slope of its own (:mod:`..tail.per_unit`).
+
+    By a covariance C: its sources' gains stretched along each pair of its axes, ``C -> (1 + eps A) C (1 + eps A)'``,
+    which never leaves the covariances.  With A = e_i e_j' + e_j e_i' (half of it for i = j) on those axes, C's
+    eigenvalues l, and G the gradient sought, the slope is ``2 (l_i + l_j) G_ij`` (``2 l_i G_ii``).
+    """
+    groups: dict[bool, list[str]] = {True: [], False: []}
+    for block in held.model.blocks:
+        if block.contributor.startswith(LAYOUT_BLOCKS):
+            groups[block.contributor == MADE].append(block.contributor)
+
+    def by_covariance(covariance: Array, names: list[str]) -> Array:
+        lengths, axes = np.linalg.eigh(covariance)
+        found = np.zeros((3, 3))
+        for i in range(3):
+            for j in range(i, 3):
+                size = lengths[i] + lengths[j] if i != j else lengths[i]
+                if size <= 1e-9 * lengths[2]:
+                    continue
+                turn = np.zeros((3, 3))
+                turn[i, j] = turn[j, i] = UNIT_STEP
+                sides = [
+                    _unit_quantile(
+                        held.model, terms.demand, held.mean_mm,
+                        dict.fromkeys(names, np.eye(3) + side * axes @ turn @ axes.T),
+                    ).value_mm
+                    for side in (1, -1)
+                ]  # fmt: skip
+                found[i, j] = found[j, i] = 2 * log(sides[0] / sides[1]) / (2 * UNIT_STEP) / (2 * size)
+        return np.asarray(axes @ found @ axes.T)
+
+    noise, made = by_covariance(held.noise, groups[False]), by_covariance(held.made, groups[True])
+    widths = np.zeros(len(choice.half_width))
+    for k in range(len(widths)):
+        factor = np.ones(len(widths))
+        factor[k] = np.exp(UNIT_STEP)
+        sides = [
+            promise(problem, terms, replace(choice, half_width=width)).exact_mm
+            for width in (choice.half_width * factor, choice.half_width / factor)
+        ]
+        widths[k] = 2 * log(sides[0] / sides[1]) / (2 * UNIT_STEP)
+    return Correction(0.0, noise, made, widths, *_mechanical_gradient(problem, terms, choice, noise, made))
+
+
+def _mechanical_gradient(
+    problem: PlacementProblem, terms: DemandTerms, choice: Choice, by_noise: Array, by_made: Array
+) -> tuple[Array, Array]:
+    """Gradient of log r^2 by pivots (3P,) and spacings (L,), by differences, less what goes through the images."""
     found = []
-    for low, high, width in steps:
-        (a, noise_a, made_a), (b, noise_b, made_b) = exact(low), exact(high)
-        through_image = float((curvature * (noise_b - noise_a + made_b - made_a)).sum())
-        found.append((b - a - through_image) / width)
+    for low, high, width in _mechanical_steps(problem, choice):
+        below, above = promise(problem, terms, low), promise(problem, terms, high)
+        through_image = float(
+            (by_noise * (above.noise - below.noise)).sum() + (by_made * (above.made - below.made)).sum()
+        )
+        found.append((2 * log(above.exact_mm / below.exact_mm) - through_image) / width)
     count = 3 * len(problem.pivots)
-    return Correction(
-        0.0, curvature, curvature, per * widths, np.array(found[:count]).reshape(-1),
-        np.array(found[count:]).reshape(-1),
-    )  # fmt: skip
+    return np.array(found[:count]).reshape(-1), np.array(found[count:]).reshape(-1)
 
 
 def _mechanical_steps(problem: PlacementProblem, choice: Choice) -> list[tuple[Choice, Choice, float]]:

@@ -21,6 +21,7 @@ from ..results import (
     MovedPivot,
     Optimisation,
     PlacementValue,
+    ShadowPrice,
 )
 from ..scoring import vector3
 from ..system import Array, System
@@ -112,12 +113,7 @@ def report(outcome: Outcome) -> Optimisation:
             stopped=outcome.search.stopped,
             verification=verified.verification,
         ),
-        shadow_prices=()
-        if solution is None
-        else shadow_prices(
-            solution.program, solution.found.point,
-            *((solution.cost, settled.cost) if solution.problem.objective != "quantile" else (_largest_mm(outcome),)),
-        ),
+        shadow_prices=_shadow_prices(outcome),
         binding=() if solution is None else binding(solution.program, solution.found.point, solution.found.parameters),
         influence=outcome.influence,
         placement_value=outcome.value,
@@ -160,6 +156,21 @@ def _p95(system: System, demands: tuple[Demand, ...]) -> float:
         model = linearise(system, demand.target)
         values.append(exact_quantile(model, Demand(wanted, demand.target)).value_mm)
     return max(values)
+
+
+def _shadow_prices(outcome: Outcome) -> tuple[ShadowPrice, ...]:
+    """At the limits themselves where there is an optimum there: what a check's margin below them costs is not smooth
+    in them, and for a per-unit quantile the margin is some per cent."""
+    settled = outcome.verified.settled
+    if outcome.exact is not None:
+        exact = outcome.exact
+        return shadow_prices(exact.program, exact.found.point, exact.cost)
+    if settled.solution is None:
+        return ()
+    program, point = settled.solution.program, settled.solution.found.point
+    if settled.problem.objective == "quantile":
+        return shadow_prices(program, point, _largest_mm(outcome))
+    return shadow_prices(program, point, settled.solution.cost, settled.cost)
 
 
 def _largest_mm(outcome: Outcome) -> float:
