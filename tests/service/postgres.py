@@ -20,8 +20,10 @@ import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
+import psutil
 import psycopg
 import pytest
 from psycopg import sql
@@ -81,6 +83,21 @@ class Server:
     def restart(self, *, immediate: bool = True) -> None:
         self.stop(immediate=immediate)
         self.start()
+
+    @contextmanager
+    def frozen(self) -> Iterator[None]:
+        """All of its processes stand still: connections are taken by the system, and nothing is answered."""
+        assert self._process is not None
+        parent = psutil.Process(self._process.pid)
+        parent.suspend()  # first: then there are no further children
+        stopped = [parent, *parent.children(recursive=True)]
+        for process in stopped[1:]:
+            process.suspend()
+        try:
+            yield
+        finally:
+            for process in reversed(stopped):
+                process.resume()
 
     def close(self) -> None:
         self.stop()

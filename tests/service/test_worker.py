@@ -9,6 +9,7 @@ import json
 import logging
 import os
 import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -267,11 +268,11 @@ def test_a_defect_of_the_second_thread_ends_the_worker(db: Database, monkeypatch
 def test_a_lost_unit_is_stopped_and_left_alone(db: Database, caplog: pytest.LogCaptureFixture) -> None:
     """Another worker has the unit by now: the computation ends, nothing is released or recorded."""
     submitted = submit(db, request("burn"))
-    with working(db, lease_seconds=1.0) as (_, engine):
+    with working(db, lease_seconds=3.0) as (_, engine):
         until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())
         with db.engine.connect() as connection:
             held = tables.units.c.number == 1
-            taken = {"token": tables.units.c.token + 1, "worker_id": "another", "lease_until": 1e11}
+            taken = {"token": tables.units.c.token + 1, "worker_id": "another", "lease_until": time.time() + 3.0}
             connection.execute(sa.update(tables.units).where(held).values(taken))
             connection.commit()
         until(lambda: not engine._children.seconds(), 5.0)

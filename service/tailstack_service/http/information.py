@@ -17,8 +17,9 @@ from tailstack.json_text import write_json
 
 from ..documents import RECORDS, json_schema, schema_names
 from ..problems import CATALOGUE, ProblemType, TransportError
+from ..store.readiness import look
 from .answers import record_response
-from .metrics import CONTENT_TYPE, live_workers
+from .metrics import CONTENT_TYPE, FRESH_SECONDS
 from .service import Warmth, service_of
 
 log = logging.getLogger("tailstack.service")
@@ -66,11 +67,12 @@ async def liveness(request: Request) -> Response:
 async def readiness(request: Request) -> Response:
     """200 once the kernels are compiled and the database can be used, until the service is told to stop.
 
-    A service without a worker is ready: it scores, and accepts jobs that run as soon as a worker comes.
+    A service without a worker is ready: it scores, and accepts jobs that run as soon as a worker comes.  The answer
+    takes no longer than a look at the database may, whatever became of that.
     """
     service = service_of(request)
     try:
-        workers: int | None = await service.storage.run(live_workers)
+        workers: int | None = await service.storage.look(lambda database: look(database, fresh_seconds=FRESH_SECONDS))
     except TailstackError as error:
         log.warning("%s", error, extra={"action": "database-not-ready"})
         workers = None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Iterator
 from functools import cache
 
@@ -13,9 +12,9 @@ from prometheus_client.registry import Collector
 
 from ..store.database import Database
 from ..store.usage import Figures, figures
-from ..store.workers import workers
 
 FRESH_SECONDS = 60.0  # a worker that was not seen for so long counts as gone
+STORE_SECONDS = 5.0  # for the database to answer: Prometheus gives a page up after ten
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 SECONDS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
 NO_ROUTE = "(none)"
@@ -70,7 +69,7 @@ class _Stored(Collector):
         return []
 
     def collect(self) -> Iterator[Metric]:
-        seen: Figures = figures(self.database, fresh_seconds=FRESH_SECONDS)
+        seen: Figures = figures(self.database.within(STORE_SECONDS), fresh_seconds=FRESH_SECONDS)
         jobs = GaugeMetricFamily("tailstack_jobs", "Jobs by state.", labels=["state"])
         for state, count in seen.jobs.items():
             jobs.add_metric([state], count)
@@ -84,8 +83,3 @@ class _Stored(Collector):
         yield CounterMetricFamily("tailstack_units_recorded", "Units recorded.", seen.recorded_units)
         yield CounterMetricFamily("tailstack_units_cpu_seconds", "CPU seconds of recorded units.", seen.cpu_seconds)
         yield GaugeMetricFamily("tailstack_workers_alive", "Workers whose heartbeat is fresh.", seen.live_workers)
-
-
-def live_workers(database: Database) -> int:
-    """Workers that were seen lately, on whatever host."""
-    return sum(worker.seen_at > time.time() - FRESH_SECONDS for worker in workers(database))

@@ -1,6 +1,9 @@
 """Calls of the store, in threads of their own: the event loop never waits for a disk or a socket.
 
 Readers and writers have theirs apart: SQLite has one writer, and while it is held up, what is there can still be read.
+Nobody waits for longer than he may, whatever the database does: a transaction gives itself up in time where that is
+possible (PostgreSQL), and where it is not (a disk that does not answer) its caller stops waiting for it.  A call that
+was given up keeps its thread until it ends; there are never more of them than threads.
 """
 
 from __future__ import annotations
@@ -8,14 +11,21 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Concatenate, ParamSpec, TypeVar
 
+from tailstack.errors import Problem
+
+from ..store import database
 from ..store.database import Database, open_database
+from ..store.errors import StoreUnavailable
 
 P = ParamSpec("P")
 T = TypeVar("T")
 THREADS = 8  # of each kind; more would only wait for one another
+LOOK_SECONDS = 2.0  # for a database to show that it can be used
+LATE_SECONDS = 0.5  # that a call is waited for after it should have given itself up
+ENDING_SECONDS = 2.0  # for calls under way when the service stops
 
 
 class Storage:
@@ -27,11 +37,13 @@ class Storage:
         self._opening = threading.Lock()
         self._readers = ThreadPoolExecutor(THREADS, thread_name_prefix="tailstack-store")
         self._writers = ThreadPoolExecutor(THREADS, thread_name_prefix="tailstack-store-write")
+        self._lookers = ThreadPoolExecutor(1, thread_name_prefix="tailstack-store-look")
+        self._look: Future[int] | None = None
 
     async def run(self, function: Callable[Concatenate[Database, P], T], *args: P.args, **kwargs: P.kwargs) -> T:
         """``function(database, ...)``, which only reads, in a thread.
 
-        Raises what it raises, and StoreError if nothing can be opened.
+        Raises what it raises, StoreError if nothing can be opened, and StoreUnavailable if it takes too long.
         """
         return await self._run(self._readers, lambda database: function(database, *args, **kwargs))
 
@@ -40,20 +52,61 @@ class Storage:
         return await self._run(self._writers, lambda database: function(database, *args, **kwargs))
 
     async def _run(self, pool: ThreadPoolExecutor, call: Callable[[Database], T]) -> T:
-        return await asyncio.get_running_loop().run_in_executor(pool, lambda: call(self.database()))
+        future = pool.submit(lambda: call(self.database()))
+        try:
+            return await _awaited(future, database.BUSY_SECONDS + LATE_SECONDS)
+        finally:
+            future.cancel()  # of no effect unless it has not begun: then nobody waits for it any more
 
-    def database(self) -> Database:
-        """The open database, for a caller that is in a thread already.  Raises StoreError."""
-        with self._opening:
+    async def look(self, function: Callable[[Database], int]) -> int:
+        """``function(database)`` within ``LOOK_SECONDS``: has a thread to itself, which all who look share.
+
+        Raises StoreUnavailable if no answer comes in that time, and what ``function`` raises.
+        """
+        if self._look is None or self._look.done():
+            self._look = self._lookers.submit(lambda: function(self.database(LOOK_SECONDS).within(LOOK_SECONDS)))
+        return await _awaited(self._look, LOOK_SECONDS + LATE_SECONDS)
+
+    def database(self, seconds: float | None = None) -> Database:
+        """The open database, for a caller that is in a thread already.  Raises StoreError, StoreUnavailable."""
+        limit = database.BUSY_SECONDS if seconds is None else seconds
+        if not self._opening.acquire(timeout=limit):
+            raise _late(limit)
+        try:
             if self._database is None:
-                self._database = open_database(self.url)
+                self._database = open_database(self.url, seconds=limit)
             return self._database
+        finally:
+            self._opening.release()
 
     def close(self) -> None:
-        """Wait for calls under way and close every connection."""
-        for pool in (self._readers, self._writers):
+        """Let calls under way end, within ``ENDING_SECONDS`` if the database lets them, and close every connection."""
+        if self._database is not None:
+            self._database.end_within(ENDING_SECONDS)
+        for pool in (self._readers, self._writers, self._lookers):
             pool.shutdown(wait=True, cancel_futures=True)
-        with self._opening:
-            database, self._database = self._database, None
+        database, self._database = self._database, None
         if database is not None:
             database.close()
+
+
+async def _awaited(future: Future[T], seconds: float) -> T:
+    """The result of a call in a thread.  Raises what it raises, StoreUnavailable after so many seconds."""
+    waiting = asyncio.wrap_future(future)
+    waiting.add_done_callback(_note)
+    done, _ = await asyncio.wait({waiting}, timeout=seconds)
+    if not done:
+        raise _late(seconds)
+    return waiting.result()
+
+
+def _note(waiting: asyncio.Future[T]) -> None:
+    """Look at an exception that nobody waits for any more, which asyncio would warn of."""
+    if not waiting.cancelled():
+        waiting.exception()
+
+
+def _late(seconds: float) -> StoreUnavailable:
+    detail = f"the database did not answer within {seconds:g} s"
+    hint = "try again in a moment; the server, or the disk, must answer"
+    return StoreUnavailable(Problem("", "store-unavailable", detail, hint))

@@ -11,7 +11,7 @@ deadlock, although it takes units before jobs and everything else takes jobs bef
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +33,7 @@ _JOB = tables.jobs.c
 
 UNITS_IN_PLACE = 16
 SECONDS_PER_FURTHER_UNIT = 10.0
+CLOCK_SECONDS = 1.0  # by which a clock may be set back without a lease seeming too long
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,20 +89,25 @@ def claim(
     limit: int,
     max_attempts: int,
     max_deaths: int,
+    may_take_over: Callable[[], bool] = lambda: True,
 ) -> list[Claim]:
     """At most ``limit`` units for this worker: those that wait, and those whose lease has run out.
+
+    A lease that ends further ahead than leases last was given while the clock was ahead, and counts as run out.
+    ``may_take_over`` is asked once the database has said what time it is: False leaves leases that have run out alone.
 
     A job that was begun by another version of the solver is left to its workers while one of them was seen within the
     last ``lease_seconds``; after that it is begun anew here.  A unit that was begun ``max_attempts`` times, or took
     ``max_deaths`` processes with it, is not given out again: its job fails.  While other claims are under way the list
     may be shorter than what is there.
     """
-    if limit <= 0 or (db.dialect == "sqlite" and not _anything_to_claim(db)):
+    if limit <= 0 or (db.dialect == "sqlite" and not _anything_to_claim(db, lease_seconds)):
         return []
     with writing(db) as connection:
         at = now(db, connection)
-        others = versions_at_work(connection, at - lease_seconds) - {solver_version}
-        rows = _claimable(connection, at, others, limit)
+        run_out = _run_out(at, lease_seconds) if may_take_over() else None
+        others = versions_at_work(connection, at, lease_seconds) - {solver_version}
+        rows = _claimable(connection, run_out, others, limit)
         rows = _settled(connection, rows, at, solver_version, max_attempts, max_deaths)
         if not rows:
             return []
@@ -128,18 +134,22 @@ def claim(
         ]
 
 
-def _anything_to_claim(db: Database) -> bool:
+def _anything_to_claim(db: Database, lease_seconds: float) -> bool:
     """Idle workers ask many times a second: they must not take the only write lock of a file for that."""
     with reading(db) as connection:
-        return bool(connection.execute(_ANYTHING, {"at": now(db, connection)}).scalar_one())
+        return bool(connection.execute(_ANYTHING, _run_out(now(db, connection), lease_seconds)).scalar_one())
 
 
-_ANYTHING = sa.select(
-    sa.or_(
-        sa.exists().where(tables.ready),
-        sa.exists().where(_UNIT.state == tables.LEASED, _UNIT.lease_until < sa.bindparam("at")),
-    )
+def _run_out(at: float, lease_seconds: float) -> dict[str, float]:
+    """The bounds outside of which a lease has run out."""
+    return {"at": at, "last": at + lease_seconds + CLOCK_SECONDS}
+
+
+_RUN_OUT = sa.and_(
+    _UNIT.state == tables.LEASED,
+    sa.or_(_UNIT.lease_until < sa.bindparam("at"), _UNIT.lease_until > sa.bindparam("last")),
 )
+_ANYTHING = sa.select(sa.or_(sa.exists().where(tables.ready), sa.exists().where(_RUN_OUT)))
 _CANDIDATE = (
     sa.select(
         _UNIT.job_id, _UNIT.number, _UNIT.advance, _UNIT.place, _UNIT.spec, _UNIT.token, _UNIT.attempts, _UNIT.deaths,
@@ -155,17 +165,17 @@ _CANDIDATE = (
 _OF_SOME = _JOB.solver_version.not_in(sa.bindparam("others", expanding=True))
 _READY = _CANDIDATE.where(_UNIT.state == tables.READY).limit(sa.bindparam("at_most", type_=sa.Integer))
 _READY_OF_SOME = _READY.where(_OF_SOME)
-_EXPIRED = _CANDIDATE.where(_UNIT.state == tables.LEASED, _UNIT.lease_until < sa.bindparam("at")).limit(
-    sa.bindparam("at_most", type_=sa.Integer)
-)
+_EXPIRED = _CANDIDATE.where(_RUN_OUT).limit(sa.bindparam("at_most", type_=sa.Integer))
 _EXPIRED_OF_SOME = _EXPIRED.where(_OF_SOME)
 
 
-def _claimable(connection: Connection, at: float, others: set[str], limit: int) -> list[AnyRow]:
+def _claimable(connection: Connection, run_out: dict[str, float] | None, others: set[str], limit: int) -> list[AnyRow]:
     """Units that may be taken, in the order of the queue; on PostgreSQL their rows are locked."""
-    values = {"at": at, "at_most": limit} | ({"others": sorted(others)} if others else {})
+    values: dict[str, Any] = {"at_most": limit} | ({"others": sorted(others)} if others else {})
     ready, expired = (_READY_OF_SOME, _EXPIRED_OF_SOME) if others else (_READY, _EXPIRED)
-    found = [*connection.execute(ready, values), *connection.execute(expired, values)]
+    found = [*connection.execute(ready, values)]
+    if run_out is not None:
+        found += connection.execute(expired, values | run_out)
     return sorted(found, key=lambda row: (row.place, row.job_id, row.number))[:limit]
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import os
 import random
 import sqlite3
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Lock
 from typing import Any, TypeAlias
@@ -20,11 +22,13 @@ from sqlalchemy.engine import URL, Connection, Engine, Row, make_url
 
 from tailstack.errors import Problem
 
+from .database_file import DatabaseFile
 from .errors import BadDatabaseUrl, StoreError, StoreUnavailable
 
 AnyRow: TypeAlias = "Row[*tuple[Any, ...]]"
 
-BUSY_SECONDS = 10.0
+BUSY_SECONDS = 10.0  # for a transaction, from its begin to its end; ``Database.within`` says otherwise
+CONNECTING_SECONDS = 5.0  # of those, for a server to take a connection
 POSTGRESQL_OPTIONS = (
     "-c statement_timeout=30s -c lock_timeout=10s -c idle_in_transaction_session_timeout=60s -c synchronous_commit=on"
 )
@@ -34,27 +38,85 @@ DAMAGED_SQLITE_CODES = {11, 26}  # CORRUPT, NOTADB
 CLOSED_SQLITE_CODES = {3, 8, 23}  # PERM, READONLY, AUTH
 
 
+@dataclass(slots=True)
+class End:
+    """The moment (monotonic seconds) by which every call of a database has to be over, those under way included."""
+
+    at: float = math.inf
+
+
 @dataclass(frozen=True, slots=True)
 class Database:
-    """A pool of connections.  ``clock`` replaces the database's own time (epoch seconds) in tests."""
+    """A pool of connections.  ``clock`` replaces the database's own time (epoch seconds) in tests.
+
+    No transaction waits longer than its seconds for the database, whatever became of it: a server whose processes are
+    stopped, a network that swallows packets.  Its connection is then given up, and StoreUnavailable raised.
+    """
 
     engine: Engine
     dialect: str  # "sqlite" or "postgresql"
     clock: Callable[[], float] | None = None
     # SQLite has one writer: threads of this process queue here instead of polling its lock
     turn: Lock | None = None
+    file: DatabaseFile | None = None  # of SQLite
+    seconds: float | None = None  # of one transaction; None: BUSY_SECONDS
+    end: End = field(default_factory=End)
+
+    def within(self, seconds: float) -> Database:
+        """The same database, for transactions that may take so many seconds."""
+        return replace(self, seconds=seconds)
+
+    def endable(self) -> Database:
+        """The same database, for calls that ``end_within`` ends."""
+        return replace(self, end=End())
+
+    def end_within(self, seconds: float) -> None:
+        """Let every call through this object end by then, also those under way.  From any thread or signal handler."""
+        self.end.at = min(self.end.at, time.monotonic() + seconds)
 
     def close(self) -> None:
         """Close every connection of the pool."""
         self.engine.dispose()
 
 
-def open_database(url: str, *, migrate: bool = False, clock: Callable[[], float] | None = None) -> Database:
+class _Limit(threading.local):
+    """Until when the transaction of this thread may wait for the database."""
+
+    at: float = math.inf  # monotonic seconds
+    end: End = End()
+    seconds: float = math.inf  # of the transaction, for the words of a refusal
+
+    def left(self) -> float:
+        return min(self.at, self.end.at) - time.monotonic()
+
+
+_limit = _Limit()
+
+
+@contextmanager
+def _limited(db: Database) -> Iterator[None]:
+    before = _limit.at, _limit.end, _limit.seconds
+    seconds = BUSY_SECONDS if db.seconds is None else db.seconds
+    _limit.at, _limit.end, _limit.seconds = time.monotonic() + seconds, db.end, seconds
+    try:
+        yield
+    finally:
+        _limit.at, _limit.end, _limit.seconds = before
+
+
+def _silence() -> str:
+    return f"the database did not answer within {_limit.seconds:g} s"
+
+
+def open_database(
+    url: str, *, migrate: bool = False, clock: Callable[[], float] | None = None, seconds: float | None = None
+) -> Database:
     """A database whose schema is the one that this version knows.
 
     ``migrate`` creates a SQLite file or brings it up to date; PostgreSQL is only ever changed by ``tailstack db
-    migrate``, so that hosts of a cluster do not change it under one another.  Raises StoreError with the next command,
-    StoreUnavailable if the server cannot be reached.
+    migrate``, so that hosts of a cluster do not change it under one another.  ``seconds``: for it to answer now; its
+    later transactions have their own.  Raises StoreError with the next command, StoreUnavailable if the server cannot
+    be reached.
     """
     from . import schema
 
@@ -63,7 +125,7 @@ def open_database(url: str, *, migrate: bool = False, clock: Callable[[], float]
         schema.migrate(url)
     db = connect(url, clock=clock)
     try:
-        schema.require_current(db)
+        schema.require_current(db if seconds is None else db.within(seconds))
     except BaseException:
         db.close()
         raise
@@ -98,7 +160,7 @@ def connect(url: str, *, create: bool = False, clock: Callable[[], float] | None
     if parsed.get_backend_name() == "sqlite":
         path = Path(str(parsed.database))
         _require_file(path, create)
-        return Database(_sqlite_engine(parsed), "sqlite", clock, Lock())
+        return Database(_sqlite_engine(parsed), "sqlite", clock, Lock(), DatabaseFile(path))
     try:
         engine = _postgresql_engine(parsed)
     except ModuleNotFoundError as error:
@@ -122,6 +184,11 @@ def _sqlite_engine(url: URL) -> Engine:
         url, connect_args={"timeout": BUSY_SECONDS}, pool_size=8, max_overflow=64, pool_timeout=BUSY_SECONDS
     )
 
+    @sa.event.listens_for(engine, "do_connect")
+    def _connect(_dialect: Any, _record: Any, arguments: list[Any], named: dict[str, Any]) -> None:
+        # By itself SQLite makes an empty file where there is none, say in the place of one that was deleted
+        arguments[0], named["uri"] = f"{Path(arguments[0]).absolute().as_uri()}?mode=rw", True
+
     @sa.event.listens_for(engine, "connect")
     def _configure(connection: Any, record: Any) -> None:
         connection.isolation_level = None  # BEGIN is ours to say
@@ -135,18 +202,17 @@ def _sqlite_engine(url: URL) -> Engine:
 
     @sa.event.listens_for(engine, "begin")
     def _begin(connection: Connection) -> None:
-        deadline = connection.get_execution_options().get("tailstack_writes_before")
-        if deadline is not None:
-            _begin_writing(connection, deadline)
+        if connection.get_execution_options().get("tailstack_writes"):
+            _begin_writing(connection)
         else:
             connection.exec_driver_sql("BEGIN")
 
     return engine
 
 
-def _begin_writing(connection: Connection, deadline: float) -> None:
-    """Take the write lock, by ``deadline`` (monotonic seconds), before anything is read: a transaction that reads first
-    and writes later would be refused at its first write.
+def _begin_writing(connection: Connection) -> None:
+    """Take the write lock, within the transaction's time, before anything is read: a transaction that reads first and
+    writes later would be refused at its first write.
 
     SQLite's own way to wait sleeps for up to 0.1 s at a time, and a busier process comes first each time.  Asking every
     few milliseconds instead took the longest wait of two processes that only write from 1.9 s to 0.3 s.
@@ -159,7 +225,7 @@ def _begin_writing(connection: Connection, deadline: float) -> None:
                 return
             except exc.OperationalError as error:
                 code = getattr(error.orig, "sqlite_errorcode", 0)
-                if code & 0xFF != sqlite3.SQLITE_BUSY or time.monotonic() > deadline:
+                if code & 0xFF != sqlite3.SQLITE_BUSY or _limit.left() < 0:
                     raise
             time.sleep(random.uniform(0.0005, 0.004))
     finally:
@@ -167,11 +233,11 @@ def _begin_writing(connection: Connection, deadline: float) -> None:
 
 
 def _postgresql_engine(url: URL) -> Engine:
-    arguments: dict[str, Any] = {"connect_timeout": 10, "application_name": "tailstack"}
-    arguments |= {"keepalives_idle": 30, "keepalives_interval": 10, "keepalives_count": 3}
-    arguments["options"] = POSTGRESQL_OPTIONS
+    arguments: dict[str, Any] = {"application_name": "tailstack", "options": POSTGRESQL_OPTIONS}
+    # For connections that nobody waits on: the system gives up those whose other end is gone
+    arguments |= {"keepalives_idle": 30, "keepalives_interval": 10, "keepalives_count": 3, "tcp_user_timeout": 30_000}
     arguments = {key: value for key, value in arguments.items() if key not in url.query}
-    return sa.create_engine(
+    engine = sa.create_engine(
         url,
         connect_args=arguments,
         isolation_level="READ COMMITTED",
@@ -180,27 +246,87 @@ def _postgresql_engine(url: URL) -> Engine:
         max_overflow=16,
         pool_timeout=BUSY_SECONDS,
     )
+    limited = _limited_connection(engine.dialect.dbapi)
+
+    @sa.event.listens_for(engine, "do_connect")
+    def _connect(_dialect: Any, _record: Any, arguments: list[Any], named: dict[str, Any]) -> Any:
+        left = min(CONNECTING_SECONDS, _limit.left())
+        if left <= 0:
+            raise limited.silent()
+        # psycopg waits for two seconds at least, for each address of the host
+        return limited.connect(*arguments, **{"connect_timeout": math.ceil(left), **named})
+
+    return engine
+
+
+def _limited_connection(psycopg: Any) -> Any:
+    """psycopg's Connection, which waits for the server for as long as the transaction of its thread may.
+
+    The server's own limits (statement_timeout and the like) end nothing while the server itself stands still.
+    """
+
+    class LimitedConnection(psycopg.Connection):  # type: ignore[misc]
+        @staticmethod
+        def silent() -> Any:
+            return psycopg.OperationalError(_silence())
+
+        def wait(self, gen: Any, *arguments: Any, **named: Any) -> Any:
+            try:
+                return super().wait(self._within_limit(gen), *arguments, **named)
+            except TimeoutError:
+                # What was asked may still be done, or not: nobody can use this connection again
+                self.pgconn.finish()
+                raise self.silent() from None
+
+        @staticmethod
+        def _within_limit(gen: Any) -> Any:
+            """``gen``, which waits for the socket; it is told every tenth of a second that nothing has come."""
+            try:
+                waits_for = next(gen)
+                while True:
+                    came = yield waits_for
+                    if not came and _limit.left() < 0:
+                        raise TimeoutError
+                    waits_for = gen.send(came)
+            except StopIteration as done:
+                return done.value
+
+    return LimitedConnection
 
 
 @contextmanager
 def reading(db: Database) -> Iterator[Connection]:
-    """A transaction that only reads; on SQLite it neither waits for a writer nor keeps one waiting."""
-    with _passing_faults(), db.engine.connect() as connection:
-        yield connection
+    """A transaction that only reads; on SQLite it neither waits for a writer nor keeps one waiting.
+
+    Raises StoreUnavailable, also where it takes longer than it may, and StoreError for a file that is another by now.
+    """
+    with _limited(db), _passing_faults():
+        _require_same_file(db)
+        with db.engine.connect() as connection:
+            yield connection
 
 
 @contextmanager
 def writing(db: Database) -> Iterator[Connection]:
     """A transaction that writes: committed at the end of the block, undone if the block raises.
 
-    On SQLite whoever cannot begin within ``BUSY_SECONDS``, behind threads of this process and other processes, is
-    refused (StoreUnavailable): a writer that is stopped must not make all others wait, one after the other.
+    On SQLite whoever cannot begin in time, behind threads of this process and other processes, is refused
+    (StoreUnavailable): a writer that is stopped must not make all others wait, one after the other.  Raises as
+    ``reading``.
     """
-    deadline = time.monotonic() + BUSY_SECONDS
-    with _passing_faults(), _turn(db), db.engine.connect() as plain:
-        connection = plain.execution_options(tailstack_writes_before=deadline)
-        with connection.begin():
-            yield connection
+    with _limited(db), _passing_faults(), _turn(db):
+        _require_same_file(db)
+        with db.engine.connect() as plain:
+            connection = plain.execution_options(tailstack_writes=True)
+            with connection.begin():
+                _require_same_file(db, and_log=True)
+                yield connection
+                _require_same_file(db, and_log=True)
+
+
+def _require_same_file(db: Database, *, and_log: bool = False) -> None:
+    if db.file is not None:
+        db.file.require_same(and_log=and_log)
 
 
 @contextmanager
@@ -208,8 +334,8 @@ def _turn(db: Database) -> Iterator[None]:
     if db.turn is None:
         yield
         return
-    if not db.turn.acquire(timeout=BUSY_SECONDS):
-        detail = f"another writer has held the database for more than {BUSY_SECONDS:g} s"
+    if not db.turn.acquire(timeout=max(0.0, _limit.left())):
+        detail = f"another writer has held the database for more than {_limit.seconds:g} s"
         raise StoreUnavailable(Problem("", "store-unavailable", detail, _SQLITE_PATIENCE))
     try:
         yield

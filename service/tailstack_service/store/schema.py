@@ -14,6 +14,7 @@ from .database import Database, connect, reading, writing
 from .errors import StoreError
 
 HEAD = "0001"  # the newest of migrations/versions
+MIGRATING_SECONDS = 3_600.0  # for a server to change large tables, or for another who does it to be done
 MIGRATIONS = Path(__file__).parent / "migrations"
 _ONE_AT_A_TIME = Lock()  # Alembic hands its context around in global variables
 _LOCK = 1413564242  # of pg_advisory_xact_lock: any number that nothing else here uses
@@ -59,7 +60,7 @@ def migrate(url: str) -> tuple[str | None, str]:
     """
     db = connect(url, create=True)
     try:
-        with writing(db) as connection:
+        with writing(db.within(MIGRATING_SECONDS) if db.dialect == "postgresql" else db) as connection:
             if db.dialect == "postgresql":
                 connection.execute(sa.text("SET LOCAL statement_timeout = 0; SET LOCAL lock_timeout = 0"))
                 connection.execute(sa.text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})

@@ -19,6 +19,7 @@ __all__ = ["HEAD", "Check", "Purged", "backup", "check", "migrate", "purge", "sc
 JOBS_AT_A_TIME = 20  # so that nobody waits long for the write lock
 SECONDS_PER_DAY = 86_400.0
 WORKERS_KEPT_SECONDS = 86_400.0
+CHECKING_SECONDS = 3_600.0  # for everything to be read
 _PURGE_LOCK = 1413564241
 
 
@@ -43,7 +44,7 @@ class Purged:
 
 def check(db: Database) -> list[Check]:
     """Look at everything, in one transaction that sees one moment.  Raises StoreUnavailable."""
-    with reading(db) as connection:
+    with reading(db.within(CHECKING_SECONDS)) as connection:
         if db.dialect == "postgresql":
             connection.execute(sa.text("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ"))
             connection.execute(sa.text("SET LOCAL statement_timeout = 0"))

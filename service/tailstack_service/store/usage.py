@@ -11,6 +11,7 @@ from sqlalchemy.engine import Connection
 
 from . import tables
 from .database import Database, insert, now, reading
+from .workers import count_live
 
 KEPT_SECONDS = 86_400.0
 
@@ -45,14 +46,14 @@ def _addition(dialect: str) -> Any:
 def cpu_seconds_since(db: Database, tenant: str, since: float) -> float:
     """CPU seconds of units recorded since then (epoch seconds), whole minutes, the first one included.
 
-    Minutes are told apart for the last day; what is older is one sum.
+    Minutes are told apart for the last day; what is older is one sum.  What was recorded in the future, while the clock
+    was ahead, does not count.
     """
     u = tables.usage.c
-    query = sa.select(sa.func.coalesce(sa.func.sum(u.cpu_seconds), 0.0)).where(
-        u.tenant == tenant, u.minute >= int(since // 60)
-    )
+    query = sa.select(sa.func.coalesce(sa.func.sum(u.cpu_seconds), 0.0))
     with reading(db) as connection:
-        return float(connection.execute(query).scalar_one())
+        minutes = u.minute.between(int(since // 60), int(now(db, connection) // 60) + 1)
+        return float(connection.execute(query.where(u.tenant == tenant, minutes)).scalar_one())
 
 
 def fold(db: Database, connection: Connection, at: float) -> int:
@@ -68,7 +69,7 @@ def fold(db: Database, connection: Connection, at: float) -> int:
 
 def figures(db: Database, *, fresh_seconds: float = 60.0) -> Figures:
     """The service at a glance; a worker is alive if it was seen within the last ``fresh_seconds``."""
-    u, w, s = tables.units.c, tables.workers.c, tables.usage.c
+    u, s = tables.units.c, tables.usage.c
     with reading(db) as connection:
         at = now(db, connection)
         by_state = {row[0]: row[1] for row in connection.execute(_COUNTS)}
@@ -77,7 +78,6 @@ def figures(db: Database, *, fresh_seconds: float = 60.0) -> Figures:
         leased = sa.select(sa.func.count()).where(tables.leased)
         spent = sa.select(sa.func.coalesce(sa.func.sum(s.units), 0), sa.func.coalesce(sa.func.sum(s.cpu_seconds), 0.0))
         recorded, cpu_seconds = connection.execute(spent).one()
-        alive = sa.select(sa.func.count()).where(w.seen_at > at - fresh_seconds)
         return Figures(
             jobs={state: by_state.get(state, 0) for state in tables.STATES},
             ready_units=ready_units,
@@ -85,7 +85,7 @@ def figures(db: Database, *, fresh_seconds: float = 60.0) -> Figures:
             oldest_ready_seconds=0.0 if oldest is None else max(0.0, at - oldest),
             recorded_units=int(recorded),
             cpu_seconds=float(cpu_seconds),
-            live_workers=connection.execute(alive).scalar_one(),
+            live_workers=count_live(connection, at, fresh_seconds),
         )
 
 

@@ -57,11 +57,23 @@ def goodbye(db: Database, worker_id: str) -> None:
         connection.execute(sa.delete(tables.workers).where(tables.workers.c.id == worker_id))
 
 
-def versions_at_work(connection: Connection, since: float) -> set[str]:
-    """Solver versions of the workers seen since then (epoch seconds)."""
-    return set(connection.execute(_VERSIONS, {"since": since}).scalars())
+def versions_at_work(connection: Connection, at: float, fresh_seconds: float) -> set[str]:
+    """Solver versions of the workers that were seen within the last ``fresh_seconds``."""
+    return set(connection.execute(_VERSIONS, _fresh(at, fresh_seconds)).scalars())
 
 
-_VERSIONS = (
-    sa.select(tables.workers.c.solver_version).where(tables.workers.c.seen_at > sa.bindparam("since")).distinct()
+def count_live(connection: Connection, at: float, fresh_seconds: float) -> int:
+    """Workers that were seen within the last ``fresh_seconds``."""
+    return int(connection.execute(_LIVE, _fresh(at, fresh_seconds)).scalar_one())
+
+
+def _fresh(at: float, fresh_seconds: float) -> dict[str, float]:
+    return {"since": at - fresh_seconds, "until": at + fresh_seconds}
+
+
+# Who was seen in the future spoke while the clock was ahead, and since then perhaps no more
+_SEEN_LATELY = sa.and_(
+    tables.workers.c.seen_at > sa.bindparam("since"), tables.workers.c.seen_at < sa.bindparam("until")
 )
+_VERSIONS = sa.select(tables.workers.c.solver_version).where(_SEEN_LATELY).distinct()
+_LIVE = sa.select(sa.func.count()).select_from(tables.workers).where(_SEEN_LATELY)

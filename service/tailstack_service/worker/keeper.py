@@ -6,9 +6,11 @@ It neither computes nor records, so that nothing which takes long stands between
 from __future__ import annotations
 
 import logging
+import math
 import os
 import socket
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 
@@ -16,7 +18,7 @@ from ..compute.engine import Engine
 from ..settings import Settings
 from ..store import units
 from ..store.database import Database
-from ..store.errors import StoreUnavailable
+from ..store.errors import StoreError, StoreUnavailable
 from ..work.task import Outcome
 from .hands import Hands, Held
 
@@ -24,6 +26,7 @@ log = logging.getLogger("tailstack.worker")
 
 BEATS_PER_LEASE = 3
 RETRY_SECONDS = 0.25  # while the database does not answer; never longer than between two beats
+LEAST_SECONDS = 2.0  # for the database to answer a beat; with long leases it has the time until the next
 
 
 class Keeper:
@@ -45,7 +48,10 @@ class Keeper:
         on_too_long: Callable[[Held, float], None],
         on_failure: Callable[[BaseException], None],
     ) -> None:
-        self._db, self._engine, self._settings, self._hands = db, engine, settings, hands
+        self._engine, self._settings, self._hands = engine, settings, hands
+        self._seconds = settings.lease_seconds / BEATS_PER_LEASE  # between two beats
+        self._db = db.within(max(self._seconds, LEAST_SECONDS))
+        self._heard_at = self._steady_since = -math.inf  # monotonic: the last beat, and the first without a gap
         self._worker_id, self._version = worker_id, solver_version
         self._on_too_long, self._on_failure = on_too_long, on_failure
         self._unwanted: list[Future[Outcome]] = []
@@ -54,9 +60,24 @@ class Keeper:
         self._silent = False
 
     def begin(self) -> None:
-        """Raises StoreUnavailable."""
+        """Raises StoreUnavailable, StoreError."""
         self._say_alive()
+        self._heard_at = time.monotonic()
         self._thread.start()
+
+    def steady(self) -> bool:
+        """Whether the database has answered beat after beat for as long as a lease.
+
+        While it stands still nobody can prolong a lease.  When it wakes they have all run out, and those who hold them
+        are about to prolong them: whoever took them over now would compute a second time what is being computed.
+        """
+        now = time.monotonic()
+        return now - self._heard_at <= self._gap and now - self._steady_since >= self._settings.lease_seconds
+
+    @property
+    def _gap(self) -> float:
+        """The longest time between two beats of a database that answers, s."""
+        return max(1.5 * self._seconds, LEAST_SECONDS)
 
     def end(self) -> None:
         self._ending.set()
@@ -64,17 +85,20 @@ class Keeper:
             self._thread.join()
 
     def _run(self) -> None:
-        beat = self._settings.lease_seconds / BEATS_PER_LEASE
-        pause = beat
+        pause = self._seconds
         try:
             while not self._ending.wait(pause):
                 try:
                     self._beat()
-                    self._silent, pause = False, beat
-                except StoreUnavailable as error:
-                    pause = min(beat, RETRY_SECONDS)
+                    now = time.monotonic()
+                    if now - self._heard_at > self._gap:
+                        self._steady_since = now
+                    self._heard_at = now
+                    self._silent, pause = False, self._seconds
+                except (StoreUnavailable, StoreError) as error:
+                    pause = min(self._seconds, RETRY_SECONDS)
                     if not self._silent:
-                        log.warning("%s", error, extra={"action": "store-unavailable", "worker": self._worker_id})
+                        log.warning("%s", error, extra={"action": error.slug, "worker": self._worker_id})
                     self._silent = True
         except BaseException as error:
             self._on_failure(error)

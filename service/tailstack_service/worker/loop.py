@@ -23,7 +23,7 @@ from ..settings import Settings
 from ..store import units
 from ..store.claims import Claim
 from ..store.database import Database
-from ..store.errors import StoreUnavailable
+from ..store.errors import StoreError, StoreUnavailable
 from ..work.task import Outcome, Task
 from . import refusals
 from .hands import Hands, Held, key_of
@@ -35,6 +35,8 @@ log = logging.getLogger("tailstack.worker")
 AHEAD_SECONDS = 0.1  # of computing, for each place of the engine
 AHEAD_UNITS = 3  # at most, for each place of the engine: the next ones may be long
 FIRST_PAUSE, LONGEST_PAUSE = 0.05, 2.0  # s, between attempts while the database does not answer
+TRANSACTION_SECONDS = 30.0  # claims and records may be large; nobody waits for an answer
+STOPPING_SECONDS = 3.0  # for the database to take units back; otherwise their leases run out
 FIRST_REST, LONGEST_REST = 0.2, 10.0  # s, without new claims after the engine gave units back
 
 
@@ -55,7 +57,8 @@ class Worker:
 
     def __init__(self, db: Database, engine: Engine, settings: Settings, *, solver_version: str = __version__) -> None:
         self.id = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(3)}"
-        self._db, self._engine, self._settings, self._version = db, engine, settings, solver_version
+        self._db = db.endable().within(TRANSACTION_SECONDS)
+        self._engine, self._settings, self._version = engine, settings, solver_version
         self._hands = Hands()
         self._arrived: SimpleQueue[Held | _Ending | None] = SimpleQueue()
         self._endings: deque[_Ending] = deque()
@@ -64,13 +67,14 @@ class Worker:
         self._usual_seconds = 1.0  # of computing a unit, lately
         self._rest_until, self._rest = 0.0, FIRST_REST
         self._keeper = Keeper(
-            db, engine, settings, self._hands, worker_id=self.id, solver_version=solver_version,
+            self._db, engine, settings, self._hands, worker_id=self.id, solver_version=solver_version,
             on_too_long=self._too_long, on_failure=self._failed,
         )  # fmt: skip
 
     def stop(self) -> None:
         """Finish nothing, give everything back, leave ``run``."""
         self._stopping = True
+        self._db.end_within(STOPPING_SECONDS)
         self._arrived.put(None)
 
     def run(self) -> None:
@@ -93,14 +97,14 @@ class Worker:
     # --- one round --------------------------------------------------------------------------------
 
     def _insist(self, call: Callable[[], None]) -> None:
-        """Call until the database answers.  What is being computed goes on meanwhile."""
+        """Call until the database answers and can be used.  What is being computed goes on meanwhile."""
         pause = FIRST_PAUSE
         while not self._stopping:
             try:
                 call()
                 return
-            except StoreUnavailable as error:
-                log.warning("%s", error, extra={"action": "store-unavailable", "worker": self.id, "seconds": pause})
+            except (StoreUnavailable, StoreError) as error:
+                log.warning("%s", error, extra={"action": error.slug, "worker": self.id, "seconds": pause})
             until = time.monotonic() + pause
             while not self._stopping and time.monotonic() < until:
                 time.sleep(FIRST_PAUSE)
@@ -117,6 +121,7 @@ class Worker:
         claims = units.claim(
             self._db, worker_id=self.id, solver_version=self._version, lease_seconds=self._settings.lease_seconds,
             limit=places, max_attempts=self._settings.max_unit_attempts, max_deaths=self._settings.max_unit_deaths,
+            may_take_over=self._keeper.steady,
         )  # fmt: skip
         for claim in claims:
             self._begin(claim)
@@ -210,8 +215,8 @@ class Worker:
             for one in held:
                 units.release(self._db, one.claim, died=False)
             units.goodbye(self._db, self.id)
-        except StoreUnavailable as error:  # then the leases run out by themselves
-            log.warning("%s", error, extra={"action": "store-unavailable", "worker": self.id})
+        except (StoreUnavailable, StoreError) as error:  # then the leases run out by themselves
+            log.warning("%s", error, extra={"action": error.slug, "worker": self.id})
         finally:
             self._engine.close()
         log.info("%d units given back", len(held), extra={"action": "worker-stopped", "worker": self.id})

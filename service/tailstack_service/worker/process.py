@@ -20,14 +20,15 @@ from ..compute.engine import PERFORM
 from ..compute.interpreter import command, environment
 from ..settings import Settings, told_to_child
 from ..store.database import Database, open_database, parse_url
-from ..store.errors import StoreUnavailable
+from ..store.errors import StoreError, StoreUnavailable
 from .loop import Worker
 from .tidying import Tidying
 
 SAME_STOP_SECONDS = 1.0  # a stop of a whole group of processes arrives more than once
 ENDING_SECONDS = 10.0  # for a worker whose parent has gone
 HEARING_SECONDS = 0.2  # at most, until a signal is acted on
-CONNECTING_SECONDS = 0.5  # between attempts to reach a database that is not up yet
+CONNECTING_SECONDS = 3.0  # for a database to answer
+AGAIN_SECONDS = 0.5  # between attempts to reach one that is not up yet
 
 
 def run_worker(
@@ -39,7 +40,7 @@ def run_worker(
     Raises StoreError (the database cannot be used), RequestError (the engine cannot be had).  For the main thread.
     """
     stop = _Stop(with_parent)
-    with stop, closing(_connected(settings, stop)) as db:
+    with stop, closing(_connected(settings, stop, with_parent=with_parent)) as db:
         if stop.requested:
             return stop.signal
         engine = engine_for(settings, function=function)
@@ -78,16 +79,19 @@ def start_worker_process(settings: Settings, log: IO[bytes] | None = None) -> su
     )
 
 
-def _connected(settings: Settings, stop: _Stop) -> Database:
-    """The database, as soon as it answers."""
+def _connected(settings: Settings, stop: _Stop, *, with_parent: bool) -> Database:
+    """The database, as soon as it answers.
+
+    The worker of a service makes none: the service has, and where its file was deleted a new one would be in the way.
+    """
     while True:
         try:
-            return open_database(settings.database_url, migrate=True)
-        except StoreUnavailable as error:
-            if stop.requested:
+            return open_database(settings.database_url, migrate=not with_parent, seconds=CONNECTING_SECONDS)
+        except (StoreUnavailable, StoreError) as error:
+            if stop.requested or (isinstance(error, StoreError) and not with_parent):
                 raise
             print(f"worker: waiting for the database: {error.problems[0].detail}", file=sys.stderr, flush=True)
-            time.sleep(CONNECTING_SECONDS)
+            time.sleep(AGAIN_SECONDS)
 
 
 class _Stop:

@@ -15,13 +15,14 @@ from ..store.upkeep import purge
 log = logging.getLogger("tailstack.worker")
 
 SECONDS = 3600.0
+ENDING_SECONDS = 1.0
 
 
 class Tidying:
     """A thread of its own: deleting may take longer than a lease.  The first time is within the first hour."""
 
     def __init__(self, db: Database, keep_days: float, *, seconds: float = SECONDS) -> None:
-        self._db, self._keep_days, self._seconds = db, keep_days, seconds
+        self._db, self._keep_days, self._seconds = db.endable(), keep_days, seconds
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="tailstack-tidying", daemon=True)
         self._thread.start()
@@ -29,7 +30,8 @@ class Tidying:
     def end(self) -> None:
         """Waits for what is being deleted, which happens a few hundred rows at a time."""
         self._ending.set()
-        self._thread.join(timeout=5.0)
+        self._db.end_within(ENDING_SECONDS)
+        self._thread.join(timeout=2 * ENDING_SECONDS)
 
     def _run(self) -> None:
         # Several workers that were started together need not tidy at the same moment

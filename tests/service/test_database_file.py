@@ -1,0 +1,152 @@
+"""The file of a SQLite database that is deleted, replaced, or on a full disk, under a service that runs."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import psutil
+import pytest
+from served import Served, served
+from service_scenes import small_design
+from worker_scenes import until
+
+BODY = {"design": small_design(), "trials": 1000}
+TRUE_WITHIN_SECONDS = 3.0  # readiness, after the state has changed
+
+
+@pytest.fixture(scope="module")
+def disk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A disk of 24 MB if this user may mount one, else a directory."""
+    folder = tmp_path_factory.mktemp("disk")
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=24m", "tmpfs", folder], capture_output=True, check=False
+    )
+    try:
+        yield folder
+    finally:
+        if mounted.returncode == 0:
+            subprocess.run(["umount", "--lazy", folder], check=True)
+
+
+@pytest.fixture(scope="module")
+def service(disk: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    url = f"sqlite:///{disk / 'jobs.sqlite3'}"
+    with served(tmp_path_factory.mktemp("log"), TAILSTACK_DATABASE=url, TAILSTACK_LEASE_SECONDS="1") as running:
+        yield running
+
+
+@pytest.fixture
+def client(service: Served) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=service.url, timeout=60, trust_env=False) as connected:
+        until(lambda: ready(connected) == 200, TRUE_WITHIN_SECONDS)
+        yield connected
+
+
+def ready(client: httpx.Client) -> int:
+    return client.get("/health/ready").status_code
+
+
+def count(client: httpx.Client) -> int:
+    return len(client.get("/v1/jobs").json()["jobs"])
+
+
+def accept(client: httpx.Client) -> str:
+    accepted = client.post("/v1/verifications", json=BODY)
+    assert accepted.status_code == 202, accepted.text
+    return accepted.headers["location"]
+
+
+def refuse(client: httpx.Client, slug: str, path: Path) -> None:
+    """Nothing is accepted, in words that do not name the host's files, and readiness says so."""
+    response = client.post("/v1/verifications", json=BODY)
+    assert (response.status_code, response.json()["type"]) == (503, f"/v1/problems/{slug}"), response.text
+    assert int(response.headers["retry-after"]) > 0
+    assert str(path.parent) not in response.text
+    until(lambda: ready(client) == 503, TRUE_WITHIN_SECONDS)
+    assert client.get("/health/ready").json()["status"] == "no database"
+
+
+@contextmanager
+def without(path: Path) -> Iterator[None]:
+    """The file deleted; afterwards the very same file is there again."""
+    kept = path.with_name(path.name + ".kept")
+    os.link(path, kept)
+    path.unlink()
+    try:
+        yield
+    finally:
+        os.replace(kept, path)
+
+
+def test_nothing_is_written_into_a_file_that_was_deleted(client: httpx.Client, disk: Path) -> None:
+    path, before = disk / "jobs.sqlite3", count(client)
+    job = accept(client)
+    until(lambda: client.get(job).json()["state"] == "succeeded", 30)
+    with without(path):
+        refuse(client, "store-error", path)
+        assert client.get(job).status_code == 503
+        # Who is started while it is away does not make a new one in its place
+        worker = next(iter(workers_of(client)))
+        worker.kill()
+        until(lambda: any(child.pid != worker.pid for child in workers_of(client)), 10)
+        time.sleep(1.5)
+        assert not path.exists()
+    until(lambda: ready(client) == 200, TRUE_WITHIN_SECONDS)
+    assert count(client) == before + 1
+    again = accept(client)
+    until(lambda: client.get(again).json()["state"] == "succeeded", 30)
+
+
+def workers_of(client: httpx.Client) -> list[psutil.Process]:
+    port = client.base_url.port
+    serving = next(
+        process for process in psutil.Process().children()
+        if any(c.laddr.port == port and c.status == "LISTEN" for c in process.net_connections("tcp"))
+    )  # fmt: skip
+    running = [child for child in serving.children() if child.status() != psutil.STATUS_ZOMBIE]
+    return [child for child in running if "worker" in child.cmdline()]
+
+
+def test_nothing_is_written_beside_a_file_that_was_put_in_the_place_of_another(
+    client: httpx.Client, disk: Path
+) -> None:
+    path, before = disk / "jobs.sqlite3", count(client)
+    accept(client)
+    with without(path):
+        shutil.copy(path.with_name(path.name + ".kept"), path)
+        refuse(client, "store-error", path)
+    until(lambda: ready(client) == 200, TRUE_WITHIN_SECONDS)
+    assert count(client) == before + 1
+
+
+def test_nothing_is_written_without_the_log_of_the_file(client: httpx.Client, disk: Path) -> None:
+    path, before = disk / "jobs.sqlite3", count(client)
+    accept(client)
+    with without(path.with_name(path.name + "-wal")):
+        refuse(client, "store-error", path)
+    until(lambda: ready(client) == 200, TRUE_WITHIN_SECONDS)
+    assert count(client) == before + 1
+
+
+def test_a_full_disk_shows_in_readiness_until_there_is_room_again(client: httpx.Client, disk: Path) -> None:
+    if not disk.is_mount():
+        pytest.skip("NOT TESTED: this user may not mount a small disk")
+    filler = disk / "filler"
+    with filler.open("wb", buffering=0) as file:
+        while shutil.disk_usage(disk).free > 0:
+            file.write(bytes(min(1 << 20, shutil.disk_usage(disk).free)))
+    try:
+        until(lambda: ready(client) == 503, TRUE_WITHIN_SECONDS)
+        assert client.get("/health/ready").json()["status"] == "no database"
+        assert client.get("/v1/jobs").status_code == 200  # what is there can be read
+    finally:
+        filler.unlink()
+    until(lambda: ready(client) == 200, TRUE_WITHIN_SECONDS)
+    accept(client)

@@ -1,0 +1,137 @@
+"""A database that stands still: its processes stopped by a signal.  Nobody waits for it longer than he may, readiness
+says so, and everything goes on by itself when it wakes."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+
+import httpx
+import psutil
+import pytest
+import strange_units
+from postgres import Server
+from served import served
+from service_scenes import small_design
+from store_scenes import submit
+from worker_scenes import finished, prepared_database, until, worker_process
+from worker_scenes import submit as submit_strange
+
+from tailstack_service.store import jobs, units, upkeep
+from tailstack_service.store.database import open_database
+from tailstack_service.store.errors import StoreUnavailable
+
+TRUE_WITHIN_SECONDS = 3.0  # readiness, after the state has changed
+ANSWERED_WITHIN_SECONDS = 12.0  # anything that needs the database, 503 included
+
+
+def test_a_transaction_gives_a_silent_server_up_and_the_next_one_works(
+    postgres_server: Server, postgres_url: str
+) -> None:
+    upkeep.migrate(postgres_url)
+    db = open_database(postgres_url)
+    try:
+        job = submit(db)
+        for _ in range(2):  # with a connection of the pool, and without one
+            with postgres_server.frozen():
+                begun = time.monotonic()
+                with pytest.raises(StoreUnavailable, match="did not answer within 1 s"):
+                    submit(db.within(1.0))
+                assert time.monotonic() - begun < 2.5  # psycopg waits for two seconds to be connected
+                begun, ending = time.monotonic(), db.endable()
+                with ThreadPoolExecutor(1) as pool:
+                    waiting = pool.submit(jobs.find, ending, "acme", job.id)
+                    time.sleep(0.2)
+                    ending.end_within(0.3)
+                    with pytest.raises(StoreUnavailable):
+                        waiting.result(10)
+                assert time.monotonic() - begun < 6.0  # while it connects it cannot be told to end
+            assert jobs.find(db, "acme", job.id) == job
+    finally:
+        db.close()
+
+
+def ready(client: httpx.Client) -> tuple[int, str, float]:
+    begun = time.monotonic()
+    answer = client.get("/health/ready")
+    return answer.status_code, answer.json()["status"], time.monotonic() - begun
+
+
+def test_readiness_tells_of_a_frozen_server_and_the_service_goes_on_when_it_wakes(
+    postgres_server: Server, postgres_url: str, tmp_path: Path
+) -> None:
+    upkeep.migrate(postgres_url)
+    body = {"design": small_design(), "trials": 1000}
+    with (
+        served(tmp_path, TAILSTACK_DATABASE=postgres_url, TAILSTACK_LEASE_SECONDS="3") as service,
+        httpx.Client(base_url=service.url, timeout=60, trust_env=False) as client,
+        ThreadPoolExecutor(24) as pool,
+    ):
+        serve = next(p for p in psutil.Process().children() if p.cmdline()[-3:] == ["serve", "--port", "0"])
+        accepted = client.post("/v1/verifications", json=body)
+        assert accepted.status_code == 202, accepted.text
+        with postgres_server.frozen():
+            begun = time.monotonic()
+            waiting = [pool.submit(client.get, "/v1/jobs") for _ in range(16)]  # more than there are readers
+            for status, told, seconds in pool.map(ready, [client] * 5):
+                assert (status, told) == (503, "no database")
+                assert seconds < TRUE_WITHIN_SECONDS
+            assert client.get("/health/live").status_code == 200
+            assert client.post("/v1/scores", json={"design": small_design()}).status_code == 200
+            for refused in waiting:
+                response = refused.result(60)
+                assert response.status_code == 503, response.text
+                assert response.json()["type"] == "/v1/problems/store-unavailable"
+            assert time.monotonic() - begun < ANSWERED_WITHIN_SECONDS
+            threads, files = serve.num_threads(), serve.num_fds()
+            for _ in range(3):
+                assert ready(client)[0] == 503
+            assert serve.num_threads() <= threads
+            assert serve.num_fds() <= files + 2
+        begun = time.monotonic()
+        until(lambda: ready(client)[0] == 200, TRUE_WITHIN_SECONDS)
+        assert time.monotonic() - begun < TRUE_WITHIN_SECONDS
+        assert len(client.get("/v1/jobs").json()["jobs"]) == 1
+        job = accepted.headers["location"]
+        until(lambda: client.get(job).json()["state"] == "succeeded", 30)
+
+
+def test_what_is_computed_while_the_database_stands_still_is_recorded_and_not_computed_again(
+    postgres_server: Server, postgres_url: str, tmp_path: Path
+) -> None:
+    """Two workers with units in their hands; by the time the server wakes every lease has run out."""
+    note = tmp_path / "note"
+    request = strange_units.request("sleep", seconds=4.0, units=3, note=str(note))
+    with prepared_database(postgres_url) as db, ExitStack() as stack:
+        for name in ("one", "other"):
+            stack.enter_context(worker_process(postgres_url, tmp_path / name))
+        until(lambda: len(units.workers(db)) == 2)
+        made = submit_strange(db, request)
+        until(lambda: note.exists() and len(note.read_text().splitlines()) == 4)
+        with postgres_server.frozen():
+            time.sleep(2.5)
+        ended = finished(db, made)
+    assert ended.state == "succeeded"
+    begun = Counter(
+        json.loads(line.rpartition(" ")[0])["unit"] for line in note.read_text().splitlines() if "unit" in line
+    )
+    assert begun == {0: 1, 1: 1, 2: 1}
+
+
+def test_a_worker_stops_while_its_database_stands_still(
+    postgres_server: Server, postgres_url: str, tmp_path: Path
+) -> None:
+    with prepared_database(postgres_url) as db, worker_process(postgres_url, tmp_path / "log") as worker:
+        submit_strange(db, strange_units.request("sleep", seconds=60.0))
+        until(lambda: "begun" in (tmp_path / "log").read_text())
+        with postgres_server.frozen():
+            time.sleep(1.0)
+            begun = time.monotonic()
+            worker.send_signal(signal.SIGTERM)
+            assert worker.wait(30) == 0
+            assert time.monotonic() - begun < 9.0
