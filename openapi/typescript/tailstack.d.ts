@@ -1738,6 +1738,15 @@ export interface components {
                 [key: string]: unknown;
             } | null;
             /**
+             * Present
+             * @description Files of the baseline that are still there and not among these designs. A design of the baseline whose file is neither here nor judged may be one of these designs under another name.
+             * @default null
+             * @example [
+             *       "designs/other.yaml"
+             *     ]
+             */
+            present?: string[] | null;
+            /**
              * Mode
              * @description analytic: first order, answered at once. verify: Monte Carlo for every design. auto: Monte Carlo where first order is near a limit.
              * @default auto
@@ -1810,6 +1819,51 @@ export interface components {
             class?: string | null;
         };
         /**
+         * GateRequirement
+         * @description What a design was asked for, by itself or by the policy: what a later gate must not ask less than.
+         */
+        GateRequirement: {
+            /** Name */
+            name: string;
+            /**
+             * Origin
+             * @enum {string}
+             */
+            origin: "design" | "policy";
+            /** Rule */
+            rule: string;
+            /**
+             * Severity
+             * @enum {string}
+             */
+            severity: "error" | "warning" | "note" | "off";
+            /**
+             * Error
+             * @enum {string}
+             */
+            error: "tcp" | "localisation";
+            /** Quantile */
+            quantile: number;
+            /** Limit Mm */
+            limit_mm: number;
+            /** Min Yield */
+            min_yield: number | null;
+            /** Confidence */
+            confidence: number;
+            /** Targets */
+            targets: string[];
+        };
+        /**
+         * GateSection
+         * @description One section of a design document, by its content: how a design is found again in a baseline.
+         */
+        GateSection: {
+            /** Name */
+            name: string;
+            /** Sha256 */
+            sha256: string;
+        };
+        /**
          * GateTarget
          * @description The error at one target: what a later gate compares with.
          */
@@ -1827,6 +1881,15 @@ export interface components {
             ] | null;
             /** Cvar95 Mm */
             cvar95_mm: number;
+            /**
+             * Position Mm
+             * @default null
+             */
+            position_mm: [
+                number,
+                number,
+                number
+            ] | null;
         };
         /**
          * GatedDesign
@@ -1857,6 +1920,21 @@ export interface components {
             targets: components["schemas"]["GateTarget"][];
             /** Numbers */
             numbers: components["schemas"]["GateNumber"][];
+            /**
+             * Requirements
+             * @default []
+             */
+            requirements: components["schemas"]["GateRequirement"][];
+            /**
+             * Not Judged
+             * @default []
+             */
+            not_judged: components["schemas"]["Unjudged"][];
+            /**
+             * Sections
+             * @default []
+             */
+            sections: components["schemas"]["GateSection"][];
         };
         /**
          * Grade
@@ -4173,6 +4251,20 @@ export interface components {
              * @example 3
              */
             order: number;
+        };
+        /**
+         * Unjudged
+         * @description Something that was asked for, or a target, that nothing was held against.
+         */
+        Unjudged: {
+            /** Requirement */
+            requirement: string | null;
+            /** Target */
+            target: string;
+            /** Rule */
+            rule: string | null;
+            /** Reason */
+            reason: string;
         };
         /**
          * Validation

@@ -45,17 +45,24 @@ class Scene:
     files: dict[str, Any]  # name: document
     arguments: tuple[str, ...]
     broken_off_by: type[BaseException] | None = None
+    before: dict[str, Any] | None = None  # files of an earlier gate, to first order: its record is baseline.json
 
 
 def waivers(days: int, **changes: Any) -> dict[str, Any]:
     entry = {
         "rule": "p95", "owner": "J. Doe, systems", "reason": "first article only; the seat is reworked in rev C",
-        "max_value": 1.0, "expires": date.fromordinal(TODAY.toordinal() + days).isoformat(), **changes,
+        "designs": ["good.yaml", "bad.yaml"], "max_value": 0.8,
+        "expires": date.fromordinal(TODAY.toordinal() + days).isoformat(), **changes,
     }  # fmt: skip
     return {"schema": "tailstack/waivers/1", "waivers": [entry]}
 
 
 GOOD, BAD, OPEN = limited(PASSING), limited(FAILING), limited(NEAR)
+OFF = {**STRICT, "rules": {**STRICT["rules"], "p95": {"severity": "off"}}}
+UNITS = {"name": "units", "limit_mm": PASSING, "risk": "per_unit", "min_yield": 0.5}
+BOTH = small_design(requirements=[{"name": "tip-accuracy", "limit_mm": FAILING}, UNITS], optimise=None)
+LOOSE = {"name": "loose", "designs": ["*rev*"], "rules": {"p95": {"severity": "off"}}}
+WEAK = {"name": "weak", "files": ["new*"], "rules": {"p95": {"severity": "warning"}}}
 QUICK = ("--policy", "policy.yaml", "--mode", "analytic")
 SCENES: dict[str, Scene] = {
     "pass": Scene(0, {"good.yaml": GOOD, "policy.yaml": STRICT}, ("good.yaml", *QUICK)),
@@ -69,6 +76,13 @@ SCENES: dict[str, Scene] = {
     ),
     "fail": Scene(
         1, {"good.yaml": GOOD, "bad.yaml": BAD, "policy.yaml": STRICT}, ("good.yaml", "b*.yaml", *QUICK)
+    ),
+    "not-judged": Scene(0, {"both.yaml": BOTH, "policy.yaml": OFF}, ("both.yaml", *QUICK)),
+    "relaxed": Scene(
+        1, {"new.yaml": limited(50.0, name="drill guide, rev A"), "policy.yaml": {**STRICT, "classes": [LOOSE, WEAK]},
+            "waivers.yaml": waivers(30, designs=["*"], max_value=200.0)},
+        ("new.yaml", *QUICK, "--waivers", "waivers.yaml", "--baseline", "baseline.json"),
+        before={"good.yaml": GOOD},
     ),
     "expired": Scene(
         1, {"good.yaml": GOOD, "policy.yaml": STRICT, "waivers.yaml": waivers(-1)},
@@ -92,6 +106,7 @@ SCENES: dict[str, Scene] = {
             "bare.yaml": small_design(requirements=None, optimise=None)},
         ("flat.yaml", "good.yaml", "bare.yaml", *QUICK),
     ),
+    "switched-off": Scene(3, {"bad.yaml": BAD, "policy.yaml": OFF}, ("bad.yaml", *QUICK)),
     "broken-off": Scene(
         3, {"good.yaml": GOOD, "policy.yaml": STRICT}, ("good.yaml", *QUICK), broken_off_by=RuntimeError
     ),
@@ -104,8 +119,7 @@ SCENES: dict[str, Scene] = {
 
 def run(scene: Scene, folder: Path) -> tuple[int, dict[str, bytes]]:
     """Exit code and what was written in each format, by a gate that runs in ``folder``."""
-    for name, document in scene.files.items():
-        (folder / name).write_text(data_to_yaml(document), encoding="utf-8")
+    _write(folder, scene.files)
     wanted = [f"--format={name}=out.{end}" for name, end in FORMATS.items()]
     with contextlib.ExitStack() as stack:
         stack.enter_context(contextlib.chdir(folder))
@@ -113,10 +127,20 @@ def run(scene: Scene, folder: Path) -> tuple[int, dict[str, bytes]]:
         stack.enter_context(patch.dict(os.environ))
         for variable in ("GITHUB_STEP_SUMMARY", "GITHUB_WORKSPACE", "CI_PROJECT_DIR", "TAILSTACK_TRACEBACK"):
             os.environ.pop(variable, None)
+        if scene.before is not None:
+            _write(folder, scene.before)
+            main(["gate", *scene.before, "--mode", "analytic", "--format", "json=baseline.json"])
+            for name in scene.before:
+                (folder / name).unlink()
         if scene.broken_off_by is not None:
             stack.enter_context(patch("tailstack_service.gate.judging.judge", _raising(scene.broken_off_by)))
         code = main(["gate", *scene.arguments, *wanted])
     return code, {name: (folder / f"out.{end}").read_bytes() for name, end in FORMATS.items()}
+
+
+def _write(folder: Path, documents: dict[str, Any]) -> None:
+    for name, document in documents.items():
+        (folder / name).write_text(data_to_yaml(document), encoding="utf-8")
 
 
 def _raising(kind: type[BaseException]) -> Callable[..., Any]:

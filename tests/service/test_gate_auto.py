@@ -172,7 +172,7 @@ def compared(files: dict[str, dict[str, Any]], base: dict[str, Any], **more: Any
 def test_a_new_design_is_noted_and_held_to_its_limits_alone() -> None:
     base = record_of(limited(3 * P95))
     record = compared({"d0.yaml": limited(3 * P95), "new.yaml": noisier(2, name="another")}, base)
-    (note,) = of_rule(record, "regression")
+    (note,) = of_rule(record, "not-compared")
     assert (note.file, note.severity, record.exit_code) == ("new.yaml", "note", 0)
     assert "nothing was compared" in note.message
     failing = compared({"d0.yaml": limited(3 * P95), "new.yaml": limited(0.5 * P95, name="another")}, base)
@@ -192,13 +192,13 @@ def test_a_renamed_file_is_found_again(changes: dict[str, Any]) -> None:
 def test_a_copy_beside_its_original_is_a_new_design() -> None:
     base = record_of(noisier(1.0))
     record = compared({"d0.yaml": noisier(1.0), "copy.yaml": noisier(1.4)}, base)
-    assert [(finding.file, finding.severity) for finding in of_rule(record, "regression")] == [("copy.yaml", "note")]
+    assert [(finding.file, finding.severity) for finding in of_rule(record, "not-compared")] == [("copy.yaml", "note")]
 
 
 def test_a_target_that_the_baseline_does_not_have_is_noted() -> None:
     targets = [{"name": "tip", "position_mm": [0.0, 0.0, 70.0]}, {"name": "shaft", "position_mm": [0.0, 0.0, 40.0]}]
     record = compared({"d0.yaml": limited(3 * P95, targets=targets)}, record_of(limited(3 * P95)))
-    (note,) = of_rule(record, "regression")
+    (note,) = of_rule(record, "not-compared")
     assert (note.severity, note.pointer) == ("note", "/targets/1")
     assert "shaft" in note.message
 

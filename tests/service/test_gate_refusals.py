@@ -127,7 +127,7 @@ def test_baselines_that_are_none(
     folder: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, line: int | None, words: str
 ) -> None:
     assert main(["gate", "good.yaml", "--mode", "analytic", "--policy", "strict.yaml", "--format=json=base"]) == 0
-    text = (folder / "base").read_text(encoding="utf-8")
+    text = json.dumps(json.loads((folder / "base").read_text(encoding="utf-8")), indent=2)  # with lines to name
     assert old in text
     (folder / "given").write_text(text.replace(old, new, 1), encoding="utf-8")
     capsys.readouterr()

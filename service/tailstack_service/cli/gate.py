@@ -284,6 +284,17 @@ def _gate(arguments: argparse.Namespace, files: list[str]) -> Gate:
         fail_level=arguments.fail_level,
         on_inconclusive=arguments.on_inconclusive,
         max_regression_percent=arguments.max_regression,
+        present=() if baseline is None else _still_there(baseline.record, files),
+    )
+
+
+def _still_there(record: GateRecord, files: list[str]) -> tuple[str, ...]:
+    """Designs of a baseline that are not judged now and whose files are where they were: they were not renamed."""
+    judged = {_shown(name) for name in files}
+    return tuple(
+        entry.file
+        for entry in record.designs
+        if entry.file not in judged and len(entry.file) <= LONGEST_NAME and os.path.isfile(entry.file)
     )
 
 

@@ -35,6 +35,7 @@ def request_of(gate: Gate) -> dict[str, Any]:
         "baseline": None if gate.baseline is None else gate.baseline.source.data,
         "on_inconclusive": gate.on_inconclusive,
         "max_regression_percent": gate.max_regression_percent,
+        "present": list(gate.present) or None,
     }
     return {
         "designs": designs,

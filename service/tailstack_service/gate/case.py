@@ -9,21 +9,36 @@ from tailstack.design import Design
 from tailstack.results import Score, Verification
 
 from .policy_document import Rules
-from .records import GatedDesign, GateNumber
+from .records import GatedDesign, GateNumber, GateRequirement, GateTarget, Unjudged
+
+
+@dataclass(frozen=True, slots=True)
+class ClassOfName:
+    """A class of the policy that a design's name would choose, were it allowed to."""
+
+    name: str
+    pattern: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
     """A design that could be computed."""
 
+    file: str
     design: Design
     rules: Rules
     score: Score
     verification: Verification | None
     numbers: tuple[GateNumber, ...]  # what was held against limits
     added: Mapping[str, str]  # requirements that the policy added: name -> rule
+    targets: tuple[GateTarget, ...]
+    requirements: tuple[GateRequirement, ...]  # of the design and of the policy, judged or not
+    not_judged: tuple[Unjudged, ...]
+    design_class: str | None
+    class_of_name: ClassOfName | None
     compared: bool  # there is a baseline
     baseline: GatedDesign | None  # what it says of this design
+    gone: tuple[str, ...]  # files of the baseline that are not there any more
     max_regression_percent: float
 
 

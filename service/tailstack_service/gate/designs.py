@@ -41,6 +41,7 @@ class Gate:
     fail_level: Level = "error"
     on_inconclusive: Fold | None = None
     max_regression_percent: float | None = None  # None: the policy's
+    present: tuple[str, ...] = ()  # files that are not judged now and are still there: not renamed since the baseline
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,7 @@ of more than 1 MiB altogether.
 from __future__ import annotations
 
 from .markdown import markdown_text
-from .places import cut
+from .places import cut, not_judged
 from .records import GateFinding, GateRecord
 
 MOST = 10  # annotations of a kind in a step
@@ -29,7 +29,7 @@ def github_text(record: GateRecord) -> str:
             lines.append(f"::{command} title={_property('tailstack gate')}::{_data(rest)}")
     accepted = sum(finding.suppressed_by is not None for finding in record.findings)
     waived = f", {accepted} accepted by waivers" if accepted else ""
-    lines.append(f"tailstack gate: {record.verdict} (exit code {record.exit_code}{waived})")
+    lines.append(f"tailstack gate: {record.verdict} (exit code {record.exit_code}{waived}{not_judged(record)})")
     return "\n".join(lines) + "\n"
 
 

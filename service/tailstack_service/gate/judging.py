@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from tailstack.design import Design
+from tailstack.design import Design, compile_design
 from tailstack.design.refusals import place
 from tailstack.errors import Problem, TailstackError
 from tailstack.results import Score, Severity, Verification
-from tailstack.scoring import NOT_INCLUDED
+from tailstack.scoring import NOT_INCLUDED, vector3
+from tailstack.system import System
 from tailstack.version import __version__
 
 from .case import Case
 from .checking import looks_of
+from .classes import remarks_on_classes
 from .designs import Computed, Gate, GateDesign, first_order, wants_check
+from .identity import find_earlier, sections_of
 from .numbers import numbers_of
 from .policy_document import Rules
 from .processes import remarks_on_processes
@@ -28,10 +31,10 @@ from .records import (
     GateTarget,
     GateVerdict,
 )
+from .requirements import requirements_of, unjudged
 from .rules import RULES
-from .waiving import accepting, in_words, remarks_on_waivers
+from .waiving import Accepted, accepting, in_words, remarks_on_waivers
 
-JUDGING = ("p95", "cvar", "exceedance", "per_unit_yield")
 Progress = Callable[[int, int], None]
 Verify = Callable[[Gate, Computed, Progress], Verification]
 
@@ -65,30 +68,33 @@ def conclude(
     gate: Gate, scored: Iterable[Computed], checks: Iterable[Verification | TailstackError | None]
 ) -> GateRecord:
     """The record of a gate whose designs were scored and, where they had to be, checked."""
-    used: set[int] = set()
+    accepted: list[Accepted] = []
+    cases: list[Case] = []
     findings: list[GateFinding] = []
     designs: list[GatedDesign] = []
     refusals: list[TailstackError] = []
+    scored = list(scored)
     for computed, check in zip(scored, checks, strict=True):
         refusal = computed.refusal or (check if isinstance(check, TailstackError) else None)
         if refusal is None and computed.score is not None and not isinstance(check, TailstackError):
             case = _case(gate, computed, computed.score, check)
-            refusal = _nothing_to_judge(computed, case)
-            said = [] if refusal else _findings(gate, computed, case, used)
-            gated = _gated(computed, case, _verdict(gate, said))
+            cases.append(case)
+            refusal = _nothing_to_judge(case)
+            said = _findings(gate, case, accepted)
+            gated = _gated(case, _verdict(gate, said))
         else:
             said, gated = [], _unread(computed)
         if refusal is not None:
             refusals.append(refusal)
-            said = refused(computed.entry, refusal)
+            said = [*refused(computed.entry, refusal), *said]
             gated = replace(gated, verdict="not evaluated")
         findings += said
         designs.append(gated)
     rules = gate.policy.document.rules
     findings += _version_findings(gate, rules.model_version.severity)
-    on_waivers = remarks_on_waivers(gate.waivers, gate.today, used, rules.waiver_unused.severity)
-    findings += on_waivers
+    findings += remarks_on_waivers(gate.waivers, gate.today, rules, accepted, cases)
     findings += remarks_on_processes(gate)
+    findings += remarks_on_classes(gate, scored)
     verdicts: set[GateVerdict] = {design.verdict for design in designs} | {_verdict(gate, findings)}
     verdict = next(candidate for candidate in WORST_FIRST if candidate in verdicts)
     return GateRecord(
@@ -122,28 +128,52 @@ def _case(gate: Gate, computed: Computed, scored: Score, check: Verification | N
     assert design is not None
     assert computed.held is not None
     allowed = gate.max_regression_percent
+    system = compile_design(computed.held)
+    file, rules = computed.entry.file, computed.rules
+    numbers = numbers_of(scored, check, rules, computed.added, computed.held, 1 if check is None else looks_of(gate))
+    requirements = requirements_of(design, system, rules)
+    names = [target.name for target in system.targets]
     return Case(
+        file=file,
         design=design,
-        rules=computed.rules,
+        rules=rules,
         score=scored,
         verification=check,
-        numbers=numbers_of(
-            scored, check, computed.rules, computed.added, computed.held, 1 if check is None else looks_of(gate)
-        ),
+        numbers=numbers,
         added=computed.added,
+        targets=_targets(scored, check, system),
+        requirements=requirements,
+        not_judged=unjudged(requirements, numbers, names, computed.design_class),
+        design_class=computed.design_class,
+        class_of_name=gate.policy.class_of_name(file, design.name, computed.entry.design_class),
         compared=gate.baseline is not None,
-        baseline=_earlier(gate, computed.entry.file, design),
+        baseline=_earlier(gate, file, design),
+        gone=_gone(gate),
         max_regression_percent=computed.rules.regression.max_percent if allowed is None else allowed,
     )
 
 
 def _earlier(gate: Gate, file: str, design: Design) -> GatedDesign | None:
     """What the baseline says of a design."""
-    present = {entry.file for entry in gate.designs}
-    return None if gate.baseline is None else gate.baseline.of(file, design.name, design.sha256, present)
+    if gate.baseline is None:
+        return None
+    return find_earlier(
+        gate.baseline.record.designs, file, design.name, design.sha256, sections_of(design), _present(gate)
+    )
 
 
-def _findings(gate: Gate, computed: Computed, case: Case, used: set[int]) -> list[GateFinding]:
+def _present(gate: Gate) -> set[str]:
+    return {*(entry.file for entry in gate.designs), *gate.present}
+
+
+def _gone(gate: Gate) -> tuple[str, ...]:
+    """Designs of the baseline whose files went."""
+    present = _present(gate)
+    before = () if gate.baseline is None else gate.baseline.record.designs
+    return tuple(entry.file for entry in before if entry.file not in present and entry.targets)
+
+
+def _findings(gate: Gate, case: Case, accepted: list[Accepted]) -> list[GateFinding]:
     findings = []
     for rule in RULES.values():
         severity = severity_of(case.rules, rule.id)
@@ -151,15 +181,15 @@ def _findings(gate: Gate, computed: Computed, case: Case, used: set[int]) -> lis
             continue
         for remark in rule.find(case):
             weight: Severity = "note" if remark.note else _weight(gate, case.rules, rule.id, severity)
-            waiver = accepting(gate.waivers, gate.today, rule.id, remark, (computed.entry.file, case.design.name))
+            waiver = accepting(gate.waivers, gate.today, rule.id, remark, (case.file, case.design.name))
             if waiver is not None:
-                used.add(waiver)
+                accepted.append(Accepted(waiver, rule.id, remark, case.file))
             placed = place(Problem(remark.pointer, rule.id, remark.message), case.design.source)
             findings.append(
                 GateFinding(
                     rule=rule.id,
                     severity=weight,
-                    file=computed.entry.file,
+                    file=case.file,
                     line=placed.line,
                     column=placed.column,
                     pointer=remark.pointer,
@@ -191,18 +221,23 @@ def fold_of(gate: Gate, rules: Rules) -> Fold | None:
     return "warn" if rules.inconclusive.severity == "warning" else None
 
 
-def _nothing_to_judge(computed: Computed, case: Case) -> TailstackError | None:
-    """A design that nothing was held against does not pass, unless the policy switches the rules off."""
-    switched_off = any(getattr(computed.rules, name).severity == "off" for name in JUDGING)
-    if case.numbers or switched_off:
+def _nothing_to_judge(case: Case) -> TailstackError | None:
+    """A design that nothing was held against does not pass, whoever switched off what would have judged it."""
+    if case.numbers:
         return None
     detail = "nothing was judged: the design states no requirement and the policy sets no limit"
     hint = "state a requirement in the design, or rules: {p95: {limit_mm: ...}} in the policy"
+    if rules := sorted({entry.rule for entry in case.requirements}):
+        several = len(rules) > 1
+        detail = (
+            f"nothing was judged: {' and '.join(rules)} {'are' if several else 'is'} off, and no other limit is set"
+        )
+        hint = "severity: warning or note judges without failing the gate"
     return NothingToJudge(Problem("", "nothing-to-judge", detail, hint))
 
 
 class NothingToJudge(TailstackError):
-    """Neither the design nor the policy sets a limit."""
+    """No limit was judged: none is set, or the rules that judge them are off."""
 
     slug = "not-evaluated"
     title = "There is nothing to judge"
@@ -289,10 +324,9 @@ def _exit_code(gate: Gate, verdict: GateVerdict, findings: list[GateFinding], re
     return 1 if gate.on_inconclusive == "fail" or folded else 4
 
 
-def _gated(computed: Computed, case: Case, verdict: GateVerdict) -> GatedDesign:
-    check = case.verification
+def _targets(scored: Score, check: Verification | None, system: System) -> tuple[GateTarget, ...]:
     targets = []
-    for index, first in enumerate(case.score.targets):
+    for index, first in enumerate(scored.targets):
         drawn = None if check is None else check.targets[index]
         targets.append(
             GateTarget(
@@ -301,18 +335,27 @@ def _gated(computed: Computed, case: Case, verdict: GateVerdict) -> GatedDesign:
                 p95_mm=None if drawn is None else drawn.p95_mm,
                 p95_interval_mm=None if drawn is None else drawn.p95_interval_mm,
                 cvar95_mm=first.cvar95_mm if drawn is None else drawn.cvar95_mm,
+                position_mm=vector3(system.targets[index].position_mm),
             )
         )
+    return tuple(targets)
+
+
+def _gated(case: Case, verdict: GateVerdict) -> GatedDesign:
+    check = case.verification
     return GatedDesign(
-        file=computed.entry.file,
+        file=case.file,
         name=case.design.name,
         sha256=case.design.sha256,
-        design_class=computed.design_class,
+        design_class=case.design_class,
         verdict=verdict,
         basis="first order" if check is None else "Monte Carlo",
         trials=None if check is None else check.trials,
-        targets=tuple(targets),
+        targets=case.targets,
         numbers=case.numbers,
+        requirements=case.requirements,
+        not_judged=case.not_judged,
+        sections=sections_of(case.design),
     )
 
 

@@ -1,7 +1,8 @@
 """A gate as JUnit XML (the form that Jenkins publishes as junit-10.xsd): a suite a design, a case a number or rule.
 
-failure: a finding counts.  error: nothing was judged.  skipped: a waiver accepts it.  What was said and does not count
-is in system-out of its case.  No times are given: they are not reproducible, and the gate has no clock.
+failure: a finding counts.  error: nothing was judged.  skipped: a waiver accepts it, or nothing was held against it.
+What was said and does not count is in system-out of its case.  No times are given: they are not reproducible, and the
+gate has no clock.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from .places import counts
 from .records import GatedDesign, GateFinding, GateRecord
 from .terminal import place_of
 
-NOT_EVALUATED = "not-evaluated"
+NOT_EVALUATED, NOT_JUDGED = "not-evaluated", "not-judged"
 _REFUSED = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # what XML 1.0 cannot hold
 
 
@@ -48,6 +49,10 @@ def _cases(design: GatedDesign, findings: list[GateFinding]) -> list[_Case]:
         about = [f for f in left if f.rule in (number.rule, "inconclusive") and f.message.startswith(opening)]
         left = [finding for finding in left if finding not in about]
         cases.append(_Case(f"{number.rule}: {number.requirement}, target {number.target}", tuple(about)))
+    for requirement in dict.fromkeys(entry.requirement for entry in design.not_judged):
+        about = [f for f in left if f.rule == NOT_JUDGED and f.message.startswith(f"{requirement} (")]
+        left = [finding for finding in left if finding not in about]
+        cases += [_Case(f"{NOT_JUDGED}: {requirement}", tuple(about))] if about else []
     cases += _by_rule(left)
     # what is wrong may stand in another file, that of the fiducials: the design is no empty suite all the same
     return cases or [_Case(NOT_EVALUATED if design.verdict == "not evaluated" else "gate", ())]
@@ -79,7 +84,9 @@ def _outcome(record: GateRecord, case: _Case) -> tuple[str, list[GateFinding]]:
     accepted = [finding for finding in case.findings if finding.suppressed_by is not None]
     if not case.findings and case.name == NOT_EVALUATED:
         return "error", []
-    for kind, found in (("error", unjudged), ("failure", counted), ("skipped", accepted)):
+    open_ones = [finding for finding in case.findings if finding.rule == NOT_JUDGED]
+    kinds = (("error", unjudged), ("failure", counted), ("skipped", accepted), ("skipped", open_ones))
+    for kind, found in kinds:
         if found:
             return kind, found
     return "passed", []
@@ -88,7 +95,12 @@ def _outcome(record: GateRecord, case: _Case) -> tuple[str, list[GateFinding]]:
 def _written(suite: str, case: _Case, kind: str, findings: list[GateFinding]) -> list[str]:
     lines = [f"    <testcase classname={_attribute(suite)} name={_attribute(case.name)}>"]
     if kind == "skipped":
-        reasons = "; ".join(dict.fromkeys(f"accepted by {finding.suppressed_by}" for finding in findings))
+        reasons = "; ".join(
+            dict.fromkeys(
+                finding.message if finding.suppressed_by is None else f"accepted by {finding.suppressed_by}"
+                for finding in findings
+            )
+        )
         lines.append(f"      <skipped type={_attribute(case.findings[0].rule)} message={_attribute(reasons)}/>")
     elif kind != "passed":
         more = f" (and {len(findings) - 1} more)" if len(findings) > 1 else ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 from ..rendering.tables import number, shortened
+from .places import not_judged
 from .records import GateFinding, GateRecord
 from .terminal import place_of
 
@@ -21,7 +22,8 @@ def markdown_text(record: GateRecord) -> str:
         f"## {_MARK[record.verdict]} Gate: {record.verdict}",
         "",
         f"Exit code {record.exit_code} · mode {record.mode} · seed {record.seed} · policy "
-        f"{plain(record.provenance.policy_name, 60)} · tailstack {record.provenance.tailstack_version}",
+        f"{plain(record.provenance.policy_name, 60)} · tailstack {record.provenance.tailstack_version}"
+        + not_judged(record).replace(", ", " · "),
         "",
         "| design | verdict | largest P95, mm | basis |",
         "|---|---|---:|---|",

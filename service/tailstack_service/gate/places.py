@@ -52,6 +52,15 @@ def counts(record: GateRecord, finding: GateFinding) -> bool:
     return finding.suppressed_by is None and finding.severity in heavy
 
 
+def not_judged(record: GateRecord) -> str:
+    """How many requirements and limits nothing was held against, in words for a closing line; "" if there are none."""
+    count = sum(
+        len({(entry.rule, entry.requirement) for entry in design.not_judged if entry.requirement is not None})
+        for design in record.designs
+    )
+    return f", {count} requirement{'s' if count > 1 else ''} not judged" if count else ""
+
+
 def cut(text: str, most_bytes: int) -> str:
     """Text of at most so many bytes of UTF-8, cut at the end of a line, the rest told."""
     content = text.encode()

@@ -21,6 +21,7 @@ Percent = Annotated[float, Field(ge=0, le=1e6)]
 Pixels = Annotated[float, Field(ge=0, le=1e5)]
 Probability = Annotated[float, Field(ge=1e-4, le=0.5)]
 Confidence = Annotated[float, Field(ge=0.5, le=0.9999)]
+Ratio = Annotated[float, Field(ge=1, le=1e6)]
 
 _WEIGHT = "error, warning, note or off."
 _CONFIDENCE = "Confidence of the interval that decides. Default 0.95."
@@ -199,6 +200,43 @@ class UnusedProcessRule(Record):
     severity: Severity = Field(default="note", description=_WEIGHT, examples=["note"])
 
 
+class UnjudgedRule(Record):
+    """A requirement that nothing was held against."""
+
+    severity: Literal["error", "warning", "note"] = Field(
+        default="warning",
+        description="error, warning or note, never off: what was not judged is always named.",
+        examples=["warning"],
+    )
+
+
+class RelaxedRule(Record):
+    """Asked for less than the baseline."""
+
+    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
+
+
+class ClassNameRule(Record):
+    """A design whose name matches a class that names do not choose."""
+
+    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
+
+
+class WideWaiverRule(Record):
+    """A waiver that accepts more than anybody looked at."""
+
+    severity: Severity = Field(default="warning", description=_WEIGHT, examples=["warning"])
+    max_limit_ratio: Ratio = Field(
+        default=2.0, description="A waiver may accept up to so many times the limit. Default 2.", examples=[2.0]
+    )
+    max_value_ratio: Ratio = Field(
+        default=1.5,
+        description="A waiver may accept up to so many times what it accepts now (the end of the interval). "
+        "Default 1.5.",
+        examples=[1.5],
+    )
+
+
 class Rules(Record):
     """Rules by id.  A rule that is not given has its defaults."""
 
@@ -214,9 +252,15 @@ class Rules(Record):
     process_capability: ProcessRule = Field(default_factory=ProcessRule, alias="process-capability")
     process_unused: UnusedProcessRule = Field(default_factory=UnusedProcessRule, alias="process-unused")
     regression: RegressionRule = Field(default_factory=RegressionRule)
+    limit_relaxed: RelaxedRule = Field(default_factory=RelaxedRule, alias="limit-relaxed")
+    not_compared: Rule = Field(default_factory=Rule, alias="not-compared")
+    not_judged: UnjudgedRule = Field(default_factory=UnjudgedRule, alias="not-judged")
+    class_relaxed: Rule = Field(default_factory=Rule, alias="class-relaxed")
+    class_by_name: ClassNameRule = Field(default_factory=ClassNameRule, alias="class-by-name")
     inconclusive: InconclusiveRule = Field(default_factory=InconclusiveRule)
     waiver_expired: ExpiredRule = Field(default_factory=ExpiredRule, alias="waiver-expired")
     waiver_unused: UnusedRule = Field(default_factory=UnusedRule, alias="waiver-unused")
+    waiver_wide: WideWaiverRule = Field(default_factory=WideWaiverRule, alias="waiver-wide")
     model_version: Rule = Field(default_factory=Rule, alias="model-version")
 
 
@@ -228,7 +272,15 @@ class DesignClass(Record):
         default=None, description="Patterns of file names (* and ?, * also crosses /).", examples=[["prototypes/*"]]
     )
     designs: Patterns | None = Field(
-        default=None, description="Patterns of the designs' own names.", examples=[["*rev A*"]]
+        default=None,
+        description="Patterns of the designs' own names. They choose the class only with by_name: true.",
+        examples=[["*rev A*"]],
+    )
+    by_name: bool = Field(
+        default=False,
+        description="true: the patterns in designs choose this class. A design's name is what its author writes into "
+        "it, so this lets an author choose. Default false: a design whose name matches is a finding, class-by-name.",
+        examples=[True],
     )
     rules: Rules = Field(default_factory=Rules, description="What differs from the policy's rules.")
 

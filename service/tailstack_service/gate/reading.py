@@ -7,7 +7,7 @@ type instead.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import date, timedelta
 from difflib import get_close_matches
@@ -24,9 +24,10 @@ from tailstack.design.refusals import escape, place, refuse
 from tailstack.errors import DesignError, LimitError, Problem
 from tailstack.json_text import write_json
 
+from .case import ClassOfName
 from .errors import GateError
-from .policy_document import POLICY_SCHEMA, Policy, Rules
-from .records import GatedDesign, GateRecord
+from .policy_document import POLICY_SCHEMA, DesignClass, Policy, Rules
+from .records import GateRecord
 from .rules import RULES
 from .waiver_document import LONGEST_DAYS, WAIVERS_SCHEMA, Waiver, Waivers
 
@@ -46,13 +47,24 @@ class ReadPolicy:
     sha256: str
 
     def class_of(self, file: str, name: str, given: str | None) -> str | None:
-        """The class of a design: the one that is given, or the first whose patterns match."""
+        """The class of a design: the one that is given, or the first whose patterns match its file; its name counts
+        only for a class that says so."""
         if given is not None:
             return given
         for entry in self.document.classes:
             by_file = any(fnmatchcase(file, pattern) for pattern in entry.files or ())
-            if by_file or any(fnmatchcase(name, pattern) for pattern in entry.designs or ()):
+            if by_file or (entry.by_name and _pattern(entry, name) is not None):
                 return entry.name
+        return None
+
+    def class_of_name(self, file: str, name: str, given: str | None) -> ClassOfName | None:
+        """The class that the design's own name would choose before the one that it is in."""
+        found = self.class_of(file, name, given)
+        for entry in self.document.classes if given is None else ():
+            if entry.name == found:
+                return None
+            if not entry.by_name and (pattern := _pattern(entry, name)) is not None:
+                return ClassOfName(entry.name, pattern)
         return None
 
     def rules_for(self, design_class: str | None) -> Rules:
@@ -88,14 +100,9 @@ class ReadBaseline:
     file: str
     sha256: str
 
-    def of(self, file: str, name: str, sha256: str, present: Collection[str]) -> GatedDesign | None:
-        """The same design then: of that file; or, if the file was renamed, the only one of that content or name among
-        the files that are not ``present`` any more."""
-        by_file = [entry for entry in self.record.designs if entry.file == file]
-        gone = [entry for entry in self.record.designs if entry.file not in present]
-        by_content = [entry for entry in gone if entry.sha256 == sha256]
-        by_name = [entry for entry in gone if entry.name == name]
-        return next((found[0] for found in (by_file, by_content, by_name) if len(found) == 1), None)
+
+def _pattern(entry: DesignClass, name: str) -> str | None:
+    return next((pattern for pattern in entry.designs or () if fnmatchcase(name, pattern)), None)
 
 
 def read_policy(given: Given | None, *, name: str = "policy", prefix: str = "") -> ReadPolicy:

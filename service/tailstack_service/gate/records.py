@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from tailstack.results import Severity
+from tailstack.results import Severity, Vector3
 
 GateVerdict = Literal["pass", "fail", "inconclusive", "not evaluated"]
 WORST_FIRST: tuple[GateVerdict, ...] = ("not evaluated", "fail", "inconclusive", "pass")
@@ -55,6 +55,41 @@ class GateTarget:
     p95_mm: float | None  # Monte Carlo; null where it was not drawn
     p95_interval_mm: tuple[float, float] | None
     cvar95_mm: float
+    position_mm: Vector3 | None = None  # con; null in records written before this field was
+
+
+@dataclass(frozen=True, slots=True)
+class GateRequirement:
+    """What a design was asked for, by itself or by the policy: what a later gate must not ask less than."""
+
+    name: str  # the requirement's; of a limit that the policy sets, the rule's id
+    origin: Literal["design", "policy"]
+    rule: str  # under which it is judged
+    severity: Literal["error", "warning", "note", "off"]  # of that rule, for this design
+    error: Literal["tcp", "localisation"]
+    quantile: float  # of the error; of cvar, where the tail begins
+    limit_mm: float
+    min_yield: float | None  # of a requirement per unit
+    confidence: float
+    targets: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Unjudged:
+    """Something that was asked for, or a target, that nothing was held against."""
+
+    requirement: str | None  # null: no requirement and no limit of the policy is about the target
+    target: str
+    rule: str | None
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class GateSection:
+    """One section of a design document, by its content: how a design is found again in a baseline."""
+
+    name: str
+    sha256: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +105,9 @@ class GatedDesign:
     trials: int | None
     targets: tuple[GateTarget, ...]
     numbers: tuple[GateNumber, ...]
+    requirements: tuple[GateRequirement, ...] = ()  # judged or not; empty too in records written before this field was
+    not_judged: tuple[Unjudged, ...] = ()
+    sections: tuple[GateSection, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,10 +25,13 @@ from .records import Fold, GateRecord, Level, Mode
 ADMITTED = replace(DEFAULT_LIMITS, document_bytes=100_000_000)
 
 
+FileName = Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f]*$")]
+
+
 class GateRequestDesign(Record):
     """One design of a gate."""
 
-    file: Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f]*$")] = Field(
+    file: FileName = Field(
         description="What findings call it; the policy's patterns see this name.", examples=["designs/guide.yaml"]
     )
     design: dict[str, Any] | None = Field(default=None, description="The design document. Either this or text.")
@@ -55,6 +58,12 @@ class GateRequest(Record):
     )
     waivers: dict[str, Any] | None = Field(default=None, description="Waivers (schema waivers).")
     baseline: dict[str, Any] | None = Field(default=None, description="The answer of an earlier gate (schema gate).")
+    present: Annotated[list[FileName], Field(max_length=10_000)] | None = Field(
+        default=None,
+        description="Files of the baseline that are still there and not among these designs. A design of the baseline "
+        "whose file is neither here nor judged may be one of these designs under another name.",
+        examples=[["designs/other.yaml"]],
+    )
     mode: Mode = Field(
         default="auto",
         description="analytic: first order, answered at once. verify: Monte Carlo for every design. auto: Monte Carlo "
@@ -139,6 +148,7 @@ def gate_of(data: dict[str, Any], limits: Limits = ADMITTED) -> Gate:
         fail_level=request.fail_level,
         on_inconclusive=request.on_inconclusive,
         max_regression_percent=request.max_regression_percent,
+        present=tuple(request.present or ()),
     )
 
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from .case import Case, Remark
-from .history_rules import regressions
+from .history_rules import not_compared, regressions, relaxed_limits
 from .layout_rules import close_fiducials, close_images, narrow_margins, tight_tolerances, weaknesses
 from .requirement_rules import exceedances, first_order_gaps, open_questions, quantiles, tail_means, yields
+from .requirements import names_that_match, requirements_not_judged
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,11 +215,96 @@ Policy: severity.""",
 The P95 of the TCP error at a target is more than `max_percent` (--max-regression) above that of the baseline, an
 earlier gate written with --format json=FILE. Compared is first order, in which there is no chance; where the calibrated
 error of first order is above first-order-gap's max_percent and both drew as many trials, Monte Carlo with the same
-seed. Absolute limits stay absolute: a failed limit fails whatever the baseline says. A design is found again by its
-file, or by its content or name if that file is gone; a design or target that the baseline does not have is noted.
+seed. Absolute limits stay absolute: a failed limit fails whatever the baseline says. What there was nothing to compare
+with is said by not-compared.
 
 Policy: severity, max_percent. Waiver: max_value in per cent.""",
         regressions,
+    ),
+    Rule(
+        "limit-relaxed",
+        "Asked for less than in the baseline",
+        "error",
+        "fixed",
+        "",
+        """\
+A design states its own requirements, so it could set its own bar. With a baseline it cannot: whatever it was held to
+there, by its requirements or by limits of the policy, must still be asked for, by whatever name: a limit that was
+raised, a quantile, yield or confidence that was lowered, an error that became another one, a rule that counts less or
+is off, a requirement that went, a target that went, is no longer asked for, or stands somewhere else.
+
+What to do: put the requirement back; or, if less is wanted on purpose, write a new baseline in the same merge request,
+so that whoever reviews it agrees to it.
+
+Policy: severity.""",
+        relaxed_limits,
+    ),
+    Rule(
+        "not-compared",
+        "The baseline has nothing to compare with",
+        "warning",
+        "fixed",
+        "",
+        """\
+A design is found again in the baseline by its file; where the baseline has a design whose file is gone, by its
+content: all of it, else the most sections in common (the fiducials, or three of views, interfaces, targets, transforms
+and execution), else its name. Where several fit equally, none is taken. A design that is found nowhere is held to its
+own limits alone: a note, and a warning if the baseline has designs whose files went, since it may be one of them under
+another name. Said as well: a design that was compared with one of another file, a target that the baseline does not
+have, and a baseline of an older version, which does not say what was asked for.
+
+What to do: rename without changing, or write a new baseline in the same merge request.
+
+Policy: severity.""",
+        not_compared,
+    ),
+    Rule(
+        "not-judged",
+        "A requirement was not judged",
+        "warning",
+        "fixed",
+        "",
+        """\
+The design states a requirement and nothing was held against it: the rule that judges it (p95, or per-unit-yield) is
+off, for all designs or for the design's class. A pass says nothing about it. Each requirement is named, and a note
+names targets that no requirement and no limit is about; `not_judged` of the record lists both. A design of which no
+limit at all was judged is not evaluated, and the gate leaves with exit code 3: see not-evaluated.
+
+What to do: give the rule a severity of warning or note instead of off: it is then judged and does not fail the gate.
+
+Policy: severity error, warning or note, never off.""",
+        requirements_not_judged,
+    ),
+    Rule(
+        "class-relaxed",
+        "A class switches off what is an error",
+        "warning",
+        "fixed",
+        "",
+        """\
+A class of the policy switches off a rule that is an error for all other designs, or takes away its limit, and a design
+of this gate is in it. A class that lets such a rule count less is noted. The finding stands in the policy.
+
+What to do: let the class have a limit of its own instead, or a severity of warning.
+
+Policy: severity (of the policy; a class cannot change it).""",
+    ),
+    Rule(
+        "class-by-name",
+        "A design's name would choose its class",
+        "error",
+        "fixed",
+        "",
+        """\
+The name of a design is what its author writes, so a name must not choose by which rules the design is judged. The
+design's name matches a pattern in `designs` of a class that does not say `by_name: true`: the class was not applied,
+the design was judged by the rules that its file gives it.
+
+What to do: give the class patterns of `files` instead, which a reviewer sees; or, if authors may choose,
+`by_name: true`. Policies written before this rule need one of the two.
+
+Policy: severity (of the rules the design was judged by).""",
+        names_that_match,
     ),
     Rule(
         "inconclusive",
@@ -261,6 +347,26 @@ patterns match no design. Remove it, so that it does not accept what comes later
 Policy: severity.""",
     ),
     Rule(
+        "waiver-wide",
+        "A waiver accepts more than anybody looked at",
+        "warning",
+        "fixed",
+        "",
+        """\
+A waiver accepts one finding that somebody looked at. It is wide if
+
+- it names no design: `designs` is absent, or a pattern with wildcards has fewer than three characters beside them and
+  the ending in its last part (`*`, `*.yaml`, `designs/*`);
+- it accepts more than `max_limit_ratio` (2) times the limit that it waives, or more than `max_value_ratio` (1.5) times
+  the value that it accepts now, the end of the interval. Of min_value the inverse holds; of a yield the misses are
+  compared, of per cent the P95 itself (100 % more is twice);
+- what it accepts is found by the design's own name and not by its file: any design may be called so.
+
+What to do: name the file, and accept what was measured and little more.
+
+Policy: severity, max_limit_ratio, max_value_ratio (of the policy; a class cannot change them).""",
+    ),
+    Rule(
         "model-version",
         "The baseline was computed by another version",
         "warning",
@@ -301,10 +407,10 @@ gate leaves with exit code 2. `tailstack schema policy` and `tailstack schema wa
         "fixed",
         "",
         """\
-The geometry does not determine the answer, a method was outside its range, a computation did not converge, or nothing
-was there to judge: the design states no requirement and the policy sets no limit. Also: the gate itself broke off, was
-interrupted (exit code 130), was killed, lost the service that it asked, or could not write one of its outputs: its
-other outputs then give no verdict either. Otherwise it leaves with exit code 3; a
+The geometry does not determine the answer, a method was outside its range, a computation did not converge, or no
+limit was judged: the design states no requirement and the policy sets no limit, or the rules that judge them are off.
+Also: the gate itself broke off, was interrupted (exit code 130), was killed, lost the service that it asked, or could
+not write one of its outputs: its other outputs then give no verdict either. Otherwise it leaves with exit code 3; a
 design that was not judged never passes.""",
     ),
 )

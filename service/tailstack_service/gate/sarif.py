@@ -43,6 +43,11 @@ def sarif_text(record: GateRecord) -> str:
             "mode": record.mode,
             "seed": record.seed,
             "policySha256": record.provenance.policy_sha256,
+            "notJudged": [
+                {"file": design.file, "requirement": entry.requirement, "target": entry.target, "reason": entry.reason}
+                for design in record.designs
+                for entry in design.not_judged
+            ],
             "notIncluded": list(record.provenance.not_included),
         },
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from ..rendering.tables import coloured, fixed, number, shortened, table, wrapped
-from .places import counts
+from .places import counts, not_judged
 from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord
 
 _COMMAND = re.compile(r"(?m)^([ \t]*)(?=::|##\[)")
@@ -27,7 +27,8 @@ def gate_text(record: GateRecord, *, colour: bool = False) -> str:
     parts.append(
         coloured(f"verdict: {record.verdict}", _ROLE.get(record.verdict, "fail"), colour)
         + f" (exit code {record.exit_code}; mode {record.mode}, seed {record.seed}, policy "
-        + f"{shortened(record.provenance.policy_name, 40)}, waivers judged by {record.provenance.today})"
+        + f"{shortened(record.provenance.policy_name, 40)}, waivers judged by {record.provenance.today}"
+        + f"{not_judged(record)})"
     )
     # a line that begins like this is a command to the runners of GitHub and Azure, and names come from strangers
     return _COMMAND.sub(r"\1\\", "\n\n".join(parts)) + "\n"
@@ -47,7 +48,7 @@ def gate_summary(record: GateRecord) -> list[str]:
         lines.append(f"... and {len(said) - MOST_TOLD} more findings that count")
     accepted = sum(finding.suppressed_by is not None for finding in record.findings)
     waived = f", {accepted} accepted by waivers" if accepted else ""
-    lines.append(f"verdict: {record.verdict} (exit code {record.exit_code}{waived})")
+    lines.append(f"verdict: {record.verdict} (exit code {record.exit_code}{waived}{not_judged(record)})")
     return [_COMMAND.sub(r"\1\\", " ".join(line.split())) for line in lines]
 
 

@@ -54,6 +54,11 @@ from .gate_request_mode import GateRequestMode
 from .gate_request_on_inconclusive_type_0 import GateRequestOnInconclusiveType0
 from .gate_request_policy_type_0 import GateRequestPolicyType0
 from .gate_request_waivers_type_0 import GateRequestWaiversType0
+from .gate_requirement import GateRequirement
+from .gate_requirement_error import GateRequirementError
+from .gate_requirement_origin import GateRequirementOrigin
+from .gate_requirement_severity import GateRequirementSeverity
+from .gate_section import GateSection
 from .gate_target import GateTarget
 from .gate_verdict import GateVerdict
 from .gated_design import GatedDesign
@@ -118,6 +123,7 @@ from .sweep_request_check import SweepRequestCheck
 from .sweep_target import SweepTarget
 from .target_estimate import TargetEstimate
 from .target_score import TargetScore
+from .unjudged import Unjudged
 from .validation import Validation
 from .validation_request import ValidationRequest
 from .validity import Validity
@@ -189,6 +195,11 @@ __all__ = (
     "GateRequestOnInconclusiveType0",
     "GateRequestPolicyType0",
     "GateRequestWaiversType0",
+    "GateRequirement",
+    "GateRequirementError",
+    "GateRequirementOrigin",
+    "GateRequirementSeverity",
+    "GateSection",
     "GateTarget",
     "GateVerdict",
     "GetOpenapiResponse200",
@@ -250,6 +261,7 @@ __all__ = (
     "SweepTarget",
     "TargetEstimate",
     "TargetScore",
+    "Unjudged",
     "Validation",
     "ValidationRequest",
     "Validity",

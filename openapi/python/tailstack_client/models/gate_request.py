@@ -37,6 +37,8 @@ class GateRequest:
             requirements, default rules.
         waivers (GateRequestWaiversType0 | None | Unset): Waivers (schema waivers).
         baseline (GateRequestBaselineType0 | None | Unset): The answer of an earlier gate (schema gate).
+        present (list[str] | None | Unset): Files of the baseline that are still there and not among these designs. A
+            design of the baseline whose file is neither here nor judged may be one of these designs under another name.
         mode (GateRequestMode | Unset): analytic: first order, answered at once. verify: Monte Carlo for every design.
             auto: Monte Carlo where first order is near a limit. Default: 'auto'.
         seed (int | None | Unset): Seed. Absent: the baseline's, else the policy's.
@@ -50,6 +52,7 @@ class GateRequest:
     policy: GateRequestPolicyType0 | None | Unset = UNSET
     waivers: GateRequestWaiversType0 | None | Unset = UNSET
     baseline: GateRequestBaselineType0 | None | Unset = UNSET
+    present: list[str] | None | Unset = UNSET
     mode: GateRequestMode | Unset = "auto"
     seed: int | None | Unset = UNSET
     today: None | str | Unset = UNSET
@@ -91,6 +94,15 @@ class GateRequest:
             baseline = self.baseline.to_dict()
         else:
             baseline = self.baseline
+
+        present: list[str] | None | Unset
+        if isinstance(self.present, Unset):
+            present = UNSET
+        elif isinstance(self.present, list):
+            present = self.present
+
+        else:
+            present = self.present
 
         mode: str | Unset = UNSET
         if not isinstance(self.mode, Unset):
@@ -139,6 +151,8 @@ class GateRequest:
             field_dict["waivers"] = waivers
         if baseline is not UNSET:
             field_dict["baseline"] = baseline
+        if present is not UNSET:
+            field_dict["present"] = present
         if mode is not UNSET:
             field_dict["mode"] = mode
         if seed is not UNSET:
@@ -220,6 +234,23 @@ class GateRequest:
 
         baseline = _parse_baseline(d.pop("baseline", UNSET))
 
+        def _parse_present(data: object) -> list[str] | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            try:
+                if not isinstance(data, list):
+                    raise TypeError()
+                present_type_0 = cast(list[str], data)
+
+                return present_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(list[str] | None | Unset, data)
+
+        present = _parse_present(d.pop("present", UNSET))
+
         _mode = d.pop("mode", UNSET)
         mode: GateRequestMode | Unset
         if isinstance(_mode, Unset):
@@ -283,6 +314,7 @@ class GateRequest:
             policy=policy,
             waivers=waivers,
             baseline=baseline,
+            present=present,
             mode=mode,
             seed=seed,
             today=today,

@@ -24,6 +24,7 @@ class GateTarget:
         p95_mm (float | None):
         p95_interval_mm (list[float] | None):
         cvar95_mm (float):
+        position_mm (list[float] | None):
     """
 
     name: str
@@ -31,6 +32,7 @@ class GateTarget:
     p95_mm: float | None
     p95_interval_mm: list[float] | None
     cvar95_mm: float
+    position_mm: list[float] | None
 
     def to_dict(self) -> dict[str, Any]:
         name = self.name
@@ -53,6 +55,17 @@ class GateTarget:
 
         cvar95_mm = self.cvar95_mm
 
+        position_mm: list[float] | None
+        if isinstance(self.position_mm, list):
+            position_mm = []
+            for position_mm_type_0_item_data in self.position_mm:
+                position_mm_type_0_item: float
+                position_mm_type_0_item = position_mm_type_0_item_data
+                position_mm.append(position_mm_type_0_item)
+
+        else:
+            position_mm = self.position_mm
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -62,6 +75,7 @@ class GateTarget:
                 "p95_mm": p95_mm,
                 "p95_interval_mm": p95_interval_mm,
                 "cvar95_mm": cvar95_mm,
+                "position_mm": position_mm,
             }
         )
 
@@ -107,12 +121,37 @@ class GateTarget:
 
         cvar95_mm = d.pop("cvar95_mm")
 
+        def _parse_position_mm(data: object) -> list[float] | None:
+            if data is None:
+                return data
+            try:
+                if not isinstance(data, list):
+                    raise TypeError()
+                position_mm_type_0 = []
+                _position_mm_type_0 = data
+                for position_mm_type_0_item_data in _position_mm_type_0:
+
+                    def _parse_position_mm_type_0_item(data: object) -> float:
+                        return cast(float, data)
+
+                    position_mm_type_0_item = _parse_position_mm_type_0_item(position_mm_type_0_item_data)
+
+                    position_mm_type_0.append(position_mm_type_0_item)
+
+                return position_mm_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(list[float] | None, data)
+
+        position_mm = _parse_position_mm(d.pop("position_mm"))
+
         gate_target = cls(
             name=name,
             first_order_p95_mm=first_order_p95_mm,
             p95_mm=p95_mm,
             p95_interval_mm=p95_interval_mm,
             cvar95_mm=cvar95_mm,
+            position_mm=position_mm,
         )
 
         return gate_target

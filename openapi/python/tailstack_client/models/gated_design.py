@@ -16,7 +16,10 @@ from typing import cast
 
 if TYPE_CHECKING:
     from ..models.gate_number import GateNumber
+    from ..models.gate_requirement import GateRequirement
+    from ..models.gate_section import GateSection
     from ..models.gate_target import GateTarget
+    from ..models.unjudged import Unjudged
 
 
 T = TypeVar("T", bound="GatedDesign")
@@ -36,6 +39,9 @@ class GatedDesign:
         trials (int | None):
         targets (list[GateTarget]):
         numbers (list[GateNumber]):
+        requirements (list[GateRequirement]):
+        not_judged (list[Unjudged]):
+        sections (list[GateSection]):
     """
 
     file: str
@@ -47,10 +53,16 @@ class GatedDesign:
     trials: int | None
     targets: list[GateTarget]
     numbers: list[GateNumber]
+    requirements: list[GateRequirement]
+    not_judged: list[Unjudged]
+    sections: list[GateSection]
 
     def to_dict(self) -> dict[str, Any]:
         from ..models.gate_number import GateNumber  # noqa: PLC0415
+        from ..models.gate_requirement import GateRequirement  # noqa: PLC0415
+        from ..models.gate_section import GateSection  # noqa: PLC0415
         from ..models.gate_target import GateTarget  # noqa: PLC0415
+        from ..models.unjudged import Unjudged  # noqa: PLC0415
 
         file = self.file
 
@@ -80,6 +92,21 @@ class GatedDesign:
             numbers_item = numbers_item_data.to_dict()
             numbers.append(numbers_item)
 
+        requirements = []
+        for requirements_item_data in self.requirements:
+            requirements_item = requirements_item_data.to_dict()
+            requirements.append(requirements_item)
+
+        not_judged = []
+        for not_judged_item_data in self.not_judged:
+            not_judged_item = not_judged_item_data.to_dict()
+            not_judged.append(not_judged_item)
+
+        sections = []
+        for sections_item_data in self.sections:
+            sections_item = sections_item_data.to_dict()
+            sections.append(sections_item)
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -93,6 +120,9 @@ class GatedDesign:
                 "trials": trials,
                 "targets": targets,
                 "numbers": numbers,
+                "requirements": requirements,
+                "not_judged": not_judged,
+                "sections": sections,
             }
         )
 
@@ -101,7 +131,10 @@ class GatedDesign:
     @classmethod
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
         from ..models.gate_number import GateNumber  # noqa: PLC0415
+        from ..models.gate_requirement import GateRequirement  # noqa: PLC0415
+        from ..models.gate_section import GateSection  # noqa: PLC0415
         from ..models.gate_target import GateTarget  # noqa: PLC0415
+        from ..models.unjudged import Unjudged  # noqa: PLC0415
 
         d = dict(src_dict)
         file = d.pop("file")
@@ -152,6 +185,27 @@ class GatedDesign:
 
             numbers.append(numbers_item)
 
+        requirements = []
+        _requirements = d.pop("requirements")
+        for requirements_item_data in _requirements:
+            requirements_item = GateRequirement.from_dict(requirements_item_data)
+
+            requirements.append(requirements_item)
+
+        not_judged = []
+        _not_judged = d.pop("not_judged")
+        for not_judged_item_data in _not_judged:
+            not_judged_item = Unjudged.from_dict(not_judged_item_data)
+
+            not_judged.append(not_judged_item)
+
+        sections = []
+        _sections = d.pop("sections")
+        for sections_item_data in _sections:
+            sections_item = GateSection.from_dict(sections_item_data)
+
+            sections.append(sections_item)
+
         gated_design = cls(
             file=file,
             name=name,
@@ -162,6 +216,9 @@ class GatedDesign:
             trials=trials,
             targets=targets,
             numbers=numbers,
+            requirements=requirements,
+            not_judged=not_judged,
+            sections=sections,
         )
 
         return gated_design

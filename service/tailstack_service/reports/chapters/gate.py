@@ -50,7 +50,7 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
         ),
         matters=tuple(f"{finding.file}: {finding.message}" for finding in counted if finding.severity == "error")[:3],
         sections=(
-            Section("Designs", (_designs_table(record), _numbers_table(record))),
+            Section("Designs", (_designs_table(record), _numbers_table(record), *_not_judged_table(record))),
             Section("Findings", tuple(blocks) or (Bullets(("None.",)),)),
             Section("What is not included", (Bullets(record.provenance.not_included),), reader="auditor"),
             Section("Reproduction", (Listing(_command(record)), Paragraph(REPRODUCTION)), reader="auditor"),
@@ -136,6 +136,16 @@ def _numbers_table(record: GateRecord) -> Table:
         tuple(rows),
         most=MOST,
     )  # fmt: skip
+
+
+def _not_judged_table(record: GateRecord) -> tuple[Table, ...]:
+    rows = tuple(
+        Row((design.file, entry.requirement or "", entry.target, entry.reason))
+        for design in record.designs
+        for entry in design.not_judged
+    )
+    columns = (Column("File"), Column("Requirement"), Column("Target"), Column("Reason"))
+    return (Table("Not judged", "What nothing was held against", columns, rows, most=MOST),) if rows else ()
 
 
 def gate_findings_table(name: str, caption: str, findings: list[GateFinding]) -> Table:

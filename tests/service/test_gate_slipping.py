@@ -1,0 +1,434 @@
+"""A designer who wants a bad design through the gate: each test is a way to try, and what the gate says of it.
+
+Designs are plain data that is changed as an author would change it; what is expected is read from what was changed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import json
+from datetime import date
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import pytest
+from service_scenes import ROOT, small_design
+
+from tailstack.design.loading import data_to_yaml
+from tailstack_service.cli.main import main
+from tailstack_service.documents import to_json
+from tailstack_service.gate.records import GateFinding, GateRecord
+from tailstack_service.gate.request import admitted, evaluate
+
+TODAY = date(2026, 11, 21)
+JUDGING = ("p95", "cvar", "exceedance", "per-unit-yield")
+EVERY = (
+    *JUDGING, "first-order-gap", "conditioning", "fiducial-spacing", "visibility", "overlap", "process-capability",
+    "process-unused", "regression", "limit-relaxed", "not-compared", "class-relaxed", "class-by-name", "waiver-unused",
+    "waiver-wide", "model-version",
+)  # fmt: skip
+PROMISE = {"name": "tip-accuracy", "limit_mm": 1.4}  # mm; the small design keeps it with a P95 of about 0.65
+TWO = [{"name": "tip", "position_mm": [0, 0, 70]}, {"name": "side", "position_mm": [20, 0, 60]}]
+
+
+def design(*requirements: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    return small_design(requirements=list(requirements) or None, optimise=None, **changes)
+
+
+def policy(rules: dict[str, Any] | None = None, **more: Any) -> dict[str, Any]:
+    return {"schema": "tailstack/policy/1", "rules": {"overlap": {"severity": "off"}, **(rules or {})}, **more}
+
+
+def gate(files: dict[str, dict[str, Any]], **more: Any) -> GateRecord:
+    entries = [{"file": name, "design": content} for name, content in files.items()]
+    body = {"designs": entries, "mode": "analytic", "policy": policy(), **more}
+    return evaluate(admitted(body, today=TODAY))
+
+
+def baseline(*requirements: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    """The record of a gate that the honest design passes."""
+    record = gate({"guide.yaml": design(*(requirements or (PROMISE,)), **changes)})
+    assert record.exit_code == 0
+    plain: dict[str, Any] = json.loads(to_json(record))
+    return plain
+
+
+def of_rule(record: GateRecord, rule: str) -> list[GateFinding]:
+    return [finding for finding in record.findings if finding.rule == rule]
+
+
+# --- nothing is judged ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rules", [EVERY, JUDGING, ("p95",)], ids=["every rule", "what judges", "the one it needs"])
+def test_a_policy_that_switches_off_what_would_judge_does_not_pass(rules: tuple[str, ...]) -> None:
+    off = {name: {"severity": "off"} for name in rules}
+    record = gate({"guide.yaml": design({**PROMISE, "limit_mm": 0.01})}, policy=policy(off))
+    assert (record.verdict, record.exit_code) == ("not evaluated", 3)
+    (finding,) = of_rule(record, "not-evaluated")
+    assert "p95 is off" in finding.message
+    (named,) = of_rule(record, "not-judged")
+    assert "tip-accuracy (P95 of the tcp error within 0.01 mm) was not judged" in named.message
+    (left,) = record.designs[0].not_judged
+    assert (left.requirement, left.target, left.rule) == ("tip-accuracy", "tip", "p95")
+
+
+def test_a_class_that_switches_off_what_would_judge_does_not_pass_and_is_a_finding_of_the_policy() -> None:
+    classes = [{"name": "prototypes", "files": ["p/*"], "rules": {"p95": {"severity": "off"}}}]
+    bad = design({**PROMISE, "limit_mm": 0.01})
+    record = gate({"p/guide.yaml": bad, "guide.yaml": design(PROMISE)}, policy=policy(classes=classes))
+    assert [entry.verdict for entry in record.designs] == ["not evaluated", "pass"]
+    assert record.exit_code == 3
+    (finding,) = of_rule(record, "class-relaxed")
+    assert (finding.file, finding.pointer) == ("policy", "/classes/0/rules/p95/severity")
+    assert finding.severity == "warning"
+    assert "class prototypes: p95 is off" in finding.message
+    assert "p/guide.yaml" in finding.message
+
+
+def test_a_trivial_second_requirement_does_not_hide_the_one_that_is_not_judged() -> None:
+    """One requirement per unit is judged, so there is a verdict; the other one is named in the record."""
+    easy = {"name": "easy", "limit_mm": 50.0, "risk": "per_unit", "min_yield": 0.5}
+    bad = design({**PROMISE, "limit_mm": 0.01}, easy)
+    record = gate({"guide.yaml": bad}, policy=policy({"p95": {"severity": "off"}}))
+    assert record.exit_code == 0
+    (finding,) = of_rule(record, "not-judged")
+    assert (finding.severity, finding.pointer) == ("warning", "/requirements/0")
+    assert [entry.requirement for entry in record.designs[0].not_judged] == ["tip-accuracy"]
+    assert gate({"guide.yaml": bad}, policy=policy({"p95": {"severity": "off"}}), fail_level="warning").exit_code == 1
+    strict = policy({"p95": {"severity": "off"}, "not-judged": {"severity": "error"}})
+    assert gate({"guide.yaml": bad}, policy=strict).exit_code == 1
+
+
+def test_not_judged_cannot_be_silenced() -> None:
+    from tailstack_service.gate.errors import GateError
+
+    with pytest.raises(GateError, match="not-judged"):
+        gate({"guide.yaml": design(PROMISE)}, policy=policy({"not-judged": {"severity": "off"}}))
+
+
+def test_a_target_that_no_requirement_is_about_is_named() -> None:
+    record = gate({"guide.yaml": design({**PROMISE, "targets": ["tip"]}, targets=TWO)})
+    (finding,) = of_rule(record, "not-judged")
+    assert (finding.severity, finding.pointer) == ("note", "/targets")
+    assert "at target side" in finding.message
+    assert record.exit_code == 0
+    limited = policy({"p95": {"limit_mm": 5.0}})
+    assert not of_rule(gate({"guide.yaml": design(PROMISE, targets=TWO)}, policy=limited), "not-judged")
+
+
+# --- the design sets its own bar ------------------------------------------------------------------
+
+
+def changed(**fields: Any) -> dict[str, Any]:
+    return {**PROMISE, **fields}
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "pointer", "words"),
+    [
+        (PROMISE, [changed(limit_mm=50.0)], "/requirements/0/limit_mm", "limit raised from 1.4 to 50 mm"),
+        (PROMISE, [changed(quantile=0.5)], "/requirements/0/quantile", "quantile lowered from 0.95 to 0.5"),
+        (PROMISE, [changed(confidence=0.5)], "/requirements/0/confidence", "confidence lowered from 0.95 to 0.5"),
+        (PROMISE, [changed(error="localisation")], "/requirements/0/error", "was about the tcp error"),
+        (PROMISE, [changed(name="other", limit_mm=50.0)], "/requirements", "the requirement went at target tip"),
+        (PROMISE, [changed(risk="per_unit", min_yield=0.5)], "/requirements/0", "judged under per-unit-yield now"),
+        (
+            changed(risk="per_unit", min_yield=0.9), [changed(risk="per_unit", min_yield=0.2)],
+            "/requirements/0/min_yield", "yield lowered from 0.9 to 0.2",
+        ),
+        (
+            changed(risk="per_unit", min_yield=0.9), [changed(risk="per_unit", min_yield=0.9, limit_mm=50.0)],
+            "/requirements/0/limit_mm", "limit raised from 1.4 to 50 mm",
+        ),
+        (
+            PROMISE, [changed(limit_mm=50.0), changed(name="decoy", error="localisation")],
+            "/requirements/0/limit_mm", "limit raised from 1.4 to 50 mm",
+        ),
+    ],
+)  # fmt: skip
+def test_a_requirement_that_asks_for_less_than_in_the_baseline_fails(
+    before: dict[str, Any], after: list[dict[str, Any]], pointer: str, words: str
+) -> None:
+    record = gate({"guide.yaml": design(*after)}, baseline=baseline(before))
+    (finding,) = of_rule(record, "limit-relaxed")
+    assert (finding.severity, finding.pointer) == ("error", pointer)
+    assert words in finding.message
+    assert (record.verdict, record.exit_code) == ("fail", 1)
+
+
+@pytest.mark.parametrize(
+    "after",
+    [
+        [PROMISE],
+        [changed(limit_mm=1.0)],
+        [changed(quantile=0.99)],
+        [changed(name="another name")],
+        [changed(name="tighter", limit_mm=1.3), changed(limit_mm=50.0)],
+        [changed(targets=["tip"])],
+    ],
+    ids=[
+        "the same",
+        "a tighter limit",
+        "a higher quantile",
+        "renamed",
+        "implied by another",
+        "its only target by name",
+    ],
+)
+def test_what_asks_for_as_much_or_more_is_no_finding(after: list[dict[str, Any]]) -> None:
+    record = gate({"guide.yaml": design(*after)}, baseline=baseline(PROMISE))
+    assert not of_rule(record, "limit-relaxed")
+    assert record.exit_code == 0
+
+
+def test_a_requirement_of_all_targets_that_keeps_one_fails() -> None:
+    record = gate(
+        {"guide.yaml": design(changed(targets=["side"]), targets=TWO)}, baseline=baseline(PROMISE, targets=TWO)
+    )
+    (finding,) = of_rule(record, "limit-relaxed")
+    assert (finding.pointer, record.exit_code) == ("/requirements/0/targets", 1)
+    assert "not asked for any more at target tip" in finding.message
+
+
+def test_a_target_that_went_or_moved_fails() -> None:
+    before = baseline(PROMISE, targets=TWO)
+    record = gate({"guide.yaml": design(PROMISE, targets=TWO[1:])}, baseline=before)
+    (finding,) = of_rule(record, "limit-relaxed")
+    assert "no error at target tip" in finding.message
+    assert record.exit_code == 1
+    nearer = [{"name": "tip", "position_mm": [0, 0, 10]}, TWO[1]]
+    record = gate({"guide.yaml": design(PROMISE, targets=nearer)}, baseline=before)
+    (finding,) = of_rule(record, "limit-relaxed")
+    assert (finding.pointer, record.exit_code) == ("/targets/0", 1)
+    assert "by up to 60 mm, at target tip" in finding.message
+
+
+@pytest.mark.parametrize("after", [{"limit_mm": 50.0}, {}, {"limit_mm": 1.4, "severity": "note"}])
+def test_a_limit_of_the_policy_that_was_relaxed_fails(after: dict[str, Any]) -> None:
+    """In the same merge request as the design: the baseline knows both."""
+    bare = {"guide.yaml": design(changed(limit_mm=1.4))}
+    strict = policy({"p95": {"limit_mm": 1.3}, "cvar": {"limit_mm": 2.0}})
+    before = json.loads(to_json(gate(bare, policy=strict)))
+    record = gate(bare, policy=policy({"p95": after, "cvar": {"limit_mm": 2.0}}), baseline=before)
+    assert record.exit_code == 1
+    assert any(finding.message.startswith("p95 (") for finding in of_rule(record, "limit-relaxed"))
+    record = gate(bare, policy=policy({"p95": {"limit_mm": 1.3}}), baseline=before)
+    assert ["cvar" in finding.message for finding in of_rule(record, "limit-relaxed")] == [True]
+
+
+def test_switching_a_rule_off_against_a_baseline_fails_even_where_something_else_is_judged() -> None:
+    both = design(PROMISE, {"name": "units", "limit_mm": 50.0, "risk": "per_unit", "min_yield": 0.5})
+    before = json.loads(to_json(gate({"guide.yaml": both})))
+    record = gate({"guide.yaml": both}, policy=policy({"p95": {"severity": "off"}}), baseline=before)
+    (finding,) = of_rule(record, "limit-relaxed")
+    assert "rule p95 counts as off, and counted as error" in finding.message
+    assert record.exit_code == 1
+
+
+def test_a_baseline_written_before_requirements_were_recorded_is_read_and_compared_as_far_as_it_knows() -> None:
+    old = baseline(PROMISE)
+    for entry in old["designs"]:
+        for field in ("requirements", "not_judged", "sections"):
+            del entry[field]
+        for target in entry["targets"]:
+            del target["position_mm"]
+    record = gate({"guide.yaml": design(changed(limit_mm=50.0))}, baseline=old)
+    (finding,) = of_rule(record, "limit-relaxed")
+    assert "limit raised from 1.4 to 50 mm" in finding.message
+    (said,) = of_rule(record, "not-compared")
+    assert (said.severity, record.exit_code) == ("warning", 1)
+    assert "write a new baseline" in said.message
+    assert gate({"guide.yaml": design(PROMISE)}, baseline=old).exit_code == 0
+
+
+# --- renamed --------------------------------------------------------------------------------------
+
+
+def relaxed_and_renamed(**more: Any) -> dict[str, Any]:
+    return design(changed(limit_mm=50.0), **{"name": "something else entirely", **more})
+
+
+def test_a_renamed_file_is_compared_by_what_the_design_consists_of() -> None:
+    """File, name and requirements are changed, and one bead by a hair."""
+    record = gate({"new.yaml": relaxed_and_renamed()}, baseline=baseline())
+    assert record.exit_code == 1
+    assert "limit raised" in of_rule(record, "limit-relaxed")[0].message
+    (said,) = of_rule(record, "not-compared")
+    assert (said.severity, "compared with guide.yaml" in said.message) == ("note", True)
+
+    nudged = relaxed_and_renamed()
+    nudged["fiducials"]["points"][0]["position_mm"][0] += 1e-6
+    assert gate({"new.yaml": nudged}, baseline=baseline()).exit_code == 1
+
+
+def test_a_design_that_is_found_nowhere_says_so_and_warns_if_one_went() -> None:
+    other = relaxed_and_renamed()
+    for point in other["fiducials"]["points"]:
+        point["position_mm"][2] -= 3.0
+    for view in other["views"]:
+        view["fiducial_noise_px"] = 0.29
+    other["targets"][0]["position_mm"][2] += 1.0
+    del other["interfaces"]
+    record = gate({"new.yaml": other}, baseline=baseline())
+    (said,) = of_rule(record, "not-compared")
+    assert said.severity == "warning"
+    assert "nothing was compared; it has guide.yaml, which went" in said.message
+    assert gate({"new.yaml": other}, baseline=baseline(), fail_level="warning").exit_code == 1
+    both = gate({"new.yaml": other, "guide.yaml": design(PROMISE)}, baseline=baseline())
+    (said,) = of_rule(both, "not-compared")
+    assert (said.severity, said.file) == ("note", "new.yaml"), "nothing went: this one is new"
+
+
+def test_a_design_whose_file_is_still_there_was_not_renamed() -> None:
+    """Before a commit only the changed files are judged: a new variant is not taken for the one that it is made of."""
+    record = gate({"variant.yaml": relaxed_and_renamed()}, baseline=baseline(), present=["guide.yaml"])
+    assert record.exit_code == 0
+    assert [finding.severity for finding in of_rule(record, "not-compared")] == ["note"]
+
+
+def test_the_command_knows_which_files_are_still_there(tmp_path: Path) -> None:
+    with contextlib.chdir(tmp_path):
+        Path("policy.yaml").write_text(data_to_yaml(policy()), encoding="utf-8")
+        Path("base.json").write_text(json.dumps(baseline()), encoding="utf-8")
+        Path("guide.yaml").write_text(data_to_yaml(design(PROMISE)), encoding="utf-8")
+        Path("new.yaml").write_text(data_to_yaml(relaxed_and_renamed()), encoding="utf-8")
+        options = ("--policy=policy.yaml", "--baseline=base.json", "--mode=analytic", "--format=json=out.json")
+        assert main(["gate", "new.yaml", *options]) == 0
+        Path("guide.yaml").unlink()
+        assert main(["gate", "new.yaml", *options]) == 1
+
+
+# --- a name chooses -------------------------------------------------------------------------------
+
+
+def test_a_design_cannot_choose_its_class_by_its_name() -> None:
+    classes = [{"name": "loose", "designs": ["*prototype*"], "rules": {"p95": {"severity": "note"}}}]
+    bad = design(changed(limit_mm=0.3), name="drill guide, prototype")
+    record = gate({"guide.yaml": bad}, policy=policy(classes=classes))
+    assert record.designs[0].design_class is None
+    assert [finding.severity for finding in of_rule(record, "p95")] == ["error"]
+    (finding,) = of_rule(record, "class-by-name")
+    assert (finding.pointer, finding.severity, record.exit_code) == ("/name", "error", 1)
+    assert "by_name: true" in finding.message
+
+    strict = [{"name": "implants", "designs": ["*prototype*"], "rules": {"p95": {"limit_mm": 0.3}}}]
+    record = gate({"guide.yaml": design(PROMISE, name="a prototype")}, policy=policy(classes=strict))
+    assert record.exit_code == 1, "an old policy whose class is stricter must not lose it in silence"
+
+    allowed = [{**classes[0], "by_name": True}]
+    record = gate({"guide.yaml": bad}, policy=policy(classes=allowed))
+    assert (record.designs[0].design_class, record.exit_code) == ("loose", 0)
+    by_file = [{**classes[0], "files": ["guide*"]}]
+    record = gate({"guide.yaml": bad}, policy=policy(classes=by_file))
+    assert (record.designs[0].design_class, of_rule(record, "class-by-name")) == ("loose", [])
+
+
+def test_a_class_that_weakens_or_takes_a_limit_away_is_a_finding() -> None:
+    classes = [
+        {"name": "weak", "files": ["w*"], "rules": {"p95": {"severity": "warning"}, "cvar": {"limit_mm": None}}},
+        {"name": "nobody", "files": ["x*"], "rules": {"p95": {"severity": "off"}}},
+    ]
+    rules = policy({"cvar": {"limit_mm": 9.0}}, classes=classes)
+    found = of_rule(gate({"weak.yaml": design(PROMISE)}, policy=rules), "class-relaxed")
+    assert [(finding.pointer, finding.severity) for finding in found] == [
+        ("/classes/0/rules/cvar/limit_mm", "warning"),
+        ("/classes/0/rules/p95/severity", "note"),
+    ]
+
+
+# --- waivers --------------------------------------------------------------------------------------
+
+
+def wide(entry: dict[str, Any], name: str = "guide.yaml", limit_mm: float = 0.5, **more: Any) -> list[str]:
+    """Messages about one waiver of a design whose P95 is about 0.65 mm."""
+    complete = {
+        "rule": "p95", "owner": "J. Doe", "reason": "first article", "expires": "2026-12-31",
+        "designs": ["guide.yaml"], "max_value": 0.9, **entry,
+    }  # fmt: skip
+    kept = {key: value for key, value in complete.items() if value is not None}
+    waivers = {"schema": "tailstack/waivers/1", "waivers": [kept]}
+    record = gate({name: design(changed(limit_mm=limit_mm), name="drill guide, rev C")}, waivers=waivers, **more)
+    found = of_rule(record, "waiver-wide")
+    assert {finding.severity for finding in found} <= {"warning"}
+    return [f"{finding.pointer}: {finding.message}" for finding in found]
+
+
+@pytest.mark.parametrize("designs", [None, ["*"], ["*.yaml"], ["designs/*", "guide.yaml"], ["?*.y*ml"], ["g*"]])
+def test_a_waiver_of_every_design_is_wide(designs: list[str] | None) -> None:
+    said = wide({"designs": designs})
+    assert any("names no design" in words for words in said), said
+
+
+@pytest.mark.parametrize("designs", [["guide.yaml"], ["designs/guide-*.yaml", "guide.yaml"], ["guid?.yaml"]])
+def test_a_waiver_that_names_its_design_is_not_wide(designs: list[str]) -> None:
+    assert wide({"designs": designs}) == []
+
+
+def test_a_waiver_far_beyond_the_limit_or_the_value_is_wide() -> None:
+    (said,) = wide({"max_value": 0.9}, limit_mm=0.4)
+    assert said.startswith("/waivers/0/max_value: ")
+    assert "0.9 mm is beyond 2 times the limit, 0.4 mm" in said
+    (said,) = wide({"max_value": 1.15}, limit_mm=0.6)
+    assert "beyond 1.5 times what it accepts now, 0.6" in said
+    assert len(wide({"max_value": 1e6})) == 2
+    (said,) = wide({"max_value": 50.0}, limit_mm=1.4)
+    assert "beyond 2 times the limit" in said, "it accepts nothing yet"
+    loose = policy({"waiver-wide": {"max_limit_ratio": 1e6, "max_value_ratio": 1e6}})
+    assert wide({"max_value": 50.0}, policy=loose) == []
+
+
+def test_a_waiver_that_a_design_gets_by_its_own_name_is_wide() -> None:
+    (said,) = wide({"designs": ["drill guide*"]})
+    assert "guide.yaml has it by the name that the design gives itself" in said
+
+
+def test_waivers_of_percent_and_of_what_must_not_be_small() -> None:
+    """closed form: 100 % above is twice a P95; half of a distance is twice too near."""
+    worse = copy.deepcopy(design(PROMISE))
+    for view in worse["views"]:
+        view["fiducial_noise_px"], view["target_noise_px"] = 0.6, 0.6
+    entry = {
+        "rule": "regression", "owner": "J. Doe", "reason": "new detector", "expires": "2026-12-31",
+        "designs": ["guide.yaml"],
+    }  # fmt: skip
+
+    def said(rule: dict[str, Any], files: dict[str, Any], **more: Any) -> list[str]:
+        waivers = {"schema": "tailstack/waivers/1", "waivers": [{**entry, **rule}]}
+        return [finding.message for finding in of_rule(gate(files, waivers=waivers, **more), "waiver-wide")]
+
+    rises = gate({"guide.yaml": worse}, baseline=baseline())
+    percent = of_rule(rises, "regression")[0].value
+    assert percent is not None
+    assert 5 < percent < 99
+    assert said({"max_value": percent + 1}, {"guide.yaml": worse}, baseline=baseline()) == []
+    (words,) = said({"max_value": 101.0}, {"guide.yaml": worse}, baseline=baseline())[:1]
+    assert "max_value 101 % is beyond 2 times the limit, 0 %" in words
+    near = {"rule": "overlap", "min_value": 4.0}
+    strict = policy({"overlap": {"severity": "error", "min_px": 7.0}})
+    assert said(near, {"guide.yaml": design(PROMISE)}, policy=strict) == []
+    (words,) = said({**near, "min_value": 3.4}, {"guide.yaml": design(PROMISE)}, policy=strict)
+    assert "min_value 3.4 px is beyond 2 times the limit, 7 px" in words
+
+
+# --- the example ----------------------------------------------------------------------------------
+
+
+def test_the_examples_repository_refuses_what_its_readme_tries(tmp_path: Path) -> None:
+    folder = ROOT / "examples" / "ci-gate"
+    for name in ("pass.yaml", "waived.yaml", "policy.yaml", "waivers.yaml"):
+        (tmp_path / name).write_text((folder / name).read_text(encoding="utf-8"), encoding="utf-8")
+    policy_ = ("--policy=policy.yaml", "--mode=analytic")
+    with contextlib.chdir(tmp_path), patch("tailstack_service.cli.gate.today", lambda: TODAY):
+        assert main(["gate", "pass.yaml", *policy_, "--format=json=baseline.json"]) == 0
+        text = Path("pass.yaml").read_text(encoding="utf-8")
+        assert text.count("limit_mm: 0.8") == 1
+        Path("pass.yaml").write_text(text.replace("limit_mm: 0.8", "limit_mm: 50"), encoding="utf-8")
+        assert main(["gate", "pass.yaml", *policy_]) == 0
+        assert main(["gate", "pass.yaml", *policy_, "--baseline=baseline.json"]) == 1
+        assert main(["gate", "waived.yaml", *policy_, "--waivers=waivers.yaml", "--on-inconclusive=warn"]) == 0
+        wide_ = Path("waivers.yaml").read_text(encoding="utf-8").replace("max_value: 0.95", "max_value: 9.5")
+        Path("waivers.yaml").write_text(wide_, encoding="utf-8")
+        assert main(["gate", "waived.yaml", *policy_, "--waivers=waivers.yaml", "--on-inconclusive=warn"]) == 1
