@@ -1352,6 +1352,63 @@ export interface components {
             compliance?: components["schemas"]["Compliance"];
         };
         /**
+         * FiducialOrigin
+         * @description Where inlined points were read from, and what was done to them on the way.
+         *
+         *     Written when a fiducial file is read into a design (convert, optimise, report), so that results go on saying it.
+         */
+        FiducialOrigin: {
+            /**
+             * File
+             * @description Name of the fiducial file, as the design named it.
+             * @example fiducials/phantom.mrk.json
+             */
+            file: string;
+            /**
+             * Sha256
+             * @description SHA-256 of the file's bytes, 64 hexadecimal digits.
+             * @example 0000000000000000000000000000000000000000000000000000000000000000
+             */
+            sha256: string;
+            /**
+             * Coordinate System
+             * @description What the file held. The points here are LPS: of RAS, x and y changed their sign.
+             * @example RAS
+             * @enum {string}
+             */
+            coordinate_system: "LPS" | "RAS";
+            /**
+             * Coordinate System Stated
+             * @description false: the file did not say, and was read as its format was written then.
+             * @default true
+             * @example true
+             */
+            coordinate_system_stated?: boolean;
+            /**
+             * Coordinate Unit
+             * @description Unit of the coordinates in the file. The points here are in mm.
+             * @default mm
+             * @example mm
+             * @enum {string}
+             */
+            coordinate_unit?: "um" | "mm" | "cm" | "m";
+            /**
+             * Left Out
+             * @description Points of the file that are no fiducials here, as their position was not defined: their labels.
+             * @example [
+             *       "P10"
+             *     ]
+             */
+            left_out?: string[];
+            /**
+             * Changed
+             * @description true: the points are no longer those of the file (the optimiser moved or left out some).
+             * @default false
+             * @example false
+             */
+            changed?: boolean;
+        };
+        /**
          * FiducialPoint
          * @description One fiducial.
          */
@@ -1414,6 +1471,8 @@ export interface components {
              * @example fiducials/demo.csv
              */
             file?: string;
+            /** @description Only with points that were read from a fiducial file: which one, and what was done to them. Results note it; it changes no number, nor the hash of the design. */
+            origin?: components["schemas"]["FiducialOrigin"];
             /** @description Manufacturing tolerance of the fiducials' positions. Absent: perfect. */
             manufacturing?: components["schemas"]["Manufacturing"];
         } & (unknown | unknown);

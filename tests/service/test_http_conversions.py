@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterator
 from typing import Any
@@ -47,7 +48,10 @@ def converted(response: httpx.Response) -> dict[str, Any]:
 def test_the_same_beads_from_every_format(client: httpx.Client, form: str, text: str, noted: str) -> None:
     document = converted(client.post("/v1/conversions", json={"format": form, "content": text, "to": "yaml"}))
     assert document["fiducials"] == POINTS
-    assert yaml.safe_load(document["content"]) == {"fiducials": {"points": POINTS}}
+    section = yaml.safe_load(document["content"])["fiducials"]
+    assert section["points"] == POINTS
+    assert section["origin"]["file"] == f"content.{form}"
+    assert section["origin"]["sha256"] == hashlib.sha256(text.encode()).hexdigest()
     assert noted in " ".join(document["notes"])
     plain = client.post(f"/v1/conversions?from={form}&to=yaml", content=text, headers={"Content-Type": "text/plain"})
     assert converted(plain) == document

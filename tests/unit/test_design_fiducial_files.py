@@ -18,7 +18,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def read(text, name):
-    return read_fiducials(text, name, DEFAULT_LIMITS)
+    return read_fiducials(text.encode(), name, DEFAULT_LIMITS)
 
 
 def refused(text, name):
@@ -38,7 +38,7 @@ def test_write_and_read_keep_every_digit(ending, rows):
     labels = tuple(text.strip().lstrip("#") or f"F{i + 1}" for i, (text, *_) in enumerate(rows))
     fiducials = FiducialList(labels, tuple((x, y, z) for _, x, y, z in rows))
     again = read(write_fiducials(fiducials, "beads" + ending), "beads" + ending)
-    assert again == fiducials
+    assert (again.labels, again.positions_mm, again.notes) == (fiducials.labels, fiducials.positions_mm, ())
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("mm", 1.0), ("cm", 10.0), ("m", 1000.0), ("um", 0.001)])
@@ -157,7 +157,7 @@ def test_markups_refusals(document, code):
 def test_too_many_fiducials_states_the_limit():
     text = "x_mm,y_mm,z_mm\n" + "1,2,3\n" * 20
     with pytest.raises(LimitError, match="20 fiducials; at most 10"):
-        read_fiducials(text, "b.csv", Limits(fiducials=10))
+        read_fiducials(text.encode(), "b.csv", Limits(fiducials=10))
 
 
 def test_an_error_in_a_referenced_file_stands_in_that_file(tmp_path):

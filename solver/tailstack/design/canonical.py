@@ -9,7 +9,7 @@ from ..json_text import write_json
 from .document import DesignDocument
 from .fiducial_files import FiducialList
 
-_ELSEWHERE = {"fiducials": {"points", "file"}}  # the points are hashed apart, wherever they were read
+_ELSEWHERE = {"fiducials": {"points", "file", "origin"}}  # the points are hashed apart, wherever they were read
 
 
 def sha256_of(document: DesignDocument, fiducials: FiducialList) -> str:

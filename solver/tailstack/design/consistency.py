@@ -35,6 +35,8 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
     problems: list[Problem] = []
     problems += _too_many("/views", "views", len(document.views), limits.views)
     problems += _too_many("/fiducials/points", "fiducials", len(document.fiducials.points or ()), limits.fiducials)
+    left_out = () if document.fiducials.origin is None else document.fiducials.origin.left_out
+    problems += _too_many("/fiducials/origin/left_out", "points that were left out", len(left_out), limits.fiducials)
     problems += _too_many("/targets", "targets", sum(map(sample_count, document.targets)), limits.targets)
     problems += _too_many("/requirements", "requirements", len(document.requirements), limits.targets)
     problems += unique([view.name for view in document.views], "/views/{}/name".format, "views")

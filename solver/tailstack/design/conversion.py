@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ..errors import DesignError, LimitError, Problem
 from .fiducial_files import FORMATS, FiducialList, read_fiducials, write_fiducials
 from .loading import Design, data_to_yaml, design_to_json, design_to_yaml, load_design, to_json
-from .reading import DEFAULT_LIMITS, Format, Limits, decode, read_bytes
+from .reading import DEFAULT_LIMITS, Format, Limits, read_bytes
 
 DOCUMENTS = (".yaml", ".yml", ".json")
 
@@ -43,8 +44,7 @@ def convert(
     if len(content) > limits.document_bytes:
         raise LimitError(Problem("", "too-large", f"{source_name} is longer than {limits.document_bytes} bytes"))
     if source_name.lower().endswith(FORMATS):
-        text = decode(content, source_name).removeprefix("\ufeff")
-        fiducials = read_fiducials(text, source_name, limits)
+        fiducials = read_fiducials(content, source_name, limits)
         return Conversion(_from_fiducials(fiducials, target_name), fiducials.notes)
     form: Format = "json" if source_name.lower().endswith(".json") else "yaml"
     design = load_design(content, form=form, base_directory=directory, allow_files=allow_files, limits=limits)
@@ -69,7 +69,9 @@ def _from_fiducials(fiducials: FiducialList, target: str) -> str:
         {"label": label, "position_mm": list(position)}
         for label, position in zip(fiducials.labels, fiducials.positions_mm, strict=True)
     ]
-    section = {"fiducials": {"points": points}}
+    section: dict[str, Any] = {"fiducials": {"points": points}}
+    if fiducials.origin is not None:
+        section["fiducials"]["origin"] = fiducials.origin.model_dump(mode="json", exclude_unset=True)
     return to_json(section) if target.lower().endswith(".json") else data_to_yaml(section)
 
 

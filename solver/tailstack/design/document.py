@@ -65,6 +65,41 @@ class Manufacturing(Record):
         return self
 
 
+class FiducialOrigin(Record):
+    """Where inlined points were read from, and what was done to them on the way.
+
+    Written when a fiducial file is read into a design (convert, optimise, report), so that results go on saying it.
+    """
+
+    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(
+        description="Name of the fiducial file, as the design named it.", examples=["fiducials/phantom.mrk.json"]
+    )
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] = Field(
+        description="SHA-256 of the file's bytes, 64 hexadecimal digits.", examples=["0" * 64]
+    )
+    coordinate_system: Literal["LPS", "RAS"] = Field(
+        description="What the file held. The points here are LPS: of RAS, x and y changed their sign.",
+        examples=["RAS"],
+    )
+    coordinate_system_stated: bool = Field(
+        default=True, description="false: the file did not say, and was read as its format was written then.",
+        examples=[True],
+    )  # fmt: skip
+    coordinate_unit: Literal["um", "mm", "cm", "m"] = Field(
+        default="mm", description="Unit of the coordinates in the file. The points here are in mm.", examples=["mm"]
+    )
+    left_out: list[Name] = Field(
+        default_factory=list,
+        description="Points of the file that are no fiducials here, as their position was not defined: their labels.",
+        examples=[["P10"]],
+    )
+    changed: bool = Field(
+        default=False,
+        description="true: the points are no longer those of the file (the optimiser moved or left out some).",
+        examples=[False],
+    )
+
+
 class Fiducials(Record):
     """The fiducials of the structure, in the document or in a file beside it."""
 
@@ -79,6 +114,11 @@ class Fiducials(Record):
         "(label,x_mm,y_mm,z_mm), 3D Slicer .mrk.json or .fcsv. RAS coordinates are converted to LPS.",
         examples=["fiducials/demo.csv"],
     )
+    origin: FiducialOrigin | None = Field(
+        default=None,
+        description="Only with points that were read from a fiducial file: which one, and what was done to them. "
+        "Results note it; it changes no number, nor the hash of the design.",
+    )
     manufacturing: Manufacturing | None = Field(
         default=None, description="Manufacturing tolerance of the fiducials' positions. Absent: perfect."
     )
@@ -88,6 +128,9 @@ class Fiducials(Record):
         if (self.points is None) == (self.file is None):
             given = "both" if self.file is not None else "neither"
             raise refusal("one-of", f"give exactly one of points and file; {given} arrived")
+        if self.file is not None and self.origin is not None:
+            words = "origin belongs to points that were read from a file; here the file itself is named"
+            raise refusal("unused-field", words, "remove origin", "origin")
         return self
 
 

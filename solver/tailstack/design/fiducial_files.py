@@ -7,29 +7,63 @@ are converted on reading and the conversion is noted, so that no result hides it
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 from ..errors import DesignError, LimitError, Problem
 from ..json_text import write_json
-from .reading import Limits, read_text, shown
+from .document import FiducialOrigin
+from .reading import Limits, decode, read_text, shown
+
+System = Literal["LPS", "RAS"]
 
 FORMATS = (".csv", ".fcsv", ".mrk.json")
 _MM = {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
-_SYSTEMS = {"LPS": "LPS", "RAS": "RAS", "0": "RAS", "1": "LPS"}
+_SYSTEMS: dict[str, System] = {"LPS": "LPS", "RAS": "RAS", "0": "RAS", "1": "LPS"}
+
+
+@dataclass(frozen=True, slots=True)
+class _Table:
+    """What a file holds, as it stands there."""
+
+    rows: Sequence[tuple[str, list[float]]]  # label and x, y, z
+    unit: str
+    system: System
+    stated: bool = True  # false: the system is what files of the format meant that do not say
+    left_out: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
 class FiducialList:
-    """Fiducials in con (LPS), mm.  ``notes`` say what was done to the numbers on the way."""
+    """Fiducials in con (LPS), mm, and where they were read from, unless they were written into the design."""
 
     labels: tuple[str, ...]
     positions_mm: tuple[tuple[float, float, float], ...]
-    notes: tuple[str, ...] = ()
+    origin: FiducialOrigin | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was done to the numbers on the way, in words."""
+        return () if self.origin is None else tuple(_notes(self.origin))
+
+
+def _notes(origin: FiducialOrigin) -> Iterator[str]:
+    name = origin.file
+    if origin.left_out:
+        yield f"{name}: left out, position not defined: {', '.join(origin.left_out)[:200]}"
+    if not origin.coordinate_system_stated:
+        yield f"{name}: no coordinate system is stated; read as {origin.coordinate_system}, as Slicer wrote such files"
+    if origin.coordinate_system == "RAS":
+        yield f"{name}: coordinates were RAS; converted to LPS (x and y change sign)"
+    if origin.coordinate_unit != "mm":
+        yield f"{name}: coordinates were converted to mm (factor {_MM[origin.coordinate_unit]:g})"
+    if origin.changed:
+        yield f"{name}: the fiducials are no longer those of the file: they were moved, or some were left out"
 
 
 def format_of(name: str) -> str:
@@ -45,27 +79,37 @@ def format_of(name: str) -> str:
     )
 
 
-def read_fiducials(text: str, name: str, limits: Limits) -> FiducialList:
-    """Read decoded text in the format its name asks for.  Raises DesignError with file and line, LimitError."""
+def read_fiducials(content: bytes, name: str, limits: Limits) -> FiducialList:
+    """Read a file in the format its name asks for.  Raises DesignError with file and line, LimitError."""
     ending = format_of(name)
+    text = decode(content, name).removeprefix("\ufeff")
     if not text.strip():
         raise DesignError(Problem("", "empty-document", f"{name} is empty", file=name))
     try:
         if ending == ".mrk.json":
-            found = _read_markups(text, name, limits)
+            table = _read_markups(text, name, limits)
         else:
-            found = _read_fcsv(text, name) if ending == ".fcsv" else _read_csv(text, name)
+            table = _read_fcsv(text, name) if ending == ".fcsv" else _read_csv(text, name)
     except csv.Error as error:
         raise DesignError(Problem("", "csv-syntax", f"this is not CSV: {error}", file=name)) from None
-    if not found.labels:
+    if not table.rows:
         raise DesignError(Problem("", "empty-document", f"{name} holds no fiducial", file=name))
-    if len(found.labels) > limits.fiducials:
-        raise LimitError(
-            Problem(
-                "", "too-many", f"{name} holds {len(found.labels)} fiducials; at most {limits.fiducials}", file=name
-            )
-        )
-    return found
+    for count, what in ((len(table.rows), "fiducials"), (len(table.left_out), "points that are not defined")):
+        if count > limits.fiducials:
+            detail = f"{name} holds {count} {what}; at most {limits.fiducials}"
+            raise LimitError(Problem("", "too-many", detail, file=name))
+    labels, positions_mm = _located(table, name)
+    return FiducialList(labels, positions_mm, _origin(table, name, hashlib.sha256(content).hexdigest()))
+
+
+def _origin(table: _Table, name: str, sha256: str) -> FiducialOrigin:
+    """What is not as usual is stated, and nothing else: it is written into designs."""
+    unusual: dict[str, Any] = {} if table.stated else {"coordinate_system_stated": False}
+    if table.unit != "mm":
+        unusual["coordinate_unit"] = "um" if table.unit == "µm" else table.unit
+    if table.left_out:
+        unusual["left_out"] = table.left_out
+    return FiducialOrigin(file=name, sha256=sha256, coordinate_system=table.system, **unusual)
 
 
 def write_fiducials(fiducials: FiducialList, name: str) -> str:
@@ -102,6 +146,11 @@ def write_fiducials(fiducials: FiducialList, name: str) -> str:
     return stream.getvalue()
 
 
+def _is_name(label: str) -> bool:
+    """What a label in a design may be."""
+    return len(label) <= 80 and not re.search(r"[\x00-\x1f\x7f]", label)
+
+
 def _refuse(name: str, line: int | None, code: str, detail: str, hint: str = "") -> DesignError:
     return DesignError(Problem("", code, detail, hint, name, line))
 
@@ -122,22 +171,20 @@ def _number(text: Any, name: str, line: int | None, what: str) -> float:
     return value
 
 
-def _located(
-    rows: Sequence[tuple[str, list[float]]], scale: float, system: str, notes: list[str], name: str
-) -> FiducialList:
-    """Scale to mm, turn RAS into LPS, fill in labels, note each step."""
-    flip = -1.0 if system == "RAS" else 1.0
-    if system == "RAS":
-        notes.append(f"{name}: coordinates were RAS; converted to LPS (x and y change sign)")
-    if scale != 1.0:
-        notes.append(f"{name}: coordinates were converted to mm (factor {scale:g})")
-    labels = tuple(label or f"F{number}" for number, (label, _) in enumerate(rows, 1))
+def _located(table: _Table, name: str) -> tuple[tuple[str, ...], tuple[tuple[float, float, float], ...]]:
+    """Scale to mm, turn RAS into LPS, fill in labels."""
+    scale, flip = _MM[table.unit], -1.0 if table.system == "RAS" else 1.0
+    labels = tuple(label or f"F{number}" for number, (label, _) in enumerate(table.rows, 1))
+    for label in labels:
+        if not _is_name(label):
+            detail = f"a label has at most 80 characters and no control characters; got {shown(label)}"
+            raise _refuse(name, None, "bad-label", detail, "rename it in the file")
     # adding 0.0 turns -0.0 into 0.0
-    points = tuple((flip * scale * x + 0.0, flip * scale * y + 0.0, scale * z + 0.0) for _, (x, y, z) in rows)
+    points = tuple((flip * scale * x + 0.0, flip * scale * y + 0.0, scale * z + 0.0) for _, (x, y, z) in table.rows)
     for label, point in zip(labels, points, strict=True):
         if max(map(abs, point)) > 1e5:
             raise _refuse(name, None, "out-of-range", f"{label[:80]} lies more than 100 m away: {list(point)} mm")
-    return FiducialList(labels, points, tuple(notes))
+    return labels, points
 
 
 def _system_comment(line: str) -> str | None:
@@ -145,7 +192,7 @@ def _system_comment(line: str) -> str | None:
     return found.group(1) if found else None
 
 
-def _system(text: str, name: str, line: int | None) -> str:
+def _system(text: str, name: str, line: int | None) -> System:
     known = _SYSTEMS.get(text.upper())
     if known is None:
         raise _refuse(
@@ -154,8 +201,8 @@ def _system(text: str, name: str, line: int | None) -> str:
     return known
 
 
-def _read_csv(text: str, name: str) -> FiducialList:
-    system = "LPS"
+def _read_csv(text: str, name: str) -> _Table:
+    system: System = "LPS"
     body: list[tuple[int, str]] = []
     for number, line in enumerate(text.splitlines(), 1):
         if line.lstrip().startswith("#"):
@@ -199,12 +246,12 @@ def _read_csv(text: str, name: str) -> FiducialList:
             raise _refuse(name, number, "csv-row", f"{len(cells)} cells in a table of {len(header)} columns")
         xyz = [_number(cells[index], name, number, axis) for axis, index in zip("xyz", columns, strict=True)]
         rows.append(("" if at_label is None else cells[at_label].strip(), xyz))
-    return _located(rows, _MM[units[0]], system, [], name)
+    return _Table(rows, units[0], system)
 
 
-def _read_fcsv(text: str, name: str) -> FiducialList:
+def _read_fcsv(text: str, name: str) -> _Table:
     """Slicer's legacy format.  Without a stated system the file is RAS, as Slicer wrote it then."""
-    system: str | None = None
+    system: System | None = None
     columns = ["id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc", "associatednodeid"]
     rows: list[tuple[str, list[float]]] = []
     for number, line in enumerate(text.splitlines(), 1):
@@ -222,11 +269,10 @@ def _read_fcsv(text: str, name: str) -> FiducialList:
             raise _refuse(name, number, "csv-row", f"a row needs x, y and z; got {shown(line)}")
         xyz = [_number(entry[axis], name, number, axis) for axis in "xyz"]
         rows.append((entry.get("label", "").strip(), xyz))
-    notes = [] if system else [f"{name}: no coordinate system is stated; read as RAS, as Slicer wrote such files"]
-    return _located(rows, 1.0, system or "RAS", notes, name)
+    return _Table(rows, "mm", system or "RAS", stated=system is not None)
 
 
-def _read_markups(text: str, name: str, limits: Limits) -> FiducialList:
+def _read_markups(text: str, name: str, limits: Limits) -> _Table:
     source = read_text(text, limits, file=name, directory=None, form="json")
     data = source.data
 
@@ -276,12 +322,11 @@ def _read_markups(text: str, name: str, limits: Limits) -> FiducialList:
         if not isinstance(label, str):
             raise refuse((*path, "label"), "wrong-type", f"a label is a text; got {shown(label)}")
         if point.get("positionStatus", "defined") != "defined":
-            skipped.append(label or f"number {index + 1}")
+            skipped.append(label if label and _is_name(label) else f"number {index + 1}")
             continue
         position = point.get("position")
         if not isinstance(position, list) or len(position) != 3:
             raise refuse((*path, "position"), "wrong-type", f"a position is a list of 3 numbers; got {shown(position)}")
         line = source.locate((*path, "position"))[0] if any(not isinstance(v, float | int) for v in position) else None
         rows.append((label, [_number(value, name, line, axis) for axis, value in zip("xyz", position, strict=True)]))
-    notes = [f"{name}: left out, position not defined: {', '.join(skipped)[:200]}"] if skipped else []
-    return _located(rows, _MM[unit], system, notes, name)
+    return _Table(rows, unit, system, left_out=skipped)

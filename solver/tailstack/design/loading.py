@@ -169,13 +169,12 @@ def _fiducials(document: DesignDocument, source: Source, allow_files: bool, limi
     points = document.fiducials.points
     if points is not None:
         labels = tuple([point.label or f"F{number}" for number, point in enumerate(points, 1)])
-        return FiducialList(labels, tuple([point.position_mm for point in points]))
+        return FiducialList(labels, tuple([point.position_mm for point in points]), document.fiducials.origin)
     name = document.fiducials.file or ""
     try:
         path = _referenced(name, source, allow_files)
         format_of(name)
-        text = decode(read_bytes(path, limits.fiducial_file_bytes, name), name).removeprefix("\ufeff")
-        return read_fiducials(text, name, limits)
+        return read_fiducials(read_bytes(path, limits.fiducial_file_bytes, name), name, limits)
     except (DesignError, LimitError) as error:
         # the pointer says which field led there, file and line where in the fiducial file it is wrong
         problems = [
@@ -224,7 +223,8 @@ def _referenced(name: str, source: Source, allow_files: bool) -> Path:
 def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
     """The document as plain data, with what its author set and nothing else.
 
-    ``inline`` replaces a fiducial file by its points (converted to con, mm), so that the result stands alone.
+    ``inline`` replaces a fiducial file by its points (converted to con, mm) and their origin, so that the result stands
+    alone and says what was done to them.
     """
     document = design.document
     if inline and document.fiducials.file is not None:
@@ -233,7 +233,9 @@ def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
             for label, position in zip(design.fiducials.labels, design.fiducials.positions_mm, strict=True)
         ]
         kept = {"manufacturing": document.fiducials.manufacturing} if document.fiducials.manufacturing else {}
-        fiducials = type(document.fiducials).model_validate({"points": points, **kept})
+        fiducials = type(document.fiducials).model_validate(
+            {"points": points, "origin": design.fiducials.origin, **kept}
+        )
         document = document.model_copy(update={"fiducials": fiducials})
     return document.model_dump(mode="json", by_alias=True, exclude_unset=True)
 

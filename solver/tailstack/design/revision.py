@@ -41,6 +41,11 @@ def revise_design(design: Design, change: Revision, limits: Limits = DEFAULT_LIM
             {"label": label, "position_mm": [float(value) for value in position]}
             for label, position in zip(labels, change.fiducials_mm, strict=True)
         ]
+        same = tuple(labels) == design.fiducials.labels
+        if design.fiducials.origin is not None and not (
+            same and np.array_equal(change.fiducials_mm, design.fiducials.positions_mm)
+        ):
+            data["fiducials"]["origin"]["changed"] = True
         _forget_missing_labels(data, set(labels))
     for (contributor, component), value in change.half_width.items():
         _set_half_width(data["interfaces"][FIELD[contributor]], component, float(value))
