@@ -26,7 +26,7 @@ PACKAGE = "tailstack_client"
 METHODS = frozenset({"get", "put", "post", "delete", "patch"})
 
 STREAMS = "text/event-stream"  # a generated call would wait for the end of the stream: read it line by line instead
-BINARY = ("application/pdf", "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet")
+FILE = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
 PROJECT = """\
 [build-system]
 requires = ["hatchling"]
@@ -48,8 +48,8 @@ packages = ["{package}"]
 def client_document(document: dict[str, Any]) -> dict[str, Any]:
     """The document as the Python client is made from: the overlay that openapi/README.md explains.
 
-    The design stays a mapping; bodies are JSON, with no options in the query; event streams are left out; classes are
-    called what the schemas are.
+    The design stays a mapping; bodies are JSON, with no options in the query; event streams are left out; an answer
+    that may be binary is a file in any of its forms; classes are called what the schemas are.
     """
     document = copy.deepcopy(document)
     schemas = document["components"]["schemas"]
@@ -68,6 +68,9 @@ def client_document(document: dict[str, Any]) -> dict[str, Any]:
                 kept = [entry for entry in item[method].get("parameters", ()) if entry.get("in") != "query"]
                 item[method]["parameters"] = kept
             answers = item[method]["responses"].values()
+            for answer in answers:  # a call reads an answer in one way: as text, a PDF would be destroyed
+                if any(_is_binary(content) for content in answer.get("content", {}).values()):
+                    answer["content"] = FILE
             if any(STREAMS in answer.get("content", {}) for answer in answers):
                 del item[method]
         if not METHODS & set(item):
@@ -75,6 +78,10 @@ def client_document(document: dict[str, Any]) -> dict[str, Any]:
     used = _used(document, document["paths"], set())
     document["components"]["schemas"] = {name: schema for name, schema in schemas.items() if name in used}
     return document
+
+
+def _is_binary(content: dict[str, Any]) -> bool:
+    return bool(content.get("schema", {}).get("format") == "binary")
 
 
 def _used(document: dict[str, Any], node: Any, seen: set[str]) -> set[str]:
@@ -105,10 +112,7 @@ def make_python(target: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="tailstack-client-") as folder:
         source, config = Path(folder) / "openapi.json", Path(folder) / "config.json"
         source.write_text(json.dumps(client_document(document)), encoding="utf-8")
-        overrides = dict.fromkeys(BINARY, "application/octet-stream")
-        config.write_text(
-            json.dumps({"post_hooks": [], "content_type_overrides": overrides, "literal_enums": True}), encoding="utf-8"
-        )
+        config.write_text(json.dumps({"post_hooks": [], "literal_enums": True}), encoding="utf-8")
         package = Path(folder) / PACKAGE
         places = ["--path", str(source), "--config", str(config), "--output-path", str(package)]
         _checked("openapi_python_client", "generate", "--meta", "none", "--fail-on-warning", *places)
@@ -122,8 +126,7 @@ def make_python(target: Path) -> None:
 
 def make_typescript(target: Path) -> None:
     """Write the types to the file ``target``.  Raises NodeMissing, or RuntimeError with the generator's words."""
-    # a field with a default may be left out of a request; answers list what they always hold
-    done = node.run("openapi-typescript", DOCUMENT, "--output", target, "--default-non-nullable=false", cwd=HERE)
+    done = node.run_script(HERE / "types.mjs", DOCUMENT, target)
     if done.returncode:
         raise RuntimeError(done.stdout + done.stderr)
 

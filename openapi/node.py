@@ -54,10 +54,19 @@ def _install(npm: str, place: Path, home: Path) -> None:
         shutil.rmtree(fresh, ignore_errors=True)
 
 
+def run_script(script: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """A script of ours; its first argument is the folder of the pinned packages.  Raises NodeMissing, as ``run``."""
+    return _called("node", script, tools().parent, *arguments)
+
+
 def run(tool: str, *arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     """One of the pinned commands, without telemetry.  Raises NodeMissing; its own failure is in the return code."""
+    return _called(tools() / tool, *arguments, cwd=cwd)
+
+
+def _called(*command: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [str(tools() / tool), *map(str, arguments)],
+        [*map(str, command)],
         cwd=cwd,
         env={**os.environ, **QUIET},
         capture_output=True,

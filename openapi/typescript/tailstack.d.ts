@@ -5573,8 +5573,8 @@ export interface operations {
                 };
                 content: {
                     "text/html; charset=utf-8": string;
-                    "application/pdf": unknown;
-                    "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet": unknown;
+                    "application/pdf": Blob;
+                    "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet": Blob;
                     "application/json": Record<string, never>;
                 };
             };

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import re
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from html.parser import HTMLParser
 from pathlib import Path
 
 import generate
+import httpx
 import node
+import openpyxl
 import pytest
 from answers import answers, shape
 from openapi_scenes import DOCUMENT, OPENAPI, needs_node
+from pypdf import PdfReader
 from served import Served, served
 from service_scenes import coplanar_design, small_design
 from tailstack_client import AuthenticatedClient, Client
@@ -50,6 +55,7 @@ from tailstack_client.models import (
     Verification,
     VerificationRequest,
 )
+from tailstack_client.types import File
 
 pytestmark = pytest.mark.xdist_group("generated-client")
 SECONDS = 300.0  # a cold compile cache takes a while
@@ -197,6 +203,47 @@ def test_main_job(client: Client) -> None:
     report = get_report.sync_detailed(job.result_sha256, client=client)
     assert report.status_code == 200
     assert report.content.lstrip().lower().startswith(b"<!doctype html")
+
+
+def test_a_report_arrives_whole_in_every_format(service: Served, client: Client) -> None:
+    """As it was sent, byte for byte, and other programs can open it."""
+    body = VerificationRequest(design(), trials=2000, seed=8)
+    job = awaited(client, create_verification.sync(client=client, body=body))
+    assert job.result_sha256 is not None
+    found: dict[str, bytes] = {}
+    for form in ("html", "pdf", "xlsx", "json"):
+        report = get_report.sync(job.result_sha256, client=client, format_=form)  # type: ignore[arg-type]
+        assert isinstance(report, File), report
+        found[form] = report.payload.read()  # type: ignore[union-attr]
+        url = f"{service.url}/v1/results/{job.result_sha256}/report?format={form}"
+        assert found[form] == httpx.get(url, trust_env=False, timeout=60).content
+
+    pages = PdfReader(io.BytesIO(found["pdf"]), strict=True).pages
+    assert "eight beads, two seats" in pages[0].extract_text()
+    assert len(pages) >= 2
+    book = openpyxl.load_workbook(io.BytesIO(found["xlsx"]))
+    cells = [book["Record"].cell(row, 1).value for row in range(2, book["Record"].max_row + 1)]
+    records = [json.loads(found["json"]), json.loads("".join(cells))]
+    page = record_in_page(found["html"])
+    assert [record["schema"] for record in records] == ["tailstack/verification/1"] * 2
+    assert records[0] == records[1] == page
+
+
+def record_in_page(html: bytes) -> object:
+    """independent: the record in a page, by the parser of the standard library."""
+    texts: list[str] = []
+
+    class Reader(HTMLParser):
+        inside = False
+
+        def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+            self.inside = dict(attributes).get("id") == "tailstack-record"
+
+        def handle_data(self, data: str) -> None:
+            texts.extend([data] if self.inside else [])
+
+    Reader().feed(html.decode())
+    return json.loads("".join(texts))
 
 
 def test_waiting_gives_the_result_at_once(client: Client) -> None:

@@ -120,6 +120,15 @@ def get_result() -> dict[str, Any]:
     }
 
 
+def _report_schema(form: str) -> dict[str, Any]:
+    if form == "json":
+        return {"type": "object"}
+    if form == "html":
+        return {"type": "string"}
+    # bytes: contentMediaType is how 3.1 says it, format what generators of clients look at
+    return {"type": "string", "format": "binary", "contentMediaType": REPORT_MEDIA[form]}
+
+
 def get_report() -> dict[str, Any]:
     """GET /v1/results/{sha256}/report"""
     formats = {"type": "string", "enum": list(REPORT_FORMATS), "default": "html"}
@@ -129,8 +138,7 @@ def get_report() -> dict[str, Any]:
     }  # fmt: skip
     content: dict[str, Any] = {}
     for form in REPORT_FORMATS:
-        schema = {"type": "object"} if form == "json" else {"type": "string"} if form == "html" else {}
-        content |= media_types(REPORT_MEDIA[form], schema)
+        content |= media_types(REPORT_MEDIA[form], _report_schema(form))
     return {
         "summary": "A result as a report",
         "tags": ["results"],
