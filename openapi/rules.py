@@ -44,8 +44,8 @@ RATIOS = frozenset(
     {"axis", "beam_direction", "confidence", "coverage_factor", "exceedance_probability", "extrapolation", "factor",
      "first_order", "first_order_ratio", "fraction", "interval", "kkt_residual", "locator_scales", "max_scale",
      "min_scale", "min_yield", "normal", "nu", "precision", "precision_reached", "precision_requested",
-     "probability", "quantile", "quaternion_wxyz", "rotation", "sampled", "scale", "up_direction", "variance_share",
-     "worst_ratio", "yield_fraction", "yield_standard_error"}
+     "probability", "quantile", "quaternion_wxyz", "rotation", "sampled", "scale", "units_fraction", "up_direction",
+     "variance_share", "worst_ratio", "yield_fraction", "yield_standard_error"}
 )  # fmt: skip
 PRICES = frozenset(  # in the unit in which the design states its own prices
     {"best_costs", "cost", "cost_after", "cost_before", "cost_closed_form", "cost_exact_law", "cost_limit",

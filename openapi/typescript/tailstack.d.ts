@@ -717,7 +717,11 @@ export interface components {
         };
         /**
          * Check
-         * @description One requirement at one target.
+         * @description One requirement at one target: a value, its interval, and the limit that the interval is held against.
+         *
+         *     The status is read off the interval alone: ``pass`` if its upper end is within the limit, so if the margin is not
+         *     negative; ``fail`` if its lower end is beyond.  The yield stands beside: it is at least what is required just where
+         *     the value is within the limit.
          */
         Check: {
             /** Requirement */
@@ -748,6 +752,16 @@ export interface components {
              * @enum {string}
              */
             status: "pass" | "fail" | "inconclusive";
+            /**
+             * Headline
+             * @default
+             */
+            headline: string;
+            /**
+             * Margin Mm
+             * @default null
+             */
+            margin_mm: number | null;
         };
         /**
          * Comparison
@@ -1741,6 +1755,34 @@ export interface components {
             status: "pass" | "fail" | "inconclusive";
             /** Error Rate */
             error_rate: number | null;
+            /**
+             * Headline
+             * @default
+             */
+            headline: string;
+            /**
+             * Value Mm
+             * @default null
+             */
+            value_mm: number | null;
+            /**
+             * Interval Mm
+             * @default null
+             */
+            interval_mm: [
+                number,
+                number | null
+            ] | null;
+            /**
+             * Limit Mm
+             * @default null
+             */
+            limit_mm: number | null;
+            /**
+             * Margin Mm
+             * @default null
+             */
+            margin_mm: number | null;
         };
         /**
          * GateProvenance
@@ -2085,6 +2127,26 @@ export interface components {
             limit_mm: number | null;
             /** Matters */
             matters: string[];
+            /**
+             * Error
+             * @default tcp
+             */
+            error: string;
+            /**
+             * Min Yield
+             * @default null
+             */
+            min_yield: number | null;
+            /**
+             * Headline
+             * @default
+             */
+            headline: string;
+            /**
+             * Margin Mm
+             * @default null
+             */
+            margin_mm: number | null;
         };
         /** Health */
         Health: {
@@ -2906,6 +2968,26 @@ export interface components {
             p95_of_units_mm: number;
             /** P95 Of Units Standard Error Mm */
             p95_of_units_standard_error_mm: number;
+            /**
+             * Quantile
+             * @default 0.95
+             */
+            quantile: number;
+            /**
+             * Units Fraction
+             * @default 0.95
+             */
+            units_fraction: number;
+            /**
+             * Value Mm
+             * @default null
+             */
+            value_mm: number | null;
+            /**
+             * Standard Error Mm
+             * @default null
+             */
+            standard_error_mm: number | null;
         };
         /**
          * PinholeView

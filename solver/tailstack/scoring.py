@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from collections.abc import Generator
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,12 +30,12 @@ from .results import (
     Vector3,
     ViewCheck,
 )
-from .system import Array, System
+from .system import Array, Requirement, System
 from .tail.bounds import bounds
 from .tail.declared import LawSummary, law_quantile, law_summary
 from .tail.gaussian import norm_quantile
-from .tail.per_unit import UnitRisk, unit_risks
-from .verdict import check_per_unit, check_pooled, conclude
+from .tail.per_unit import UnitRisk, unit_risk
+from .verdict import conclude, judge
 from .version import __version__
 
 P95 = 0.95
@@ -81,9 +81,13 @@ def provenance(system: System, not_included: tuple[str, ...] = NOT_INCLUDED) -> 
 
 
 def tightest_limit(system: System, target: str, error: str) -> float | None:
-    """Smallest limit any requirement sets on this error at this target, mm."""
-    limits = [r.limit_mm for r in system.requirements if r.error == error and target in r.targets]
+    """Smallest limit that a requirement sets on this error at this target, all units together, mm."""
+    limits = [r.limit_mm for r in _required(system, target, error) if r.risk == "pooled"]
     return min(limits) if limits else None
+
+
+def _required(system: System, target: str, error: str) -> list[Requirement]:
+    return [item for item in system.requirements if item.error == error and target in item.targets]
 
 
 def _metric(at: ErrorLaw, found: LawSummary, limit_mm: float | None) -> MetricScore:
@@ -104,24 +108,46 @@ def _metric(at: ErrorLaw, found: LawSummary, limit_mm: float | None) -> MetricSc
     )
 
 
-def _unit_risks(
-    model: LinearModel, at: ErrorLaw, quantile: float, limits_mm: Sequence[float | None]
-) -> tuple[UnitRisk, ...]:
-    """Installation drawn once per unit, noise, repeatability and load at each shot."""
-    parts = tuple(zip(model.blocks, at.parts, strict=True))
-    installed = law_of(at.worst.mean_mm, [part for block, part in parts if block.per_unit])
-    shot = law_of(np.zeros(3), [part for block, part in parts if not block.per_unit])
-    return unit_risks(installed, shot, quantile, limits_mm, log2_units=7)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Known:
+    """An error at a target: its law, its P95, and the risks per unit that were found already."""
+
+    model: LinearModel
+    at: ErrorLaw
+    p95_mm: float
+    risks: dict[tuple[float, float | None, float], UnitRisk] = field(default_factory=dict)
+
+    def unit_risk(self, quantile: float, limit_mm: float | None, fraction: float) -> UnitRisk:
+        """Installation drawn once per unit, noise, repeatability and load at each shot."""
+        asked = (quantile, limit_mm, fraction)
+        if asked not in self.risks:
+            at = self.at if quantile == P95 else error_law(self.model, self.at.error, quantile)
+            parts = tuple(zip(self.model.blocks, at.parts, strict=True))
+            installed = law_of(at.worst.mean_mm, [part for block, part in parts if block.per_unit])
+            shot = law_of(np.zeros(3), [part for block, part in parts if not block.per_unit])
+            self.risks[asked] = unit_risk(installed, shot, quantile, limit_mm, fraction, log2_units=7)
+        return self.risks[asked]
 
 
-def _per_unit(model: LinearModel, at: ErrorLaw, limit_mm: float | None) -> PerUnit:
-    risk = _unit_risks(model, at, P95, (limit_mm,))[0]
+def _per_unit(system: System, target: str, known: _Known, limit_mm: float | None) -> PerUnit:
+    """At the tightest requirement on each unit of the TCP error; without one, P95 at the target's limit."""
+    each = [item for item in _required(system, target, "tcp") if item.risk == "per_unit"]
+    quantile, fraction = P95, P95
+    if each:
+        own = min(each, key=lambda item: item.limit_mm)
+        quantile, limit_mm, fraction = own.quantile, own.limit_mm, own.units_fraction or P95
+    risk = known.unit_risk(quantile, limit_mm, fraction)
+    usual = risk if (quantile, fraction) == (P95, P95) else known.unit_risk(P95, None, P95)
     return PerUnit(
         limit_mm=limit_mm,
         yield_fraction=risk.yield_fraction,
         yield_standard_error=risk.yield_standard_error,
-        p95_of_units_mm=risk.p95_of_units_mm,
-        p95_of_units_standard_error_mm=risk.p95_standard_error_mm,
+        p95_of_units_mm=usual.value_mm,
+        p95_of_units_standard_error_mm=usual.standard_error_mm,
+        quantile=quantile,
+        units_fraction=fraction,
+        value_mm=risk.value_mm,
+        standard_error_mm=risk.standard_error_mm,
     )
 
 
@@ -160,44 +186,27 @@ def _error_band(value_mm: float, trust: Validity, quantile: float) -> Interval:
     return (value_mm / (1 + percent / 100), value_mm * (1 + percent / 100))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Known:
-    """What the metrics have found already: the law of an error at a target and its P95."""
+def _checks(system: System, trust: Validity, known: dict[tuple[str, str], _Known]) -> tuple[Check, ...]:
+    return tuple(
+        _check(requirement, name, trust, known[name, requirement.error])
+        for requirement in system.requirements
+        for name in requirement.targets
+    )
 
-    at: ErrorLaw
-    p95_mm: float
 
-
-def _checks(
-    system: System, models: dict[str, LinearModel], trust: Validity, known: dict[tuple[str, str], _Known]
-) -> tuple[Check, ...]:
-    checks = []
-    for requirement in system.requirements:
-        for name in requirement.targets:
-            model, error, p = models[name], requirement.error, requirement.quantile
-            if p == P95:
-                at, value = known[name, error].at, known[name, error].p95_mm
-            else:
-                at = error_law(model, error, p)
-                value = law_quantile(at.law, p).quantile_mm
-            band = _error_band(value, trust, p)
-            if requirement.risk == "pooled":
-                checks.append(check_pooled(requirement, name, value, band))
-                continue
-            # The same relative error of the linearisation, turned on the limit: a yield at 1 % more, at 1 % less.
-            ratio = band[1] / value if value > 0 else 1.0
-            known_error = np.isfinite(ratio)
-            limits = [requirement.limit_mm * factor for factor in ((1.0, 1 / ratio, ratio) if known_error else (1.0,))]
-            here, *ends = _unit_risks(model, at, p, limits)
-            interval = (0.0, 1.0)
-            if known_error:
-                spread = 3 * max(end.yield_standard_error or 0.0 for end in ends)
-                fractions = [end.yield_fraction or 0.0 for end in ends]
-                interval = (max(min(fractions) - spread, 0.0), min(max(fractions) + spread, 1.0))
-            own, doubt = here.p95_of_units_mm, 3 * here.p95_standard_error_mm
-            around = (max(own - doubt, 0.0) / ratio, (own + doubt) * ratio)
-            checks.append(check_per_unit(requirement, name, own, around, here.yield_fraction or 0.0, interval))
-    return tuple(checks)
+def _check(requirement: Requirement, target: str, trust: Validity, known: _Known) -> Check:
+    p, fraction = requirement.quantile, requirement.units_fraction
+    if fraction is None:
+        value = known.p95_mm
+        if p != P95:
+            value = law_quantile(error_law(known.model, requirement.error, p).law, p).quantile_mm
+        return judge(requirement, target, value, _error_band(value, trust, p))
+    risk = known.unit_risk(p, requirement.limit_mm, fraction)
+    # Where the sampling of units leaves the value, and the error of the linearisation about both ends of that.
+    doubt = 3 * risk.standard_error_mm
+    low, _ = _error_band(max(risk.value_mm - doubt, 0.0), trust, p)
+    _, high = _error_band(risk.value_mm + doubt, trust, p)
+    return judge(requirement, target, risk.value_mm, (low, high), risk.yield_fraction)
 
 
 def score(design: Design | System, *, second_order: bool = False) -> Score:
@@ -235,7 +244,7 @@ def score_steps(design: Design | System, *, second_order: bool = False) -> Gener
             found = law_summary(at.law, P95, limit, relaxed=1.0 if error == "tcp" or limit is not None else BESIDE)
             metrics[error] = _metric(at, found, limit)
             quantiles[error] = found.quantile
-            known[name, error] = _Known(at, found.quantile.quantile_mm)
+            known[name, error] = _Known(model, at, found.quantile.quantile_mm)
         metric, at = metrics["tcp"], known[name, "tcp"].at
         yield
         contributors = budget(model, at, quantiles["tcp"])
@@ -248,7 +257,7 @@ def score_steps(design: Design | System, *, second_order: bool = False) -> Gener
                 block_diagonal_p95_mm=norm_quantile(P95, at.worst.mean_mm, covariance_block_diagonal(model, "tcp")),
                 contributors=contributors,
                 worst_vertex=at.worst.names,
-                per_unit=_per_unit(model, at, metric.limit_mm),
+                per_unit=_per_unit(system, name, known[name, "tcp"], metric.limit_mm),
                 second_order=_second_order(system, index, model, at.worst)
                 if second_order
                 else SecondOrder("not requested", "ask for it with --second-order"),
@@ -261,6 +270,6 @@ def score_steps(design: Design | System, *, second_order: bool = False) -> Gener
         targets=tuple(targets),
         validity=trust,
         views=views,
-        verdict=conclude(_checks(system, models, trust, known), findings, "first order"),
+        verdict=conclude(_checks(system, trust, known), findings, "first order"),
         provenance=provenance(system),
     )

@@ -119,6 +119,14 @@ class Requirement:
     risk: str = "pooled"  # or "per_unit"
     min_yield: float | None = None  # per_unit: required fraction of installed units
 
+    @property
+    def units_fraction(self) -> float | None:
+        """Per unit: the fraction of installed units that must meet the limit, without ``min_yield`` that of the
+        quantile (95 % of units for a P95).  Pooled: none."""
+        if self.risk == "pooled":
+            return None
+        return self.quantile if self.min_yield is None else self.min_yield
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class System:

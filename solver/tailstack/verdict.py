@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import isfinite
 from typing import Literal
 
-from .results import Check, Finding, Interval, Verdict
+from .results import Check, Finding, Interval, Verdict, headline_of
 from .system import Requirement
 
 Status = Literal["pass", "fail", "inconclusive"]
@@ -20,43 +19,27 @@ def decide(interval_mm: Interval, limit_mm: float) -> Status:
     return "fail" if low > limit_mm else "inconclusive"
 
 
-def decide_yield(interval: Interval, required: float) -> Status:
-    """The same for a yield, which must be *at least* what is required."""
-    low, high = interval
-    if low >= required:
-        return "pass"
-    return "fail" if high < required else "inconclusive"
+def judge(
+    requirement: Requirement, target: str, value_mm: float, interval_mm: Interval, yield_fraction: float | None = None
+) -> Check:
+    """A requirement held against the interval of the value that it limits.
 
-
-def check_pooled(requirement: Requirement, target: str, value_mm: float, interval_mm: Interval) -> Check:
+    Pooled, the value is the quantile over everything.  Per unit, it is what the required fraction of installed units
+    keep their own quantile within; ``yield_fraction`` of units keep the limit.
+    """
     low, high = interval_mm
     return Check(
         requirement=requirement.name,
         target=target,
         error=requirement.error,
-        risk="pooled",
+        risk=requirement.risk,
         quantile=requirement.quantile,
         value_mm=value_mm,
         interval_mm=(low, high if isfinite(high) else None),
         limit_mm=requirement.limit_mm,
-        yield_fraction=None,
-        min_yield=None,
+        yield_fraction=yield_fraction,
+        min_yield=requirement.units_fraction,
         status=decide(interval_mm, requirement.limit_mm),
-    )
-
-
-def check_per_unit(
-    requirement: Requirement, target: str, value_mm: float, interval_mm: Interval, fraction: float, interval: Interval
-) -> Check:
-    """Per-unit risk: ``fraction`` of installed units meets the limit; without ``min_yield`` the quantile's share of
-    units must (95 % of units for a P95)."""
-    required = requirement.quantile if requirement.min_yield is None else requirement.min_yield
-    return replace(
-        check_pooled(requirement, target, value_mm, interval_mm),
-        risk="per_unit",
-        yield_fraction=fraction,
-        min_yield=required,
-        status=decide_yield(interval, required),
     )
 
 
@@ -76,21 +59,18 @@ def conclude(checks: tuple[Check, ...], findings: tuple[Finding, ...], basis: st
 
 
 def _finding(check: Check, basis: str) -> Finding:
-    if check.risk == "per_unit":
-        what = (
-            f"{check.yield_fraction:.2%} of installed units meet {check.limit_mm:g} mm, {check.min_yield:.2%} required"
-        )
-    else:
-        low, high = check.interval_mm
-        ends = f"[{low:.4g}, {high:.4g}]" if high is not None else "(no upper end is known)"
-        what = (
-            f"P{100 * check.quantile:g} of the {check.error} error is {check.value_mm:.4g} mm "
-            f"{ends}, limit {check.limit_mm:g} mm"
-        )
+    low, high = check.interval_mm
+    ends = f"[{low:.4g}, {high:.4g}]" if high is not None else "(no upper end is known)"
+    value = headline_of(check.quantile, check.min_yield, f"the {check.error} error")
+    what = f"{value} is {check.value_mm:.4g} mm {ends}, limit {check.limit_mm:g} mm"
+    if check.yield_fraction is not None:
+        what += f" ({check.yield_fraction:.2%} of installed units meet it)"
     if check.status == "fail":
         closing = ""
     elif basis == "first order":
         closing = ": first order cannot decide; run `tailstack verify`"
+    elif check.risk == "per_unit":
+        closing = ": the interval, of a fixed number of units, holds the limit; change the limit or the design"
     else:
         closing = ": the interval holds the limit; ask for more trials or a tighter `--precision`"
     return Finding(
@@ -98,6 +78,6 @@ def _finding(check: Check, basis: str) -> Finding:
         severity="error" if check.status == "fail" else "warning",
         message=f"{check.requirement}, target {check.target}: {what}{closing}",
         pointer="/requirements",
-        value=check.yield_fraction if check.risk == "per_unit" else check.value_mm,
-        limit=check.min_yield if check.risk == "per_unit" else check.limit_mm,
+        value=check.value_mm,
+        limit=check.limit_mm,
     )

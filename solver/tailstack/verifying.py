@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from math import ceil
+from math import ceil, inf
 
 import numpy as np
-from scipy.special import betaincinv  # scipy.stats takes most of a second to import
 
 from .contributors import declared_law
 from .design import Design
-from .montecarlo.estimators import between_ranks, cvar_estimate, exceedance_estimate, interval_ranks, quantile_estimate
+from .montecarlo.estimators import (
+    between_ranks,
+    cvar_estimate,
+    enclosing_ranks,
+    exceedance_estimate,
+    quantile_estimate,
+)
 from .precision import PRECISION
 from .results import (
     Check,
@@ -40,7 +45,7 @@ from .runs import (
 from .scoring import FRAMES, NOT_INCLUDED, P95, provenance, tightest_limit, vector3
 from .system import Array, Requirement, System
 from .tail.declared import law_quantile
-from .verdict import check_per_unit, check_pooled, conclude
+from .verdict import conclude, judge
 
 NOT_IN_A_CHECK = tuple(words for words in NOT_INCLUDED if "second order" not in words)
 GAP = 0.03  # first order further than this from the check is remarked
@@ -173,7 +178,7 @@ def _checks(ready: Prepared, run: Run, own: dict[tuple[Requirement, str], list[A
         for name in requirement.targets:
             if requirement.risk == "pooled":
                 found = _quantile(ready, run, name, requirement.error, requirement.quantile)
-                checks.append(check_pooled(requirement, name, found.value_mm, found.interval_mm))
+                checks.append(judge(requirement, name, found.value_mm, found.interval_mm))
             else:
                 checks.append(_check_units(requirement, name, own[requirement, name]))
     return tuple(checks)
@@ -182,24 +187,23 @@ def _checks(ready: Prepared, run: Run, own: dict[tuple[Requirement, str], list[A
 def _check_units(requirement: Requirement, name: str, own: list[Array]) -> Check:
     """Nested sampling at each vertex: ``UNITS`` installed units, ``SHOTS`` shots of each; the worst vertex is told.
 
-    Yield with its Clopper-Pearson interval; value: the 95th percentile over units of the unit's own quantile, by
-    order statistics.  A unit's quantile is itself estimated from its shots: a unit on the limit counts as met half
-    of the time, which pulls the yield towards one half by much less than the interval's width.
+    The quantile over units of the unit's own quantile, by order statistics, at the fraction of units that must keep
+    the limit.  Its interval is within the limit just where the lower Clopper-Pearson limit of the yield is what is
+    required, and beyond it just where the upper one is not: both count the units within the limit against the same
+    binomial law.  A unit's quantile is itself estimated from its shots: a unit on the limit counts as met half of the
+    time, which pulls the yield towards one half by much less than the interval's width.
     """
-    alpha = (1 - requirement.confidence) / len(own)
-    below, above = interval_ranks(UNITS, P95, 1 - alpha)
+    fraction = requirement.units_fraction
+    assert fraction is not None  # or the requirement would be pooled
+    low, high = enclosing_ranks(UNITS, fraction, 1 - (1 - requirement.confidence) / len(own))
     at_each = [np.sort(units) for units in own]
+
+    def largest(rank: int) -> float:
+        return max(float(ordered[rank - 1]) for ordered in at_each)
+
+    interval = (0.0 if low is None else largest(low), inf if high is None else largest(high))
     met = min(int((ordered <= requirement.limit_mm).sum()) for ordered in at_each)
-    low = float(betaincinv(met, UNITS - met + 1, alpha / 2)) if met > 0 else 0.0
-    high = float(betaincinv(met + 1, UNITS - met, 1 - alpha / 2)) if met < UNITS else 1.0
-    return check_per_unit(
-        requirement,
-        name,
-        max(float(ordered[ceil(UNITS * P95) - 1]) for ordered in at_each),
-        (max(float(ordered[below - 1]) for ordered in at_each), max(float(ordered[above - 1]) for ordered in at_each)),
-        met / UNITS,
-        (low, high),
-    )
+    return judge(requirement, name, largest(ceil(UNITS * fraction)), interval, met / UNITS)
 
 
 def _remarks(targets: tuple[TargetEstimate, ...], trust: Validity) -> tuple[Finding, ...]:

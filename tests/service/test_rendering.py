@@ -99,12 +99,14 @@ def check(status: str, **changes: object) -> Check:
 
 def test_checks_show_value_interval_limit_and_status() -> None:
     last = checks_table((check("pass"),)).split("\n")[-1].split()
-    assert last == ["tip", "entry", "P95", "tcp,", "pooled", "1.250", "1.200", "..", "1.300", "1.500", "pass"]
+    assert last == ["tip", "entry", "P95,", "pooled", "1.250", "1.200", "..", "1.300", "1.500", "+0.200", "pass"]
 
 
 def test_a_yield_is_shown_against_what_is_required() -> None:
-    text = checks_table((check("fail", risk="per_unit", yield_fraction=0.9, min_yield=0.95), check("pass")))
-    assert "90.0 >= 95.0" in text
+    failing = check("fail", risk="per_unit", interval_mm=(1.55, 1.6), value_mm=1.57, yield_fraction=0.9, min_yield=0.95)
+    text = checks_table((failing, check("pass")))
+    cells = " ".join(text.split("\n")[-2].split())
+    assert cells == "tip entry P95, 95 % of units 1.570 1.550 .. 1.600 1.500 -0.100 90.0 fail"
     assert "yield" in text
 
 

@@ -10,7 +10,7 @@ from scipy import stats
 
 from tailstack.tail.declared import LinearLaw, law_quantile, linear_law, norm_quantile_of
 from tailstack.tail.gaussian import norm_quantile
-from tailstack.tail.per_unit import _sample, unit_quantile, unit_risk, unit_risks
+from tailstack.tail.per_unit import _sample, unit_quantile, unit_risk
 from tailstack.tail.unit_kernels import (
     LEAST,
     MOST,
@@ -42,7 +42,7 @@ def test_isotropic_shots_depend_on_the_distance_only():
         low, high = (middle, high) if inside else (low, middle)
     # The control variate is then the indicator itself: hardly any sampling error is left.
     assert risk.yield_fraction == pytest.approx(stats.chi.cdf(low / unit, 3), abs=1.5e-3)
-    assert risk.p95_of_units_mm == pytest.approx(percentile, abs=2e-3)
+    assert risk.value_mm == pytest.approx(percentile, abs=2e-3)
 
 
 @pytest.mark.parametrize("p", [0.3, 0.95])
@@ -64,7 +64,7 @@ def test_brute_force(p, gaussian):
     percentile = np.quantile(own, 0.95)
     slope = (np.quantile(own, 0.96) - np.quantile(own, 0.94)) / 0.02
     spread = sqrt(0.05 * 0.95 / n) * slope
-    assert abs(risk.p95_of_units_mm - percentile) < 4 * sqrt(risk.p95_standard_error_mm**2 + spread**2)
+    assert abs(risk.value_mm - percentile) < 4 * sqrt(risk.standard_error_mm**2 + spread**2)
     assert 0 < risk.yield_standard_error < 0.01
     assert 0 < risk.solved < 2 * risk.units
 
@@ -86,8 +86,8 @@ def test_shot_correction_is_right_for_a_single_unit():
     shot = linear_law(np.zeros(3), NOISE / 10, np.diag([0.3, 0.05, 0.1]))
     at = linear_law([1, 0, 0], NOISE / 10, np.diag([0.3, 0.05, 0.1]))
     risk = unit_risk(linear_law([1, 0, 0], FIXED), shot, 0.95, 1.2)
-    assert risk.p95_of_units_mm == pytest.approx(law_quantile(at, 0.95).quantile_mm, rel=2e-4)
-    assert abs(norm_quantile_of(at, 0.95) / risk.p95_of_units_mm - 1) > 2e-3
+    assert risk.value_mm == pytest.approx(law_quantile(at, 0.95).quantile_mm, rel=2e-4)
+    assert abs(norm_quantile_of(at, 0.95) / risk.value_mm - 1) > 2e-3
 
 
 def test_all_units_alike():
@@ -95,7 +95,7 @@ def test_all_units_alike():
     own = norm_quantile(0.95, unit.mean, NOISE)
     risk = unit_risk(unit, SHOT, 0.95, own * 1.001)
     assert (risk.yield_fraction, risk.yield_standard_error, risk.units) == (1.0, 0.0, 1)
-    assert risk.p95_of_units_mm == pytest.approx(own, rel=1e-12)
+    assert risk.value_mm == pytest.approx(own, rel=1e-12)
     assert unit_risk(unit, SHOT, 0.95, own * 0.999).yield_fraction == 0.0
 
 
@@ -106,7 +106,7 @@ def test_no_shot_noise_is_the_law_of_the_offset():
     quantile = law_quantile(unit, 0.95)
     risk = unit_risk(unit, silent, 0.95, quantile.quantile_mm)
     assert risk.yield_fraction == pytest.approx(0.95, abs=2e-3)
-    assert risk.p95_of_units_mm == pytest.approx(quantile.quantile_mm, rel=3e-3)
+    assert risk.value_mm == pytest.approx(quantile.quantile_mm, rel=3e-3)
 
 
 def test_no_limit_no_yield_and_same_answer_twice():
@@ -243,7 +243,7 @@ def test_units_left_unsolved_are_told_apart_rightly(p):
     assert (good | between)[own <= limit].all()
     assert not good[own > limit].any()
     assert between.mean() < 0.1
-    risk = unit_risk(unit, shot, p, limit, 7)
+    risk = unit_risk(unit, shot, p, limit, log2_units=7)
     assert risk.solved < 0.2 * risk.units
     # The control moves the share by the sampling error it takes away, and not by more.
     assert abs(risk.yield_fraction - 0.7) < 4 * sqrt(0.3 * 0.7 / risk.units)
@@ -286,12 +286,29 @@ def test_shares_ranks_and_errors_are_those_of_the_whole_sample():
     assert np.isnan(distance_like(units.table, 2 * ranked[-1]))
 
 
-def test_several_limits_are_one_sample():
-    unit, shot = (
-        linear_law([0.2, 0, 0.1], NOISE * 20, COLUMNS),
-        linear_law(np.zeros(3), NOISE, np.diag([0.3, 0.05, 0.1])),
-    )
-    limits = (1.0, None, 1.3)
-    assert unit_risks(unit, shot, 0.95, limits, 6) == tuple(unit_risk(unit, shot, 0.95, limit, 6) for limit in limits)
+@pytest.mark.parametrize("fraction", [0.5, 0.8, 0.9, 0.95, 0.99])
+@pytest.mark.parametrize("p", [0.9, 0.95, 0.99])
+def test_as_many_units_keep_a_limit_as_its_quantile_says(p, fraction):
+    """closed form: F(limit) >= y is Q(y) <= limit.  At limits as near to the quantile as rounding allows, too."""
+    unit = linear_law([0.2, 0, 0.1], NOISE * 20, COLUMNS)
+    for shot in (linear_law(np.zeros(3), NOISE * 8), linear_law(np.zeros(3), NOISE, np.diag([0.3, 0.05, 0.1]))):
+        value = unit_risk(unit, shot, p, None, fraction, 6).value_mm
+        near = [value, np.nextafter(value, 0), np.nextafter(value, 9)]
+        for limit in [float(level) for level in (*near, 0.9 * value, 0.999 * value, 1.001 * value, 1.1 * value)]:
+            risk = unit_risk(unit, shot, p, limit, fraction, 6)
+            assert risk.value_mm == value
+            assert (risk.yield_fraction >= fraction) == (value <= limit)
+            assert 0 <= risk.yield_fraction <= 1
+
+
+def test_the_quantile_over_units_is_at_the_fraction_that_is_asked_for():
+    """closed form: without noise at the shots R is |d|, of three equal axes Maxwell's law."""
+    unit = linear_law([0, 0, 0], 0.04 * np.eye(3))
+    for fraction in (0.5, 0.8, 0.9, 0.99):
+        risk = unit_risk(unit, linear_law(np.zeros(3), 1e-12 * np.eye(3)), 0.95, 0.5, fraction)
+        assert risk.value_mm == pytest.approx(0.2 * stats.chi.ppf(fraction, 3), rel=3e-3)
+
+
+def test_a_limit_is_not_negative():
     with pytest.raises(ValueError, match="limit must be >= 0"):
-        unit_risks(unit, shot, 0.95, (1.0, -1.0))
+        unit_risk(linear_law([0.2, 0, 0.1], NOISE), SHOT, 0.95, -1.0)

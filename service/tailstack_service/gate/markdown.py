@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 
-from ..rendering.tables import number, shortened
+from ..rendering.tables import number, shortened, signed
 from .places import not_judged
 from .records import GateFinding, GateRecord
-from .terminal import place_of
+from .terminal import place_of, telling
 
 MOST = 100
 _SPECIAL = re.compile(r"([\\`*_{}\[\]<>()#+!|~$@&])")
@@ -34,11 +34,29 @@ def markdown_text(record: GateRecord) -> str:
         verdict = f"{_MARK[design.verdict]} {design.verdict}"
         basis = design.basis + (f", {design.trials:,} trials" if design.trials is not None else "")
         lines.append(f"| {plain(design.file, 80)} | {verdict} | {largest} | {basis} |")
+    if any(design.numbers for design in record.designs):
+        lines += ["", "### Requirements", "", *_numbers(record)]
     if counted:
         lines += ["", "### Findings", "", *_table(counted)]
     if accepted:
         lines += ["", "### Accepted by waivers", "", *_table(accepted)]
     return "\n".join(lines) + "\n"
+
+
+def _numbers(record: GateRecord) -> list[str]:
+    """Each requirement at the target that is nearest to its limit, and every one that does not pass."""
+    lines = [
+        "| design | requirement | target | what | value, mm | limit, mm | margin, mm | status |",
+        "|---|---|---|---|---:|---:|---:|---|",
+    ]
+    rows = [(design, *entry) for design in record.designs for entry in telling(design.numbers)]
+    for design, entry, target in rows[:MOST]:
+        texts = " | ".join(plain(text, 80) for text in (design.file, entry.requirement, target, entry.headline))
+        values = " | ".join((number(entry.value_mm), number(entry.limit_mm), signed(entry.margin_mm)))
+        lines.append(f"| {texts} | {values} | {_MARK[entry.status]} {entry.status} |")
+    if len(rows) > MOST:
+        lines.append(f"| | | | {len(rows) - MOST} more are in the record | | | | |")
+    return lines
 
 
 def plain(text: str, width: int = 400) -> str:

@@ -91,15 +91,16 @@ def _error_rate(held: Design, verification: Verification | None) -> Callable[[Ch
 def _number(check: Check, added: Mapping[str, str], rate: float | None) -> GateNumber:
     rule = added.get(check.requirement)
     name = check.requirement if rule is None else rule
+    interval = check.interval_mm
     if check.yield_fraction is not None and check.min_yield is not None:
         return GateNumber(
             "per-unit-yield", name, check.target, "fraction", check.yield_fraction, None, check.min_yield, check.status,
-            rate,
+            rate, check.headline, check.value_mm, interval, check.limit_mm,
         )  # fmt: skip
-    interval = check.interval_mm
     return GateNumber(
-        rule or "p95", name, check.target, "mm", check.value_mm, interval, check.limit_mm, check.status, rate
-    )
+        rule or "p95", name, check.target, "mm", check.value_mm, interval, check.limit_mm, check.status, rate,
+        check.headline,
+    )  # fmt: skip
 
 
 def _cvar_numbers(score: Score, verification: Verification | None, rules: Rules, looks: int) -> list[GateNumber]:
@@ -131,7 +132,7 @@ def _cvar_numbers(score: Score, verification: Verification | None, rules: Rules,
     return [
         GateNumber(
             "cvar", "cvar", name, "mm", value, (low, high if high != float("inf") else None), limit,
-            decide((low, high), limit), rate,
+            decide((low, high), limit), rate, "CVaR95",
         )
         for name, value, (low, high) in found
     ]  # fmt: skip
@@ -153,11 +154,10 @@ def near_a_limit(
         waived = accepted(number) if number.status == "fail" else ()
         if waived and number.unit == "fraction":
             return True  # to first order no waiver covers a yield
-        for limit in (number.limit, *waived):
-            # of a yield, the misses are what the limit is about
-            scale = 1 - limit if number.unit == "fraction" else limit
-            if abs(number.value - limit) <= band * scale:
-                return True
+        if number.value_mm is None or number.limit_mm is None:
+            continue  # of a yield that an earlier version judged by itself
+        if any(abs(number.value_mm - limit) <= band * limit for limit in (number.limit_mm, *waived)):
+            return True
     return False
 
 

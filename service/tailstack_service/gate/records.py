@@ -44,6 +44,20 @@ class GateNumber:
     limit: float
     status: Literal["pass", "fail", "inconclusive"]
     error_rate: float | None  # by Monte Carlo: largest probability that pass is said of a fail, or fail of a pass
+    # What decided, in mm; of a yield, too: the value is within the limit just where as many units are good as required.
+    headline: str = ""  # what the value is: "P95 that 90 % of units keep"
+    value_mm: float | None = None
+    interval_mm: tuple[float, float | None] | None = None
+    limit_mm: float | None = None
+    margin_mm: float | None = None  # the limit less the upper end of the interval; null where that end is not known
+
+    def __post_init__(self) -> None:
+        if self.unit == "mm":
+            for name in ("value", "interval", "limit"):
+                object.__setattr__(self, f"{name}_mm", getattr(self, name))
+        high = None if self.interval_mm is None else self.interval_mm[1]
+        margin = None if high is None or self.limit_mm is None else self.limit_mm - high
+        object.__setattr__(self, "margin_mm", margin)
 
 
 @dataclass(frozen=True, slots=True)

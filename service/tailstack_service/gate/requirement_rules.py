@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tailstack.design.revision import FIELD
-from tailstack.results import Score
+from tailstack.results import Score, headline_of
 
 from ..rendering.score import single_lines
 from .case import Case, Remark
@@ -92,16 +92,19 @@ def _remark(case: Case, number: GateNumber, hint: str) -> Remark:
 
 
 def _in_words(case: Case, number: GateNumber) -> str:
-    if number.unit == "fraction":
-        return f"{number.value:.2%} of installed units are good, {number.limit:.2%} required"
-    low, high = number.interval or (number.value, None)
+    assert number.value_mm is not None  # or it would be of an earlier version's record
+    low, high = number.interval_mm or (number.value_mm, None)
     ends = f"[{low:.4g}, {'unknown' if high is None else f'{high:.4g}'}] mm"
     if number.rule == "cvar":
         return f"CVaR95 of the tcp error is {number.value:.4g} mm {ends}, limit {number.limit:g} mm"
     quantile, error = 0.95, "tcp"
     for requirement in case.design.document.requirements:
-        if requirement.name == number.requirement and number.rule == "p95":
+        if requirement.name == number.requirement and number.requirement not in _FIELDS:
             quantile, error = requirement.quantile, requirement.error
+    if number.unit == "fraction":
+        value = headline_of(quantile, number.limit, f"the {error} error")
+        good = f"{number.value:.2%} of installed units are good, {number.limit:.2%} required"
+        return f"{value} is {number.value_mm:.4g} mm {ends}, limit {number.limit_mm:g} mm: {good}"
     if number.rule == "exceedance" and case.rules.exceedance.max_probability is not None:
         quantile = 1 - case.rules.exceedance.max_probability
         return (

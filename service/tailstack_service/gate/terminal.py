@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from ..rendering.tables import coloured, fixed, number, shortened, table, wrapped
+from ..rendering.tables import coloured, fixed, number, percent, shortened, signed, table, wrapped
 from .places import counts, not_judged
 from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord
 
@@ -71,31 +71,41 @@ def _designs(record: GateRecord, colour: bool) -> str:
         basis += f"; each status wrong with a probability of at most {100 * max(rates):.3g} %" if rates else ""
         blocks.append(f"{shortened(design.file, 60)}{name}{kind}: {verdict}" + (f" ({basis})" if basis else ""))
         if design.numbers:
-            header = ("requirement", "target", "rule", "value", "interval", "limit", "unit", "status")
-            lines = table(header, _rows(design.numbers), left=3).splitlines()
+            lines = _table(design.numbers).splitlines()
             blocks.append("\n".join("  " + line for line in lines))
     return "\n".join(blocks)
 
 
-def _rows(numbers: tuple[GateNumber, ...]) -> list[tuple[str, ...]]:
-    """Everything that does not pass; of what passes, for each requirement the target nearest to its limit."""
-    rows = [_row(entry, entry.target) for entry in numbers if entry.status != "pass"]
+def telling(numbers: tuple[GateNumber, ...]) -> list[tuple[GateNumber, str]]:
+    """Everything that does not pass, with its target; of what passes, for each requirement the target nearest to its
+    limit."""
+    found = [(entry, entry.target) for entry in numbers if entry.status != "pass"]
     for name in dict.fromkeys(entry.requirement for entry in numbers):
         passing = [entry for entry in numbers if entry.requirement == name and entry.status == "pass"]
         if passing:
-            sign = -1 if passing[0].unit == "fraction" else 1
-            nearest = max(passing, key=lambda entry: sign * entry.value / entry.limit)
+            nearest = max(passing, key=lambda entry: (entry.value_mm or 0.0) / (entry.limit_mm or 1.0))
             others = f" (worst of {len(passing)})" if len(passing) > 1 else ""
-            rows.append(_row(nearest, nearest.target + others))
-    return rows
+            found.append((nearest, nearest.target + others))
+    return found
+
+
+def _table(numbers: tuple[GateNumber, ...]) -> str:
+    """What decided, in mm, and of a yield the fraction of units beside it."""
+    header = (
+        "requirement", "target", "rule", "value\nmm", "interval\nmm", "limit\nmm", "margin\nmm", "yield\n%", "status",
+    )  # fmt: skip
+    rows = [_row(entry, target) for entry, target in telling(numbers)]
+    shown = [k for k in range(len(header)) if k != 7 or any(row[k] != "-" for row in rows)]
+    return table([header[k] for k in shown], [[row[k] for k in shown] for row in rows], left=3)
 
 
 def _row(entry: GateNumber, target: str) -> tuple[str, ...]:
     ends = "-"
-    if entry.interval is not None:
-        ends = f"{fixed(entry.interval[0], 3)} .. {fixed(entry.interval[1], 3)}"
+    if entry.interval_mm is not None:
+        ends = f"{fixed(entry.interval_mm[0], 3)} .. {fixed(entry.interval_mm[1], 3)}"
     return (
-        entry.requirement, target, entry.rule, number(entry.value), ends, number(entry.limit), entry.unit, entry.status,
+        entry.requirement, target, entry.rule, number(entry.value_mm), ends, number(entry.limit_mm),
+        signed(entry.margin_mm), percent(entry.value) if entry.unit == "fraction" else "-", entry.status,
     )  # fmt: skip
 
 

@@ -157,14 +157,7 @@ def risk_text(target: TargetScore) -> str:
             indent="  ",
         )
     ]
-    unit = target.per_unit
-    sentence = f"95 % of installed units have a P95 over their shots below {unit.p95_of_units_mm:.3f} mm"
-    if unit.yield_fraction is not None and unit.limit_mm is not None:
-        error = percent(unit.yield_standard_error or 0.0, 2)
-        sentence += (
-            f"; {percent(unit.yield_fraction, 2)} % of units (standard error {error} %) meet {unit.limit_mm:g} mm"
-        )
-    lines.append(wrapped(sentence + ".", first="per unit: ", indent="  "))
+    lines.append(wrapped(units_in_words(target), first="per unit: ", indent="  "))
     whole = target.bounds_mm.gaussian
     if abs(target.block_diagonal_p95_mm / whole - 1) > 1e-4 if whole else False:
         lines.append(
@@ -176,6 +169,22 @@ def risk_text(target: TargetScore) -> str:
             )
         )
     return "\n".join(lines)
+
+
+def units_in_words(target: TargetScore) -> str:
+    """What most units keep their own quantile within, and how many meet the limit."""
+    unit = target.per_unit
+    value = unit.p95_of_units_mm if unit.value_mm is None else unit.value_mm
+    sentence = (
+        f"{100 * unit.units_fraction:.6g} % of installed units keep a P{100 * unit.quantile:.6g} over their own shots "
+        f"of {value:.3f} mm"
+    )
+    if unit.yield_fraction is not None and unit.limit_mm is not None:
+        error = percent(unit.yield_standard_error or 0.0, 2)
+        sentence += (
+            f"; {percent(unit.yield_fraction, 2)} % of units (standard error {error} %) meet {unit.limit_mm:g} mm"
+        )
+    return sentence + "."
 
 
 def second_order_text(target: TargetScore) -> str:

@@ -25,6 +25,14 @@ def fixed(value: float | None, decimals: int) -> str:
     return "-" if value is None else f"{value:.{decimals}f}"
 
 
+def signed(value: float | None, decimals: int = 3) -> str:
+    """A number with its sign; one that is not zero never looks like zero, for its sign is what is asked for."""
+    if value is None:
+        return "-"
+    plain = f"{value:+.{decimals}f}"
+    return f"{value:+.1g}" if value and not float(plain) else plain
+
+
 def percent(fraction: float | None, decimals: int = 1) -> str:
     """A fraction as percent, ``<0.1`` for what would print as nothing."""
     if fraction is None:
@@ -64,9 +72,12 @@ def _padded(text: str, width: int, left: bool) -> str:
     return text + space if left else space + text
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1, widest: int = 34) -> str:
+def table(
+    header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1, widest: int = 34, whole: int | None = None
+) -> str:
     """A table; the first ``left`` columns are texts (cut at ``widest``, or to fit the page), the others numbers.
 
+    whole: a column of texts that is not cut.
     A header may hold one line break: its second line is the unit.
     """
     heads = [head.split("\n") for head in header]
@@ -74,6 +85,8 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
     top = [[head[line] if line < len(head) else "" for head in heads] for line in range(depth)]
     needed = [max(columns(row[k]) for row in top) for k in range(len(header))]
     widths = [max(needed[k], *(columns(row[k]) for row in rows)) if rows else needed[k] for k in range(len(header))]
+    if whole is not None:
+        needed[whole] = widths[whole]
     widths[:left] = [max(needed[k], min(widths[k], widest)) for k in range(left)]
     while sum(widths) + 2 * (len(widths) - 1) > WIDTH:
         slack = [widths[k] - max(needed[k], 8) for k in range(left)]

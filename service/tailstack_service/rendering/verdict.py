@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tailstack.results import Check, Finding, Provenance, Verdict
 
-from .tables import coloured, fixed, number, percent, shortened, table, wrapped
+from .tables import coloured, fixed, number, percent, shortened, signed, table, wrapped
 
 
 def heading(provenance: Provenance, basis: str) -> str:
@@ -18,35 +18,34 @@ def heading(provenance: Provenance, basis: str) -> str:
 
 
 def checks_table(checks: tuple[Check, ...]) -> str:
-    """One row per requirement and target; for per-unit risk the yield is what is judged."""
+    """One row per requirement and target: what it limits, the value and its interval, what is left to the limit."""
     if not checks:
         return ""
     rows = []
     for check in checks:
-        if check.yield_fraction is not None:
-            judged = f"{percent(check.yield_fraction)} >= {percent(check.min_yield)}"
-        else:
-            judged = "-"
         low, high = check.interval_mm
+        units = "pooled" if check.min_yield is None else f"{100 * check.min_yield:.6g} % of units"
+        error = "" if check.error == "tcp" else f" {check.error}"
         rows.append(
             (
                 check.requirement,
                 check.target,
-                f"P{100 * check.quantile:g} {check.error}, {check.risk.replace('_', ' ')}",
+                f"P{100 * check.quantile:.6g}{error}, {units}",
                 number(check.value_mm),
                 f"{fixed(low, 3)} .. {fixed(high, 3)}",
                 number(check.limit_mm),
-                judged,
+                signed(check.margin_mm),
+                percent(check.yield_fraction),
                 check.status,
             )
         )
     header = (
-        "requirement", "target", "quantile of\nthe error", "value\nmm", "interval\nmm", "limit\nmm",
+        "require-\nment", "target", "quantile of\nthe error", "value\nmm", "interval\nmm", "limit\nmm", "margin\nmm",
         "yield\n%", "status",
     )  # fmt: skip
-    if all(row[6] == "-" for row in rows):
-        rows, header = [(*row[:6], row[7]) for row in rows], (*header[:6], header[7])  # type: ignore[misc, assignment]
-    return table(header, rows, left=3)
+    if all(row[7] == "-" for row in rows):
+        rows, header = [(*row[:7], row[8]) for row in rows], (*header[:7], header[8])  # type: ignore[misc, assignment]
+    return table(header, rows, left=3, whole=2)
 
 
 def findings_text(findings: tuple[Finding, ...], colour: bool) -> str:

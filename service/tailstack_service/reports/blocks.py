@@ -15,8 +15,8 @@ class Column:
 
     title: str
     unit: str = ""  # mm, px, deg, %, ... shown in the header
-    kind: Literal["text", "fixed", "significant", "percent", "whole", "given", "status"] = "text"
-    digits: int = 3  # decimals of fixed and percent, digits of significant; given: as many as it has
+    kind: Literal["text", "fixed", "signed", "significant", "percent", "whole", "given", "status"] = "text"
+    digits: int = 3  # decimals of fixed, signed and percent, digits of significant; given: as many as it has
     on_page: bool = True  # False: only a spreadsheet has room for it
 
     @property
@@ -137,6 +137,7 @@ class Document:
     sections: tuple[Section, ...]
     provenance: Facts
     figures: tuple[Figure, ...] = field(default=())  # on the first page
+    requirements: Table | None = None  # on the first page, too: each with its value, limit, margin and status
 
 
 def tone_of(status: str) -> Tone:

@@ -14,7 +14,7 @@ from tailstack.verifying import verify_prepared
 from ..problems import RequestError
 from .assembling import ReportOptions, assemble, drawing_options, drawn_norms
 from .changes import changes_of
-from .headline import contributor_name, decisive_check, verdict_sentence
+from .headline import contributor_name, decisive_check, urgency, verdict_sentence
 from .paired import FEWEST, SECTIONS, paired_difference
 from .records import Comparison, ComparisonHeadline, Difference, Report
 
@@ -158,11 +158,31 @@ def _checked_p95(report: Report, name: str) -> float:
 
 
 def _headline(first: Report, second: Report, differences: tuple[Difference, ...]) -> ComparisonHeadline:
+    """What the second design comes to, named, then what sets it apart from the first."""
+    judged, difference = _judged("The second design", second), difference_sentence(differences[0])
+    also = [judged_first] if (judged_first := _judged("The first design", first)) else []
     return ComparisonHeadline(
         status=second.headline.status,
-        sentence=difference_sentence(differences[0]),
-        matters=tuple([*_verdicts(first, second), *_budget(first, second, differences[0].target)][:3]),
+        sentence=f"{judged} {difference}".strip(),
+        matters=tuple([*also, *_budget(first, second, differences[0].target)][:3]),
     )
+
+
+def _judged(which: str, report: Report) -> str:
+    """What fails, or is open; of a design that passes, what is nearest to its limit.  "" without a requirement."""
+    checks = (report.verification or report.score).verdict.checks
+    decisive = decisive_check(checks)
+    if decisive is None:
+        return ""
+    said = verdict_sentence(decisive, which)
+    word = {"fail": "misses", "inconclusive": "may miss"}
+    others: dict[str, list[str]] = {}
+    for name in dict.fromkeys(check.requirement for check in checks if check.requirement != decisive.requirement):
+        worst = min((check for check in checks if check.requirement == name), key=urgency)
+        others.setdefault(worst.status, []).append(name)
+    more = " and ".join(f"{word[key]} {', '.join(others[key])}" for key in word if key in others)
+    said = said if decisive.status != "inconclusive" else f"{which}: {said[:1].lower()}{said[1:]}"
+    return f"{said} It also {more}." if more else said
 
 
 def difference_sentence(found: Difference) -> str:
@@ -179,17 +199,6 @@ def difference_sentence(found: Difference) -> str:
         return f"No difference of P95 at {found.target} is shown {within}{ends}."
     size = f"{abs(found.difference_mm):.3f} mm{share} {found.conclusion}"
     return f"P95 at {found.target} is {size} with the second design {within}{ends}."
-
-
-def _verdicts(first: Report, second: Report) -> list[str]:
-    """What the second design is worth by itself, and the first where it is judged otherwise."""
-    said = []
-    for which, report in (("second", second), ("first", first)):
-        verdict = report.score.verdict if report.verification is None else report.verification.verdict
-        decisive = decisive_check(verdict.checks)
-        if decisive is not None and (which == "second" or report.headline.status != second.headline.status):
-            said.append(f"{which.capitalize()} design: {verdict_sentence(decisive)}")
-    return said
 
 
 def _budget(first: Report, second: Report, target: str) -> list[str]:

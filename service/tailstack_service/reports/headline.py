@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-from tailstack.results import Check, Contributor, Finding, Optimisation, Score, TargetScore, Verification
+from tailstack.results import Check, Contributor, Finding, Optimisation, Score, TargetScore, Verdict, Verification
+from tailstack.results import headline_of as words
+from tailstack.scoring import P95
 
 from ..rendering.score import single_lines
 from .records import Headline
@@ -16,27 +19,37 @@ _ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
 
 def headline_of(score: Score, verification: Verification | None, optimisation: Optimisation | None = None) -> Headline:
     """What the report opens with; Monte Carlo speaks where it was drawn."""
-    verdict = score.verdict if verification is None else verification.verdict
+    found = _decided(score.verdict, _first_order(score)) if verification is None else checked_headline(verification)
+    decisive = decisive_check((score if verification is None else verification).verdict.checks)
+    return replace(found, matters=tuple(what_matters(score, verification, optimisation, found.target, decisive)))
+
+
+def checked_headline(verification: Verification) -> Headline:
+    """What a check by itself opens with."""
+    worst = max(verification.targets, key=lambda target: target.p95_mm)
+    return _decided(verification.verdict, (worst.name, worst.p95_mm, worst.p95_interval_mm))
+
+
+def _decided(verdict: Verdict, largest: tuple[str, float, tuple[float, float | None]]) -> Headline:
+    """The check that decides; without a requirement the ``largest`` P95: target, value, interval."""
     decisive = decisive_check(verdict.checks)
     if decisive is None:
-        target, value, interval = _largest(score, verification)
+        target, value, interval = largest
         sentence = f"No requirement is stated. P95 of the TCP error at {target} is {value:.3f} mm {_ends(interval)}."
-        limit, requirement, quantile = None, None, 0.95
-    else:
-        target, value, interval = decisive.target, decisive.value_mm, decisive.interval_mm
-        limit, requirement, quantile = decisive.limit_mm, decisive.requirement, decisive.quantile
-        sentence = verdict_sentence(decisive)
+        return Headline(verdict.status, verdict.basis, sentence, None, target, P95, value, interval, None, ())
     return Headline(
         status=verdict.status,
         basis=verdict.basis,
-        sentence=sentence,
-        requirement=requirement,
-        target=target,
-        quantile=quantile,
-        value_mm=value,
-        interval_mm=interval,
-        limit_mm=limit,
-        matters=tuple(what_matters(score, verification, optimisation, target, decisive)),
+        sentence=verdict_sentence(decisive),
+        requirement=decisive.requirement,
+        target=decisive.target,
+        quantile=decisive.quantile,
+        value_mm=decisive.value_mm,
+        interval_mm=decisive.interval_mm,
+        limit_mm=decisive.limit_mm,
+        matters=(),
+        error=decisive.error,
+        min_yield=decisive.min_yield,
     )
 
 
@@ -56,24 +69,20 @@ def urgency(check: Check) -> tuple[int, float]:
     return _ORDER[check.status], -check.value_mm / check.limit_mm
 
 
-def verdict_sentence(check: Check) -> str:
+def verdict_sentence(check: Check, who: str = "The design") -> str:
     """A check as a sentence with its numbers."""
-    if check.yield_fraction is not None and check.min_yield is not None:
-        word = {"pass": "keeps", "fail": "misses", "inconclusive": "may or may not keep"}[check.status]
-        return (
-            f"The design {word} {check.requirement}: {check.yield_fraction:.1%} of installed units have a "
-            f"P{100 * check.quantile:g} of at most {check.limit_mm:g} mm at {check.target}, {check.min_yield:.1%} are "
-            "required."
-        )
-    what = f"P{100 * check.quantile:g} of the {check.error.replace('tcp', 'TCP')} error at {check.target}"
+    error = check.error.replace("tcp", "TCP")
+    what = words(check.quantile, check.min_yield, f"the {error} error at {check.target}")
     number = f"{check.value_mm:.3f} mm {_ends(check.interval_mm)}"
+    units = "" if check.yield_fraction is None else f"; {check.yield_fraction:.1%} of units meet it"
     if check.status == "pass":
-        return f"The design keeps {check.requirement}: {what} is {number}, within the limit of {check.limit_mm:g} mm."
+        kept = f"within the limit of {check.limit_mm:g} mm{units}"
+        return f"{who} keeps {check.requirement}: {what} is {number}, {kept}."
     if check.status == "fail":
-        return f"The design misses {check.requirement}: {what} is {number}, above the limit of {check.limit_mm:g} mm."
-    return (
-        f"Undecided for {check.requirement}: {what} is {number}; the interval holds the limit of {check.limit_mm:g} mm."
-    )
+        beyond = f"above the limit of {check.limit_mm:g} mm{units}"
+        return f"{who} misses {check.requirement}: {what} is {number}, {beyond}."
+    open_end = f"the interval holds the limit of {check.limit_mm:g} mm{units}"
+    return f"Undecided for {check.requirement}: {what} is {number}; {open_end}."
 
 
 def _ends(interval: tuple[float, float | None]) -> str:
@@ -81,10 +90,8 @@ def _ends(interval: tuple[float, float | None]) -> str:
     return f"({low:.3f} to {'an unknown end' if high is None else f'{high:.3f} mm'})"
 
 
-def _largest(score: Score, verification: Verification | None) -> tuple[str, float, tuple[float, float | None]]:
-    if verification is not None:
-        worst = max(verification.targets, key=lambda target: target.p95_mm)
-        return worst.name, worst.p95_mm, worst.p95_interval_mm
+def _first_order(score: Score) -> tuple[str, float, tuple[float, float | None]]:
+    """Target, value and interval of the largest P95."""
     first = max(score.targets, key=lambda target: target.p95_mm)
     percent = score.validity.expected_error_percent
     if percent is None:
@@ -105,7 +112,7 @@ def what_matters(
     lines = single_lines(found.contributors)
     if lines and lines[0].variance_share > 0:
         sentences.append(_dominant(lines[0], found))
-    if decisive is not None and decisive.yield_fraction is None:
+    if decisive is not None:
         sentences.append(_margin(decisive, lines))
     if optimisation is not None:
         sentences.append(_optimised(optimisation))
@@ -121,14 +128,15 @@ def _dominant(line: Contributor, target: TargetScore) -> str:
 
 
 def _margin(check: Check, lines: Sequence[Contributor]) -> str:
-    quantile = f"P{100 * check.quantile:g}"
-    spare = check.limit_mm - check.value_mm
+    what, spare = check.headline, check.margin_mm
+    if spare is None:
+        return f"How far {what} is from its limit is not known: first order does not hold here."
     if spare >= 0:
-        first = (
-            f"{spare:.3f} mm ({spare / check.limit_mm:.0%} of the limit) is left before {quantile} reaches the limit"
-        )
+        first = f"{spare:.3f} mm ({spare / check.limit_mm:.0%} of the limit) is left above the interval of {what}"
     else:
-        first = f"{quantile} has to come down by {-spare:.3f} mm ({-spare / check.value_mm:.0%})"
+        first = (
+            f"{what} has to come down by {-spare:.3f} mm ({-spare / check.value_mm:.0%}) to be within, interval and all"
+        )
     steps = [
         (line.dp95_per_unit * line.half_width / 10, line)
         for line in lines
@@ -137,7 +145,8 @@ def _margin(check: Check, lines: Sequence[Contributor]) -> str:
     if not steps:
         return first + "."
     gain, line = max(steps, key=lambda step: step[0])
-    return f"{first}; a tenth less of {named(line)} is worth {gain:.3f} mm of P95."
+    pooled = "" if check.min_yield is None else " over all units"
+    return f"{first}; a tenth less of {named(line)} is worth {gain:.3f} mm of P95{pooled}."
 
 
 def _optimised(found: Optimisation) -> str:

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from tailstack import __version__
 
-from ..rendering.tables import number
+from ..rendering.tables import number, signed
 from .blocks import Cell, Column, Document, Figure
 
 
@@ -103,6 +103,8 @@ def shown(cell: Cell, column: Column) -> str:
         return "–"
     if isinstance(cell, str) or not column.numeric:
         return str(cell)
+    if column.kind == "signed":
+        return signed(float(cell), column.digits).replace("-", "−")
     if column.kind == "fixed":
         return f"{cell + 0.0:.{column.digits}f}".replace("-", "−")
     if column.kind == "percent":

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from tailstack.results import Optimisation, Provenance, Score, Verification
+from tailstack.results import Optimisation, Provenance, Score, Verification, headline_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +24,16 @@ class Headline:
     interval_mm: tuple[float, float | None]
     limit_mm: float | None
     matters: tuple[str, ...]  # the things that matter most, at most three
+    error: str = "tcp"  # or localisation
+    min_yield: float | None = None  # null: pooled
+    headline: str = ""  # what the value is, in words: "P95 that 90 % of units keep"
+    margin_mm: float | None = None  # the limit less the upper end of the interval; null where one is not known
+
+    def __post_init__(self) -> None:
+        high = self.interval_mm[1]
+        margin = None if high is None or self.limit_mm is None else self.limit_mm - high
+        object.__setattr__(self, "headline", headline_of(self.quantile, self.min_yield))
+        object.__setattr__(self, "margin_mm", margin)
 
 
 @dataclass(frozen=True, slots=True)

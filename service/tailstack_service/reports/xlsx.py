@@ -47,7 +47,8 @@ def xlsx_report(document: Document, record: bytes) -> bytes:
 
 def tables_of(document: Document) -> list[Table]:
     """Every table of the report, in its order."""
-    return [block for section in document.sections for block in section.blocks if isinstance(block, Table)]
+    first = [] if document.requirements is None else [document.requirements]
+    return first + [block for section in document.sections for block in section.blocks if isinstance(block, Table)]
 
 
 def listings_of(document: Document) -> list[Listing]:
@@ -72,8 +73,9 @@ class _Formats:
         self.mono = book.add_format({"font_name": "Courier New"})
 
     def of(self, column: Column, depth: int) -> Any:
+        decimals = "0." + "0" * column.digits
         kind = {
-            "fixed": "0." + "0" * column.digits, "percent": "0." + "0" * column.digits + "%", "whole": "#,##0",
+            "fixed": decimals, "signed": f"+{decimals};-{decimals};0", "percent": f"{decimals}%", "whole": "#,##0",
             "significant": "General", "given": "General",
         }.get(column.kind, "@")  # fmt: skip
         key = (kind, depth, column.numeric)

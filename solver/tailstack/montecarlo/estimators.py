@@ -83,16 +83,22 @@ def interval_ranks(trials: int, quantile: float, confidence: float) -> tuple[int
     alpha/2 quantile of B, u one above its 1 - alpha/2 quantile.  No law is assumed.
     Raises OutOfRangeError when ``trials`` are too few for such an interval to exist.
     """
+    low, high = enclosing_ranks(trials, quantile, confidence)
+    if low is None or high is None:
+        needed = ceil(log((1 - confidence) / 2) / log(max(quantile, 1 - quantile)))
+        detail = f"{trials} trials have no {confidence:g} interval of the {quantile:g} quantile"
+        raise OutOfRangeError(Problem("", "too-few-trials", detail, f"at least {needed} trials are needed"))
+    return low, high
+
+
+def enclosing_ranks(trials: int, quantile: float, confidence: float) -> tuple[int | None, int | None]:
+    """The ranks of :func:`interval_ranks`; None at an end for which no order statistic is far enough out."""
     _probability_iv("quantile", quantile)
     _probability_iv("confidence", confidence)
     alpha = 1 - confidence
     low = _binomial_quantile(alpha / 2, trials, quantile)
     high = _binomial_quantile(1 - alpha / 2, trials, quantile) + 1
-    if low < 1 or high > trials:
-        needed = ceil(log(alpha / 2) / log(max(quantile, 1 - quantile)))
-        detail = f"{trials} trials have no {confidence:g} interval of the {quantile:g} quantile"
-        raise OutOfRangeError(Problem("", "too-few-trials", detail, f"at least {needed} trials are needed"))
-    return low, high
+    return (low if low >= 1 else None, high if high <= trials else None)
 
 
 def wilks_sample_size(quantile: float, confidence: float, order: int = 1) -> int:

@@ -26,7 +26,6 @@ from .search import Progress, Search, Stop
 MOST_TRIALS, FEWEST_TRIALS, TARGET_TRIALS = 2**20, 2**16, 2**23
 MAX_TIGHTENING = 6
 MARGIN = 1.5  # half-widths of the check's interval between the aim and the limit
-UNIT_STEP = 0.99  # on the aim of a per-unit quantile whose yield did not verify
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,8 +134,6 @@ def _incumbent(problem: PlacementProblem, settled: Settled) -> float:
 
 def _tightening(check: Check, attempt: int) -> float:
     """Factor on the aim of one demand, from what its check measured; the margin grows with every failure."""
-    if check.risk == "per_unit":
-        return 1.0 if check.status == "pass" else UNIT_STEP
     upper = check.upper_mm
     if upper <= check.limit_mm:
         return 1.0

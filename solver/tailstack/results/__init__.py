@@ -40,6 +40,7 @@ from .verdicts import (
     Vector3,
     Verdict,
     ViewCheck,
+    headline_of,
 )
 from .verification import (
     Exceedance,
@@ -84,4 +85,5 @@ __all__ = [
     "Verdict",
     "Verification",
     "ViewCheck",
+    "headline_of",
 ]

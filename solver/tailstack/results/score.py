@@ -37,11 +37,15 @@ class Contributor:
 class PerUnit:
     """The second reading of risk: the installation is drawn once per unit and stays."""
 
-    limit_mm: float | None
-    yield_fraction: float | None  # fraction of units whose own P95 over shots meets the limit
+    limit_mm: float | None  # of the tightest requirement on each unit; without one, the target's
+    yield_fraction: float | None  # fraction of units whose own quantile over shots meets the limit
     yield_standard_error: float | None
     p95_of_units_mm: float  # 95th percentile over units of the unit's own P95
     p95_of_units_standard_error_mm: float
+    quantile: float = 0.95  # over a unit's own shots: that of the requirement
+    units_fraction: float = 0.95  # of units: the requirement's min_yield
+    value_mm: float | None = None  # what this fraction of units keep their own quantile within
+    standard_error_mm: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,26 +27,45 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One requirement at one target."""
+    """One requirement at one target: a value, its interval, and the limit that the interval is held against.
+
+    The status is read off the interval alone: ``pass`` if its upper end is within the limit, so if the margin is not
+    negative; ``fail`` if its lower end is beyond.  The yield stands beside: it is at least what is required just where
+    the value is within the limit.
+    """
 
     requirement: str
     target: str
     error: str  # tcp or localisation
     risk: str  # pooled or per_unit
     quantile: float
-    value_mm: float  # the quantile; per_unit: 95th percentile over units of the unit's own quantile
+    value_mm: float  # pooled: the quantile; per_unit: what ``min_yield`` of units keep their own quantile within
     # Monte Carlo: confidence interval; first order: calibrated error of linearisation, null where it is not valid
     interval_mm: tuple[float, float | None]
     limit_mm: float
-    yield_fraction: float | None
+    yield_fraction: float | None  # per_unit: fraction of units whose own quantile is within the limit
     min_yield: float | None
     status: Literal["pass", "fail", "inconclusive"]
+    headline: str = ""  # what the value is, in words: "P95 that 90 % of units keep"; follows from the fields above
+    margin_mm: float | None = None  # the limit less the upper end of the interval; null where that end is not known
+
+    def __post_init__(self) -> None:
+        high = self.interval_mm[1]
+        object.__setattr__(self, "headline", headline_of(self.quantile, self.min_yield))
+        object.__setattr__(self, "margin_mm", None if high is None else self.limit_mm - high)
 
     @property
     def upper_mm(self) -> float:
         """Upper end of the interval, infinite where there is none."""
         high = self.interval_mm[1]
         return inf if high is None else high
+
+
+def headline_of(quantile: float, min_yield: float | None, of: str = "") -> str:
+    """What a requirement limits: P95, or P95 that 90 % of units keep; ``of`` what, if that is named."""
+    whose = f" of {of}" if of else ""
+    units = "" if min_yield is None else f" that {100 * min_yield:.6g} % of units keep"
+    return f"P{100 * quantile:.6g}{whose}{units}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,6 @@ are fixed, the Gaussian part has its symmetric root (eigenvectors jump where eig
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import hypot, sqrt
@@ -59,7 +58,6 @@ from .unit_kernels import (
     solved_between,
 )
 
-_FRACTION = 0.95  # of units, whose quantile is told
 _CORRECTED = 12
 _PILOT = 32
 # Agreement of two steps of a contour where units are a sample: quantiles are good to 1e-8 on half the nodes, and
@@ -81,14 +79,18 @@ class UnitQuantile:
 
 @dataclass(frozen=True, slots=True)
 class UnitRisk:
-    """yield_fraction and its standard error are None without a limit."""
+    """What ``fraction`` of units keep their own p-quantile within, and the fraction that keeps a limit.
+
+    The yield is None without a limit.  With one it is at least ``fraction`` just where the value is within the limit.
+    """
 
     p: float
+    fraction: float
+    value_mm: float  # the fraction-quantile over units of the unit's own p-quantile
+    standard_error_mm: float
     limit_mm: float | None
     yield_fraction: float | None
     yield_standard_error: float | None
-    p95_of_units_mm: float  # 95th percentile over units of the unit's own p-quantile
-    p95_standard_error_mm: float
     units: int
     solved: int  # units whose quantile or probability had to be computed
 
@@ -204,40 +206,45 @@ def unit_quantile(
 
 
 def unit_risk(
-    installation: LinearLaw, shot: LinearLaw, p: float, limit: float | None = None, log2_units: int = 8
+    installation: LinearLaw,
+    shot: LinearLaw,
+    p: float,
+    limit: float | None = None,
+    fraction: float = 0.95,
+    log2_units: int = 8,
 ) -> UnitRisk:
-    """:func:`unit_risks` for one limit, or for none."""
-    return unit_risks(installation, shot, p, (limit,), log2_units)[0]
-
-
-def unit_risks(
-    installation: LinearLaw, shot: LinearLaw, p: float, limits: Sequence[float | None], log2_units: int = 8
-) -> tuple[UnitRisk, ...]:
-    """Yield of installed units at each limit, and the 95th percentile over units of a unit's own p-quantile over shots.
+    """The fraction-quantile over installed units of a unit's own p-quantile over shots, and the yield at a limit.
 
     installation: law of a unit's offset (its mean included); shot: law of what changes from shot to shot, mean 0; both
-    in mm and one frame.  limits in mm.  16 x 2^log2_units units are drawn, once for all limits.  Raises ValueError.
+    in mm and one frame.  16 x 2^log2_units units are drawn, once for both.  Raises ValueError.
     """
-    for limit in limits:
-        if limit is not None and not limit >= 0:
-            raise ValueError(f"a limit must be >= 0 mm, got {limit}")
+    if limit is not None and not limit >= 0:
+        raise ValueError(f"a limit must be >= 0 mm, got {limit}")
+    fraction = probability_iv(fraction)
     units = _sample(installation, principal_root(installation.covariance), shot, p, log2_units)
-    levels = [None if limit is None else _level(shot, units, limit) for limit in limits]
-    radii = [np.nan if level is None else distance_like(units.table, level[0]) for level in levels]
-    distance, within = np.nan, [0.0] * len(radii)
+    level = None if limit is None else _level(shot, units, limit)
+    radius = np.nan if level is None else distance_like(units.table, level[0])
+    distance, within = np.nan, 0.0
     if units.blocks > 1:
-        distance, within = quantile_and_probabilities(installation, _FRACTION, radii)
-    value, error, percentile_solved = _percentile(shot, units, distance)
-    found = []
-    for limit, level, radius, known in zip(limits, levels, radii, within, strict=True):
-        fraction: float | None = None
-        fraction_error: float | None = None
-        solved = percentile_solved
-        if level is not None:
-            fraction, fraction_error, more = _yield(units, *level, radius, known)
-            solved += more
-        found.append(UnitRisk(units.p, limit, fraction, fraction_error, value, error, units.table.shape[1], solved))
-    return tuple(found)
+        distance, (within,) = quantile_and_probabilities(installation, fraction, (radius,))
+    value, error, solved = _percentile(shot, units, fraction, distance)
+    found, found_error = None, None
+    if limit is not None and level is not None:
+        found, found_error, more = _yield(units, *level, radius, within)
+        found = _on_the_same_side(found, fraction, value <= limit, units.blocks > 1)
+        solved += more
+    return UnitRisk(units.p, fraction, value, error, limit, found, found_error, units.table.shape[1], solved)
+
+
+def _on_the_same_side(share: float, fraction: float, kept: bool, differ: bool) -> float:
+    """The yield, on the side of the required fraction on which the quantile is of the limit.
+
+    ``F(limit) >= fraction`` is ``Q(fraction) <= limit`` for one law of R.  Quantile and yield are estimated with other
+    controls, each the best for its own, so near one another they may disagree by less than their errors.
+    """
+    if not differ:
+        return 1.0 if kept else 0.0
+    return max(share, fraction) if kept else min(share, float(np.nextafter(fraction, 0.0)))
 
 
 def _level(shot: LinearLaw, units: _Units, limit: float) -> tuple[float, float]:
@@ -265,10 +272,10 @@ def _yield(units: _Units, level: float, doubt: float, radius: float, within: flo
     return fraction, hypot(error, unsure, 0.5 / least.size if 0.0 < fraction < 1.0 else 0.0), solved
 
 
-def _percentile(shot: LinearLaw, units: _Units, distance: float) -> tuple[float, float, int]:
-    """(95th percentile of R over units, its standard error, units solved); the control is |d| at its own."""
+def _percentile(shot: LinearLaw, units: _Units, fraction: float, distance: float) -> tuple[float, float, int]:
+    """(fraction-quantile of R over units, its standard error, units solved); the control is |d| at its own."""
     own, value, rank, slope, share_error, solved = percentile(
-        units.p, _FRACTION, units.table, units.covariance, units.blocks, distance, units.agreement
+        units.p, fraction, units.table, units.covariance, units.blocks, distance, units.agreement
     )
     shift, error = 0.0, 0.0
     if units.mixed:

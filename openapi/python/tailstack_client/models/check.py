@@ -18,20 +18,26 @@ T = TypeVar("T", bound="Check")
 
 @_attrs_define
 class Check:
-    """One requirement at one target.
+    """One requirement at one target: a value, its interval, and the limit that the interval is held against.
 
-    Attributes:
-        requirement (str):
-        target (str):
-        error (str):
-        risk (str):
-        quantile (float):
-        value_mm (float):
-        interval_mm (list[float | None]):
-        limit_mm (float):
-        yield_fraction (float | None):
-        min_yield (float | None):
-        status (CheckStatus):
+    The status is read off the interval alone: ``pass`` if its upper end is within the limit, so if the margin is not
+    negative; ``fail`` if its lower end is beyond.  The yield stands beside: it is at least what is required just where
+    the value is within the limit.
+
+        Attributes:
+            requirement (str):
+            target (str):
+            error (str):
+            risk (str):
+            quantile (float):
+            value_mm (float):
+            interval_mm (list[float | None]):
+            limit_mm (float):
+            yield_fraction (float | None):
+            min_yield (float | None):
+            status (CheckStatus):
+            headline (str):  Default: ''.
+            margin_mm (float | None):
     """
 
     requirement: str
@@ -45,6 +51,8 @@ class Check:
     yield_fraction: float | None
     min_yield: float | None
     status: CheckStatus
+    margin_mm: float | None
+    headline: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         requirement = self.requirement
@@ -75,6 +83,11 @@ class Check:
 
         status: str = self.status
 
+        headline = self.headline
+
+        margin_mm: float | None
+        margin_mm = self.margin_mm
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -90,6 +103,8 @@ class Check:
                 "yield_fraction": yield_fraction,
                 "min_yield": min_yield,
                 "status": status,
+                "headline": headline,
+                "margin_mm": margin_mm,
             }
         )
 
@@ -141,6 +156,15 @@ class Check:
 
         status = check_check_status(d.pop("status"))
 
+        headline = d.pop("headline")
+
+        def _parse_margin_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        margin_mm = _parse_margin_mm(d.pop("margin_mm"))
+
         check = cls(
             requirement=requirement,
             target=target,
@@ -153,6 +177,8 @@ class Check:
             yield_fraction=yield_fraction,
             min_yield=min_yield,
             status=status,
+            headline=headline,
+            margin_mm=margin_mm,
         )
 
         return check

@@ -30,6 +30,11 @@ class GateNumber:
         limit (float):
         status (GateNumberStatus):
         error_rate (float | None):
+        headline (str):  Default: ''.
+        value_mm (float | None):
+        interval_mm (list[float | None] | None):
+        limit_mm (float | None):
+        margin_mm (float | None):
     """
 
     rule: str
@@ -41,6 +46,11 @@ class GateNumber:
     limit: float
     status: GateNumberStatus
     error_rate: float | None
+    value_mm: float | None
+    interval_mm: list[float | None] | None
+    limit_mm: float | None
+    margin_mm: float | None
+    headline: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         rule = self.rule
@@ -71,6 +81,28 @@ class GateNumber:
         error_rate: float | None
         error_rate = self.error_rate
 
+        headline = self.headline
+
+        value_mm: float | None
+        value_mm = self.value_mm
+
+        interval_mm: list[float | None] | None
+        if isinstance(self.interval_mm, list):
+            interval_mm = []
+            for interval_mm_type_0_item_data in self.interval_mm:
+                interval_mm_type_0_item: float | None
+                interval_mm_type_0_item = interval_mm_type_0_item_data
+                interval_mm.append(interval_mm_type_0_item)
+
+        else:
+            interval_mm = self.interval_mm
+
+        limit_mm: float | None
+        limit_mm = self.limit_mm
+
+        margin_mm: float | None
+        margin_mm = self.margin_mm
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -84,6 +116,11 @@ class GateNumber:
                 "limit": limit,
                 "status": status,
                 "error_rate": error_rate,
+                "headline": headline,
+                "value_mm": value_mm,
+                "interval_mm": interval_mm,
+                "limit_mm": limit_mm,
+                "margin_mm": margin_mm,
             }
         )
 
@@ -139,6 +176,55 @@ class GateNumber:
 
         error_rate = _parse_error_rate(d.pop("error_rate"))
 
+        headline = d.pop("headline")
+
+        def _parse_value_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        value_mm = _parse_value_mm(d.pop("value_mm"))
+
+        def _parse_interval_mm(data: object) -> list[float | None] | None:
+            if data is None:
+                return data
+            try:
+                if not isinstance(data, list):
+                    raise TypeError()
+                interval_mm_type_0 = []
+                _interval_mm_type_0 = data
+                for interval_mm_type_0_item_data in _interval_mm_type_0:
+
+                    def _parse_interval_mm_type_0_item(data: object) -> float | None:
+                        if data is None:
+                            return data
+                        return cast(float | None, data)
+
+                    interval_mm_type_0_item = _parse_interval_mm_type_0_item(interval_mm_type_0_item_data)
+
+                    interval_mm_type_0.append(interval_mm_type_0_item)
+
+                return interval_mm_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(list[float | None] | None, data)
+
+        interval_mm = _parse_interval_mm(d.pop("interval_mm"))
+
+        def _parse_limit_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        limit_mm = _parse_limit_mm(d.pop("limit_mm"))
+
+        def _parse_margin_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        margin_mm = _parse_margin_mm(d.pop("margin_mm"))
+
         gate_number = cls(
             rule=rule,
             requirement=requirement,
@@ -149,6 +235,11 @@ class GateNumber:
             limit=limit,
             status=status,
             error_rate=error_rate,
+            headline=headline,
+            value_mm=value_mm,
+            interval_mm=interval_mm,
+            limit_mm=limit_mm,
+            margin_mm=margin_mm,
         )
 
         return gate_number

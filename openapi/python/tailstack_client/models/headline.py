@@ -31,6 +31,10 @@ class Headline:
         interval_mm (list[float | None]):
         limit_mm (float | None):
         matters (list[str]):
+        error (str):  Default: 'tcp'.
+        min_yield (float | None):
+        headline (str):  Default: ''.
+        margin_mm (float | None):
     """
 
     status: HeadlineStatus
@@ -43,6 +47,10 @@ class Headline:
     interval_mm: list[float | None]
     limit_mm: float | None
     matters: list[str]
+    min_yield: float | None
+    margin_mm: float | None
+    error: str = "tcp"
+    headline: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         status: str = self.status
@@ -71,6 +79,16 @@ class Headline:
 
         matters = self.matters
 
+        error = self.error
+
+        min_yield: float | None
+        min_yield = self.min_yield
+
+        headline = self.headline
+
+        margin_mm: float | None
+        margin_mm = self.margin_mm
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -85,6 +103,10 @@ class Headline:
                 "interval_mm": interval_mm,
                 "limit_mm": limit_mm,
                 "matters": matters,
+                "error": error,
+                "min_yield": min_yield,
+                "headline": headline,
+                "margin_mm": margin_mm,
             }
         )
 
@@ -134,6 +156,24 @@ class Headline:
 
         matters = cast(list[str], d.pop("matters"))
 
+        error = d.pop("error")
+
+        def _parse_min_yield(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        min_yield = _parse_min_yield(d.pop("min_yield"))
+
+        headline = d.pop("headline")
+
+        def _parse_margin_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        margin_mm = _parse_margin_mm(d.pop("margin_mm"))
+
         headline = cls(
             status=status,
             basis=basis,
@@ -145,6 +185,10 @@ class Headline:
             interval_mm=interval_mm,
             limit_mm=limit_mm,
             matters=matters,
+            error=error,
+            min_yield=min_yield,
+            headline=headline,
+            margin_mm=margin_mm,
         )
 
         return headline

@@ -24,6 +24,10 @@ class PerUnit:
         yield_standard_error (float | None):
         p95_of_units_mm (float):
         p95_of_units_standard_error_mm (float):
+        quantile (float):  Default: 0.95.
+        units_fraction (float):  Default: 0.95.
+        value_mm (float | None):
+        standard_error_mm (float | None):
     """
 
     limit_mm: float | None
@@ -31,6 +35,10 @@ class PerUnit:
     yield_standard_error: float | None
     p95_of_units_mm: float
     p95_of_units_standard_error_mm: float
+    value_mm: float | None
+    standard_error_mm: float | None
+    quantile: float = 0.95
+    units_fraction: float = 0.95
 
     def to_dict(self) -> dict[str, Any]:
         limit_mm: float | None
@@ -46,6 +54,16 @@ class PerUnit:
 
         p95_of_units_standard_error_mm = self.p95_of_units_standard_error_mm
 
+        quantile = self.quantile
+
+        units_fraction = self.units_fraction
+
+        value_mm: float | None
+        value_mm = self.value_mm
+
+        standard_error_mm: float | None
+        standard_error_mm = self.standard_error_mm
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -55,6 +73,10 @@ class PerUnit:
                 "yield_standard_error": yield_standard_error,
                 "p95_of_units_mm": p95_of_units_mm,
                 "p95_of_units_standard_error_mm": p95_of_units_standard_error_mm,
+                "quantile": quantile,
+                "units_fraction": units_fraction,
+                "value_mm": value_mm,
+                "standard_error_mm": standard_error_mm,
             }
         )
 
@@ -89,12 +111,34 @@ class PerUnit:
 
         p95_of_units_standard_error_mm = d.pop("p95_of_units_standard_error_mm")
 
+        quantile = d.pop("quantile")
+
+        units_fraction = d.pop("units_fraction")
+
+        def _parse_value_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        value_mm = _parse_value_mm(d.pop("value_mm"))
+
+        def _parse_standard_error_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        standard_error_mm = _parse_standard_error_mm(d.pop("standard_error_mm"))
+
         per_unit = cls(
             limit_mm=limit_mm,
             yield_fraction=yield_fraction,
             yield_standard_error=yield_standard_error,
             p95_of_units_mm=p95_of_units_mm,
             p95_of_units_standard_error_mm=p95_of_units_standard_error_mm,
+            quantile=quantile,
+            units_fraction=units_fraction,
+            value_mm=value_mm,
+            standard_error_mm=standard_error_mm,
         )
 
         return per_unit

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from tailstack.results import Contributor, Score
+from tailstack.results import Contributor, Score, TargetEstimate, TargetScore
+from tailstack.scoring import P95
 
 from ..blocks import (
     Block,
@@ -23,14 +24,22 @@ from ..blocks import (
     tone_of,
 )
 from ..figures.comparison import budgets_svg, differences_svg, distributions_svg
+from ..figures.errors import scale_svg
 from ..figures.tolerances import curves_svg
 from ..headline import contributor_name, tightest_check
 from ..records import Comparison, Difference, Report
 from .layout import layout_blocks, loaded
 from .optimisation import design_listing
 from .report import method_chapter, tolerance_curves_of
-from .score import headline_figure, headline_reach
-from .tables import checks_table, findings_table, not_included
+from .tables import (
+    MARGIN_NOTE,
+    REQUIREMENT_COLUMNS,
+    checks_table,
+    decided_by,
+    findings_table,
+    not_included,
+    requirement_cells,
+)
 
 TOLD = ("First", "Second")
 DESIGNS = ("first design", "second design")
@@ -62,6 +71,7 @@ def comparison_document(found: Comparison, sha256: str) -> Document:
         numbers=_numbers(found),
         matters=found.headline.matters,
         figures=tuple(_scales(found)),
+        requirements=_requirements(found),
         sections=tuple(sections),
         provenance=_provenance(found, sha256),
     )
@@ -88,12 +98,51 @@ def _signed(value: float) -> str:
 
 
 def _scales(found: Comparison) -> Iterator[Figure]:
-    """Each design's quantile and limit, on scales that are alike."""
-    reach = max(headline_reach(report.headline, report.score) for report in (found.first, found.second))
-    for which, report in zip(TOLD, (found.first, found.second), strict=True):
+    """P95 of both designs at the target of the headline, on scales that are alike."""
+    worst = found.differences[0]
+    drawn = [_at(report, worst.target) for report in (found.first, found.second)]
+    reach = max(value for target, limit in drawn for value in (_upper(target), target.cvar95_mm, limit or 0.0))
+    for which, (target, limit) in zip(TOLD, drawn, strict=True):
         name = f"headline-{which.lower()}"
-        figure = headline_figure(report.headline, report.score, name, reach)
-        yield Figure(name, figure.svg, f"{which} design. {figure.caption}")
+        beside = (("mean", target.mean_norm_mm), ("CVaR95", target.cvar95_mm))
+        ends = target.p95_interval_mm if isinstance(target, TargetEstimate) else (target.p95_mm, target.p95_mm)
+        svg = scale_svg(worst.target, target.p95_mm, ends, limit, beside, name, "P95", reach)
+        bar = "the bar is the interval" if isinstance(target, TargetEstimate) else "to first order"
+        yield Figure(name, svg, f"{which} design. Norm of the TCP error at target {worst.target}: {bar}.")
+
+
+def _at(report: Report, name: str) -> tuple[TargetScore | TargetEstimate, float | None]:
+    """What is known of a target, and the limit that its P95 is held against."""
+    judged = report.verification or report.score
+    limits = [
+        check.limit_mm
+        for check in judged.verdict.checks
+        if (check.target, check.error, check.risk, check.quantile) == (name, "tcp", "pooled", P95)
+    ]
+    target: TargetScore | TargetEstimate = next(entry for entry in judged.targets if entry.name == name)
+    return target, min(limits, default=None)
+
+
+def _upper(target: TargetScore | TargetEstimate) -> float:
+    return target.p95_interval_mm[1] if isinstance(target, TargetEstimate) else target.p95_mm
+
+
+def _requirements(found: Comparison) -> Table | None:
+    """Each requirement of both designs, at the target that decides it; what the second fails first."""
+    judged = [
+        (which, check, count)
+        for which, report in zip(TOLD, (found.first, found.second), strict=True)
+        for check, count in decided_by((report.verification or report.score).verdict.checks)
+    ]
+    if not judged:
+        return None
+    places = {check.requirement: k for k, (which, check, _) in enumerate(judged) if which == TOLD[1]}
+    judged.sort(key=lambda entry: places.get(entry[1].requirement, len(judged)))
+    rows = [Row((which, *requirement_cells(check, count))) for which, check, count in judged]
+    return Table(
+        "Requirements", "Requirements of both designs",
+        (Column("Design"), *REQUIREMENT_COLUMNS), tuple(rows), MARGIN_NOTE,
+    )  # fmt: skip
 
 
 def _difference_blocks(found: Comparison) -> tuple[Block, ...]:
@@ -229,7 +278,7 @@ def _budget_table(first: Score, second: Score, target: str, place: int) -> Table
         rows.append(Row(tuple(cells)))
     return Table(
         "Budgets" if place == 0 else f"Budgets {place + 1}",
-        f"Budgets at target {target}: first order, P95 {a.p95_mm:.4f} mm and {b.p95_mm:.4f} mm",
+        f"Budgets at target {target}, to first order",
         (
             Column("Contributor"), Column("Unit"),
             Column("Half-width, first", "unit", "significant"), Column("Half-width, second", "unit", "significant"),
@@ -256,16 +305,13 @@ def _lines(contributors: tuple[Contributor, ...]) -> dict[Key, Contributor]:
 def _judged(found: Comparison) -> tuple[Block, ...]:
     blocks: list[Block] = []
     for which, report in zip(TOLD, (found.first, found.second), strict=True):
-        verdicts = [] if report.verification is None else [report.verification.verdict]
-        verdicts.append(report.score.verdict)
-        if verdicts[0].checks:
-            blocks.append(
-                checks_table(*verdicts, name=f"Checks, {which.lower()}", of=f" of the {which.lower()} design")
-            )
-        if verdicts[0].findings:
+        verdict = (report.verification or report.score).verdict
+        if verdict.checks:
+            blocks.append(checks_table(verdict, name=f"Checks, {which.lower()}", of=f" of the {which.lower()} design"))
+        if verdict.findings:
             blocks.append(
                 findings_table(
-                    verdicts[0].findings, name=f"Findings, {which.lower()}", of=f" on the {which.lower()} design"
+                    verdict.findings, name=f"Findings, {which.lower()}", of=f" on the {which.lower()} design"
                 )
             )
     return tuple(blocks) or (Paragraph("Neither design states a requirement, and nothing was found."),)

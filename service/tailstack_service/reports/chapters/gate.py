@@ -119,8 +119,9 @@ def _designs_table(record: GateRecord) -> Table:
 def _numbers_table(record: GateRecord) -> Table:
     rows = [
         Row((
-            design.file, number.requirement, number.rule, number.target, number.unit, number.value,
-            *(number.interval or (None, None)), number.limit, number.status,
+            design.file, number.requirement, number.rule, number.target, number.headline, number.value_mm,
+            *(number.interval_mm or (None, None)), number.limit_mm, number.margin_mm,
+            *((number.value, number.limit) if number.unit == "fraction" else (None, None)), number.status,
         ))
         for design in record.designs
         for number in design.numbers
@@ -128,10 +129,10 @@ def _numbers_table(record: GateRecord) -> Table:
     return Table(
         "Numbers", "Numbers that were held against limits",
         (
-            Column("File"), Column("Requirement"), Column("Rule"), Column("Target"), Column("Unit"),
-            Column("Value", "unit", "significant", 5), Column("From", "unit", "significant", 5),
-            Column("To", "unit", "significant", 5), Column("Limit", "unit", "significant", 5),
-            Column("Status", kind="status"),
+            Column("File"), Column("Requirement"), Column("Rule", on_page=False), Column("Target"), Column("What"),
+            Column("Value", "mm", "fixed", 4), Column("From", "mm", "fixed", 4), Column("To", "mm", "fixed", 4),
+            Column("Limit", "mm", "significant", 4), Column("Margin", "mm", "signed"),
+            Column("Yield", "%", "percent", 2), Column("Required", "%", "percent", 2), Column("Status", kind="status"),
         ),
         tuple(rows),
         most=MOST,

@@ -29,6 +29,7 @@ from .tables import (
     findings_table,
     not_included,
     provenance_facts,
+    requirements_table,
     targets_table,
     views_table,
 )
@@ -65,7 +66,8 @@ def report_document(report: Report, sha256: str) -> Document:
         sentence=headline.sentence,
         numbers=key_numbers(headline),
         matters=headline.matters,
-        figures=(headline_figure(headline, report.score),),
+        figures=(headline_figure(headline, (report.verification or report.score).targets),),
+        requirements=requirements_table((report.verification or report.score).verdict),
         sections=tuple(sections),
         provenance=provenance_facts(report.provenance, sha256, report.schema),
     )

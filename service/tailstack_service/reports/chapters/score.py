@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tailstack.results import Score, TargetScore
+from tailstack.results import Score, TargetEstimate, TargetScore
+from tailstack.results import headline_of as headline_words
+from tailstack.scoring import P95
 
-from ...rendering.score import worst_target
+from ...rendering.score import units_in_words, worst_target
+from ...rendering.tables import signed
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
 from ..figures.budget import waterfall_svg, without_svg
 from ..figures.errors import scale_svg
@@ -18,6 +21,7 @@ from .tables import (
     findings_table,
     not_included,
     provenance_facts,
+    requirements_table,
     targets_table,
     views_table,
 )
@@ -39,7 +43,8 @@ def score_document(score: Score, sha256: str) -> Document:
         sentence=headline.sentence,
         numbers=key_numbers(headline),
         matters=headline.matters,
-        figures=(headline_figure(headline, score),),
+        figures=(headline_figure(headline, score.targets),),
+        requirements=requirements_table(score.verdict),
         sections=(
             Section("Error and requirements", error_blocks(score)),
             Section("Budget", budget_blocks(score)),
@@ -56,42 +61,43 @@ def score_document(score: Score, sha256: str) -> Document:
 
 
 def key_numbers(headline: Headline) -> tuple[KeyNumber, ...]:
-    """Quantile, limit and margin, in large type."""
-    quantile = f"P{100 * headline.quantile:g}"
+    """What decides, its limit and the margin, in large type."""
     low, high = headline.interval_mm
     ends = f"{low:.3f} to {'unknown' if high is None else f'{high:.3f}'} mm, {headline.basis}"
-    numbers = [KeyNumber(f"{quantile} of the error", f"{headline.value_mm:.3f} mm", ends)]
+    label = f"{headline.headline} of the error" if headline.min_yield is None else headline.headline
+    numbers = [KeyNumber(label, f"{headline.value_mm:.3f} mm", ends)]
     if headline.limit_mm is None:
         return (*numbers, KeyNumber("Limit", "none", "no requirement is stated"))
-    margin = headline.limit_mm - headline.value_mm
     numbers.append(KeyNumber("Limit", f"{headline.limit_mm:g} mm", f"{headline.requirement}, target {headline.target}"))
-    word = "of the limit is left" if margin >= 0 else "beyond the limit"
-    value = f"{margin:+.3f} mm".replace("-", "−")
-    numbers.append(KeyNumber("Margin", value, f"{abs(margin) / headline.limit_mm:.0%} {word}"))
-    return tuple(numbers)
+    margin = headline.margin_mm
+    if margin is None:
+        return (*numbers, KeyNumber("Margin", "not known", "the interval has no upper end"))
+    share = f"{abs(margin) / headline.limit_mm:.0%}"
+    detail = f"{share} of the limit is left above the interval" if margin >= 0 else f"the interval ends {share} beyond"
+    return (*numbers, KeyNumber("Margin", f"{signed(margin)} mm".replace("-", "−"), detail))
 
 
-def headline_figure(headline: Headline, score: Score, name: str = "headline", reach_mm: float = 0.0) -> Figure:
-    """The quantile, its interval and the limit on one scale, which goes to ``reach_mm`` at least."""
+def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEstimate]) -> Figure:
+    """What decides, its interval and the limit on one scale.
+
+    targets: what the headline was found with, first order or Monte Carlo; mean and CVaR beside the value are those of
+    its own distribution.  What units keep has another, of which these are not known.
+    """
     svg = scale_svg(
-        headline.target, headline.value_mm, headline.interval_mm, headline.limit_mm, _others(headline, score), name,
-        f"P{100 * headline.quantile:g}", reach_mm,
+        headline.target, headline.value_mm, headline.interval_mm, headline.limit_mm, _beside(headline, targets),
+        "headline", headline.headline,
     )  # fmt: skip
     caption = f"Norm of the error at target {headline.target}, {headline.basis}: the bar is the interval."
-    return Figure(name, svg, caption)
+    return Figure("headline", svg, caption)
 
 
-def headline_reach(headline: Headline, score: Score) -> float:
-    """The largest number on the scale of a headline, mm."""
-    high = headline.interval_mm[1] or 0.0
-    return max(
-        headline.value_mm, high, headline.limit_mm or 0.0, *(value for _, value in _others(headline, score)), 0.0
-    )
-
-
-def _others(headline: Headline, score: Score) -> tuple[tuple[str, float], ...]:
-    found = next((target for target in score.targets if target.name == headline.target), None)
-    return () if found is None else (("mean", found.mean_norm_mm), ("CVaR95", found.cvar95_mm))
+def _beside(headline: Headline, targets: Sequence[TargetScore | TargetEstimate]) -> tuple[tuple[str, float], ...]:
+    found = next((target for target in targets if target.name == headline.target), None)
+    if found is None or headline.min_yield is not None:
+        return ()
+    metric = found if headline.error == "tcp" else found.localisation
+    mean = ("mean", metric.mean_norm_mm)
+    return (mean, ("CVaR95", metric.cvar95_mm)) if headline.quantile == P95 else (mean,)
 
 
 def error_blocks(score: Score) -> tuple[Block, ...]:
@@ -148,7 +154,8 @@ def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]
     said = []
     tightest = max(score.verdict.checks, key=lambda check: check.value_mm / check.limit_mm, default=None)
     if tightest is not None:
-        what = f"P{100 * tightest.quantile:g} of the {tightest.error.replace('tcp', 'TCP')} error at {tightest.target}"
+        error = f"the {tightest.error.replace('tcp', 'TCP')} error at {tightest.target}"
+        what = headline_words(tightest.quantile, tightest.min_yield, error)
         said.append(
             f"What binds: {tightest.requirement}, {what}, {tightest.value_mm:.3f} mm to first order against a limit of "
             f"{tightest.limit_mm:g} mm."
@@ -162,9 +169,14 @@ def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]
             listed = "; ".join(
                 f"{allowance_name(entry)} to ± {entry.at_limit:.3g} {entry.unit}" for entry in alone[:LISTED]
             )
-            said.append(f"Any one of these alone brings it to the limit: {listed}{_more(alone)}.")
+            said.append(
+                f"Any one of these alone brings {of_target[0].requirement} to its limit: {listed}{_more(alone)}."
+            )
         elif of_target and all(entry.status == "zero is not enough" for entry in of_target):
-            said.append("No tolerance alone brings it to the limit, not even at zero: several have to shrink.")
+            said.append(
+                f"No tolerance alone brings {of_target[0].requirement} to its limit, not even at zero: several have to "
+                "shrink."
+            )
         spare = [entry for entry in of_target if entry.status == "spare" and entry.slack is not None]
         spare.sort(key=lambda entry: (entry.slack or 0.0) / entry.half_width)
         if spare:
@@ -172,7 +184,8 @@ def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]
                 f"{allowance_name(entry)} from ± {entry.half_width:.3g} to {entry.at_limit:.3g} {entry.unit}"
                 for entry in spare[:LISTED]
             )
-            said.append(f"Least room at {target}, one at a time: {listed}{_more(spare)}.")
+            asked = spare[0].requirement
+            said.append(f"Least room that {asked} leaves at {target}, one at a time: {listed}{_more(spare)}.")
     bounds = [words for entry in allowances if (words := _at_bound(entry))]
     if bounds:
         said.append(f"At a bound of the optimise section: {'; '.join(dict.fromkeys(bounds))}.")
@@ -198,19 +211,17 @@ def allowance_name(entry: Allowance) -> str:
 def method_blocks(score: Score) -> tuple[Block, ...]:
     """How first order was computed, how far it holds, and what was assumed."""
     worst = worst_target(score)
-    bounds, unit = worst.bounds_mm, worst.per_unit
+    bounds = worst.bounds_mm
     sentences = [
         f"Law: {worst.law}. With the same mean and covariance, P95 at {worst.name} is {bounds.gaussian:.3f} mm if "
         f"Gaussian, at most {bounds.unimodal:.3f} mm for any symmetric unimodal law and {bounds.moments:.3f} mm for "
         "any law.",
-        f"Per unit: 95 % of installed units have a P95 over their own shots below {unit.p95_of_units_mm:.3f} mm.",
+        f"Per unit: {units_in_words(worst)}",
         f"Linearisation: {score.validity.status}. {score.validity.statement}.",
         "Sensitivities are evaluated at the biased geometry: known displacements are in the mean, tolerances and noise "
         "in the covariance. A tolerance is a half-width with the law named in the budget.",
         *score.provenance.notes,
     ]
-    if unit.yield_fraction is not None and unit.limit_mm is not None:
-        sentences[1] += f" {unit.yield_fraction:.2%} of units meet {unit.limit_mm:g} mm."
     return (
         Facts(
             "Method",

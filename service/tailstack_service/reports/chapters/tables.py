@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tailstack.results import (
+    Check,
     Contributor,
     Finding,
     MetricEstimate,
@@ -17,6 +18,7 @@ from tailstack.results import (
     Verification,
     ViewCheck,
 )
+from tailstack.results import headline_of as words
 
 from ...rendering.score import grouped
 from ..blocks import Bullets, Cell, Column, Facts, Row, Table
@@ -29,9 +31,9 @@ BUDGET_NOTE = (
     "below it."
 )
 SLACK_NOTE = (
-    " Half-width at limit: the one at which the tightest requirement is just met, to first order, if nothing else "
-    "changes; slack is what is left to it, negative where it has to shrink, empty where not even zero is enough. Slack "
-    "can be spent once: two tolerances cannot both use it up."
+    " Half-width at limit: the one at which the tightest requirement on all units together is just met, to first "
+    "order, if nothing else changes; slack is what is left to it, negative where it has to shrink, empty where not "
+    "even zero is enough. Slack can be spent once: two tolerances cannot both use it up."
 )
 COST_NOTE = " Cost: by the prices of the design's optimise section; a half-width without a price has none."
 
@@ -101,14 +103,50 @@ def _estimate_row(name: str, metric: TargetEstimate | MetricEstimate, depth: int
     )  # fmt: skip
 
 
+def requirements_table(verdict: Verdict) -> Table | None:
+    """Each requirement once, at the target that decides it; what fails and what is nearest to its limit first."""
+    rows = [Row(requirement_cells(check, count)) for check, count in decided_by(verdict.checks)]
+    if not rows:
+        return None
+    caption = f"Requirements, {'to first order' if verdict.basis == 'first order' else 'by Monte Carlo'}"
+    return Table("Requirements", caption, REQUIREMENT_COLUMNS, tuple(rows), MARGIN_NOTE)
+
+
+DECIDED = (
+    Column("Value", "mm", "fixed", 4), Column("From", "mm", "fixed", 4), Column("To", "mm", "fixed", 4),
+    Column("Limit", "mm", "significant", 4), Column("Margin", "mm", "signed", 4), Column("Status", kind="status"),
+)  # fmt: skip
+REQUIREMENT_COLUMNS = (Column("Requirement"), Column("Target"), Column("What is limited"), *DECIDED)
+MARGIN_NOTE = "Margin: the limit less the upper end of the interval. A requirement passes where it is not negative."
+
+
+def decided_by(checks: Sequence[Check]) -> list[tuple[Check, int]]:
+    """For each requirement the check that decides it, and at how many targets it is checked; failures first."""
+    names = dict.fromkeys(check.requirement for check in checks)
+    own = [[check for check in checks if check.requirement == name] for name in names]
+    return sorted(((min(each, key=urgency), len(each)) for each in own), key=lambda entry: urgency(entry[0]))
+
+
+def requirement_cells(check: Check, count: int) -> tuple[Cell, ...]:
+    """In the order of REQUIREMENT_COLUMNS; ``count`` targets are checked, of which this one decides."""
+    target = check.target + (f" (worst of {count})" if count > 1 else "")
+    return (
+        check.requirement, target, what_is_limited(check), check.value_mm, *check.interval_mm, check.limit_mm,
+        check.margin_mm, check.status,
+    )  # fmt: skip
+
+
+def what_is_limited(check: Check) -> str:
+    return words(check.quantile, check.min_yield, f"the {check.error.replace('tcp', 'TCP')} error")
+
+
 def checks_table(*verdicts: Verdict, name: str = "Checks", of: str = "") -> Table:
     """Each requirement at each target, by each way it was judged; what fails and what is nearest to its limit first."""
     judged = [(verdict.basis, check) for verdict in verdicts for check in verdict.checks]
     rows = [
         Row((
-            check.requirement, check.target, f"P{100 * check.quantile:g} {check.error}, {check.risk.replace('_', ' ')}",
-            basis, check.value_mm, *check.interval_mm, check.limit_mm, check.yield_fraction, check.min_yield,
-            check.status,
+            check.requirement, check.target, what_is_limited(check), basis, check.yield_fraction, check.min_yield,
+            check.value_mm, *check.interval_mm, check.limit_mm, check.margin_mm, check.status,
         ))
         for basis, check in sorted(judged, key=lambda entry: urgency(entry[1]))
     ]  # fmt: skip
@@ -116,14 +154,13 @@ def checks_table(*verdicts: Verdict, name: str = "Checks", of: str = "") -> Tabl
         name=name,
         caption=f"Requirements{of}",
         columns=(
-            Column("Requirement"), Column("Target"), Column("Quantile"), Column("By"),
-            Column("Value", "mm", "fixed", 4), Column("From", "mm", "fixed", 4), Column("To", "mm", "fixed", 4),
-            Column("Limit", "mm", "significant", 4), Column("Yield", "%", "percent", 2),
-            Column("Required", "%", "percent", 2), Column("Status", kind="status"),
+            Column("Requirement"), Column("Target"), Column("What is limited"), Column("By"),
+            Column("Yield", "%", "percent", 2), Column("Required", "%", "percent", 2), *DECIDED,
         ),
         rows=tuple(rows),
         note="A requirement passes only if the upper end of the interval is within the limit, and fails only if the "
-        "lower end is beyond it. First order: the interval is the calibrated error of the linearisation.",
+        f"lower end is beyond it. {MARGIN_NOTE} First order: the interval is the calibrated error of the "
+        "linearisation.",
     )  # fmt: skip
 
 

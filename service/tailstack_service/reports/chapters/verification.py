@@ -7,29 +7,30 @@ from tailstack.runs import MAX_TRIALS
 
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Section, tone_of
 from ..figures.errors import scale_svg
-from ..headline import decisive_check, verdict_sentence
-from .tables import checks_table, estimates_table, findings_table, not_included, provenance_facts
+from ..headline import checked_headline
+from .score import headline_figure, key_numbers
+from .tables import (
+    checks_table,
+    estimates_table,
+    findings_table,
+    not_included,
+    provenance_facts,
+    requirements_table,
+)
 
 
 def verification_document(check: Verification, sha256: str) -> Document:
     """A check by itself."""
-    decisive = decisive_check(check.verdict.checks)
-    worst = max(check.targets, key=lambda target: target.p95_mm)
+    headline = checked_headline(check)
     figures = []
     for k, target in enumerate(sorted(check.targets, key=lambda entry: entry.p95_mm, reverse=True)[:3]):
-        name = "headline" if k == 0 else f"scale-{k + 1}"
+        name = f"scale-{k + 1}"
         limit = target.exceedance.limit_mm if target.exceedance else None
         others = (("mean", target.mean_norm_mm), ("CVaR95", target.cvar95_mm))
         svg = scale_svg(target.name, target.p95_mm, target.p95_interval_mm, limit, others, name)
         figures.append(Figure(name, svg, f"Error at target {target.name}: the bar is the interval of P95."))
-    low, high = worst.p95_interval_mm
-    sentence = (
-        verdict_sentence(decisive)
-        if decisive is not None
-        else f"No requirement is stated. P95 at {worst.name} is {worst.p95_mm:.3f} mm ({low:.3f} to {high:.3f} mm)."
-    )
     numbers = [
-        KeyNumber(f"P95 at {worst.name}", f"{worst.p95_mm:.3f} mm", f"{low:.3f} to {high:.3f} mm"),
+        *key_numbers(headline),
         KeyNumber("Trials", f"{check.trials:,}", f"seed {check.seed}"),
         KeyNumber("First order / Monte Carlo", f"{check.first_order_ratio:.4f}", "ratio of the two P95"),
     ]
@@ -38,12 +39,13 @@ def verification_document(check: Verification, sha256: str) -> Document:
         title=check.provenance.design_name,
         tone=tone_of(check.verdict.status),
         status=check.verdict.status,
-        sentence=sentence,
+        sentence=headline.sentence,
         numbers=tuple(numbers),
         matters=(),
-        figures=tuple(figures[:1]),
+        figures=(headline_figure(headline, check.targets),),
+        requirements=requirements_table(check.verdict),
         sections=(
-            Section("Error and requirements", (*verification_blocks(check), *figures[1:])),
+            Section("Error and requirements", (*verification_blocks(check), *figures)),
             Section("Method", sampling_blocks(check), reader="auditor"),
             Section("What is not included", (not_included(check.provenance),), reader="auditor"),
             Section(

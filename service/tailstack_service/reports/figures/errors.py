@@ -103,11 +103,13 @@ def scale_svg(
     x = scale.at(p95_mm)
     parts.append(f'<circle cx="{rounded(x)}" cy="{rounded(y)}" r="5" fill="{VALUE_COLOUR}"/>')
     after, before = max(ends[1], x + 5) + 8, min(ends[0], x - 5) - 8
-    right = limit_mm is not None and limit_mm < p95_mm and after < RIGHT - 110
-    anchor, at, base = ("start", after, y + 4) if right or before < 140 else ("end", before, y + 4)
-    if anchor == "start" and after > RIGHT - 110:
-        anchor, at, base = "middle", min(max(x, 80.0), RIGHT - 60.0), y - 9
-    parts.append(text(at, base, f"{quantile} {p95_mm:.3f} mm", anchor=anchor, colour=VALUE_COLOUR, weight="bold"))
+    label = f"{quantile} {p95_mm:.3f} mm"
+    wide = 0.6 * FONT * len(label) + 10  # in bold
+    right = limit_mm is not None and limit_mm < p95_mm and after < RIGHT - wide
+    anchor, at, base = ("start", after, y + 4) if right or before < wide + 22 else ("end", before, y + 4)
+    if anchor == "start" and after > RIGHT - wide:
+        anchor, at, base = "middle", min(max(x, 22 + wide / 2), RIGHT - wide / 2), y - 9
+    parts.append(text(at, base, label, anchor=anchor, colour=VALUE_COLOUR, weight="bold"))
     for label, value in others:
         x = scale.at(value)
         parts.append(f'<path d="M{rounded(x)} 84L{rounded(x - 4)} 93L{rounded(x + 4)} 93Z" fill="{INK}"/>')

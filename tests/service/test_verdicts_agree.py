@@ -1,0 +1,327 @@
+"""A requirement passes just where its margin is not negative, and every format prints the same numbers for it.
+
+Expected statuses are read off value, interval and limit as they are printed; formats are read with nothing of what
+wrote them: a parser of HTML, another library for spreadsheets, the glyphs of a PDF turned back by its own maps.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import zlib
+from datetime import date
+from html.parser import HTMLParser
+from itertools import product
+from typing import Any
+from xml.etree import ElementTree
+
+import openpyxl
+import pytest
+from service_scenes import small_design
+
+from tailstack import load_design, score, verify
+from tailstack.design import Design
+from tailstack_service.documents import to_json
+from tailstack_service.gate.formats import FORMATS
+from tailstack_service.gate.request import admitted, evaluate
+from tailstack_service.rendering.score import score_text
+from tailstack_service.rendering.verification import verification_text
+from tailstack_service.reports import render
+from tailstack_service.reports.assembling import ReportOptions, compute_report
+
+YIELDS = (None, 0.5, 0.8, 0.9, 0.95, 0.99)  # None: pooled
+QUANTILES = (0.9, 0.95, 0.99)
+FACTORS = (0.88, 1.0, 1.12)  # of the value: fails, is open, passes
+STATUSES = {"pass", "fail", "inconclusive"}
+
+
+def named(quantile: float, fraction: float | None, factor: float) -> str:
+    """Short, for a terminal cuts long names where many columns meet."""
+    return f"r{QUANTILES.index(quantile)}{YIELDS.index(fraction)}{FACTORS.index(factor)}"
+
+
+def requirement(quantile: float, fraction: float | None, limit_mm: float, name: str) -> dict[str, Any]:
+    entry = {"name": name, "quantile": quantile, "limit_mm": limit_mm}
+    return entry if fraction is None else entry | {"risk": "per_unit", "min_yield": fraction}
+
+
+@pytest.fixture(scope="module")
+def values() -> dict[tuple[float, float | None], float]:
+    """What the score says of each, by a limit that is far away."""
+    asked = list(product(QUANTILES, YIELDS))
+    design = small_design(requirements=[requirement(*key, 50.0, f"r{k}") for k, key in enumerate(asked)])
+    checks = json.loads(to_json(score(load_design(design))))["verdict"]["checks"]
+    return {key: check["value_mm"] for key, check in zip(asked, checks, strict=True)}
+
+
+@pytest.fixture(scope="module")
+def design(values: dict[tuple[float, float | None], float]) -> Design:
+    """Requirements at every quantile and yield, with limits that they fail, may keep and keep."""
+    requirements = [
+        requirement(*key, round(factor * values[key], 4), named(*key, factor))
+        for key, factor in product(values, FACTORS)
+    ]
+    return load_design(small_design(requirements=requirements))
+
+
+def words_of(check: dict[str, Any]) -> str:
+    keep = "" if check["min_yield"] is None else f" that {100 * check['min_yield']:g} % of units keep"
+    return f"P{100 * check['quantile']:g}{keep}"
+
+
+def agree(checks: list[dict[str, Any]]) -> None:
+    """Status, margin, interval, value and yield of checks in JSON say the same."""
+    for check in checks:
+        low, high = check["interval_mm"]
+        assert low <= check["value_mm"] <= high
+        assert check["margin_mm"] == check["limit_mm"] - high
+        assert (check["status"] == "pass") == (check["margin_mm"] >= 0)
+        assert (check["status"] == "fail") == (low > check["limit_mm"])
+        assert check["headline"] == words_of(check)
+        if check["min_yield"] is not None:
+            assert (check["yield_fraction"] >= check["min_yield"]) == (check["value_mm"] <= check["limit_mm"])
+
+
+def same_row(cells: list[str], check: dict[str, Any]) -> None:
+    """A row of a table as printed: value, ends of the interval, limit, margin, ..., status."""
+    numbers = [float(cell.replace("−", "-")) for cell in cells[-6:-1]]
+    low, high = check["interval_mm"]
+    expected = [check["value_mm"], low, high, check["limit_mm"], check["margin_mm"]]
+    assert numbers == pytest.approx(expected, abs=6e-4), check["requirement"]
+    assert cells[-1] == check["status"]
+    assert (cells[-1] == "pass") == (not cells[-2].startswith(("-", "−")))
+
+
+# --- every format ---------------------------------------------------------------------------------
+
+
+def test_pass_is_a_margin_that_is_not_negative_at_every_quantile_and_yield(design: Design) -> None:
+    checks = json.loads(to_json(score(design)))["verdict"]["checks"]
+    agree(checks)
+    by_factor = {factor: [c["status"] for c in checks if c["requirement"].endswith(str(FACTORS.index(factor)))]
+                 for factor in FACTORS}  # fmt: skip
+    assert [set(found) for found in by_factor.values()] == [{"fail"}, {"inconclusive"}, {"pass"}]
+    for quantile, fraction in product(QUANTILES, YIELDS[1:]):
+        same = [c for c in checks if (c["quantile"], c["min_yield"]) == (quantile, fraction)]
+        assert len({c["value_mm"] for c in same}) == 1
+    for quantile in QUANTILES:  # what more units keep is more
+        rising = [next(c["value_mm"] for c in checks if (c["quantile"], c["min_yield"]) == (quantile, y))
+                  for y in YIELDS[1:]]  # fmt: skip
+        assert rising == sorted(rising)
+        assert rising[-1] > 1.02 * rising[0]
+
+
+def test_the_terminal_prints_each_requirement_with_the_same_numbers(design: Design) -> None:
+    found = score(design)
+    checks = json.loads(to_json(found))["verdict"]["checks"]
+    rows = {line.split()[0]: line for line in score_text(found).splitlines() if line.startswith("r")}
+    for check in checks:
+        line = rows[check["requirement"]].replace(" .. ", " ")
+        cells = line.split()
+        units = check["min_yield"]
+        if units is not None:
+            assert f"{100 * units:g} % of units" in line
+            assert float(cells[-2]) == pytest.approx(100 * check["yield_fraction"], abs=0.06)
+        del cells[-2]  # the yield
+        same_row(cells, check)
+
+
+@pytest.fixture(scope="module")
+def report(design: Design) -> bytes:
+    return to_json(compute_report(design, ReportOptions(parts=("score",))))
+
+
+@pytest.fixture(scope="module")
+def checks(report: bytes) -> dict[str, dict[str, Any]]:
+    record = json.loads(report)
+    agree(record["score"]["verdict"]["checks"])
+    headline = record["headline"]
+    assert headline["status"] == "fail"
+    assert headline["margin_mm"] == headline["limit_mm"] - headline["interval_mm"][1] < 0
+    return {check["requirement"]: check for check in record["score"]["verdict"]["checks"]}
+
+
+class Rows(HTMLParser):
+    """Texts of the cells of every row."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self.inside = False
+
+    def handle_starttag(self, tag: str, _: Any) -> None:
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.inside = True
+            self.rows[-1].append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        self.inside = self.inside and tag not in ("td", "th")
+
+    def handle_data(self, data: str) -> None:
+        if self.inside:
+            self.rows[-1][-1] += data.strip()
+
+
+def test_the_first_page_of_a_report_lists_each_requirement(report: bytes, checks: dict[str, dict[str, Any]]) -> None:
+    page = render("report", report, "html")[0].decode()
+    first = page[: page.index("<nav")]
+    reader = Rows()
+    reader.feed(first)
+    rows = [row for row in reader.rows if row[0] in checks]
+    assert {row[0] for row in rows} == set(checks)
+    assert len(rows) == len(checks)
+    for row in rows:
+        same_row(row, checks[row[0]])
+        assert row[2].replace(" of the TCP error", "") == words_of(checks[row[0]])
+    reader = Rows()
+    reader.feed(page[page.index("<nav") :])
+    for row in (row for row in reader.rows if row[0] in checks):  # the chapter's own table
+        same_row(row, checks[row[0]])
+
+
+def test_a_spreadsheet_has_them_as_numbers(report: bytes, checks: dict[str, dict[str, Any]]) -> None:
+    book = openpyxl.load_workbook(io.BytesIO(render("report", report, "xlsx")[0]))
+    for sheet in ("Requirements", "Checks"):
+        rows = [row for row in book[sheet].iter_rows(values_only=True) if row[0] in checks]
+        assert {row[0] for row in rows} == set(checks)
+        for row in rows:
+            check = checks[row[0]]
+            low, high = check["interval_mm"]
+            assert row[-6:-1] == pytest.approx(
+                (check["value_mm"], low, high, check["limit_mm"], check["margin_mm"]), rel=1e-15
+            )
+            assert (row[-1] == "pass") == (row[-2] >= 0)
+            assert row[-1] == check["status"]
+
+
+def pdf_text(content: bytes) -> str:
+    """The words of a PDF as its pages draw them: each font's glyphs turned back by its own map to Unicode."""
+    bodies = {int(n): body for n, body in re.findall(rb"(?s)(\d+) 0 obj\s(.*?)\sendobj", content)}
+    streams = {}
+    for number, body in list(bodies.items()):
+        if found := re.search(rb"(?s)stream\r?\n(.*?)\r?\nendstream", body):
+            head = body[: found.start()]
+            streams[number] = zlib.decompressobj().decompress(found[1]) if b"/FlateDecode" in head else found[1]
+            if b"/ObjStm" in head:
+                inside, first = streams[number], int(re.search(rb"/First (\d+)", head)[1])
+                pairs = [int(word) for word in inside[:first].split()]
+                ends = [*pairs[3::2], len(inside)]
+                for own, start, end in zip(pairs[::2], pairs[1::2], ends, strict=True):
+                    bodies[own] = inside[first + start : first + end]
+    fonts = {}
+    for name, own in re.findall(rb"/([A-Z]{6}) (\d+) 0 R", b"".join(bodies.values())):
+        if target := re.search(rb"/ToUnicode (\d+) 0 R", bodies[int(own)]):
+            pairs = re.findall(rb"<([0-9a-f]{4})>\s*<([0-9a-f]+)>", streams[int(target[1])])
+            fonts[name] = {glyph: bytes.fromhex(text.decode()).decode("utf-16-be") for glyph, text in pairs}
+    words, font = [], {}
+    for stream in streams.values():
+        if b" Tf" not in stream:
+            continue
+        for name, glyphs in re.findall(rb"/(\S+) [\d.]+ Tf|(\[[^\]]*\]\s*TJ|<[0-9a-fA-F]*>\s*Tj)", stream):
+            if name:
+                font = fonts.get(name, {})
+            else:
+                h = b"".join(re.findall(rb"<([0-9a-fA-F]*)>", glyphs)).lower()
+                words.append("".join(font.get(h[k : k + 4], "?") for k in range(0, len(h), 4)))
+    return " ".join(words)
+
+
+def test_paper_says_the_same(report: bytes, checks: dict[str, dict[str, Any]]) -> None:
+    text = pdf_text(render("report", report, "pdf")[0])
+    for name, check in checks.items():
+        found = re.search(rf"{name} tip P[\d.]+ of the TCP error[^−+]*?((?:[\d.]+ ){{4}}[−+][\d.]+) (\w+)", text)
+        assert found, name
+        same_row([*found[1].split(), found[2]], check)
+
+
+def test_the_gauge_shows_one_distribution(values: dict[tuple[float, float | None], float]) -> None:
+    """Mean and CVaR are known of all units together, so they stand beside nothing else."""
+    for fraction, beside in ((None, True), (0.9, False)):
+        entry = requirement(0.95, fraction, 2.0, "only")
+        record = to_json(
+            compute_report(load_design(small_design(requirements=[entry])), ReportOptions(parts=("score",)))
+        )
+        page = render("report", record, "html")[0].decode()
+        gauge = page[page.index('id="figure-headline"') : page.index("<table")]
+        assert ("CVaR95" in gauge) == beside
+        assert ("mean" in gauge) == beside
+        assert f"{values[0.95, fraction]:.3f} mm" in gauge
+        assert (f"that {100 * fraction:g} % of units keep" in gauge) if fraction else "units" not in gauge
+
+
+def test_a_gate_says_the_same_in_each_of_its_formats(design: Design, checks: dict[str, dict[str, Any]]) -> None:
+    data = small_design(requirements=[entry.model_dump(exclude_none=True) for entry in design.document.requirements])
+    record = evaluate(
+        admitted({"designs": [{"file": "a.yaml", "design": data}], "mode": "analytic"}, today=date(2026, 11, 21))
+    )
+    numbers = {n["requirement"]: n for n in json.loads(to_json(record))["designs"][0]["numbers"]}
+    assert set(numbers) == set(checks)
+    for name, number in numbers.items():
+        check = checks[name]
+        same = ("headline", "value_mm", "interval_mm", "limit_mm", "margin_mm", "status")
+        assert {key: number[key] for key in same} == {key: check[key] for key in same}
+        assert (number["status"] == "pass") == (number["margin_mm"] >= 0)
+    texts = {name: form.write(record).decode() for name, form in FORMATS.items()}
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in texts["markdown"].splitlines()]
+    table = {row[1]: row for row in rows if len(row) == 8 and row[1] in checks}
+    assert set(table) == set(checks)
+    lines = {line.split()[0]: line for line in texts["text"].splitlines() if line.startswith("  r")}
+    suite = ElementTree.fromstring(texts["junit"])
+    cases = {re.search(r"(r\d\d\d), target", case.get("name", ""))[1]: case for case in suite.iter("testcase")  # type: ignore[index]
+             if ", target" in case.get("name", "")}  # fmt: skip
+    said = [result["message"]["text"] for result in json.loads(texts["sarif"])["runs"][0]["results"]]
+    sarif = {found[0]: text for text in said if (found := re.match(r"r\d\d\d", text))}
+    assert set(sarif) == {name for name, check in checks.items() if check["status"] != "pass"}
+    for name, check in checks.items():
+        assert table[name][3] == words_of(check)
+        printed = [float(cell) for cell in table[name][4:7]]
+        assert printed == pytest.approx([check["value_mm"], check["limit_mm"], check["margin_mm"]], abs=6e-4)
+        assert table[name][7].split()[-1] == check["status"]
+        cells = lines[name].replace(" .. ", " ").split()
+        same_row([*cells[:-2], cells[-1]], check)
+        assert (cases[name].find("failure") is None) == (check["status"] == "pass")
+        if name in sarif:
+            low, high = check["interval_mm"]
+            expected = f"is {check['value_mm']:.4g} mm [{low:.4g}, {high:.4g}] mm, limit {check['limit_mm']:g} mm"
+            for words in (sarif[name], cases[name].find("failure").get("message")):  # type: ignore[union-attr]
+                assert expected in words
+                assert words_of(check) in words.replace(" of the tcp error", "")
+
+
+# --- Monte Carlo ----------------------------------------------------------------------------------
+
+
+def test_a_check_decides_at_the_yield_that_is_asked_for(values: dict[tuple[float, float | None], float]) -> None:
+    """The same in JSON, text and HTML, for what passes at 90 % and not at 99 %."""
+    limit = (values[0.95, 0.9] * values[0.95, 0.99]) ** 0.5
+    entries = [requirement(0.95, y, round(limit, 4), f"r{1000 * y:.0f}") for y in (0.5, 0.9, 0.99)]
+    entries += [requirement(0.99, 0.8, round(values[0.99, 0.8], 4), "open")]
+    found = verify(load_design(small_design(requirements=entries)), trials=20_000, seed=4)
+    record = json.loads(to_json(found))
+    checks = record["verdict"]["checks"]
+    agree(checks)
+    assert [check["status"] for check in checks] == ["pass", "pass", "fail", "inconclusive"]
+    text = verification_text(found)
+    reader = Rows()
+    page = render("verification", to_json(found), "html")[0].decode()
+    reader.feed(page[: page.index("<nav")])
+    for check in checks:
+        line = next(line for line in text.splitlines() if line.startswith(check["requirement"]))
+        cells = line.replace(" .. ", " ").split()
+        same_row([*cells[:-2], cells[-1]], check)
+        same_row(next(row for row in reader.rows if row[0] == check["requirement"]), check)
+        # first order agrees where it is calibrated
+        assert check["value_mm"] == pytest.approx(values[check["quantile"], check["min_yield"]], rel=0.04)
+    assert "FAIL" in page.upper()
+
+
+def test_a_yield_that_so_few_units_cannot_show_is_open_and_its_margin_not_known() -> None:
+    entry = requirement(0.95, 0.999, 50.0, "nearly-all")
+    (check,) = json.loads(to_json(verify(load_design(small_design(requirements=[entry])), trials=5000)))["verdict"][
+        "checks"
+    ]
+    assert (check["status"], check["interval_mm"][1], check["margin_mm"]) == ("inconclusive", None, None)
+    assert check["yield_fraction"] == 1.0
