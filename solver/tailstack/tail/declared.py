@@ -33,13 +33,7 @@ from .gaussian import (
 from .gradient import lattice_gradient
 from .law import TRIANGULAR, UNIFORM, LinearLaw, lattice_columns, linear_law
 from .removal import GAUSSIAN, LATTICE, SLACK, less_block, quantiles_without
-from .sampling import (
-    RANDOMISATIONS,
-    conditional_excess,
-    conditional_probability,
-    sample_rest,
-    sampled_quantile,
-)
+from .sampling import sample
 
 __all__ = [
     "GAUSSIAN_METHOD",
@@ -81,7 +75,8 @@ class LawQuantile(NamedTuple):
     """A quantile and how it was got.
 
     error_mm estimates the numerical error: for the lattice, the root sum of squares of the smallest decade of
-    terms kept plus the bound of the aliasing; for sampling, one standard error over 16 randomisations.
+    terms kept plus the bound of the aliasing; for sampling, one standard error over 16 randomisations and what taking
+    small columns as Gaussian may change.
     """
 
     p: float
@@ -131,8 +126,8 @@ def _quantile(law: LinearLaw, p: float, fine: bool) -> LawQuantile:
     found, r, density, error = solve(p, law.mean, law.covariance, h, *tolerances(p, fine))
     if found:
         return LawQuantile(p, float(r), float(density), LATTICE_METHOD, float(error / density))
-    x, longest = sample_rest(law.mean, law.covariance, h, _LOG2_POINTS if fine else _LOG2_COARSE)
-    r, density, error = sampled_quantile(p, x, longest)
+    points = sample(law.mean, law.covariance, h, _LOG2_POINTS if fine else _LOG2_COARSE)
+    r, density, error = points.quantile(p)
     return LawQuantile(p, r, density, SAMPLED_METHOD, error)
 
 
@@ -153,8 +148,7 @@ def _cdf(law: LinearLaw, r: float, fine: bool) -> float:
     found, value, _ = probability(r, law.mean, law.covariance, h, *tolerances(0.5, fine))
     if found:
         return float(value)
-    x, longest = sample_rest(law.mean, law.covariance, h, _LOG2_POINTS if fine else _LOG2_COARSE)
-    return float(conditional_probability(r, x, longest, RANDOMISATIONS).mean())
+    return sample(law.mean, law.covariance, h, _LOG2_POINTS if fine else _LOG2_COARSE).probability(r)
 
 
 def law_cdf(law: LinearLaw, r: float) -> float:
@@ -180,8 +174,7 @@ def _mean_excess(law: LinearLaw, h: Array, r: float, p: float) -> float:
     found, value = mean_excess(r, law.mean, law.covariance, h, *tolerances(p, True))
     if found:
         return float(value)
-    x, longest = sample_rest(law.mean, law.covariance, h, _LOG2_POINTS)
-    return float(conditional_excess(r, x, longest, RANDOMISATIONS).mean())
+    return sample(law.mean, law.covariance, h, _LOG2_POINTS).excess(r)
 
 
 def law_cvar(law: LinearLaw, p: float, quantile: LawQuantile | None = None) -> float:
@@ -270,6 +263,8 @@ def _gradient(
     if h.shape[0] == 0:
         _, _, dm, ds = norm_gradient_jit(law.mean, law.covariance, p)
         return dm, ds, np.zeros(k)
+    if total.method == SAMPLED_METHOD:
+        return _sampled_gradient(law, h, source, total)
     sigma, m, S, turned, axes, dimension, _ = on_principal_axes(law.mean, law.covariance, h)
     if dimension < 3:
         return _differences(law, total)
@@ -277,7 +272,7 @@ def _gradient(
     threshold, aliasing, largest = tolerances(p, fine)
     _, _, nodes, volume, _ = build(total.quantile_mm, sigma, m, m, S, turned, 0.1 * threshold, aliasing, largest, True)
     if volume == 0.0:
-        return _differences(law, total)
+        return _sampled_gradient(law, h, source, total)
     by_mean, by_covariance, by_column = lattice_gradient(
         total.quantile_mm, nodes, volume, m, S, turned, 0.1 * threshold
     )
@@ -287,8 +282,19 @@ def _gradient(
     return slope * (axes @ by_mean), slope * (axes @ by_covariance @ axes.T), slope * columns
 
 
+def _sampled_gradient(
+    law: LinearLaw, h: Array, source: NDArray[np.int64], total: LawQuantile
+) -> tuple[Array, Array, Array]:
+    """The same from one sample, where no lattice is small enough."""
+    points = sample(law.mean, law.covariance, h, _LOG2_POINTS)
+    by_mean, by_covariance, by_column = points.gradient(total.quantile_mm, h)
+    columns = np.zeros(law.kinds.size)
+    np.add.at(columns, source, by_column)
+    return by_mean, by_covariance, columns
+
+
 def _differences(law: LinearLaw, total: LawQuantile) -> tuple[Array, Array, Array]:
-    """The same by differences: of one set of points (sampled laws), or of exact sums (laws in a plane or on a line)."""
+    """The same by differences of exact sums, for laws in a plane or on a line."""
     k = law.kinds.size
     spread = sqrt(float(np.trace(law.total_covariance)))
     step = 1e-2
