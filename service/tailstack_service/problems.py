@@ -275,8 +275,10 @@ CATALOGUE: dict[str, ProblemType] = {
         _of(
             StoreError,
             503,
-            "The database is there, but not as this version of the service needs it. No job can be accepted or read.",
-            "An operator has to act: tailstack db check says what is wrong, tailstack db migrate brings it up to date.",
+            "The database is there, but not as this version of the service needs it: no job can be accepted or read. "
+            "Or something that it holds is no longer what was stored: that result is not shown, and its job fails.",
+            "An operator has to act: tailstack db check says what is wrong, tailstack db migrate brings it up to date. "
+            "A damaged result is computed again when its request is sent again.",
         ),
         ProblemType(
             "internal-error",

@@ -1,4 +1,4 @@
-"""Create, check and back up the database of jobs that TAILSTACK_DATABASE names (empty: a SQLite file of yours)."""
+"""Create, check, mend and back up the database of jobs of TAILSTACK_DATABASE (empty: a SQLite file of yours)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from .answer import NOT_EVALUATED, PASS, Answer
 from .given import add_database, settings_given
 
-HELP = "migrate, check or back up the database of jobs"
+HELP = "migrate, check, mend or back up the database of jobs"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,9 +18,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     check = actions.add_parser(
         "check", help="look at every job, unit and result; exit code 3 if one is wrong", allow_abbrev=False
     )
+    mend = actions.add_parser(
+        "mend", help="fail jobs whose stored answers are damaged, so that they can be asked again", allow_abbrev=False
+    )
     backup = actions.add_parser("backup", help="copy it into one file while the service runs", allow_abbrev=False)
     backup.add_argument("-o", "--output", metavar="FILE", required=True, help="file to make; must not exist")
-    for action in (migrate, check, backup):
+    for action in (migrate, check, mend, backup):
         add_database(action)
 
 
@@ -38,7 +41,19 @@ def run(arguments: argparse.Namespace) -> Answer:
         size = Path(arguments.output).stat().st_size
         print(f"wrote {arguments.output} ({size:,} bytes)\nto restore it: {restored}", file=sys.stderr)
         return Answer("")
-    return _check(url)
+    return _mend(url) if arguments.action == "mend" else _check(url)
+
+
+def _mend(url: str) -> Answer:
+    from ..store import upkeep
+    from ..store.database import open_database
+
+    db = open_database(url)
+    try:
+        answers, jobs = upkeep.mend(db)
+    finally:
+        db.close()
+    return Answer(f"{answers} damaged answers deleted; {jobs} jobs that came to them now fail with store-error\n")
 
 
 def _check(url: str) -> Answer:

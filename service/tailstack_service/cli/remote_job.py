@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import TYPE_CHECKING, Any
 
 from .progress import Progress
@@ -29,7 +30,10 @@ def answer(service: Service, path: str, request: dict[str, Any], progress: Progr
         raise
     if job["state"] != "succeeded":
         raise _ended(job)
-    return service.ask("GET", f"/v1/results/{job['result_sha256']}").body
+    body = service.ask("GET", f"/v1/results/{job['result_sha256']}").body
+    if hashlib.sha256(body).hexdigest() != job["result_sha256"]:
+        raise _changed(job)
+    return body
 
 
 def _cancel(service: Service, place: str) -> None:
@@ -40,6 +44,17 @@ def _cancel(service: Service, place: str) -> None:
         service.ask("POST", place + "/cancel", seconds=5.0)
     except RemoteError:
         return
+
+
+def _changed(job: dict[str, Any]) -> RemoteError:
+    """An answer that is not the one that was recorded, changed where it is stored or on its way."""
+    from tailstack.errors import Problem
+
+    from .remote import RemoteError
+
+    detail = f"the answer of job {job['id']} arrived changed: its SHA-256 is not {job['result_sha256']}"
+    problem = Problem("", "damaged-answer", detail, "ask again; a proxy in between must pass bytes on as they are")
+    return RemoteError("store-error", "The answer is damaged", 0, (problem,))
 
 
 def _ended(job: dict[str, Any]) -> RemoteError:

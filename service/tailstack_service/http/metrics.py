@@ -82,4 +82,8 @@ class _Stored(Collector):
         yield GaugeMetricFamily("tailstack_units_leased", "Units in the hands of workers.", seen.leased_units)
         yield CounterMetricFamily("tailstack_units_recorded", "Units recorded.", seen.recorded_units)
         yield CounterMetricFamily("tailstack_units_cpu_seconds", "CPU seconds of recorded units.", seen.cpu_seconds)
+        yield GaugeMetricFamily(
+            "tailstack_jobs_damaged", "Jobs that failed because something stored for them was found damaged.",
+            seen.damaged_jobs,
+        )  # fmt: skip
         yield GaugeMetricFamily("tailstack_workers_alive", "Workers whose heartbeat is fresh.", seen.live_workers)

@@ -10,7 +10,7 @@ from starlette.responses import Response
 from tailstack.errors import Problem, TailstackError
 
 from ..problems import TransportError
-from ..store.errors import StoreError, StoreUnavailable
+from ..store.errors import DamagedStore, StoreError, StoreUnavailable
 from .answers import path_of, problem_response
 from .bodies import BodyTooLarge, Placed
 
@@ -22,7 +22,7 @@ def refused(request: Request, error: TailstackError | Placed) -> Response:
     """The answer to a request that is refused."""
     refusal, prefix = (error.error, error.prefix) if isinstance(error, Placed) else (error, "")
     request_id = request.state.request_id
-    if isinstance(refusal, StoreUnavailable | StoreError):
+    if isinstance(refusal, StoreUnavailable | StoreError) and not isinstance(refusal, DamagedStore):
         refusal = _without_its_address(request_id, refusal)
     status = 413 if isinstance(refusal, BodyTooLarge) else None
     response = problem_response(refusal, instance=path_of(request), request_id=request_id, status=status, prefix=prefix)

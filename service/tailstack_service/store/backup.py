@@ -11,12 +11,14 @@ from contextlib import closing
 from pathlib import Path
 from shlex import quote
 
+import sqlalchemy as sa
 from sqlalchemy.engine import URL
 
 from tailstack.errors import Problem
 
-from .database import parse_url
-from .errors import StoreError
+from .damage import find_changed_results, find_missing_results
+from .database import connect, parse_url, reading
+from .errors import StoreError, StoreUnavailable
 
 DUMP_SECONDS = 3_600.0
 
@@ -26,13 +28,15 @@ def backup(url: str, target: Path) -> str:
 
     SQLite: the file itself, by the online backup API, its integrity checked.  PostgreSQL: ``pg_dump`` in its custom
     format, its table of contents read back.  The file appears under its name only when it is complete and on the disk.
-    Raises StoreError.
+    Raises StoreError, also where a stored answer is damaged: the earlier backups, which may hold it as it was, must not
+    make room for one that does not.
     """
     parsed = parse_url(url)
     if target.exists():
         raise _refused("backup-exists", f"{target} exists already", "give another name: nothing is overwritten")
     if not target.parent.is_dir():
         raise _refused("no-directory", f"there is no directory {target.parent}", f"mkdir -p {target.parent}")
+    _require_undamaged(url)
     with tempfile.TemporaryDirectory(prefix=".tailstack-backup-", dir=target.parent) as directory:
         partial = Path(directory) / "backup"
         if parsed.get_backend_name() == "sqlite":
@@ -50,6 +54,26 @@ def backup(url: str, target: Path) -> str:
             raise _refused("backup-exists", f"{target} exists already", "give another name") from None
     _sync(target.parent)
     return restored
+
+
+def _require_undamaged(url: str) -> None:
+    db = connect(url)
+    try:
+        with reading(db.within(DUMP_SECONDS)) as connection:
+            damaged = []
+            if sa.inspect(connection).has_table("results"):
+                damaged = [*find_changed_results(connection), *find_missing_results(connection)]
+    except StoreUnavailable as error:
+        raise _refused("backup-failed", error.problems[0].detail, error.problems[0].hint) from None
+    finally:
+        db.close()
+    if damaged:
+        names = ", ".join(damaged[:3]) + (" ..." if len(damaged) > 3 else "")
+        detail = f"{len(damaged)} of the stored answers are damaged and would be in the backup: {names}"
+        hint = (
+            "keep the earlier backups; tailstack db mend fails the jobs of these and deletes them, then back up again"
+        )
+        raise _refused("backup-damaged", detail, hint)
 
 
 def _refused(code: str, detail: str, hint: str) -> StoreError:

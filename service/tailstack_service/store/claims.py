@@ -22,6 +22,7 @@ from tailstack.errors import Problem
 
 from ..work.task import ADVANCE, UnitResult
 from . import tables
+from .damage import PART, REQUEST, digest, fail_job
 from .database import AnyRow, Database, now, reading, writing
 from .endings import as_problem, end_job
 from .errors import UnitLost
@@ -111,8 +112,10 @@ def claim(
         rows = _settled(connection, rows, at, solver_version, max_attempts, max_deaths)
         if not rows:
             return []
-        _lease(connection, rows, worker_id, at + lease_seconds)
         bodies = _requests(connection, {row.job_id for row in rows})
+        recorded = {row.job_id: _recorded(connection, row.job_id) for row in rows if row.advance}
+        rows = _sound(connection, rows, at, bodies, recorded)
+        _lease(connection, rows, worker_id, at + lease_seconds)
         return [
             Claim(
                 job_id=row.job_id,
@@ -122,7 +125,7 @@ def claim(
                 kind=row.kind,
                 request=bodies[row.job_id],
                 spec=row.spec,
-                results=_recorded(connection, row.job_id) if row.advance else (),
+                results=tuple(result for result, _ in recorded.get(row.job_id, ())),
                 deaths=row.deaths,
                 attempts=row.attempts + 1,
                 request_id=row.request_id,
@@ -154,6 +157,7 @@ _CANDIDATE = (
     sa.select(
         _UNIT.job_id, _UNIT.number, _UNIT.advance, _UNIT.place, _UNIT.spec, _UNIT.token, _UNIT.attempts, _UNIT.deaths,
         _JOB.kind, _JOB.generation, _JOB.request_id, _JOB.tenant, _JOB.state.label("job_state"), _JOB.solver_version,
+        _JOB.request_sha256,
     )
     .join(tables.jobs, _JOB.id == _UNIT.job_id)
     .order_by(_UNIT.place, _UNIT.job_id, _UNIT.number)
@@ -257,8 +261,32 @@ _LEASE = (
 
 
 def _lease(connection: Connection, rows: Iterable[AnyRow], worker_id: str, until: float) -> None:
+    if not rows:
+        return
     values = [{"of_job": row.job_id, "of_number": row.number, "by_worker": worker_id, "until": until} for row in rows]
     connection.execute(_LEASE, values)
+
+
+_Recorded = tuple[tuple[UnitResult, "str | None"], ...]  # with the hash under which each was recorded
+
+
+def _sound(
+    connection: Connection, rows: list[AnyRow], at: float, bodies: dict[str, bytes], recorded: dict[str, _Recorded]
+) -> list[AnyRow]:
+    """The rows whose jobs can go on; a job whose request or recorded results were changed fails."""
+    damages = {}
+    for job_id in {row.job_id for row in rows}:
+        expected = next(row.request_sha256 for row in rows if row.job_id == job_id)
+        if job_id not in bodies or digest(bodies[job_id]) != expected:
+            damages[job_id] = REQUEST, expected
+        for result, sha256 in recorded.get(job_id, ()):
+            if sha256 is not None and digest(result.result) != sha256:
+                damages[job_id] = PART, sha256
+    if damages:
+        query = sa.select(_JOB.id, _JOB.last_event, _JOB.finished_at).where(_JOB.id.in_(sorted(damages)))
+        for job in connection.execute(query.with_for_update(skip_locked=True)):
+            fail_job(connection, job, at, *damages[job.id])
+    return [row for row in rows if row.job_id not in damages]
 
 
 def _requests(connection: Connection, job_ids: set[str]) -> dict[str, bytes]:
@@ -268,12 +296,13 @@ def _requests(connection: Connection, job_ids: set[str]) -> dict[str, bytes]:
 _BODIES = sa.select(tables.requests).where(tables.requests.c.job_id.in_(sa.bindparam("job_ids", expanding=True)))
 
 
-def _recorded(connection: Connection, job_id: str) -> tuple[UnitResult, ...]:
-    return tuple(UnitResult(*row) for row in connection.execute(_RESULTS, {"of_job": job_id}))
+def _recorded(connection: Connection, job_id: str) -> _Recorded:
+    found = connection.execute(_RESULTS, {"of_job": job_id})
+    return tuple((UnitResult(row.number, row.spec, row.result), row.result_sha256) for row in found)
 
 
 _RESULTS = (
-    sa.select(_UNIT.number, _UNIT.spec, _UNIT.result)
+    sa.select(_UNIT.number, _UNIT.spec, _UNIT.result, _UNIT.result_sha256)
     .where(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.state == tables.RECORDED, _UNIT.advance.is_(False))
     .order_by(_UNIT.number)
 )

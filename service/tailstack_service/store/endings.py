@@ -17,6 +17,7 @@ from tailstack.json_text import write_json
 from ..problems import problem_document
 from . import tables
 from .events import tell
+from .identifiers import storable_json
 
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 
@@ -32,15 +33,17 @@ def end_job(
     problem: bytes | None = None,
     changes: Mapping[str, Any] = NOTHING,
 ) -> None:
-    """End an unfinished job whose row the caller holds; ``changes`` are columns that change with it.
+    """End a job whose row the caller holds; ``changes`` are columns that change with it.
 
     Units that are not recorded go; of those that are, the token stays, which tells a worker that asks again whether
     its record went through.
     """
     u, j = tables.units.c, tables.jobs.c
     connection.execute(sa.delete(tables.units).where(u.job_id == job_id, u.state != tables.RECORDED))
-    connection.execute(sa.update(tables.units).where(u.job_id == job_id).values(spec=None, result=None))
-    text = None if problem is None else write_json(json.loads(problem))
+    connection.execute(
+        sa.update(tables.units).where(u.job_id == job_id).values(spec=None, result=None, result_sha256=None)
+    )
+    text = None if problem is None else storable_json(write_json(json.loads(problem)))
     values = {
         "state": state,
         "finished_at": at,
@@ -60,4 +63,4 @@ def end_job(
 
 def as_problem(error: TailstackError) -> bytes:
     """A refusal as a problem document in JSON, without instance."""
-    return write_json(asdict(problem_document(error, instance=""))).encode()
+    return storable_json(write_json(asdict(problem_document(error, instance="")))).encode()

@@ -13,6 +13,12 @@ class StoreError(TailstackError):
     exit_code = 3
 
 
+class DamagedStore(StoreError):
+    """Something that was stored is no longer what was stored."""
+
+    title = "What was stored is damaged"
+
+
 class BadDatabaseUrl(StoreError):
     """What was given as the address of a database is none."""
 

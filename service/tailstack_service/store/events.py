@@ -13,7 +13,7 @@ from tailstack.json_text import write_json
 
 from . import tables
 from .database import Database, reading
-from .identifiers import is_job_id
+from .identifiers import is_job_id, storable_json
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Event:
 
 def tell(connection: Connection, job_id: str, sequence: int, at: float, name: str, data: dict[str, Any]) -> None:
     """Write one event; whoever calls holds the job's row and stores ``sequence`` there as ``last_event``."""
-    text = write_json(data)
+    text = storable_json(write_json(data))
     values = {"job_id": job_id, "sequence": sequence, "at": at, "name": name, "data": text}
     connection.execute(_TELL, values)
 

@@ -23,3 +23,8 @@ def is_job_id(text: str) -> bool:
 def storable(text: str) -> str:
     """The text without what a database cannot keep: NUL (PostgreSQL) and lone surrogates (both)."""
     return text.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
+
+
+def storable_json(text: str) -> str:
+    """The same JSON for a database: lone surrogates, which neither can keep, as the escapes that read back as them."""
+    return text.encode("utf-8", "backslashreplace").decode()

@@ -87,6 +87,7 @@ units = sa.Table(
     Column("lease_until", Double),
     Column("result", LargeBinary),
     Column("cpu_seconds", Double, nullable=False),
+    Column("result_sha256", Text),  # of a recorded result; None in rows that an earlier version recorded
     CheckConstraint("state IN ('ready', 'leased', 'recorded')", name="units_state"),
     Index(
         "units_ready", "place", "job_id", "number",
@@ -110,6 +111,17 @@ events = sa.Table(
     Column("at", Double, nullable=False),
     Column("name", Text, nullable=False),
     Column("data", Text, nullable=False),
+)
+
+# Jobs that failed because of what was found damaged
+damages = sa.Table(
+    "damages",
+    metadata,
+    Column("job_id", Identifier, ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True),
+    Column("what", Text, nullable=False),  # answer, request, part
+    Column("sha256", Identifier, nullable=False),  # that it was stored under
+    Column("found_at", Double, nullable=False),
+    Index("damages_by_hash", "sha256"),
 )
 
 workers = sa.Table(
@@ -145,6 +157,22 @@ usage = sa.Table(
     Column("minute", Integer, primary_key=True, autoincrement=False),  # epoch seconds over 60; 0: all that is older
     Column("units", Integer, nullable=False),
     Column("cpu_seconds", Double, nullable=False),
+)
+
+audit = sa.Table(
+    "audit",
+    metadata,
+    Column("id", Identifier, primary_key=True),  # sorts by time
+    Column("at", Double, nullable=False),
+    Column("actor", Text, nullable=False),  # who
+    Column("action", Text, nullable=False),  # what
+    Column("tenant", Identifier, nullable=False),
+    Column("subject", Text, nullable=False),  # which key, which policy
+    Column("detail", Text, nullable=False),  # JSON
+    Column("once", Text),  # rows with the same text are written once
+    Index("audit_of_tenant", "tenant", "action", "id"),
+    Index("audit_by_time", "at"),
+    Index("audit_once", "once", unique=True),
 )
 
 # The second condition is always true: for the first alone SQLite would walk the table instead of the partial index

@@ -14,6 +14,7 @@ from ..work.kinds import KINDS
 from ..work.task import ADVANCE, Outcome
 from . import results, tables
 from .claims import Claim, claim, lost_unit, new_unit
+from .damage import digest
 from .database import AnyRow, Database, now, writing
 from .endings import as_problem, end_job
 from .events import eta_seconds, tell
@@ -83,7 +84,8 @@ def record(db: Database, claim: Claim, outcome: Outcome, *, max_job_seconds: flo
         job = _hold(connection, claim)
         if job is None:
             return False
-        kept = {"result": outcome.result, "cpu_seconds": outcome.cpu_seconds}
+        sha256 = None if outcome.result is None else digest(outcome.result)
+        kept = {"result": outcome.result, "result_sha256": sha256, "cpu_seconds": outcome.cpu_seconds}
         if job.state not in tables.UNFINISHED or not _give_up(connection, claim, "recorded", **kept):
             return _was_recorded(connection, claim)
         at = now(db, connection)

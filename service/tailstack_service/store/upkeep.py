@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
-from . import tables, usage
+from . import damage, tables, usage
 from .backup import backup
+from .damage import mend
 from .database import Database, now, reading, writing
 from .schema import HEAD, migrate, schema_version
 
-__all__ = ["HEAD", "Check", "Purged", "backup", "check", "migrate", "purge", "schema_version"]
+__all__ = ["HEAD", "Check", "Purged", "backup", "check", "mend", "migrate", "purge", "schema_version"]
 
 JOBS_AT_A_TIME = 20  # so that nobody waits long for the write lock
 SECONDS_PER_DAY = 86_400.0
@@ -53,7 +53,7 @@ def check(db: Database) -> list[Check]:
             return checks
         if db.dialect == "sqlite":
             checks += [_pragma(connection, "integrity_check"), _pragma(connection, "foreign_key_check")]
-        checks.append(_results(connection))
+        checks += _hashes(connection)
         checks += [_none(connection, name, query) for name, query in _RULES.items()]
     return checks
 
@@ -71,16 +71,17 @@ def _pragma(connection: Connection, name: str) -> Check:
     return Check(name.replace("_", " "), not wrong, "; ".join(wrong[:5]) or "ok")
 
 
-def _results(connection: Connection) -> Check:
-    r = tables.results.c
-    names = connection.execute(sa.select(r.sha256).order_by(r.sha256)).scalars().all()
-    wrong = []
-    for name in names:
-        body = connection.execute(sa.select(r.body).where(r.sha256 == name)).scalar_one()
-        if hashlib.sha256(body).hexdigest() != name:
-            wrong.append(name)
-    detail = f"{len(wrong)} of {len(names)} do not: {', '.join(wrong[:3])}" if wrong else f"{len(names)} results"
-    return Check("results hash to their names", not wrong, detail)
+def _hashes(connection: Connection) -> list[Check]:
+    checks = []
+    for name, find in (
+        ("results hash to their names", damage.find_changed_results),
+        ("requests have the hash they came with", damage.find_changed_requests),
+        ("recorded units have the hash they were recorded with", damage.find_changed_parts),
+    ):
+        wrong = list(find(connection))
+        detail = f"not so: {', '.join(wrong[:3])}{' ...' if len(wrong) > 3 else ''}" if wrong else "ok"
+        checks.append(Check(name, not wrong, detail))
+    return checks
 
 
 _J, _U = tables.jobs.c, tables.units.c

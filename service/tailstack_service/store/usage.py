@@ -10,6 +10,7 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from . import tables
+from .damage import count_damaged
 from .database import Database, insert, now, reading
 from .workers import count_live
 
@@ -27,6 +28,7 @@ class Figures:
     recorded_units: int  # since the database was made
     cpu_seconds: float  # of those
     live_workers: int
+    damaged_jobs: int  # that failed because something they stored was found damaged
 
 
 def count_unit(db: Database, connection: Connection, tenant: str, at: float, cpu_seconds: float) -> None:
@@ -86,6 +88,7 @@ def figures(db: Database, *, fresh_seconds: float = 60.0) -> Figures:
             recorded_units=int(recorded),
             cpu_seconds=float(cpu_seconds),
             live_workers=count_live(connection, at, fresh_seconds),
+            damaged_jobs=count_damaged(connection),
         )
 
 
