@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import runpy
 from dataclasses import replace
@@ -16,7 +17,8 @@ from tailstack_service.documents import from_plain, json_schema
 from tailstack_service.rendering.studies.comparison import comparison_text
 from tailstack_service.rendering.studies.comparison_figure import comparison_svg
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
 DEMO = str(EXAMPLES / "demo.yaml")
 FILES = EXAMPLES / "measurements"
 
@@ -73,8 +75,23 @@ def test_the_paper_s_summary_is_read_and_not_tested(capsys: pytest.CaptureFixtur
     assert main(command) == 4
     text = " ".join(capsys.readouterr().out.split())
     assert "0.276 mm/px" in text
+    assert "1.09 standard deviations above the mean, where a normal law has 1.645" in text
+    assert "1.00 standard deviations above the mean" in text
+    assert "P95 over mean does not grow with the level: 1.009, 1.008" in text
     assert "one degree of freedom" in text
     assert "its own reference, not a measurement" in text
+
+
+def test_the_example_of_the_papers_bench_is_its_table_as_printed() -> None:
+    """published: S4, typed once more by itself."""
+    with (ROOT / "tests" / "data" / "paper_tables.csv").open(encoding="utf-8", newline="") as stream:
+        typed = {(one["row"], one["column"]): one["printed"] for one in csv.DictReader(stream) if one["table"] == "S4"}
+    text = (FILES / "paper_s4.csv").read_text(encoding="utf-8")
+    rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
+    names = {
+        "mean_mm": "e_3d_mean", "sd_mm": "e_3d_std", "p95_mm": "e_3d_p95", "reprojection_px": "e_reprojection_mean_px",
+    }  # fmt: skip
+    assert {(row["level"], names[k]): row[k] for row in rows for k in names} == typed
 
 
 def test_the_simulated_files_are_those_their_script_writes() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
-from service_scenes import EXAMPLES, coplanar_design, write_json
+from service_scenes import EXAMPLES, ROOT, coplanar_design, write_json
 from test_report_figures import check_picture
 
 from tailstack.studies.published import CELLS
@@ -54,9 +54,10 @@ def test_text_holds_every_printed_cell_with_its_z(printed: dict) -> None:
     lines = text.splitlines()
     for cell in study.geometries[0].cells:
         if cell.printed_mm is not None and cell.table != "S3":
+            in_table = {90.39: "90", 108.56: "108"}.get(cell.printed_mm, f"{cell.printed_mm:g}")  # as the table has it
             line = next(line for line in lines if line.startswith(f"{cell.row}, "[: len(cell.row) + 2])
                         and (", mean" if cell.quantity == "mean" else ", P95") in line)  # fmt: skip
-            assert f"{cell.printed_mm:g}" in line.split()
+            assert in_table in line.split()
             assert f"{cell.z:+.2f}" in line
     unwrapped = " ".join(text.split())
     assert all(statement.sentence in unwrapped for statement in study.statements)
@@ -69,6 +70,37 @@ def test_text_holds_every_printed_cell_with_its_z(printed: dict) -> None:
         assert float(printed_mm) == cells[0].printed_mm
         assert [ours[1], ours[3]] == [f"{cell.z:+.2f}" for cell in cells[:2]]
     assert "are the same numbers in either reading" in unwrapped
+
+
+def test_text_has_every_cell_of_the_tables(printed: dict) -> None:
+    """published: the tables, typed once more by themselves."""
+    text = paper_text(from_plain("study-paper", printed["study"]))
+    lines = text.splitlines()
+    heads = {name: next(k for k, line in enumerate(lines) if line.startswith(start)) for name, start in (
+        ("S1", "S1: "), ("S2", "S2: "), ("S3", "S3: standard"), ("means", "S3: means"), ("S4", "S4, as"),
+        ("analytic", "printed, analytic"),
+    )}  # fmt: skip
+
+    def row(table: str, start: str) -> list[str]:
+        return next(line for line in lines[heads[table] :] if line.startswith(start)).removeprefix(start).split()
+
+    with (ROOT / "tests" / "data" / "paper_tables.csv").open(encoding="utf-8", newline="") as stream:
+        for one in csv.DictReader(stream):
+            metres = f"{1000 * float(one['printed']):g}"
+            if one["table"] == "S1":
+                said = row("S1", one["row"] + (", P95" if one["column"] == "e_tcp_p95" else ", mean"))
+                assert said[one["column"] != "e_3d_mean"] == metres, one
+            elif one["table"] == "S2":
+                assert row("S2", f"{one['row']}, {one['column']}, P95")[0] == metres, one
+            elif one["table"] == "S4":
+                columns = ("e_3d_mean", "e_3d_std", "e_3d_p95", "e_reprojection_mean_px")
+                assert row("S4", one["row"])[columns.index(one["column"])] == one["printed"], one
+            elif one["column"].endswith("_mean"):
+                assert row("means", one["row"])[one["column"] == "analytic_mean"] == one["printed"], one
+            elif one["column"] == "mc_std":
+                assert row("S3", f"std {one['row']}")[0] == metres, one
+            else:
+                assert row("analytic", "printed, analytic")["xyz".index(one["row"])] == metres, one
 
 
 def test_csv_has_a_line_for_each_cell_and_geometry(printed: dict) -> None:

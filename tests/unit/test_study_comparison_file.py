@@ -257,3 +257,23 @@ def test_a_summary_without_trials_is_only_shown() -> None:
     assert "benches of 100 trials" in rules["assumed-trials"].message
     other = study_comparison(system, b"level,mean_mm,reprojection_px\nL1,.69,2.5\nL2,1.5,5.0\n")
     assert "constant-ratio" not in {finding.rule for finding in other.findings}
+
+
+def test_a_stated_p95_says_where_the_tail_stands_beside_such_benches() -> None:
+    """closed form: (P95 - mean) / sd of the file's own numbers; sampled: norms of three equal normal coordinates have
+    1.72 standard deviations (a chi law with 3 degrees of freedom)."""
+    system = cube8_system(targets=(target((0, 0, 70), "tip"),))
+    text = b"level,mean_mm,sd_mm,p95_mm\nL1,1.0,0.1,1.1\nL2,2.0,0.1,2.3\n"
+    study = study_comparison(system, text)
+    shapes = [level.tail_shape for level in study.levels]
+    assert [shape.standard_deviations for shape in shapes] == pytest.approx([1.0, 3.0])
+    assert [shape.p95_over_mean for shape in shapes] == pytest.approx([1.1, 1.15])
+    assert shapes[0].predicted_standard_deviations == pytest.approx(1.72, abs=0.1)
+    said = [finding.message for finding in study.findings if finding.rule in ("tail-shape", "tail-growth")]
+    assert "no heavy tail" in said[0]
+    assert "no heavy tail" not in said[1]
+    assert "grows from level to level" in said[2]
+    without = study_comparison(system, b"level,mean_mm,sd_mm\nL1,1.0,0.1\n")
+    assert without.levels[0].tail_shape is None
+    metres = study_comparison(system, b"level,mean_m,sd_m,p95_m\nL1,0.001,0.0001,0.0011\n")
+    assert metres.levels[0].tail_shape.standard_deviations == pytest.approx(1.0)

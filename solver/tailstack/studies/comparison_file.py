@@ -34,6 +34,7 @@ class Summary:
     n: int | None
     mean_mm: float
     sd_mm: float | None
+    p95_mm: float | None
     reprojection_px: float | None
 
 
@@ -155,7 +156,7 @@ def _summary_group(table: Table, level: str, target: str, rows: Sequence[Row]) -
         (),
         (),
         row.line,
-        Summary(row.n, mean, row.sd, row.reprojection_px),
+        Summary(row.n, mean, row.sd, row.p95, row.reprojection_px),
     )
 
 

@@ -18,7 +18,7 @@ from ..results import Interval
 from ..scoring import vector3
 from ..system import Array, Law, System
 from .comparison_bench import at_level, expected, simulated
-from .comparison_file import Group, Measurements
+from .comparison_file import Group, Measurements, Summary
 from .comparison_records import (
     BiasCompared,
     ComparisonTest,
@@ -27,6 +27,7 @@ from .comparison_records import (
     NormCompared,
     QuantilePoint,
     SpreadCompared,
+    TailShape,
     TestName,
 )
 from .comparison_statistics import (
@@ -187,6 +188,21 @@ def compared(
         quantiles=() if bench.norms is None else _quantiles(bench.norms, norms),
         ratio_to_reprojection_mm_per_px=ratio,
         not_tested=bench.reason,
+        tail_shape=_tail_shape(group.summary, norms),
+    )
+
+
+def _tail_shape(summary: Summary | None, norms: Array) -> TailShape | None:
+    """Where a summary's P95 stands, beside the median of simulated benches (m, n)."""
+    if summary is None or summary.p95_mm is None or summary.mean_mm <= 0:
+        return None
+    means, deviations, tails = norms.mean(axis=1), norms.std(axis=1, ddof=1), np.quantile(norms, 0.95, axis=1)
+    moves = bool((deviations > 0).all())
+    return TailShape(
+        p95_over_mean=summary.p95_mm / summary.mean_mm,
+        standard_deviations=(summary.p95_mm - summary.mean_mm) / summary.sd_mm if summary.sd_mm else None,
+        predicted_p95_over_mean=float(np.median(tails / means)) if moves else 1.0,
+        predicted_standard_deviations=float(np.median((tails - means) / deviations)) if moves else None,
     )
 
 

@@ -54,6 +54,16 @@ class SpreadCompared:
 
 
 @dataclass(frozen=True, slots=True)
+class TailShape:
+    """How far the P95 of the error norm stands above its mean, of summary statistics; no test, as n is not enough."""
+
+    p95_over_mean: float
+    standard_deviations: float | None  # (P95 - mean) / standard deviation; a normal law has 1.645
+    predicted_p95_over_mean: float  # median of simulated benches, and the next
+    predicted_standard_deviations: float | None  # None: nothing varies from trial to trial
+
+
+@dataclass(frozen=True, slots=True)
 class ComparisonTest:
     """One test of one level at one target."""
 
@@ -95,6 +105,7 @@ class LevelCompared:
     quantiles: tuple[QuantilePoint, ...]
     ratio_to_reprojection_mm_per_px: float | None
     not_tested: str  # why, or ""
+    tail_shape: TailShape | None = None  # of summary statistics that state a P95
 
 
 @dataclass(frozen=True, slots=True)

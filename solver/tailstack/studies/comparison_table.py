@@ -35,7 +35,7 @@ EXAMPLES: dict[Form, str] = {
     "points": "level,installation,trial,target,x_mm,y_mm,z_mm",
     "vectors": "level,installation,trial,target,error_x_mm,error_y_mm,error_z_mm",
     "norms": "level,installation,trial,target,error_mm",
-    "summary": "level,target,n,mean_mm,sd_mm,reprojection_px",
+    "summary": "level,target,n,mean_mm,sd_mm,p95_mm,reprojection_px",
 }
 LABELS: dict[Form, tuple[str, ...]] = {
     **dict.fromkeys(("points", "vectors", "norms"), ("level", "installation", "trial", "target")),
@@ -58,8 +58,9 @@ class Row:
     labels: dict[str, str]
     values: tuple[float, ...]  # mm
     deliberate: tuple[float, ...] | None  # rad, mm
-    n: int | None  # of a summary, and the next two
+    n: int | None  # of a summary, and the next three
     sd: float | None  # mm
+    p95: float | None  # mm
     reprojection_px: float | None
 
 
@@ -145,12 +146,9 @@ class Table:
         if not signed and min(values) < 0:
             axis = self.heads[AXES[self.form][int(np.argmin(values))]]
             raise refusal(self.name, line, "out-of-range", f"{axis} cannot be negative", column=axis)
-        sd, px = self._optional(cells, line, "sd"), self._optional(cells, line, "reprojection")
-        sd = None if sd is None else scale * sd
-        if sd is not None and sd > FARTHEST_MM:
-            hint = "is the unit in the header the right one?"
-            raise refusal(self.name, line, "out-of-range", f"{self.heads['sd']} is more than 100 m", hint)
-        return Row(line, labels, values, self._deliberate(cells, line), self._n(cells, line), sd, px)
+        sd, p95 = (self._optional_length(cells, line, column) for column in ("sd", "p95"))
+        px = self._optional(cells, line, "reprojection")
+        return Row(line, labels, values, self._deliberate(cells, line), self._n(cells, line), sd, p95, px)
 
     def _number(self, cells: Sequence[str], line: int, column: str) -> float:
         said, column = cells[self.columns[column]], self.heads[column]
@@ -197,6 +195,16 @@ class Table:
             hint = "leave the column out where the number is not known" if not said else ""
             raise refusal(self.name, line, code, detail, hint, "n")
         return int(said)
+
+    def _optional_length(self, cells: Sequence[str], line: int, column: str) -> float | None:
+        """A length that may be absent, mm."""
+        value = self._optional(cells, line, column)
+        if value is None:
+            return None
+        if MM[self.unit] * value > FARTHEST_MM:
+            hint = "is the unit in the header the right one?"
+            raise refusal(self.name, line, "out-of-range", f"{self.heads[column]} is more than 100 m", hint)
+        return MM[self.unit] * value
 
     def _optional(self, cells: Sequence[str], line: int, column: str) -> float | None:
         if column not in self.columns:
@@ -255,7 +263,7 @@ def _columns(name: str, line: int, said: Sequence[str], form: Form) -> tuple[dic
         elif stem == "reprojection" and form == "summary":
             if unit != "px":
                 raise refusal(name, line, "csv-header", f"reprojection is in px: reprojection_px; got {shown(cell)}")
-        elif stem in AXES[form] or stem in TRANSLATIONS or (stem == "sd" and form == "summary"):
+        elif stem in AXES[form] or stem in TRANSLATIONS or (stem in ("sd", "p95") and form == "summary"):
             if unit not in MM:
                 detail = f"column {shown(cell)} has no known unit of length"
                 raise refusal(name, line, "csv-header", detail, f"for example {stem}_mm; units: {UNITS}")

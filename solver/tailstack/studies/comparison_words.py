@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from math import inf, log
 from typing import Literal
 
@@ -10,6 +11,7 @@ from ..results import Finding, Interval
 from .comparison_records import Explanation, LevelCompared, SpreadCompared, TestName
 
 MOST_LISTED = 6
+NORMAL_P95 = 1.645  # standard deviations from the mean of a normal law to its P95
 UNKNOWN = 100  # trials that are simulated where their number is not stated: only the prediction is shown
 Verdict = Literal["agrees", "differs", "not testable"]
 
@@ -82,7 +84,30 @@ def findings_of(levels: Sequence[LevelCompared], same_ratio: float) -> tuple[Fin
             "degree of freedom between them"
         )
         found.append(Finding("constant-ratio", "warning", message, value=known[0]))
-    return tuple(found)
+    return (*found, *_shapes(levels))
+
+
+def _shapes(levels: Sequence[LevelCompared]) -> list[Finding]:
+    """What a stated P95 says of the tail, without a number of trials."""
+    shapes = [(level, level.tail_shape) for level in levels if level.tail_shape is not None]
+    found = []
+    for level, shape in shapes:
+        if shape.standard_deviations is None:
+            continue
+        ours = shape.predicted_standard_deviations
+        message = (
+            f"level {level.level} at {level.target}: P95 stands {shape.standard_deviations:.2f} standard deviations "
+            f"above the mean, where a normal law has {NORMAL_P95}"
+            + ("" if ours is None else f" and benches like this one {ours:.2f}")
+            + ("" if shape.standard_deviations > NORMAL_P95 else ": no heavy tail at P95")
+        )
+        found.append(Finding("tail-shape", "note", message, value=shape.standard_deviations))
+    if len(shapes) > 1:
+        listed = ", ".join(f"{shape.p95_over_mean:.4g}" for _, shape in shapes)
+        grows = all(a.p95_over_mean < b.p95_over_mean for (_, a), (_, b) in pairwise(shapes))
+        words = "grows from level to level" if grows else "does not grow with the level"
+        found.append(Finding("tail-growth", "note", f"P95 over mean {words}: {listed}"))
+    return found
 
 
 def conclusions(levels: Sequence[LevelCompared], explained: Sequence[Explanation], verdict: Verdict) -> tuple[str, ...]:

@@ -16,8 +16,9 @@ from ..system import System
 from ..version import __version__
 from .paper_cells import AXIS, BAND, Sampled, cell, printed_at, sampled
 from .paper_factor import factor
-from .paper_levels import additivity, level_ratios
-from .paper_records import Geometry, PaperCell, StudyPaper
+from .paper_levels import additivity, level_ratios, shape
+from .paper_printed import printed_cells
+from .paper_records import Geometry, LevelShape, PaperCell, StudyPaper
 from .paper_statements import statements
 from .published import (
     LEVELS,
@@ -38,12 +39,6 @@ NORMS: tuple[Quantity, ...] = ("mean", "p95")
 NOISES_PX = (0.0, 2.0, 5.0)
 DEFAULT_TRIALS = 100_000
 FEWEST_TRIALS = 20 * TRIALS  # so that our own error is a fifth of the paper's at most
-NOT_HELD = (
-    "S1: P95 of the translation rows",
-    "S2: the cell of L0 without noise (it is zero in any geometry)",
-    "S4: its two columns themselves; held are their ratio and that L0 has no spread",
-    "the error at the tool: no printed number of it, nor whether there is one; ours is tcp_mm of every cell",
-)
 
 Progress = Callable[[int, int], None]
 Row = tuple[Table, str, Quantity, Setting]
@@ -118,6 +113,7 @@ def paper_study(
     kept: list[dict[Setting, Sampled]] = [{} for _ in cases]
     needed = {Setting(0.0, 0.0, S3_NOISE_PX)}
     noisy: list[dict[str, float]] = [{} for _ in cases]
+    shapes: list[dict[str, LevelShape]] = [{} for _ in cases]
     levels = {Setting(*torsor, S3_NOISE_PX): level for level, torsor in LEVELS.items()}
     for done, ((k, setting), (at, made)) in enumerate(_in_order(work, asked, threads)):
         cells[k].update(made)
@@ -125,10 +121,18 @@ def paper_study(
             kept[k][setting] = at
         if setting in levels:
             noisy[k][levels[setting]] = at.reprojection_px
+            shapes[k][levels[setting]] = shape(levels[setting], at.localisation)
         if progress is not None:
             progress(done + 1, len(asked))
     geometries = tuple(
-        _geometry(case, system, tuple(cells[k][place] for place in range(len(table))), kept[k], noisy[k])
+        _geometry(
+            case,
+            system,
+            tuple(cells[k][place] for place in range(len(table))),
+            kept[k],
+            noisy[k],
+            tuple(shapes[k][level] for level in LEVELS),
+        )
         for k, (case, system) in enumerate(zip(cases, systems, strict=True))
     )
     return StudyPaper(
@@ -139,8 +143,8 @@ def paper_study(
         published_trials=TRIALS,
         band=BAND,
         geometries=geometries,
+        printed=printed_cells(geometries),
         statements=statements(geometries),
-        not_held=NOT_HELD,
         tailstack_version=__version__,
     )
 
@@ -153,7 +157,12 @@ def _in_order(
 
 
 def _geometry(
-    case: Case, system: System, cells: tuple[PaperCell, ...], kept: dict[Setting, Sampled], noisy: dict[str, float]
+    case: Case,
+    system: System,
+    cells: tuple[PaperCell, ...],
+    kept: dict[Setting, Sampled],
+    noisy: dict[str, float],
+    shapes: tuple[LevelShape, ...],
 ) -> Geometry:
     compared = [one for one in cells if one.z is not None]
     target = system.targets[case.target]
@@ -175,4 +184,5 @@ def _geometry(
         additivity=additivity(second, case.compared),
         factor=factor(system, case.target, kept[Setting(0.0, 0.0, S3_NOISE_PX)], case.compared),
         levels=level_ratios(system, case.target, noisy),
+        shapes=shapes,
     )

@@ -13,10 +13,14 @@ from ..scoring import vector3
 from ..system import Array, System
 from .paper_cells import AXIS, Sampled, Statistic, statistic
 from .paper_records import Factor, Propagation
-from .published import AXES, MM_PER_PRINTED_UNIT, S3, S3_ANALYTIC
+from .published import AXES, MM_PER_PRINTED_UNIT, S3, S3_ANALYTIC, TABLES
 from .settings import under
 
 ROUNDING_MM = 0.5e-3 * MM_PER_PRINTED_UNIT  # of the analytic column: three decimals
+# Monte Carlo less analytic, both printed with three decimals
+S3_MEAN_DIFFERENCE_MM = np.array(
+    [round(MM_PER_PRINTED_UNIT * (float(row[1]) - float(row[2])), 6) for row in TABLES["S3"]["rows"]]
+)
 
 
 def _part(block: Block) -> Array:
@@ -66,6 +70,7 @@ def factor(system: System, target: int, at: Sampled, compared: bool) -> Factor:
     found = [statistic(at.localisation, quantity) for quantity in AXIS]
     sampled = np.array([one.value for one in found])
     analytic = np.array(S3_ANALYTIC) * MM_PER_PRINTED_UNIT
+    own = at.localisation
     propagations = []
     for name, words, std in ways(system, target, at):
         difference = analytic - std
@@ -85,6 +90,9 @@ def factor(system: System, target: int, at: Sampled, compared: bool) -> Factor:
         standard_error_mm=vector3(np.array([one.standard_error for one in found])),
         printed_monte_carlo_mm=_printed_monte_carlo() if compared else None,
         printed_analytic_mm=vector3(analytic) if compared else None,
+        mean_error_mm=vector3(own.mean(axis=1)),
+        mean_standard_error_mm=vector3(own.std(axis=1) / np.sqrt(own.shape[1])),
+        printed_mean_difference_mm=vector3(S3_MEAN_DIFFERENCE_MM) if compared else None,
         propagations=tuple(propagations),
         sentence=_sentence(propagations, found, compared),
     )

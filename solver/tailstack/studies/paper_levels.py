@@ -11,7 +11,7 @@ from ..estimation.resection import project, resect
 from ..estimation.triangulation import triangulate
 from ..propagation.chain import estimator_geometry
 from ..system import Array, Reading, System
-from .paper_records import Additivity, LevelRatio, PaperCell
+from .paper_records import Additivity, LevelRatio, LevelShape, PaperCell
 from .published import LEVELS, S2, Setting
 from .settings import under
 
@@ -76,6 +76,13 @@ def level_ratios(system: System, target: int, noisy_px: Mapping[str, float]) -> 
             )
         )
     return tuple(rows)
+
+
+def shape(level: str, errors: Array) -> LevelShape:
+    """Where the P95 of the norm of errors (3, n), mm, stands."""
+    norms = np.linalg.norm(errors, axis=0)
+    mean, p95 = float(norms.mean()), float(np.quantile(norms, 0.95))
+    return LevelShape(level, p95 / mean, (p95 - mean) / float(norms.std()))
 
 
 def _rms(differences: list[Array]) -> float:

@@ -9,6 +9,20 @@ from ..results import Interval, Vector3
 
 
 @dataclass(frozen=True, slots=True)
+class PrintedCell:
+    """A cell as it stands in its table, beside ours, or with the reason why nothing can stand beside it."""
+
+    table: Literal["S1", "S2", "S3", "S4"]
+    row: str
+    column: str
+    printed: str
+    value: float  # S1-S3: mm, read as metres; S4: as printed, mm or px
+    unit: Literal["mm", "px"]
+    ours: tuple[float | None, ...]  # of every geometry, in the same unit
+    remark: str  # why there is none, or why it is not compared; "" for a cell that is compared
+
+
+@dataclass(frozen=True, slots=True)
 class PaperCell:
     """One statistic under one condition: what is printed, what the full chain gives, and how far apart they may be."""
 
@@ -23,7 +37,9 @@ class PaperCell:
     tcp_mm: float  # the same statistic of the error at the tool, sampled at the same trials
     first_order_mm: float
     other_reading_mm: float  # first order in the other reading of the installation error
-    printed_mm: float | None  # None: not held, or this geometry is not meant to be the paper's
+    # of the 3-D error, of the tool's where the table has no other; None: not printed, trivial, or this geometry is not
+    # meant to be the paper's
+    printed_mm: float | None
     rounding_mm: float | None  # half of the last printed decimal
     published_error_mm: float  # standard deviation of this statistic over experiments of the paper's size
     band_mm: Interval  # where 99 % of such experiments would print it
@@ -67,6 +83,9 @@ class Factor:
     standard_error_mm: Vector3
     printed_monte_carlo_mm: Vector3 | None
     printed_analytic_mm: Vector3 | None
+    mean_error_mm: Vector3  # of Monte Carlo: how far its mean is from the point that first order has for its mean
+    mean_standard_error_mm: Vector3
+    printed_mean_difference_mm: Vector3 | None  # Monte Carlo less analytic
     propagations: tuple[Propagation, ...]
     sentence: str
 
@@ -83,6 +102,15 @@ class LevelRatio:
     reprojection_noisy_px: float  # the same with 2 px of noise: mean over trials
     reprojection_kept_px: float  # matrices of L0 kept: RMS over fiducials and views
     mm_per_px: float | None  # error over the latter; None at L0
+
+
+@dataclass(frozen=True, slots=True)
+class LevelShape:
+    """Where the P95 of the error stands at a level with 2 px of noise: S4 beside this says what its tail is."""
+
+    level: str
+    p95_over_mean: float
+    standard_deviations: float  # (P95 - mean) / standard deviation; a normal law has 1.645
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,13 +131,14 @@ class Geometry:
     additivity: tuple[Additivity, ...]
     factor: Factor
     levels: tuple[LevelRatio, ...]
+    shapes: tuple[LevelShape, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Statement:
     """Something that can be said of the tables, with the numbers it rests on."""
 
-    about: Literal["units", "repeat", "falling", "lever", "S4"]
+    about: Literal["units", "repeat", "falling", "lever", "means", "S4", "tail", "zero"]
     sentence: str
     values: tuple[float, ...]
 
@@ -125,6 +154,6 @@ class StudyPaper:
     published_trials: int
     band: float  # 0.99
     geometries: tuple[Geometry, ...]
+    printed: tuple[PrintedCell, ...]  # every cell of S1-S4
     statements: tuple[Statement, ...]
-    not_held: tuple[str, ...]  # printed numbers that this comparison lacks
     tailstack_version: str
