@@ -73,6 +73,9 @@ class Settings:
     worker_processes: int = _setting(usable_cores(), "computing processes of one worker (engine pool)", 1, 256)
     lease_seconds: float = _setting(15.0, "seconds after which a silent worker's units are given to another", 1, 3_600)
     poll_seconds: float = _setting(0.05, "seconds between an idle worker's looks for work", 0.005, 60)
+    hang_seconds: float = _setting(
+        30.0, "seconds for which a computing process may use no processor time before it counts as hung", 1, 86_400
+    )
     max_unit_deaths: int = _setting(5, "computing processes that one unit may take with it", 1, 100)
     max_unit_attempts: int = _setting(25, "times that one unit is begun, whatever ended it", 1, 1_000)
 

@@ -442,3 +442,42 @@ def test_outcomes_with_odd_texts_can_be_told(store: Database) -> None:
     failed = find(store, job)
     assert failed.problem is not None
     assert failed.problem["detail"] == "nul \0 and \ud800"
+
+
+# --- a clock that was ahead ----------------------------------------------------------------------
+
+
+def test_a_lease_given_while_the_clock_was_ahead_does_not_stand_until_then(store: Database, clock: Clock) -> None:
+    submit(store)
+    clock.advance(7_200)
+    held = claim_one(store, "w1")
+    clock.advance(-7_200)
+    again = claim_one(store, "w2")
+    assert (again.job_id, again.token) == (held.job_id, held.token + 1)
+    assert not record(store, held, more=specs(1))
+    assert record(store, again, more=specs(1))
+
+
+def test_a_clock_set_back_a_little_takes_nothing_from_who_computes(store: Database, clock: Clock) -> None:
+    submit(store)
+    held = claim_one(store, "w1")
+    clock.advance(-0.5)
+    assert claim(store, "w2") == []
+    assert record(store, held, more=specs(1))
+
+
+def test_a_worker_seen_in_the_future_is_not_alive(store: Database, clock: Clock) -> None:
+    submit(store, solver_version="0.9")
+    clock.advance(7_200)
+    units.heartbeat(store, "w1", "host", 1, "0.9", "pool", 1)
+    clock.advance(-7_200)
+    assert usage.figures(store).live_workers == 0
+    assert claim_one(store, "w2").generation == 2  # begun anew: nobody of its version is there
+
+
+def test_cpu_seconds_used_in_the_future_are_not_of_the_last_hour(store: Database, clock: Clock) -> None:
+    split(store, 1)
+    clock.advance(7_200)
+    assert record(store, claim_one(store), result=b"r", cpu_seconds=100.0)
+    clock.advance(-7_200)
+    assert usage.cpu_seconds_since(store, "acme", clock.now - 3_600) < 10.0

@@ -247,3 +247,18 @@ def test_old_jobs_are_deleted_in_the_background(tmp_path: Path, monkeypatch: pyt
         finally:
             tidying.end()
         assert jobs.find(db, TENANT, kept.id) is not None
+
+
+def test_a_computing_process_that_is_stopped_is_replaced_within_its_time(database_url: str, tmp_path: Path) -> None:
+    note = tmp_path / "note"
+    asked = request("burn", seconds=1.5, note=str(note))
+    told = {"TAILSTACK_HANG_SECONDS": "2", "TAILSTACK_WORKER_PROCESSES": "1"}
+    with prepared_database(database_url) as db, worker_process(database_url, tmp_path / "log", **told) as worker:
+        made = submit(db, asked)
+        until(lambda: note.exists() and "unit" in note.read_text())
+        (child,) = computing_processes(worker)
+        child.suspend()
+        begun = time.monotonic()
+        assert computed(db, made, asked)
+        assert time.monotonic() - begun < 15.0
+    assert "no sign of life" in (tmp_path / "log").read_text()

@@ -21,4 +21,4 @@ def engine_for(settings: Settings, *, function: str = PERFORM) -> Engine:
         return DaskEngine(settings, function=function)
     from .pool import PoolEngine
 
-    return PoolEngine(settings.worker_processes, function=function)
+    return PoolEngine(settings.worker_processes, function=function, hang_seconds=settings.hang_seconds)

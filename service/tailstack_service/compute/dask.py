@@ -74,7 +74,7 @@ class DaskEngine:
 
     def __init__(self, settings: Settings, *, function: str = PERFORM) -> None:
         self._address, self._security = _address(settings), _security(settings)
-        self._function = function
+        self._function, self._hang_seconds = function, settings.hang_seconds
         self._lock = threading.Lock()
         self._away: dict[Future[Outcome], _Away] = {}
         self._client: Client | None = None
@@ -96,8 +96,9 @@ class DaskEngine:
             if client is None:
                 raise GivenBack("there is no connection to the Dask scheduler")
             sent = client.submit(
-                remote.compute, task, key, self._function, __version__, key=f"tailstack-{key}", pure=False, retries=0
-            )
+                remote.compute, task, key, self._function, __version__, self._hang_seconds, key=f"tailstack-{key}",
+                pure=False, retries=0,
+            )  # fmt: skip
             with self._lock:
                 self._away[local] = _Away(key, sent, time.monotonic())
             sent.add_done_callback(lambda done: self._arrived(done, local))

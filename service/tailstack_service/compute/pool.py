@@ -7,20 +7,21 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 from ..work.task import Outcome, Task
 from .engine import PERFORM
-from .processes import Children
+from .processes import HANG_SECONDS, Children
 
 
 class PoolEngine:
     """``processes`` computing processes of this host.
 
-    function: what computes a task, as "package.module:function"; the processes import it.
+    function: what computes a task, as "package.module:function"; the processes import it.  hang_seconds: without any
+    use of the processor, after which one with a task is killed.
     """
 
     name = "pool"
 
-    def __init__(self, processes: int, *, function: str = PERFORM) -> None:
+    def __init__(self, processes: int, *, function: str = PERFORM, hang_seconds: float = HANG_SECONDS) -> None:
         self._processes = processes
-        self._children = Children(function)
+        self._children = Children(function, hang_seconds)
         self._children.start(processes)
         self._threads = ThreadPoolExecutor(processes, thread_name_prefix="tailstack-pool")
         self._lock = threading.Lock()

@@ -19,8 +19,10 @@ from . import frames
 from .child import BEGUN
 from .engine import PERFORM, Defect, Died, GivenBack
 from .interpreter import command, environment
+from .pulse import LOOK_SECONDS, Pulse
 
 CLOSED = "the processes were stopped"
+HANG_SECONDS = 30.0  # without any use of the processor, after which a process with a task counts as hung
 FRUITLESS = 3  # processes in a row that end before they begin a task
 # What a signal says to whoever reads it in the problem of a job
 REASONS = {
@@ -44,6 +46,7 @@ class Child:
         self.pid = self._process.pid
         self.spent = False  # it has ended, or asks to be replaced
         self.ending = ""  # how it ended under a task
+        self._killed_because = ""
 
     @property
     def alive(self) -> bool:
@@ -61,7 +64,7 @@ class Child:
             self.spent = self.spent or tired
         except (EOFError, OSError):
             self.kill()
-            self.ending = describe_ending(self._process.wait())
+            self.ending = self._killed_because or describe_ending(self._process.wait())
             if not begun:
                 return None
             raise Died(f"the computing process ended with {self.ending}") from None
@@ -70,7 +73,8 @@ class Child:
         result: Outcome = outcome
         return result
 
-    def kill(self) -> None:
+    def kill(self, because: str = "") -> None:
+        self._killed_because = self._killed_because or because
         self.spent = True
         self._process.kill()
 
@@ -85,10 +89,16 @@ class Child:
 
 
 class Children:
-    """Computing processes: started when needed, kept for the next task, found by what they compute."""
+    """Computing processes: started when needed, kept for the next task, found by what they compute.
 
-    def __init__(self, function: str = PERFORM) -> None:
+    hang_seconds: a process that has a task and for so long uses no processor time at all is killed (``pulse``).
+    """
+
+    def __init__(self, function: str = PERFORM, hang_seconds: float = HANG_SECONDS) -> None:
         self._function = function
+        self._hang_seconds = hang_seconds
+        self._closing = threading.Event()
+        self._watch: threading.Thread | None = None
         self._lock = threading.Lock()
         self._idle: deque[Child] = deque()
         self._busy: dict[str, tuple[Child, float]] = {}
@@ -137,6 +147,7 @@ class Children:
 
     def close(self) -> None:
         """Kill every process; those that still compute are let go of by their own thread."""
+        self._closing.set()
         with self._lock:
             self._closed = True
             idle = list(self._idle)
@@ -145,6 +156,22 @@ class Children:
                 child.kill()
         for child in idle:
             child.close()
+
+    def _kill_what_hangs(self) -> None:
+        pulses: dict[int, Pulse] = {}
+        looked = time.monotonic()
+        while not self._closing.wait(LOOK_SECONDS):
+            now = time.monotonic()
+            with self._lock:
+                busy = [child for child, _ in self._busy.values()]
+                pulses = {child.pid: pulses.get(child.pid) or Pulse(child.pid) for child in busy}
+                for child in busy:
+                    pulse = pulses[child.pid]
+                    pulse.look(now - looked)
+                    if pulse.silent_seconds >= self._hang_seconds:
+                        detail = f"no sign of life: it used no processor time for {pulse.silent_seconds:.0f} s"
+                        child.kill(f"{detail} (stopped, or waiting for what does not come) and was killed")
+            looked = now
 
     def _take(self, key: str) -> Child:
         with self._lock:
@@ -156,6 +183,9 @@ class Children:
         with self._lock:
             if not self._closed:
                 self._busy[key] = child, time.monotonic()
+                if self._watch is None:
+                    self._watch = threading.Thread(target=self._kill_what_hangs, name="tailstack-pulse", daemon=True)
+                    self._watch.start()
                 return child
         child.close()
         raise GivenBack(CLOSED)

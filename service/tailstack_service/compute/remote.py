@@ -15,11 +15,11 @@ from .processes import Children
 _children: dict[str, Children] = {}  # by function: one Dask worker serves every client that knows it
 
 
-def compute(task: Task, key: str, function: str, version: str) -> Outcome:
+def compute(task: Task, key: str, function: str, version: str, hang_seconds: float) -> Outcome:
     """Compute in a process of its own.  Raises Died, Defect, GivenBack."""
     if version != __version__:
         raise GivenBack(f"this Dask worker has tailstack {__version__}, the job was claimed by {version}")
-    return _children.setdefault(function, Children(function)).compute(task, key)
+    return _children.setdefault(function, Children(function, hang_seconds)).compute(task, key)
 
 
 def seconds() -> dict[str, float]:
