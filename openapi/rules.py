@@ -74,7 +74,7 @@ def violations(document: Mapping[str, Any], examples: Path = HERE / "examples") 
                 found.append(f"{name}: operationId {identity} is also that of {ids[identity]}")
             ids.setdefault(identity, name)
     for name, schema in document.get("components", {}).get("schemas", {}).items():
-        found += [f"schema {name}: {text}" for text in _units(schema)]
+        found += [f"schema {name}: {text}" for text in (*_units(schema), *_without_words(schema))]
     return found
 
 
@@ -86,6 +86,8 @@ def _operation(
         yield f"operationId {identity!r} is not snake_case"
     if not operation.get("summary"):
         yield "no summary"
+    if not operation.get("description"):
+        yield "no description"
     if len(operation.get("tags", ())) != 1 or not set(operation["tags"]) <= tags:
         yield "needs one tag, and the document describes it"
     parameters = [resolved(document, p) for p in (*item.get("parameters", ()), *operation.get("parameters", ()))]
@@ -154,6 +156,22 @@ def _units(schema: Any) -> Iterator[str]:
         for child in part.values() if keyword in ("properties", "$defs") else (part,):
             if keyword not in ("example", "examples", "default", "enum", "const"):
                 yield from _units(child)
+
+
+def _without_words(schema: Any) -> Iterator[str]:
+    """Properties that nothing is said of, wherever they are."""
+    if isinstance(schema, list):
+        for part in schema:
+            yield from _without_words(part)
+    if not isinstance(schema, dict):
+        return
+    for name, part in schema.get("properties", {}).items():
+        if not part.get("description"):
+            yield f"the property {name} has no description"
+    for keyword, part in schema.items():
+        for child in part.values() if keyword in ("properties", "$defs") else (part,):
+            if keyword not in ("example", "examples", "default", "enum", "const"):
+                yield from _without_words(child)
 
 
 def _is_number(schema: Any) -> bool:

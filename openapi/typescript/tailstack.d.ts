@@ -13,7 +13,10 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** First-order score */
+        /**
+         * First-order score
+         * @description First order through every stage at the biased geometry: bias, covariance and quantiles of the error under the declared laws, their bounds, the budget of every tolerance, the validity of the linearisation, the verdict. Takes milliseconds; more with second_order.
+         */
         post: operations["create_score"];
         delete?: never;
         options?: never;
@@ -30,7 +33,10 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** Read and check a design */
+        /**
+         * Read and check a design
+         * @description Reads the design, checks its geometry and says what it holds. No error is computed. A design that is not valid is answered with 422 and everything that is wrong with it.
+         */
         post: operations["create_validation"];
         delete?: never;
         options?: never;
@@ -69,7 +75,7 @@ export interface paths {
         put?: never;
         /**
          * Monte Carlo check
-         * @description Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
+         * @description Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance, worst trial, the verdict. One seed, one answer. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
          */
         post: operations["create_verification"];
         delete?: never;
@@ -89,7 +95,7 @@ export interface paths {
         put?: never;
         /**
          * Optimise placement and tolerances
-         * @description Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
+         * @description Places fiducials and sets tolerances as the design's section optimise asks, and answers with a new design that passed a Monte Carlo check. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
          */
         post: operations["create_optimisation"];
         delete?: never;
@@ -109,7 +115,7 @@ export interface paths {
         put?: never;
         /**
          * Many designs
-         * @description Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
+         * @description Scores, or checks, the design at every point of a grid of some of its numbers. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
          */
         post: operations["create_sweep"];
         delete?: never;
@@ -129,7 +135,7 @@ export interface paths {
         put?: never;
         /**
          * One record of score, check and optimisation
-         * @description Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
+         * @description Score, check and optimisation of one design in one record, of which /v1/results/{sha256}/report makes pages. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
          */
         post: operations["create_report"];
         delete?: never;
@@ -185,7 +191,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Jobs, newest first */
+        /**
+         * Jobs, newest first
+         * @description Those of the caller's tenant. The field next and the Link header lead to the next page.
+         */
         get: operations["list_jobs"];
         put?: never;
         post?: never;
@@ -202,7 +211,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** State, progress, problem and links of a job */
+        /**
+         * State, progress, problem and links of a job
+         * @description While it runs, Retry-After says when it is worth asking again; with If-None-Match the answer is 304 until something has changed.
+         */
         get: operations["get_job"];
         put?: never;
         post?: never;
@@ -279,7 +291,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** A result, which never changes */
+        /**
+         * A result, which never changes
+         * @description It is named by the SHA-256 of its bytes and may be kept for ever. Its field schema says which record it is.
+         */
         get: operations["get_result"];
         put?: never;
         post?: never;
@@ -296,7 +311,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** A result as a report */
+        /**
+         * A result as a report
+         * @description Any result, rendered for people: html (one self-contained file), pdf, xlsx; or json, the record itself. Nothing is computed anew, and the record stands in every format.
+         */
         get: operations["get_report"];
         put?: never;
         post?: never;
@@ -313,7 +331,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Published schemas */
+        /**
+         * Published schemas
+         * @description Every document that is sent or answered, with the path of its JSON Schema.
+         */
         get: operations["list_schemas"];
         put?: never;
         post?: never;
@@ -330,7 +351,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** One JSON Schema (draft 2020-12) */
+        /**
+         * One JSON Schema (draft 2020-12)
+         * @description The same as tailstack schema NAME prints.
+         */
         get: operations["get_schema"];
         put?: never;
         post?: never;
@@ -347,7 +371,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** What a class of problems means and what cures it */
+        /**
+         * What a class of problems means and what cures it
+         * @description Where the field type of a problem leads.
+         */
         get: operations["get_problem_type"];
         put?: never;
         post?: never;
@@ -364,7 +391,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** The process answers */
+        /**
+         * The process answers
+         * @description It looks at nothing else: /health/ready says whether requests should be sent here.
+         */
         get: operations["get_liveness"];
         put?: never;
         post?: never;
@@ -401,7 +431,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Figures for Prometheus */
+        /**
+         * Figures for Prometheus
+         * @description Counters of this process; of jobs and workers too while the database answers.
+         */
         get: operations["get_metrics"];
         put?: never;
         post?: never;
@@ -418,7 +451,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Version and documents */
+        /**
+         * Version and documents
+         * @description Of the service, and which documents it reads and writes.
+         */
         get: operations["get_version"];
         put?: never;
         post?: never;
@@ -435,7 +471,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** This document */
+        /**
+         * This document
+         * @description OpenAPI 3.1, as tailstack openapi prints it.
+         */
         get: operations["get_openapi"];
         put?: never;
         post?: never;
@@ -456,32 +495,66 @@ export interface components {
          *     Of the requirement on the error at this target that is nearest to its limit, or furthest beyond it.
          */
         Allowance: {
-            /** Target */
+            /**
+             * Target
+             * @description Name of the target.
+             */
             target: string;
-            /** Contributor */
+            /**
+             * Contributor
+             * @description Source of error: interface_1, fiducial_manufacturing, ...
+             */
             contributor: string;
-            /** Component */
+            /**
+             * Component
+             * @description Its component; all for a line of sources that are alike.
+             */
             component: string;
-            /** Unit */
+            /**
+             * Unit
+             * @description Unit of the half-widths: deg, mm, px or N.
+             */
             unit: string;
-            /** Half Width */
+            /**
+             * Half Width
+             * @description Half-width as it is, in `unit`.
+             */
             half_width: number;
-            /** Requirement */
+            /**
+             * Requirement
+             * @description Requirement at this target that is nearest to its limit, or furthest beyond; null: no pooled requirement names this target.
+             */
             requirement: string | null;
             /**
              * Status
+             * @description spare: the half-width may grow; too wide: it must shrink; zero is not enough: nor would a perfect part do; no influence; no requirement.
              * @enum {string}
              */
             status: "spare" | "too wide" | "zero is not enough" | "no influence" | "no requirement";
-            /** At Limit */
+            /**
+             * At Limit
+             * @description Half-width at which the requirement's quantile is at its limit, in `unit`; null where there is none.
+             */
             at_limit: number | null;
-            /** Slack */
+            /**
+             * Slack
+             * @description `at_limit` less `half_width`, in `unit`: negative where it has to shrink; null where there is no such half-width.
+             */
             slack: number | null;
-            /** Cost */
+            /**
+             * Cost
+             * @description Cost by the price in the design's optimise section; null: no price.
+             */
             cost: number | null;
-            /** Smallest */
+            /**
+             * Smallest
+             * @description Lower bound in the optimise section, in `unit`; null: none.
+             */
             smallest: number | null;
-            /** Largest */
+            /**
+             * Largest
+             * @description Upper bound in the optimise section, in `unit`; null: none.
+             */
             largest: number | null;
         };
         /**
@@ -578,11 +651,20 @@ export interface components {
          * @description Upper bounds of the quantile under ever weaker assumptions on the law of the error.
          */
         Bounds: {
-            /** Gaussian */
+            /**
+             * Gaussian
+             * @description 95 % quantile if the error were Gaussian with this mean and covariance, mm.
+             */
             gaussian: number;
-            /** Unimodal */
+            /**
+             * Unimodal
+             * @description Upper bound of it for any law that is symmetric and unimodal about its mean, mm.
+             */
             unimodal: number;
-            /** Moments */
+            /**
+             * Moments
+             * @description Upper bound of it for any law with this mean and covariance, mm.
+             */
             moments: number;
         };
         /**
@@ -635,23 +717,49 @@ export interface components {
          * @description What the optimum rests on.
          */
         Certificate: {
-            /** Kkt Residual */
+            /**
+             * Kkt Residual
+             * @description Residual of the optimality conditions of the programme with the exact law, recomputed from the multipliers, relative.
+             */
             kkt_residual: number;
-            /** Starts */
+            /**
+             * Starts
+             * @description Starts of the search.
+             */
             starts: number;
-            /** Converged Starts */
+            /**
+             * Converged Starts
+             * @description Those that came to an optimum.
+             */
             converged_starts: number;
-            /** Best Costs */
+            /**
+             * Best Costs
+             * @description Distinct optima, ascending, by the closed form: costs, or objectives where no cost is minimised.
+             */
             best_costs: number[];
-            /** Optima */
+            /**
+             * Optima
+             * @description The distinct optima among the starts.
+             */
             optima: components["schemas"]["LocalOptimum"][];
+            /** @description A lower bound of the cost, where there is one. */
             relaxation: components["schemas"]["Relaxation"];
-            /** Seed */
+            /**
+             * Seed
+             * @description Seed of the starts; the check draws with one that follows from it.
+             */
             seed: number;
-            /** Tightening Rounds */
+            /**
+             * Tightening Rounds
+             * @description How often the limit was tightened until the check passed.
+             */
             tightening_rounds: number;
-            /** Stopped */
+            /**
+             * Stopped
+             * @description Why the search ended, in a sentence.
+             */
             stopped: string;
+            /** @description Monte Carlo check of the new design, with a fresh seed. */
             verification: components["schemas"]["Verification"];
         };
         /**
@@ -659,20 +767,36 @@ export interface components {
          * @description One field of the design document that differs.
          */
         Change: {
-            /** Pointer */
+            /**
+             * Pointer
+             * @description JSON pointer into the second design; into the first for what was removed.
+             */
             pointer: string;
-            /** Name */
+            /**
+             * Name
+             * @description The same with names for numbers: views AP fiducial_noise_px.
+             */
             name: string;
-            /** Unit */
+            /**
+             * Unit
+             * @description Unit of the field; empty where it has none.
+             */
             unit: string;
             /**
              * Kind
+             * @description changed, added or removed.
              * @enum {string}
              */
             kind: "changed" | "added" | "removed";
-            /** First */
+            /**
+             * First
+             * @description Value in the first design as JSON; null where it was added.
+             */
             first: string | null;
-            /** Second */
+            /**
+             * Second
+             * @description Value in the second design as JSON; null where it was removed.
+             */
             second: string | null;
         };
         /**
@@ -680,11 +804,20 @@ export interface components {
          * @description Locators that could be spread about their centre, by which factor.
          */
         ChangedSpacing: {
-            /** Contributor */
+            /**
+             * Contributor
+             * @description interface_1 or interface_2.
+             */
             contributor: string;
-            /** Label */
+            /**
+             * Label
+             * @description What the document calls the interface.
+             */
             label: string;
-            /** Scale */
+            /**
+             * Scale
+             * @description Factor by which its locators were spread about their centre.
+             */
             scale: number;
         };
         /**
@@ -692,27 +825,60 @@ export interface components {
          * @description A half-width that was free.  ``at_target_*_mm``: what it moves the worst target by, half-width times lever.
          */
         ChangedTolerance: {
-            /** Contributor */
+            /**
+             * Contributor
+             * @description interface_1 or interface_2.
+             */
             contributor: string;
-            /** Component */
+            /**
+             * Component
+             * @description rx ... tz, or the name of a locator.
+             */
             component: string;
-            /** Label */
+            /**
+             * Label
+             * @description What the document calls the interface, and the component.
+             */
             label: string;
-            /** Unit */
+            /**
+             * Unit
+             * @description Unit of the half-widths: deg or mm.
+             */
             unit: string;
-            /** Before Half Width */
+            /**
+             * Before Half Width
+             * @description Half-width before, in `unit`.
+             */
             before_half_width: number;
-            /** After Half Width */
+            /**
+             * After Half Width
+             * @description Half-width after, in `unit`.
+             */
             after_half_width: number;
-            /** At Target Before Mm */
+            /**
+             * At Target Before Mm
+             * @description What the half-width before moves the worst target by, half-width times lever, mm.
+             */
             at_target_before_mm: number;
-            /** At Target Mm */
+            /**
+             * At Target Mm
+             * @description What the half-width after moves the worst target by, mm.
+             */
             at_target_mm: number;
-            /** Cost Before */
+            /**
+             * Cost Before
+             * @description Cost of the half-width before, in the unit of the design's prices; null: it has no price (zero, or tighter than every grade).
+             */
             cost_before: number | null;
-            /** Cost After */
+            /**
+             * Cost After
+             * @description Cost of the half-width after, in the unit of the design's prices.
+             */
             cost_after: number;
-            /** Grade */
+            /**
+             * Grade
+             * @description Process grade that was chosen from a table; null without a table.
+             */
             grade: string | null;
         };
         /**
@@ -724,41 +890,74 @@ export interface components {
          *     the value is within the limit.
          */
         Check: {
-            /** Requirement */
+            /**
+             * Requirement
+             * @description Name of the requirement.
+             */
             requirement: string;
-            /** Target */
+            /**
+             * Target
+             * @description Name of the target, or of one sample of a region (zone[3]).
+             */
             target: string;
-            /** Error */
+            /**
+             * Error
+             * @description Which error is limited: tcp (at the tool) or localisation (of the target, in con).
+             */
             error: string;
-            /** Risk */
+            /**
+             * Risk
+             * @description pooled: over installations and shots together; per_unit: of each unit by itself.
+             */
             risk: string;
-            /** Quantile */
+            /**
+             * Quantile
+             * @description Quantile of the error's norm that is limited, 0.95 for P95.
+             */
             quantile: number;
-            /** Value Mm */
+            /**
+             * Value Mm
+             * @description What decides, mm. pooled: the quantile; per_unit: what `min_yield` of units keep their own quantile within.
+             */
             value_mm: number;
-            /** Interval Mm */
+            /**
+             * Interval Mm
+             * @description Lower and upper end, mm. Monte Carlo: confidence interval; first order: calibrated error of the linearisation. A null upper end: not known, as first order is not valid.
+             */
             interval_mm: [
                 number,
                 number | null
             ];
-            /** Limit Mm */
+            /**
+             * Limit Mm
+             * @description Limit of the requirement, mm.
+             */
             limit_mm: number;
-            /** Yield Fraction */
+            /**
+             * Yield Fraction
+             * @description per_unit: fraction of units whose own quantile is within the limit; null for pooled.
+             */
             yield_fraction: number | null;
-            /** Min Yield */
+            /**
+             * Min Yield
+             * @description per_unit: fraction of units that must keep the limit; null for pooled.
+             */
             min_yield: number | null;
             /**
              * Status
+             * @description pass: the upper end of the interval is within the limit; fail: the lower end is beyond; otherwise inconclusive.
              * @enum {string}
              */
             status: "pass" | "fail" | "inconclusive";
             /**
              * Headline
+             * @description What the value is, in words: "P95 that 90 % of units keep".
              * @default
              */
             headline: string;
             /**
              * Margin Mm
+             * @description Limit less the upper end of the interval, mm: not negative just where the status is pass. Null where that end is not known.
              * @default null
              */
             margin_mm: number | null;
@@ -770,27 +969,55 @@ export interface components {
         Comparison: {
             /**
              * Schema
+             * @description Name and version of this record's schema.
              * @constant
              */
             schema: "tailstack/comparison/1";
-            /** Title */
+            /**
+             * Title
+             * @description Title of the comparison: the names of both designs.
+             */
             title: string;
+            /** @description The first page of the comparison. */
             headline: components["schemas"]["ComparisonHeadline"];
-            /** Differences */
+            /**
+             * Differences
+             * @description P95 at every target that both designs have, largest of the second first.
+             */
             differences: components["schemas"]["Difference"][];
-            /** Compared Trials */
+            /**
+             * Compared Trials
+             * @description Trials of each design, with the same random numbers, that the intervals come from; null: first order.
+             */
             compared_trials: number | null;
-            /** Sections */
+            /**
+             * Sections
+             * @description Sections that those trials are cut into; null: first order.
+             */
             sections: number | null;
-            /** Only First */
+            /**
+             * Only First
+             * @description Targets that only the first design has.
+             */
             only_first: string[];
-            /** Only Second */
+            /**
+             * Only Second
+             * @description Targets that only the second design has.
+             */
             only_second: string[];
-            /** Changes */
+            /**
+             * Changes
+             * @description Fields of the design document that differ.
+             */
             changes: components["schemas"]["Change"][];
-            /** Changes Left Out */
+            /**
+             * Changes Left Out
+             * @description Further differing fields that are not listed.
+             */
             changes_left_out: number;
+            /** @description Report of the first design. */
             first: components["schemas"]["Report"];
+            /** @description Report of the second design. */
             second: components["schemas"]["Report"];
         };
         /**
@@ -800,16 +1027,25 @@ export interface components {
         ComparisonHeadline: {
             /**
              * Status
+             * @description The verdict on the second design.
              * @enum {string}
              */
             status: "pass" | "fail" | "inconclusive" | "no requirement";
-            /** Sentence */
+            /**
+             * Sentence
+             * @description The comparison in a sentence.
+             */
             sentence: string;
-            /** Matters */
+            /**
+             * Matters
+             * @description What matters most, at most three sentences.
+             */
             matters: string[];
         };
         ComparisonRequest: {
+            /** @description The design that is compared with. */
             first: components["schemas"]["Design"];
+            /** @description The design whose changes are looked at. */
             second: components["schemas"]["Design"];
             /**
              * Trials
@@ -928,25 +1164,55 @@ export interface components {
          * @description One line of the budget.
          */
         Contributor: {
-            /** Name */
+            /**
+             * Name
+             * @description Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing, interface_1, interface_2, hand_eye or execution.
+             */
             name: string;
-            /** Component */
+            /**
+             * Component
+             * @description Its component: rx ... tz, repeatability.x, load.x, the name of a locator, or all for the source as a whole.
+             */
             component: string;
-            /** Law */
+            /**
+             * Law
+             * @description Declared law: normal, uniform, triangular or bounded; mixed for a line of several.
+             */
             law: string;
-            /** Half Width */
+            /**
+             * Half Width
+             * @description Half-width of the tolerance (standard deviation of noise), in `unit`; null for a line of several.
+             */
             half_width: number | null;
-            /** Unit */
+            /**
+             * Unit
+             * @description Unit of half-width and standard deviation: deg, mm, px or N; empty for a line of several.
+             */
             unit: string;
-            /** Std */
+            /**
+             * Std
+             * @description Standard deviation, in `unit`; null where the law has none.
+             */
             std: number | null;
-            /** Sensitivity Mm Per Unit */
+            /**
+             * Sensitivity Mm Per Unit
+             * @description Length of the error at the tool for one unit, mm per `unit`; null for a line of several.
+             */
             sensitivity_mm_per_unit: number | null;
-            /** Variance Share */
+            /**
+             * Variance Share
+             * @description Share of the trace of the covariance, 0 to 1.
+             */
             variance_share: number;
-            /** Dp95 Per Unit */
+            /**
+             * Dp95 Per Unit
+             * @description Slope of P95 by the half-width (of noise: by its standard deviation), mm per `unit`; null where there is none.
+             */
             dp95_per_unit: number | null;
-            /** P95 Without Mm */
+            /**
+             * P95 Without Mm
+             * @description P95 with this contributor removed, mm.
+             */
             p95_without_mm: number;
         };
         /**
@@ -954,11 +1220,20 @@ export interface components {
          * @description How the sampled P95 at one target settled.
          */
         Convergence: {
-            /** Target */
+            /**
+             * Target
+             * @description Name of the target.
+             */
             target: string;
-            /** Confidence */
+            /**
+             * Confidence
+             * @description Confidence of each interval by itself, 0 to 1.
+             */
             confidence: number;
-            /** Points */
+            /**
+             * Points
+             * @description P95 of ever more trials.
+             */
             points: components["schemas"]["ConvergencePoint"][];
         };
         /**
@@ -966,11 +1241,20 @@ export interface components {
          * @description P95 of the first so many trials, with its order-statistic interval.
          */
         ConvergencePoint: {
-            /** Trials */
+            /**
+             * Trials
+             * @description So many first trials.
+             */
             trials: number;
-            /** P95 Mm */
+            /**
+             * P95 Mm
+             * @description Their P95, mm.
+             */
             p95_mm: number;
-            /** Interval Mm */
+            /**
+             * Interval Mm
+             * @description Its order-statistic interval, mm.
+             */
             interval_mm: [
                 number,
                 number
@@ -983,19 +1267,30 @@ export interface components {
         Conversion: {
             /**
              * Schema
+             * @description Name and version of this record's schema.
              * @constant
              */
             schema: "tailstack/conversion/1";
             /**
              * Format
+             * @description Format of `content`.
              * @enum {string}
              */
             format: "csv" | "fcsv" | "mrk.json" | "yaml" | "json";
-            /** Content */
+            /**
+             * Content
+             * @description The converted text.
+             */
             content: string;
-            /** Fiducials */
+            /**
+             * Fiducials
+             * @description The fiducials in it.
+             */
             fiducials: components["schemas"]["ConvertedPoint"][];
-            /** Notes */
+            /**
+             * Notes
+             * @description What was done to the numbers on the way.
+             */
             notes: string[];
         };
         /**
@@ -1026,9 +1321,15 @@ export interface components {
         };
         /** ConvertedPoint */
         ConvertedPoint: {
-            /** Label */
+            /**
+             * Label
+             * @description Label of the fiducial.
+             */
             label: string;
-            /** Position Mm */
+            /**
+             * Position Mm
+             * @description Position, con (LPS), mm.
+             */
             position_mm: [
                 number,
                 number,
@@ -1098,13 +1399,25 @@ export interface components {
          * @description The best design with so many fiducials, by the closed form.
          */
         CountTried: {
-            /** Fiducials */
+            /**
+             * Fiducials
+             * @description How many fiducials.
+             */
             fiducials: number;
-            /** Cost */
+            /**
+             * Cost
+             * @description Cost, fiducials included; null: nothing feasible was found.
+             */
             cost: number | null;
-            /** Worst Ratio */
+            /**
+             * Worst Ratio
+             * @description Largest quantile over its limit; null: nothing feasible was found.
+             */
             worst_ratio: number | null;
-            /** Note */
+            /**
+             * Note
+             * @description What happened, where there is no cost.
+             */
             note: string;
         };
         /**
@@ -1168,28 +1481,48 @@ export interface components {
          *     Both designs are drawn with the same random numbers, so that what they share cancels.
          */
         Difference: {
-            /** Target */
+            /**
+             * Target
+             * @description Name of the target that both designs have.
+             */
             target: string;
             /**
              * Basis
+             * @description What the P95 rest on.
              * @enum {string}
              */
             basis: "first order" | "Monte Carlo";
-            /** First P95 Mm */
+            /**
+             * First P95 Mm
+             * @description P95 of the TCP error of the first design, mm: of the check, or first order where nothing was drawn.
+             */
             first_p95_mm: number;
-            /** Second P95 Mm */
+            /**
+             * Second P95 Mm
+             * @description P95 of the TCP error of the second design, mm.
+             */
             second_p95_mm: number;
-            /** Difference Mm */
+            /**
+             * Difference Mm
+             * @description Second minus first, mm.
+             */
             difference_mm: number;
-            /** Interval Mm */
+            /**
+             * Interval Mm
+             * @description Confidence interval of the difference, from trials that both designs share, mm; null: first order.
+             */
             interval_mm: [
                 number,
                 number
             ] | null;
-            /** Confidence */
+            /**
+             * Confidence
+             * @description Confidence of that interval, 0 to 1; null: first order.
+             */
             confidence: number | null;
             /**
              * Conclusion
+             * @description Of the second: smaller or larger where the interval says so, otherwise not decided; computed: first order.
              * @enum {string}
              */
             conclusion: "smaller" | "larger" | "not decided" | "computed";
@@ -1330,24 +1663,48 @@ export interface components {
          * @description TCP error at one target: shares of shots by bins of the error's norm, sampled and by the first-order law.
          */
         ErrorDistribution: {
-            /** Target */
+            /**
+             * Target
+             * @description Name of the target.
+             */
             target: string;
-            /** Edges Mm */
+            /**
+             * Edges Mm
+             * @description Edges of n bins of the error's norm, n + 1 numbers, mm.
+             */
             edges_mm: number[];
-            /** Sampled */
+            /**
+             * Sampled
+             * @description Share of sampled shots in each bin; what is beyond the last edge is in none. Null: nothing was drawn.
+             */
             sampled: number[] | null;
-            /** First Order */
+            /**
+             * First Order
+             * @description Share of shots in each bin by the first-order law.
+             */
             first_order: number[];
-            /** Trials */
+            /**
+             * Trials
+             * @description Sampled shots; null: nothing was drawn.
+             */
             trials: number | null;
         };
         /** Exceedance */
         Exceedance: {
-            /** Limit Mm */
+            /**
+             * Limit Mm
+             * @description The limit, mm.
+             */
             limit_mm: number;
-            /** Probability */
+            /**
+             * Probability
+             * @description Share of trials whose error is beyond it.
+             */
             probability: number;
-            /** Interval */
+            /**
+             * Interval
+             * @description Confidence interval of that probability.
+             */
             interval: [
                 number,
                 number
@@ -1495,27 +1852,37 @@ export interface components {
          * @description One remark about the design, with the number it rests on.
          */
         Finding: {
-            /** Rule */
+            /**
+             * Rule
+             * @description Stable id of the rule, kebab-case.
+             */
             rule: string;
             /**
              * Severity
+             * @description error: the design should not be used so; warning: it should be looked at; note: it is worth knowing.
              * @enum {string}
              */
             severity: "error" | "warning" | "note";
-            /** Message */
+            /**
+             * Message
+             * @description The remark, in a sentence.
+             */
             message: string;
             /**
              * Pointer
+             * @description JSON pointer (RFC 6901) into the design document; empty for the whole.
              * @default
              */
             pointer: string;
             /**
              * Value
+             * @description The number that the remark rests on, in the unit that the message says; null without one.
              * @default null
              */
             value: number | null;
             /**
              * Limit
+             * @description What that number was held against, in the same unit; null without one.
              * @default null
              */
             limit: number | null;
@@ -1624,34 +1991,65 @@ export interface components {
          *     Every requirement's limit is scaled by the same factor; limit, quantile and upper limit are those of the first.
          */
         FrontPoint: {
-            /** Factor */
+            /**
+             * Factor
+             * @description Factor on the limit of every requirement.
+             */
             factor: number;
-            /** Limit Mm */
+            /**
+             * Limit Mm
+             * @description The first requirement's limit so scaled, mm.
+             */
             limit_mm: number;
             /**
              * Status
+             * @description verified: checked by Monte Carlo; dominated: another point costs no more at a tighter limit; out of reach: no design keeps it; not tried.
              * @enum {string}
              */
             status: "verified" | "dominated" | "out of reach" | "not tried";
-            /** Note */
+            /**
+             * Note
+             * @description Why there is no design, or what costs less.
+             */
             note: string;
-            /** Cost */
+            /**
+             * Cost
+             * @description Cost of the design; null without one.
+             */
             cost: number | null;
-            /** Quantile Mm */
+            /**
+             * Quantile Mm
+             * @description Largest first-order quantile over the first requirement's targets, mm; null without a design.
+             */
             quantile_mm: number | null;
-            /** Verified Upper Mm */
+            /**
+             * Verified Upper Mm
+             * @description Largest upper confidence limit of the check, mm; null without one.
+             */
             verified_upper_mm: number | null;
-            /** Half Widths */
+            /**
+             * Half Widths
+             * @description Half-widths, in the order and units of `tolerances`.
+             */
             half_widths: number[];
-            /** Pivots Mm */
+            /**
+             * Pivots Mm
+             * @description Pivots, con, mm, in the order of `pivots`.
+             */
             pivots_mm: [
                 number,
                 number,
                 number
             ][];
-            /** Locator Scales */
+            /**
+             * Locator Scales
+             * @description Factors on locators' spacing, in the order of `spacings`.
+             */
             locator_scales: number[];
-            /** Fiducials Mm */
+            /**
+             * Fiducials Mm
+             * @description Fiducials, con, mm.
+             */
             fiducials_mm: [
                 number,
                 number,
@@ -1665,36 +2063,59 @@ export interface components {
         Gate: {
             /**
              * Schema
+             * @description Name and version of this record's schema.
              * @constant
              */
             schema: "tailstack/gate/1";
             /**
              * Verdict
+             * @description The worst verdict of all designs.
              * @enum {string}
              */
             verdict: "pass" | "fail" | "inconclusive" | "not evaluated";
-            /** Exit Code */
+            /**
+             * Exit Code
+             * @description Exit code of the command: 0 pass, 1 fail, 2 bad input, 3 not evaluated, 4 inconclusive, 130 interrupted.
+             */
             exit_code: number;
             /**
              * Mode
+             * @description analytic: first order; verify: Monte Carlo; auto: Monte Carlo where first order cannot decide.
              * @enum {string}
              */
             mode: "analytic" | "verify" | "auto";
-            /** Seed */
+            /**
+             * Seed
+             * @description Seed of the checks.
+             */
             seed: number;
             /**
              * Fail Level
+             * @description Severity from which a finding fails the gate.
              * @enum {string}
              */
             fail_level: "error" | "warning";
-            /** On Inconclusive */
+            /**
+             * On Inconclusive
+             * @description How inconclusive is counted: fail or warn; null: as it is.
+             */
             on_inconclusive: ("fail" | "warn") | null;
-            /** Max Regression Percent */
+            /**
+             * Max Regression Percent
+             * @description What P95 at a target may rise by against the baseline, %; null: nothing was asked for.
+             */
             max_regression_percent: number | null;
-            /** Findings */
+            /**
+             * Findings
+             * @description Remarks, at the places of the offending values.
+             */
             findings: components["schemas"]["GateFinding"][];
-            /** Designs */
+            /**
+             * Designs
+             * @description The designs and the numbers that were judged.
+             */
             designs: components["schemas"]["GatedDesign"][];
+            /** @description What decided, besides the designs. */
             provenance: components["schemas"]["GateProvenance"];
         };
         /**
@@ -1702,28 +2123,56 @@ export interface components {
          * @description One remark, at the place of the offending value.
          */
         GateFinding: {
-            /** Rule */
+            /**
+             * Rule
+             * @description Stable id of the rule, see `tailstack gate --explain ID`.
+             */
             rule: string;
             /**
              * Severity
+             * @description Severity under the policy.
              * @enum {string}
              */
             severity: "error" | "warning" | "note";
-            /** File */
+            /**
+             * File
+             * @description Name given with the design; of the policy, waivers or baseline where it is about them.
+             */
             file: string;
-            /** Line */
+            /**
+             * Line
+             * @description Line in the file, from 1; null where the document did not come as text.
+             */
             line: number | null;
-            /** Column */
+            /**
+             * Column
+             * @description Column in the line, from 1; null where the document did not come as text.
+             */
             column: number | null;
-            /** Pointer */
+            /**
+             * Pointer
+             * @description JSON pointer (RFC 6901) into the file's document.
+             */
             pointer: string;
-            /** Message */
+            /**
+             * Message
+             * @description The finding, in a sentence.
+             */
             message: string;
-            /** Value */
+            /**
+             * Value
+             * @description The number it rests on, in the unit that the message says; null without one.
+             */
             value: number | null;
-            /** Limit */
+            /**
+             * Limit
+             * @description What that was held against, in the same unit; null without one.
+             */
             limit: number | null;
-            /** Suppressed By */
+            /**
+             * Suppressed By
+             * @description The waiver that accepts it, so that it does not count; otherwise null.
+             */
             suppressed_by: string | null;
         };
         /**
@@ -1731,42 +2180,70 @@ export interface components {
          * @description One number that was held against a limit.
          */
         GateNumber: {
-            /** Rule */
+            /**
+             * Rule
+             * @description Id of the rule that judged it.
+             */
             rule: string;
-            /** Requirement */
+            /**
+             * Requirement
+             * @description Name of the requirement; of a limit that the policy sets, the rule's id.
+             */
             requirement: string;
-            /** Target */
+            /**
+             * Target
+             * @description Name of the target.
+             */
             target: string;
-            /** Unit */
+            /**
+             * Unit
+             * @description Unit of value, interval and limit: mm, or fraction for a yield.
+             */
             unit: string;
-            /** Value */
+            /**
+             * Value
+             * @description The number, in `unit`.
+             */
             value: number;
-            /** Interval */
+            /**
+             * Interval
+             * @description Its lower and upper end, in `unit`; null: of a yield. A null end is not known.
+             */
             interval: [
                 number,
                 number | null
             ] | null;
-            /** Limit */
+            /**
+             * Limit
+             * @description What it was held against, in `unit`.
+             */
             limit: number;
             /**
              * Status
+             * @description pass: surely within the limit; fail: surely beyond; otherwise inconclusive.
              * @enum {string}
              */
             status: "pass" | "fail" | "inconclusive";
-            /** Error Rate */
+            /**
+             * Error Rate
+             * @description By Monte Carlo: largest probability that pass is said of a fail, or fail of a pass; null: first order.
+             */
             error_rate: number | null;
             /**
              * Headline
+             * @description What the value is, in words: "P95 that 90 % of units keep".
              * @default
              */
             headline: string;
             /**
              * Value Mm
+             * @description What decided, mm; of a yield, what the required fraction of units keep.
              * @default null
              */
             value_mm: number | null;
             /**
              * Interval Mm
+             * @description Its lower and upper end, mm; a null upper end is not known.
              * @default null
              */
             interval_mm: [
@@ -1775,11 +2252,13 @@ export interface components {
             ] | null;
             /**
              * Limit Mm
+             * @description The limit that it was held against, mm.
              * @default null
              */
             limit_mm: number | null;
             /**
              * Margin Mm
+             * @description Limit less the upper end of the interval, mm; null where that end is not known.
              * @default null
              */
             margin_mm: number | null;
@@ -1789,19 +2268,40 @@ export interface components {
          * @description What decided, besides the designs.
          */
         GateProvenance: {
-            /** Tailstack Version */
+            /**
+             * Tailstack Version
+             * @description Version of the solver.
+             */
             tailstack_version: string;
-            /** Policy Name */
+            /**
+             * Policy Name
+             * @description Name of the policy.
+             */
             policy_name: string;
-            /** Policy Sha256 */
+            /**
+             * Policy Sha256
+             * @description SHA-256 of the policy's canonical content, defaults filled in; null: it could not be read.
+             */
             policy_sha256: string | null;
-            /** Waivers Sha256 */
+            /**
+             * Waivers Sha256
+             * @description SHA-256 of the waivers' canonical content; null without waivers.
+             */
             waivers_sha256: string | null;
-            /** Baseline Sha256 */
+            /**
+             * Baseline Sha256
+             * @description SHA-256 of the baseline; null without one.
+             */
             baseline_sha256: string | null;
-            /** Today */
+            /**
+             * Today
+             * @description Date by which waivers were judged, ISO 8601.
+             */
             today: string;
-            /** Not Included */
+            /**
+             * Not Included
+             * @description Errors that no number here includes.
+             */
             not_included: string[];
         };
         /**
@@ -1924,34 +2424,58 @@ export interface components {
          * @description What a design was asked for, by itself or by the policy: what a later gate must not ask less than.
          */
         GateRequirement: {
-            /** Name */
+            /**
+             * Name
+             * @description Name of the requirement; of a limit that the policy sets, the rule's id.
+             */
             name: string;
             /**
              * Origin
+             * @description Who asks: the design or the policy.
              * @enum {string}
              */
             origin: "design" | "policy";
-            /** Rule */
+            /**
+             * Rule
+             * @description Rule under which it is judged.
+             */
             rule: string;
             /**
              * Severity
+             * @description Severity of that rule for this design.
              * @enum {string}
              */
             severity: "error" | "warning" | "note" | "off";
             /**
              * Error
+             * @description Error that is limited: tcp (at the tool) or localisation (of the target).
              * @enum {string}
              */
             error: "tcp" | "localisation";
-            /** Quantile */
+            /**
+             * Quantile
+             * @description Quantile of the error's norm, 0.95 for P95; of cvar, where the tail begins.
+             */
             quantile: number;
-            /** Limit Mm */
+            /**
+             * Limit Mm
+             * @description The limit, mm.
+             */
             limit_mm: number;
-            /** Min Yield */
+            /**
+             * Min Yield
+             * @description Fraction of units that must keep it; null: the risk is pooled.
+             */
             min_yield: number | null;
-            /** Confidence */
+            /**
+             * Confidence
+             * @description Confidence with which it is judged, 0 to 1.
+             */
             confidence: number;
-            /** Targets */
+            /**
+             * Targets
+             * @description Targets that it is about.
+             */
             targets: string[];
         };
         /**
@@ -1959,9 +2483,15 @@ export interface components {
          * @description One section of a design document, by its content: how a design is found again in a baseline.
          */
         GateSection: {
-            /** Name */
+            /**
+             * Name
+             * @description Name of the section.
+             */
             name: string;
-            /** Sha256 */
+            /**
+             * Sha256
+             * @description SHA-256 of its canonical content, hexadecimal.
+             */
             sha256: string;
         };
         /**
@@ -1969,21 +2499,37 @@ export interface components {
          * @description The error at one target: what a later gate compares with.
          */
         GateTarget: {
-            /** Name */
+            /**
+             * Name
+             * @description Name of the target, or of one sample of a region (zone[3]).
+             */
             name: string;
-            /** First Order P95 Mm */
+            /**
+             * First Order P95 Mm
+             * @description First-order P95 of the TCP error, mm.
+             */
             first_order_p95_mm: number;
-            /** P95 Mm */
+            /**
+             * P95 Mm
+             * @description Sampled P95 of the TCP error, mm; null where nothing was drawn.
+             */
             p95_mm: number | null;
-            /** P95 Interval Mm */
+            /**
+             * P95 Interval Mm
+             * @description Confidence interval of it, mm; null where nothing was drawn.
+             */
             p95_interval_mm: [
                 number,
                 number
             ] | null;
-            /** Cvar95 Mm */
+            /**
+             * Cvar95 Mm
+             * @description Mean of the worst 5 % of the TCP error's norm, mm.
+             */
             cvar95_mm: number;
             /**
              * Position Mm
+             * @description Position of the target, con, mm; null in records of earlier versions.
              * @default null
              */
             position_mm: [
@@ -1997,42 +2543,68 @@ export interface components {
          * @description One design and the numbers that were judged.
          */
         GatedDesign: {
-            /** File */
+            /**
+             * File
+             * @description Name given with the design.
+             */
             file: string;
-            /** Name */
+            /**
+             * Name
+             * @description Name of the design; null: the document could not be read.
+             */
             name: string | null;
-            /** Sha256 */
+            /**
+             * Sha256
+             * @description SHA-256 of the design's canonical content; null: the document could not be read.
+             */
             sha256: string | null;
-            /** Design Class */
+            /**
+             * Design Class
+             * @description Class of the policy whose rules applied; null: the general ones.
+             */
             design_class: string | null;
             /**
              * Verdict
+             * @description Verdict on this design.
              * @enum {string}
              */
             verdict: "pass" | "fail" | "inconclusive" | "not evaluated";
             /**
              * Basis
+             * @description What it rests on.
              * @enum {string}
              */
             basis: "first order" | "Monte Carlo" | "none";
-            /** Trials */
+            /**
+             * Trials
+             * @description Trials that were drawn; null: first order.
+             */
             trials: number | null;
-            /** Targets */
+            /**
+             * Targets
+             * @description The error at each target: what a later gate compares with.
+             */
             targets: components["schemas"]["GateTarget"][];
-            /** Numbers */
+            /**
+             * Numbers
+             * @description Every number that was held against a limit.
+             */
             numbers: components["schemas"]["GateNumber"][];
             /**
              * Requirements
+             * @description What was asked for, judged or not; empty in records of earlier versions.
              * @default []
              */
             requirements: components["schemas"]["GateRequirement"][];
             /**
              * Not Judged
+             * @description What was asked for, or targets, that nothing was held against.
              * @default []
              */
             not_judged: components["schemas"]["Unjudged"][];
             /**
              * Sections
+             * @description Sections of the document by their content: how a design is found again in a baseline.
              * @default []
              */
             sections: components["schemas"]["GateSection"][];
@@ -2103,47 +2675,79 @@ export interface components {
         Headline: {
             /**
              * Status
+             * @description The verdict.
              * @enum {string}
              */
             status: "pass" | "fail" | "inconclusive" | "no requirement";
-            /** Basis */
+            /**
+             * Basis
+             * @description What it rests on: first order or Monte Carlo.
+             */
             basis: string;
-            /** Sentence */
+            /**
+             * Sentence
+             * @description The verdict with its numbers, in a sentence.
+             */
             sentence: string;
-            /** Requirement */
+            /**
+             * Requirement
+             * @description Requirement of the check that decides; null without requirement.
+             */
             requirement: string | null;
-            /** Target */
+            /**
+             * Target
+             * @description Target of the check that decides.
+             */
             target: string;
-            /** Quantile */
+            /**
+             * Quantile
+             * @description Quantile of the error's norm, 0.95 for P95.
+             */
             quantile: number;
-            /** Value Mm */
+            /**
+             * Value Mm
+             * @description The value that decides, mm.
+             */
             value_mm: number;
-            /** Interval Mm */
+            /**
+             * Interval Mm
+             * @description Its lower and upper end, mm; a null upper end is not known.
+             */
             interval_mm: [
                 number,
                 number | null
             ];
-            /** Limit Mm */
+            /**
+             * Limit Mm
+             * @description The limit, mm; null without requirement.
+             */
             limit_mm: number | null;
-            /** Matters */
+            /**
+             * Matters
+             * @description What matters most, at most three sentences.
+             */
             matters: string[];
             /**
              * Error
+             * @description Error that decides: tcp (at the tool) or localisation (of the target).
              * @default tcp
              */
             error: string;
             /**
              * Min Yield
+             * @description Fraction of units that must keep the limit; null: the risk is pooled.
              * @default null
              */
             min_yield: number | null;
             /**
              * Headline
+             * @description What the value is, in words: "P95 that 90 % of units keep".
              * @default
              */
             headline: string;
             /**
              * Margin Mm
+             * @description Limit less the upper end of the interval, mm; null where one of them is not known.
              * @default null
              */
             margin_mm: number | null;
@@ -2152,6 +2756,7 @@ export interface components {
         Health: {
             /**
              * Status
+             * @description The process answers.
              * @constant
              */
             status: "alive";
@@ -2246,45 +2851,81 @@ export interface components {
         Job: {
             /**
              * Schema
+             * @description Name and version of this record's schema.
              * @constant
              */
             schema: "tailstack/job/1";
-            /** Id */
+            /**
+             * Id
+             * @description Id of the job, 26 characters that sort by time.
+             */
             id: string;
             /**
              * Kind
+             * @description What is computed.
              * @enum {string}
              */
             kind: "verification" | "optimisation" | "sweep" | "gate" | "report" | "comparison";
             /**
              * State
+             * @description queued, running, or how it ended.
              * @enum {string}
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-            /** Design Name */
+            /**
+             * Design Name
+             * @description Name of the design.
+             */
             design_name: string;
-            /** Created At */
+            /**
+             * Created At
+             * @description When it was accepted, RFC 3339, UTC.
+             */
             created_at: string;
-            /** Started At */
+            /**
+             * Started At
+             * @description When a worker first took it, RFC 3339, UTC; null before.
+             */
             started_at: string | null;
-            /** Finished At */
+            /**
+             * Finished At
+             * @description When it ended, RFC 3339, UTC; null before.
+             */
             finished_at: string | null;
-            /** Solver Version */
+            /**
+             * Solver Version
+             * @description Version of the solver that computes, or computed, this job.
+             */
             solver_version: string;
-            /** Recomputed */
+            /**
+             * Recomputed
+             * @description Said when an upgrade of the solver made the job begin anew; otherwise null.
+             */
             recomputed: string | null;
-            /** Cpu Seconds */
+            /**
+             * Cpu Seconds
+             * @description CPU time of every unit recorded so far, s, those before an upgrade included.
+             */
             cpu_seconds: number;
+            /** @description How far it was when something was last recorded. */
             progress: components["schemas"]["JobProgress"];
+            /** @description Why it failed; pointers lead into the request: /design/... Null unless it failed. */
             problem: components["schemas"]["Problem"] | null;
-            /** Result Sha256 */
+            /**
+             * Result Sha256
+             * @description SHA-256 of the result's bytes, by which it is fetched; null until it is there.
+             */
             result_sha256: string | null;
+            /** @description Paths of what belongs to the job. */
             links: components["schemas"]["JobLinks"];
         };
         JobEvent: {
             /** @description Counts the events of a job from 1. */
             id: string;
-            /** @enum {string} */
+            /**
+             * @description What `data` tells of.
+             * @enum {string}
+             */
             event: "state" | "progress" | "recomputed";
             /** @description job (its id) and at (RFC 3339); with state: state, and result_sha256 or problem; with progress: units_done, units_expected, note, eta_seconds; with recomputed, after an upgrade of the solver: from and to. */
             data: string;
@@ -2294,15 +2935,30 @@ export interface components {
          * @description Paths of what belongs to a job.  ``result`` and ``report`` are null until it has succeeded.
          */
         JobLinks: {
-            /** Self */
+            /**
+             * Self
+             * @description Path of this record.
+             */
             self: string;
-            /** Events */
+            /**
+             * Events
+             * @description Path of the stream of events.
+             */
             events: string;
-            /** Cancel */
+            /**
+             * Cancel
+             * @description Path to post to in order to cancel.
+             */
             cancel: string;
-            /** Result */
+            /**
+             * Result
+             * @description Path of the result; null until it is there.
+             */
             result: string | null;
-            /** Report */
+            /**
+             * Report
+             * @description Path of the result as a report; null until it is there.
+             */
             report: string | null;
         };
         /**
@@ -2312,12 +2968,19 @@ export interface components {
         JobPage: {
             /**
              * Schema
+             * @description Name and version of this record's schema.
              * @constant
              */
             schema: "tailstack/jobs/1";
-            /** Jobs */
+            /**
+             * Jobs
+             * @description Jobs, newest first.
+             */
             jobs: components["schemas"]["Job"][];
-            /** Next */
+            /**
+             * Next
+             * @description Path of the page after this one; null on the last.
+             */
             next: string | null;
         };
         /**
@@ -2325,15 +2988,30 @@ export interface components {
          * @description How far a job was when something was last recorded.  ``fraction`` is between 0 and 1.
          */
         JobProgress: {
-            /** Fraction */
+            /**
+             * Fraction
+             * @description How much is done, 0 to 1.
+             */
             fraction: number;
-            /** Units Done */
+            /**
+             * Units Done
+             * @description Units of work whose results are recorded.
+             */
             units_done: number;
-            /** Units Expected */
+            /**
+             * Units Expected
+             * @description Units of work in all; grows when the job turns out to be longer.
+             */
             units_expected: number;
-            /** Note */
+            /**
+             * Note
+             * @description What is being done, in words.
+             */
             note: string;
-            /** Eta Seconds */
+            /**
+             * Eta Seconds
+             * @description Seconds to the end, at the pace so far; null when nobody can know.
+             */
             eta_seconds: number | null;
         };
         /**
@@ -2366,13 +3044,25 @@ export interface components {
          * @description A distinct optimum among the starts, by the closed form that ranks them.
          */
         LocalOptimum: {
-            /** Objective */
+            /**
+             * Objective
+             * @description Its objective by the closed form: cost, or the largest quantile over its limit.
+             */
             objective: number;
-            /** Starts */
+            /**
+             * Starts
+             * @description How many starts ended there.
+             */
             starts: number;
-            /** First Start */
+            /**
+             * First Start
+             * @description Number of the first of them.
+             */
             first_start: number;
-            /** Rms Distance Mm */
+            /**
+             * Rms Distance Mm
+             * @description RMS distance of its fiducials from those of the best one, matched to the nearest, mm.
+             */
             rms_distance_mm: number;
         };
         /**
@@ -2571,33 +3261,58 @@ export interface components {
          * @description Sampled result for one error metric at one target.
          */
         MetricEstimate: {
-            /** Bias Mm */
+            /**
+             * Bias Mm
+             * @description Mean error vector x, y, z in the error's frame, mm.
+             */
             bias_mm: [
                 number,
                 number,
                 number
             ];
-            /** Std Mm */
+            /**
+             * Std Mm
+             * @description Standard deviations of the error along x, y, z in the error's frame, mm.
+             */
             std_mm: [
                 number,
                 number,
                 number
             ];
-            /** Mean Norm Mm */
+            /**
+             * Mean Norm Mm
+             * @description Mean of the error's norm, mm.
+             */
             mean_norm_mm: number;
-            /** P95 Mm */
+            /**
+             * P95 Mm
+             * @description Sampled 95 % quantile of the error's norm, mm.
+             */
             p95_mm: number;
-            /** P95 Interval Mm */
+            /**
+             * P95 Interval Mm
+             * @description Confidence interval of `p95_mm`, by order statistics, mm.
+             */
             p95_interval_mm: [
                 number,
                 number
             ];
-            /** Cvar95 Mm */
+            /**
+             * Cvar95 Mm
+             * @description Mean of the worst 5 % of the error's norm, mm.
+             */
             cvar95_mm: number;
-            /** Worst Mm */
+            /**
+             * Worst Mm
+             * @description Largest error's norm among the trials, mm: it grows with their number.
+             */
             worst_mm: number;
+            /** @description How often the error is beyond the tightest limit here; null without a limit. */
             exceedance: components["schemas"]["Exceedance"] | null;
-            /** First Order Ratio */
+            /**
+             * First Order Ratio
+             * @description First-order P95 over the sampled one: below 1, first order is optimistic.
+             */
             first_order_ratio: number;
         };
         /**
@@ -2605,15 +3320,24 @@ export interface components {
          * @description First-order result for one error metric at one target.
          */
         MetricScore: {
-            /** Frame */
+            /**
+             * Frame
+             * @description Frame of bias and covariance: con (connector) or tcp (tool centre point).
+             */
             frame: string;
-            /** Bias Mm */
+            /**
+             * Bias Mm
+             * @description Mean error vector x, y, z in `frame`, mm.
+             */
             bias_mm: [
                 number,
                 number,
                 number
             ];
-            /** Covariance Mm2 */
+            /**
+             * Covariance Mm2
+             * @description Covariance of the error, rows and columns x, y, z in `frame`, mm².
+             */
             covariance_mm2: [
                 [
                     number,
@@ -2631,26 +3355,51 @@ export interface components {
                     number
                 ]
             ];
-            /** Std Mm */
+            /**
+             * Std Mm
+             * @description Standard deviations of the error along x, y, z in `frame`, mm.
+             */
             std_mm: [
                 number,
                 number,
                 number
             ];
-            /** Mean Norm Mm */
+            /**
+             * Mean Norm Mm
+             * @description Mean of the error's norm, mm.
+             */
             mean_norm_mm: number;
-            /** P95 Mm */
+            /**
+             * P95 Mm
+             * @description 95 % quantile of the error's norm under the declared laws, pooled over installations and shots, mm.
+             */
             p95_mm: number;
-            /** Law */
+            /**
+             * Law
+             * @description The law that the quantile was computed with, in words.
+             */
             law: string;
-            /** Law Error Mm */
+            /**
+             * Law Error Mm
+             * @description Numerical error of the quantile itself, mm; it says nothing of the linearisation.
+             */
             law_error_mm: number;
+            /** @description Upper bounds of the quantile if less is assumed of the law, mm. */
             bounds_mm: components["schemas"]["Bounds"];
-            /** Cvar95 Mm */
+            /**
+             * Cvar95 Mm
+             * @description Mean of the worst 5 % of the error's norm, mm.
+             */
             cvar95_mm: number;
-            /** Limit Mm */
+            /**
+             * Limit Mm
+             * @description Tightest limit that the design sets for this error here, mm; null without one.
+             */
             limit_mm: number | null;
-            /** Exceedance Probability */
+            /**
+             * Exceedance Probability
+             * @description Probability that the error's norm is beyond `limit_mm`; null without a limit.
+             */
             exceedance_probability: number | null;
         };
         /**
@@ -2721,15 +3470,24 @@ export interface components {
          * @description A fiducial that could move; ``before_mm`` is None for one that is new, ``after_mm`` for one left out.
          */
         MovedFiducial: {
-            /** Label */
+            /**
+             * Label
+             * @description Label of the fiducial.
+             */
             label: string;
-            /** Before Mm */
+            /**
+             * Before Mm
+             * @description Position before, con, mm; null for one that is new.
+             */
             before_mm: [
                 number,
                 number,
                 number
             ] | null;
-            /** After Mm */
+            /**
+             * After Mm
+             * @description Position after, con, mm; null for one that was left out.
+             */
             after_mm: [
                 number,
                 number,
@@ -2741,17 +3499,29 @@ export interface components {
          * @description A pivot that was free.
          */
         MovedPivot: {
-            /** Contributor */
+            /**
+             * Contributor
+             * @description interface_1 or interface_2.
+             */
             contributor: string;
-            /** Label */
+            /**
+             * Label
+             * @description What the document calls the interface.
+             */
             label: string;
-            /** Before Mm */
+            /**
+             * Before Mm
+             * @description Pivot before, con, mm.
+             */
             before_mm: [
                 number,
                 number,
                 number
             ];
-            /** After Mm */
+            /**
+             * After Mm
+             * @description Pivot after, con, mm.
+             */
             after_mm: [
                 number,
                 number,
@@ -2765,61 +3535,124 @@ export interface components {
         Optimisation: {
             /**
              * Schema
+             * @description Name and version of this record's schema.
              * @constant
              */
             schema: "tailstack/optimisation/1";
             /**
              * Status
+             * @description The new design passed its Monte Carlo check; what did not is refused, not answered.
              * @constant
              */
             status: "verified";
-            /** Objective */
+            /**
+             * Objective
+             * @description What was minimised, in a sentence.
+             */
             objective: string;
-            /** Cost Before */
+            /**
+             * Cost Before
+             * @description Cost of the design as it stood, in the unit of its prices; null: some of it has no price.
+             */
             cost_before: number | null;
-            /** Cost After */
+            /**
+             * Cost After
+             * @description Cost of the new design.
+             */
             cost_after: number;
-            /** Cost Closed Form */
+            /**
+             * Cost Closed Form
+             * @description Cost of the optimum by the smooth closed form that drives the search; null where no cost is minimised.
+             */
             cost_closed_form: number | null;
-            /** Cost Exact Law */
+            /**
+             * Cost Exact Law
+             * @description Cost of the optimum by the exact law at the limit itself, before the check's margin; null where no cost is minimised.
+             */
             cost_exact_law: number | null;
-            /** P95 Before Mm */
+            /**
+             * P95 Before Mm
+             * @description First-order P95 of the worst target before, mm; null: the layout as it stood does not determine it.
+             */
             p95_before_mm: number | null;
-            /** P95 After Mm */
+            /**
+             * P95 After Mm
+             * @description P95 of the worst target after, mm.
+             */
             p95_after_mm: number;
-            /** Moved */
+            /**
+             * Moved
+             * @description Fiducials that could move.
+             */
             moved: components["schemas"]["MovedFiducial"][];
-            /** Tolerances */
+            /**
+             * Tolerances
+             * @description Half-widths that were free.
+             */
             tolerances: components["schemas"]["ChangedTolerance"][];
-            /** Pivots */
+            /**
+             * Pivots
+             * @description Pivots that were free.
+             */
             pivots: components["schemas"]["MovedPivot"][];
-            /** Spacings */
+            /**
+             * Spacings
+             * @description Locators whose spacing was free.
+             */
             spacings: components["schemas"]["ChangedSpacing"][];
-            /** Scaling */
+            /**
+             * Scaling
+             * @description Objective scaling: the common factor on all half-widths; otherwise null.
+             */
             scaling: number | null;
+            /** @description What the optimum rests on. */
             certificate: components["schemas"]["Certificate"];
-            /** Shadow Prices */
+            /**
+             * Shadow Prices
+             * @description What one unit of each limit and bound is worth.
+             */
             shadow_prices: components["schemas"]["ShadowPrice"][];
-            /** Binding */
+            /**
+             * Binding
+             * @description Limits and bounds that hold the optimum where it is.
+             */
             binding: string[];
-            /** Influence */
+            /**
+             * Influence
+             * @description What the free variables can and cannot do, known before solving.
+             */
             influence: components["schemas"]["Finding"][];
+            /** @description What the placement bought; null where nothing was placed. */
             placement_value: components["schemas"]["PlacementValue"] | null;
-            /** Counts */
+            /**
+             * Counts
+             * @description The numbers of fiducials that were tried; empty where it was given.
+             */
             counts: components["schemas"]["CountTried"][];
-            /** Front */
+            /**
+             * Front
+             * @description Points of the front of cost and limit; empty unless asked for.
+             */
             front: components["schemas"]["FrontPoint"][];
-            /** Design Before */
+            /**
+             * Design Before
+             * @description The design document that it started from, complete.
+             */
             design_before: {
                 [key: string]: unknown;
             };
-            /** Design */
+            /**
+             * Design
+             * @description The new design document, complete.
+             */
             design: {
                 [key: string]: unknown;
             };
+            /** @description Which design (the new one), by which version, under which model, and what is not included. */
             provenance: components["schemas"]["Provenance"];
         };
         OptimisationRequest: {
+            /** @description The design document. */
             design: components["schemas"]["Design"];
             /**
              * Seed
@@ -2958,33 +3791,52 @@ export interface components {
          * @description The second reading of risk: the installation is drawn once per unit and stays.
          */
         PerUnit: {
-            /** Limit Mm */
+            /**
+             * Limit Mm
+             * @description Limit of the tightest requirement on each unit, mm; without one, the target's.
+             */
             limit_mm: number | null;
-            /** Yield Fraction */
+            /**
+             * Yield Fraction
+             * @description Fraction of units whose own quantile over shots meets the limit; null without a limit.
+             */
             yield_fraction: number | null;
-            /** Yield Standard Error */
+            /**
+             * Yield Standard Error
+             * @description Standard error of that fraction; null without a limit.
+             */
             yield_standard_error: number | null;
-            /** P95 Of Units Mm */
+            /**
+             * P95 Of Units Mm
+             * @description 95 % quantile over units of each unit's own P95, mm.
+             */
             p95_of_units_mm: number;
-            /** P95 Of Units Standard Error Mm */
+            /**
+             * P95 Of Units Standard Error Mm
+             * @description Standard error of it, mm.
+             */
             p95_of_units_standard_error_mm: number;
             /**
              * Quantile
+             * @description Quantile over a unit's own shots: that of the requirement.
              * @default 0.95
              */
             quantile: number;
             /**
              * Units Fraction
+             * @description Fraction of units that must keep it: the requirement's min_yield.
              * @default 0.95
              */
             units_fraction: number;
             /**
              * Value Mm
+             * @description What this fraction of units keep their own quantile within, mm; null where it was not computed.
              * @default null
              */
             value_mm: number | null;
             /**
              * Standard Error Mm
+             * @description Standard error of it, mm; null where it was not computed.
              * @default null
              */
             standard_error_mm: number | null;
@@ -3062,21 +3914,45 @@ export interface components {
          * @description What the placement bought, against a textbook layout and against careless ones, tolerances optimised alike.
          */
         PlacementValue: {
-            /** Textbook */
+            /**
+             * Textbook
+             * @description What the textbook layout is, or why there is none.
+             */
             textbook: string;
-            /** Textbook Objective */
+            /**
+             * Textbook Objective
+             * @description Its objective, tolerances optimised; null: it cannot meet the limit.
+             */
             textbook_objective: number | null;
-            /** Careless Layouts */
+            /**
+             * Careless Layouts
+             * @description Random layouts that keep the rules.
+             */
             careless_layouts: number;
-            /** Careless Infeasible */
+            /**
+             * Careless Infeasible
+             * @description How many of them cannot meet the limit.
+             */
             careless_infeasible: number;
-            /** Careless Median */
+            /**
+             * Careless Median
+             * @description Median objective of those that can; null where none can.
+             */
             careless_median: number | null;
-            /** Careless Worst */
+            /**
+             * Careless Worst
+             * @description Largest objective of those that can; null where none can.
+             */
             careless_worst: number | null;
-            /** Best */
+            /**
+             * Best
+             * @description Objective of the optimum, by the same closed form.
+             */
             best: number;
-            /** Sentence */
+            /**
+             * Sentence
+             * @description The comparison as a sentence.
+             */
             sentence: string;
         };
         /**
@@ -3309,19 +4185,40 @@ export interface components {
          * @description RFC 9457 problem details.
          */
         Problem: {
-            /** Type */
+            /**
+             * Type
+             * @description Path of the page that explains this class of problem.
+             */
             type: string;
-            /** Title */
+            /**
+             * Title
+             * @description What it is, the same for every occurrence.
+             */
             title: string;
-            /** Status */
+            /**
+             * Status
+             * @description HTTP status; on the command line, that of the same refusal over HTTP.
+             */
             status: number;
-            /** Detail */
+            /**
+             * Detail
+             * @description The first of the errors, in a sentence.
+             */
             detail: string;
-            /** Instance */
+            /**
+             * Instance
+             * @description Path that was asked for, or the command.
+             */
             instance: string;
-            /** Request Id */
+            /**
+             * Request Id
+             * @description Id of the request, in the service's log too; null on the command line.
+             */
             request_id: string | null;
-            /** Errors */
+            /**
+             * Errors
+             * @description Everything that is wrong, each with its place.
+             */
             errors: components["schemas"]["ProblemEntry"][];
         };
         /**
@@ -3329,19 +4226,40 @@ export interface components {
          * @description One thing that is wrong.  ``file``, ``line`` and ``column`` are null when the document came without a file.
          */
         ProblemEntry: {
-            /** Pointer */
+            /**
+             * Pointer
+             * @description JSON pointer (RFC 6901) into the document that was sent; empty for the whole, /NAME for a query parameter.
+             */
             pointer: string;
-            /** Code */
+            /**
+             * Code
+             * @description What kind of mistake it is, kebab-case.
+             */
             code: string;
-            /** Detail */
+            /**
+             * Detail
+             * @description What is wrong, with what arrived.
+             */
             detail: string;
-            /** Hint */
+            /**
+             * Hint
+             * @description What to do; may be empty.
+             */
             hint: string;
-            /** File */
+            /**
+             * File
+             * @description File that the document came from; null when it came without one.
+             */
             file: string | null;
-            /** Line */
+            /**
+             * Line
+             * @description Line in that file or text, from 1; null when it came without one.
+             */
             line: number | null;
-            /** Column */
+            /**
+             * Column
+             * @description Column in the line, from 1; null when it came without one.
+             */
             column: number | null;
         };
         /**
@@ -3349,34 +4267,73 @@ export interface components {
          * @description One class of refusal: what it means and what to do about it.
          */
         ProblemType: {
-            /** Slug */
+            /**
+             * Slug
+             * @description Last part of the problem's type.
+             */
             slug: string;
-            /** Title */
+            /**
+             * Title
+             * @description What it is, the same for every occurrence.
+             */
             title: string;
-            /** Status */
+            /**
+             * Status
+             * @description HTTP status that it comes with.
+             */
             status: number;
-            /** Meaning */
+            /**
+             * Meaning
+             * @description What it means.
+             */
             meaning: string;
-            /** Cure */
+            /**
+             * Cure
+             * @description What to do about it.
+             */
             cure: string;
         };
         /** Provenance */
         Provenance: {
-            /** Design Name */
+            /**
+             * Design Name
+             * @description Name of the design.
+             */
             design_name: string;
-            /** Design Sha256 */
+            /**
+             * Design Sha256
+             * @description SHA-256 of the design's canonical content, fiducials included; null where it could not be had.
+             */
             design_sha256: string | null;
-            /** Tailstack Version */
+            /**
+             * Tailstack Version
+             * @description Version of the solver.
+             */
             tailstack_version: string;
-            /** Reading */
+            /**
+             * Reading
+             * @description Reading of the structure's installation error: physical (the structure moves, its images too) or eq18 (only the coordinates that the estimator is told).
+             */
             reading: string;
-            /** Rotation Form */
+            /**
+             * Rotation Form
+             * @description How small rotations act: full matrices or the small-angle form.
+             */
             rotation_form: string;
-            /** Triangulation */
+            /**
+             * Triangulation
+             * @description Frame in which the target's rays are met: normalised (of the fiducials) or published (connector mm).
+             */
             triangulation: string;
-            /** Notes */
+            /**
+             * Notes
+             * @description What was done to the design's numbers on the way, and what it leaves open.
+             */
             notes: string[];
-            /** Not Included */
+            /**
+             * Not Included
+             * @description Errors that no number here includes.
+             */
             not_included: string[];
         };
         /**
@@ -3384,19 +4341,27 @@ export interface components {
          * @description Whether requests should be sent here, and why not.
          */
         Readiness: {
-            /** Status */
+            /**
+             * Status
+             * @description ready: send requests here; otherwise why not.
+             */
             status: ("warming up" | "ready" | "failed") | ("stopping" | "no database");
             /**
              * Kernels
+             * @description Whether the kernels are compiled.
              * @enum {string}
              */
             kernels: "warming up" | "ready" | "failed";
             /**
              * Database
+             * @description Whether jobs can be stored and read.
              * @enum {string}
              */
             database: "ready" | "not ready";
-            /** Workers */
+            /**
+             * Workers
+             * @description Workers that computed or looked for work lately, on any host; jobs wait while there is none.
+             */
             workers: number;
         };
         /**
@@ -3420,15 +4385,30 @@ export interface components {
          * @description A lower bound of the cost that no design within the given freedom (as said) can undercut.
          */
         Relaxation: {
-            /** Kind */
+            /**
+             * Kind
+             * @description How the bound was found (convex allocation, monotone cuts over grades), or why there is none.
+             */
             kind: string;
-            /** Cost */
+            /**
+             * Cost
+             * @description Cost of the optimum that it is compared with; null without a bound.
+             */
             cost: number | null;
-            /** Lower Bound */
+            /**
+             * Lower Bound
+             * @description Cost that no design within the given freedom can undercut; null without a bound.
+             */
             lower_bound: number | null;
-            /** Gap Percent */
+            /**
+             * Gap Percent
+             * @description How far the optimum is above the bound, %; null without a bound.
+             */
             gap_percent: number | null;
-            /** Statement */
+            /**
+             * Statement
+             * @description What the bound holds for, in a sentence.
+             */
             statement: string;
         };
         /**
@@ -3477,29 +4457,52 @@ export interface components {
         Report: {
             /**
              * Schema
+             * @description Name and version of this record's schema.
              * @constant
              */
             schema: "tailstack/report/1";
-            /** Title */
+            /**
+             * Title
+             * @description Title of the report: the design's name.
+             */
             title: string;
+            /** @description The first page: what a project lead needs to know. */
             headline: components["schemas"]["Headline"];
+            /** @description First order: bias, covariance, tail and budget. */
             score: components["schemas"]["Score"];
+            /** @description Monte Carlo check; null where it was not asked for. */
             verification: components["schemas"]["Verification"] | null;
+            /** @description The optimised design; null where it was not asked for. */
             optimisation: components["schemas"]["Optimisation"] | null;
-            /** Distributions */
+            /**
+             * Distributions
+             * @description TCP error at the targets with the largest P95, by bins.
+             */
             distributions: components["schemas"]["ErrorDistribution"][];
-            /** Convergence */
+            /**
+             * Convergence
+             * @description How the sampled P95 settled; empty where nothing was drawn.
+             */
             convergence: components["schemas"]["Convergence"][];
-            /** Allowances */
+            /**
+             * Allowances
+             * @description How far each half-width could go by itself, at the targets of `distributions`.
+             */
             allowances: components["schemas"]["Allowance"][];
-            /** Design */
+            /**
+             * Design
+             * @description The design document, complete.
+             */
             design: {
                 [key: string]: unknown;
             };
+            /** @description How to get the same numbers again. */
             reproduction: components["schemas"]["Reproduction"];
+            /** @description Which design, by which version, under which model, and what is not included. */
             provenance: components["schemas"]["Provenance"];
         };
         ReportRequest: {
+            /** @description The design document. */
             design: components["schemas"]["Design"];
             /**
              * Trials
@@ -3538,21 +4541,45 @@ export interface components {
          * @description How to get the same numbers again.
          */
         Reproduction: {
-            /** Commands */
+            /**
+             * Commands
+             * @description Commands that give the same numbers, with the design of this record saved as design.yaml.
+             */
             commands: string[];
-            /** Parts */
+            /**
+             * Parts
+             * @description What was computed: score, verification, optimisation.
+             */
             parts: string[];
-            /** Seed */
+            /**
+             * Seed
+             * @description Seed of the check; null: nothing was drawn.
+             */
             seed: number | null;
-            /** Trials */
+            /**
+             * Trials
+             * @description Trials asked for; null: as many as the precision takes.
+             */
             trials: number | null;
-            /** Precision */
+            /**
+             * Precision
+             * @description Relative half-width asked for; null: the solver's own, or a number of trials.
+             */
             precision: number | null;
-            /** Max Trials */
+            /**
+             * Max Trials
+             * @description At most so many trials; null: their number was asked for, or nothing was drawn.
+             */
             max_trials: number | null;
-            /** Starts */
+            /**
+             * Starts
+             * @description Starts of the optimiser; null: as many as the design says.
+             */
             starts: number | null;
-            /** Statement */
+            /**
+             * Statement
+             * @description What the commands reproduce, and how exactly.
+             */
             statement: string;
         };
         /**
@@ -3560,11 +4587,20 @@ export interface components {
          * @description RMS over fiducials and views of the distance between measured and reprojected images.
          */
         Reprojection: {
-            /** Trials */
+            /**
+             * Trials
+             * @description Trials that it was sampled with.
+             */
             trials: number;
-            /** Mean Px */
+            /**
+             * Mean Px
+             * @description Mean, px.
+             */
             mean_px: number;
-            /** P95 Px */
+            /**
+             * P95 Px
+             * @description 95 % quantile, px.
+             */
             p95_px: number;
         };
         /**
@@ -3685,16 +4721,28 @@ export interface components {
         };
         /** SchemaEntry */
         SchemaEntry: {
-            /** Name */
+            /**
+             * Name
+             * @description Name of the schema.
+             */
             name: string;
-            /** Title */
+            /**
+             * Title
+             * @description What it is the schema of.
+             */
             title: string;
-            /** Url */
+            /**
+             * Url
+             * @description Path where it is served.
+             */
             url: string;
         };
         /** SchemaList */
         SchemaList: {
-            /** Schemas */
+            /**
+             * Schemas
+             * @description Every published schema.
+             */
             schemas: components["schemas"]["SchemaEntry"][];
         };
         /**
@@ -3704,18 +4752,29 @@ export interface components {
         Score: {
             /**
              * Schema
+             * @description Name and version of this record's schema.
              * @constant
              */
             schema: "tailstack/score/1";
-            /** Targets */
+            /**
+             * Targets
+             * @description One entry for each target and each sample of a region.
+             */
             targets: components["schemas"]["TargetScore"][];
+            /** @description How far the linearisation can be trusted. */
             validity: components["schemas"]["Validity"];
-            /** Views */
+            /**
+             * Views
+             * @description Visibility of the fiducials in each view.
+             */
             views: components["schemas"]["ViewCheck"][];
+            /** @description Requirements held against first order. */
             verdict: components["schemas"]["Verdict"];
+            /** @description Which design, by which version, under which model, and what is not included. */
             provenance: components["schemas"]["Provenance"];
         };
         ScoreRequest: {
+            /** @description The design document. */
             design: components["schemas"]["Design"];
             /**
              * Second Order
@@ -3856,13 +4915,18 @@ export interface components {
         SecondOrder: {
             /**
              * Status
+             * @description applied, refused where it does not hold, or not requested.
              * @enum {string}
              */
             status: "applied" | "refused" | "not requested";
-            /** Reason */
+            /**
+             * Reason
+             * @description Why it was refused, or what it rests on.
+             */
             reason: string;
             /**
              * Mean Shift Mm
+             * @description What it adds to the mean of the TCP error x, y, z in tcp, mm; null unless applied.
              * @default null
              */
             mean_shift_mm: [
@@ -3872,6 +4936,7 @@ export interface components {
             ] | null;
             /**
              * Std Mm
+             * @description Standard deviations with it along x, y, z in tcp, mm; null unless applied.
              * @default null
              */
             std_mm: [
@@ -3881,6 +4946,7 @@ export interface components {
             ] | null;
             /**
              * P95 Mm
+             * @description 95 % quantile of the TCP error's norm with it, mm; null unless applied.
              * @default null
              */
             p95_mm: number | null;
@@ -3890,13 +4956,25 @@ export interface components {
          * @description What one unit of a limit or bound is worth, from the multipliers: a derivative, good for small steps.
          */
         ShadowPrice: {
-            /** Name */
+            /**
+             * Name
+             * @description The limit or bound.
+             */
             name: string;
-            /** Unit */
+            /**
+             * Unit
+             * @description Unit of the limit or bound.
+             */
             unit: string;
-            /** Cost Per Unit */
+            /**
+             * Cost Per Unit
+             * @description Change of the objective for one unit more: of cost, or of mm of the quantile where that is minimised.
+             */
             cost_per_unit: number;
-            /** Sentence */
+            /**
+             * Sentence
+             * @description The same as a sentence.
+             */
             sentence: string;
         };
         /**
@@ -3944,24 +5022,42 @@ export interface components {
         Sweep: {
             /**
              * Schema
+             * @description Name and version of this record's schema.
              * @constant
              */
             schema: "tailstack/sweep/1";
-            /** Axes */
+            /**
+             * Axes
+             * @description The numbers of the design that were varied.
+             */
             axes: components["schemas"]["SweepAxis"][];
             /**
              * Check
+             * @description What was computed at each point: score (first order) or verification (Monte Carlo).
              * @enum {string}
              */
             check: "score" | "verification";
-            /** Seed */
+            /**
+             * Seed
+             * @description Seed of every point's check, so that points differ by their designs alone; null for scores.
+             */
             seed: number | null;
-            /** Trials */
+            /**
+             * Trials
+             * @description Trials asked for at every point; null: a score, or as many as the precision takes.
+             */
             trials: number | null;
-            /** Max Trials */
+            /**
+             * Max Trials
+             * @description At most so many at every point; null: a score, or trials were asked for.
+             */
             max_trials: number | null;
-            /** Points */
+            /**
+             * Points
+             * @description Every combination of the axes' values, the last axis running fastest.
+             */
             points: components["schemas"]["SweepPoint"][];
+            /** @description Of the design as it stands. */
             provenance: components["schemas"]["Provenance"];
         };
         /**
@@ -3969,13 +5065,25 @@ export interface components {
          * @description A number of the design that was varied.
          */
         SweepAxis: {
-            /** Pointer */
+            /**
+             * Pointer
+             * @description JSON pointer (RFC 6901) into the design document; a step * stands for every element.
+             */
             pointer: string;
-            /** Unit */
+            /**
+             * Unit
+             * @description Unit of the values: deg, mm, px, N or empty.
+             */
             unit: string;
-            /** Base */
+            /**
+             * Base
+             * @description What the design as it stands has there; null where a pointer with * leads to several values.
+             */
             base: number | null;
-            /** Values */
+            /**
+             * Values
+             * @description Values that were put there, in `unit`.
+             */
             values: number[];
         };
         /**
@@ -3983,21 +5091,35 @@ export interface components {
          * @description One point of the grid.
          */
         SweepPoint: {
-            /** Values */
+            /**
+             * Values
+             * @description Values at this point, in the order and units of the axes.
+             */
             values: number[];
             /**
              * Status
+             * @description refused: the design could not be computed with these values.
              * @enum {string}
              */
             status: "ok" | "refused";
-            /** Reason */
+            /**
+             * Reason
+             * @description Why it was refused; otherwise null.
+             */
             reason: string | null;
-            /** Targets */
+            /**
+             * Targets
+             * @description What was found at each target; empty where it was refused.
+             */
             targets: components["schemas"]["SweepTarget"][];
-            /** Verdict */
+            /**
+             * Verdict
+             * @description Verdict on the design with these values; null where it was refused.
+             */
             verdict: ("pass" | "fail" | "inconclusive" | "no requirement") | null;
         };
         SweepRequest: {
+            /** @description The design document. */
             design: components["schemas"]["Design"];
             /**
              * Axes
@@ -4039,20 +5161,38 @@ export interface components {
          * @description What was found at one target of one point: the TCP error.
          */
         SweepTarget: {
-            /** Name */
+            /**
+             * Name
+             * @description Name of the target, or of one sample of a region (zone[3]).
+             */
             name: string;
-            /** P95 Mm */
+            /**
+             * P95 Mm
+             * @description 95 % quantile of the TCP error's norm, mm.
+             */
             p95_mm: number;
-            /** P95 Interval Mm */
+            /**
+             * P95 Interval Mm
+             * @description Confidence interval of it by Monte Carlo, mm; null for scores.
+             */
             p95_interval_mm: [
                 number,
                 number
             ] | null;
-            /** Mean Norm Mm */
+            /**
+             * Mean Norm Mm
+             * @description Mean of the TCP error's norm, mm.
+             */
             mean_norm_mm: number;
-            /** Bias Norm Mm */
+            /**
+             * Bias Norm Mm
+             * @description Norm of the mean TCP error, mm.
+             */
             bias_norm_mm: number;
-            /** Localisation P95 Mm */
+            /**
+             * Localisation P95 Mm
+             * @description 95 % quantile of the localisation error's norm, mm.
+             */
             localisation_p95_mm: number;
         };
         /**
@@ -4098,44 +5238,85 @@ export interface components {
          * @description ``bias_mm`` ... ``exceedance`` are the TCP error; ``localisation`` is the same before interface 2.
          */
         TargetEstimate: {
-            /** Name */
+            /**
+             * Name
+             * @description Name of the target, or of one sample of a region (zone[3]).
+             */
             name: string;
-            /** Frame */
+            /**
+             * Frame
+             * @description Frame of the TCP error: tcp.
+             */
             frame: string;
-            /** Bias Mm */
+            /**
+             * Bias Mm
+             * @description Mean TCP error x, y, z in `frame`, mm.
+             */
             bias_mm: [
                 number,
                 number,
                 number
             ];
-            /** Std Mm */
+            /**
+             * Std Mm
+             * @description Standard deviations of the TCP error along x, y, z in `frame`, mm.
+             */
             std_mm: [
                 number,
                 number,
                 number
             ];
-            /** Mean Norm Mm */
+            /**
+             * Mean Norm Mm
+             * @description Mean of the TCP error's norm, mm.
+             */
             mean_norm_mm: number;
-            /** P95 Mm */
+            /**
+             * P95 Mm
+             * @description Sampled 95 % quantile of the TCP error's norm, pooled over installations and shots, mm.
+             */
             p95_mm: number;
-            /** P95 Interval Mm */
+            /**
+             * P95 Interval Mm
+             * @description Confidence interval of `p95_mm`, by order statistics, mm.
+             */
             p95_interval_mm: [
                 number,
                 number
             ];
-            /** Confidence */
+            /**
+             * Confidence
+             * @description Confidence of each interval by itself, 0 to 1.
+             */
             confidence: number;
-            /** Cvar95 Mm */
+            /**
+             * Cvar95 Mm
+             * @description Mean of the worst 5 % of the error's norm, mm.
+             */
             cvar95_mm: number;
-            /** Worst Mm */
+            /**
+             * Worst Mm
+             * @description Largest error's norm among the trials, mm: it grows with their number.
+             */
             worst_mm: number;
+            /** @description How often the error is beyond the tightest limit here; null without a limit. */
             exceedance: components["schemas"]["Exceedance"] | null;
-            /** Flagged Trials */
+            /**
+             * Flagged Trials
+             * @description Trials that the fast chain could not prove solved and that were computed again by singular value decomposition.
+             */
             flagged_trials: number;
-            /** First Order P95 Mm */
+            /**
+             * First Order P95 Mm
+             * @description P95 of the first-order score of this design, mm.
+             */
             first_order_p95_mm: number;
-            /** First Order Ratio */
+            /**
+             * First Order Ratio
+             * @description First-order P95 over the sampled one: below 1, first order is optimistic.
+             */
             first_order_ratio: number;
+            /** @description The same of the localisation error: of the triangulated target in con, before interface 2. */
             localisation: components["schemas"]["MetricEstimate"];
         };
         /**
@@ -4143,17 +5324,29 @@ export interface components {
          * @description ``bias_mm`` ... ``bounds_mm`` are the TCP error; ``localisation`` is the same before interface 2.
          */
         TargetScore: {
-            /** Name */
+            /**
+             * Name
+             * @description Name of the target, or of one sample of a region (zone[3]).
+             */
             name: string;
-            /** Frame */
+            /**
+             * Frame
+             * @description Frame of the TCP error: tcp.
+             */
             frame: string;
-            /** Bias Mm */
+            /**
+             * Bias Mm
+             * @description Mean error vector x, y, z in `frame`, mm.
+             */
             bias_mm: [
                 number,
                 number,
                 number
             ];
-            /** Covariance Mm2 */
+            /**
+             * Covariance Mm2
+             * @description Covariance of the error, rows and columns x, y, z in `frame`, mm².
+             */
             covariance_mm2: [
                 [
                     number,
@@ -4171,37 +5364,77 @@ export interface components {
                     number
                 ]
             ];
-            /** Std Mm */
+            /**
+             * Std Mm
+             * @description Standard deviations of the error along x, y, z in `frame`, mm.
+             */
             std_mm: [
                 number,
                 number,
                 number
             ];
-            /** Mean Norm Mm */
+            /**
+             * Mean Norm Mm
+             * @description Mean of the error's norm, mm.
+             */
             mean_norm_mm: number;
-            /** P95 Mm */
+            /**
+             * P95 Mm
+             * @description 95 % quantile of the error's norm under the declared laws, pooled over installations and shots, mm.
+             */
             p95_mm: number;
-            /** Law */
+            /**
+             * Law
+             * @description The law that the quantile was computed with, in words.
+             */
             law: string;
-            /** Law Error Mm */
+            /**
+             * Law Error Mm
+             * @description Numerical error of the quantile itself, mm; it says nothing of the linearisation.
+             */
             law_error_mm: number;
+            /** @description Upper bounds of the quantile if less is assumed of the law, mm. */
             bounds_mm: components["schemas"]["Bounds"];
-            /** Cvar95 Mm */
+            /**
+             * Cvar95 Mm
+             * @description Mean of the worst 5 % of the error's norm, mm.
+             */
             cvar95_mm: number;
-            /** Limit Mm */
+            /**
+             * Limit Mm
+             * @description Tightest limit that the design sets for this error here, mm; null without one.
+             */
             limit_mm: number | null;
-            /** Exceedance Probability */
+            /**
+             * Exceedance Probability
+             * @description Probability that the error's norm is beyond `limit_mm`; null without a limit.
+             */
             exceedance_probability: number | null;
+            /** @description The same of the localisation error: of the triangulated target in con, before interface 2. */
             localisation: components["schemas"]["MetricScore"];
-            /** Block Diagonal P95 Mm */
+            /**
+             * Block Diagonal P95 Mm
+             * @description Gaussian P95 with the covariance between views dropped (Eq 16 of the paper), mm: compare bounds_mm.gaussian.
+             */
             block_diagonal_p95_mm: number;
-            /** Contributors */
+            /**
+             * Contributors
+             * @description The budget: what each source of error contributes.
+             */
             contributors: components["schemas"]["Contributor"][];
-            /** Worst Vertex */
+            /**
+             * Worst Vertex
+             * @description Bounded components at those ends of their ranges that are worst together, such as interface_1.rz=+0.10 deg.
+             */
             worst_vertex: string[];
+            /** @description The second reading of risk: the installation is drawn once per unit and stays. */
             per_unit: components["schemas"]["PerUnit"];
+            /** @description Correction by the second derivatives of the chain. */
             second_order: components["schemas"]["SecondOrder"];
-            /** Extrapolation */
+            /**
+             * Extrapolation
+             * @description Distance of the target from the fiducials' centroid over their RMS radius.
+             */
             extrapolation: number;
         };
         /**
@@ -4398,13 +5631,25 @@ export interface components {
          * @description Something that was asked for, or a target, that nothing was held against.
          */
         Unjudged: {
-            /** Requirement */
+            /**
+             * Requirement
+             * @description Name of the requirement; null: no requirement and no limit of the policy is about the target.
+             */
             requirement: string | null;
-            /** Target */
+            /**
+             * Target
+             * @description Name of the target.
+             */
             target: string;
-            /** Rule */
+            /**
+             * Rule
+             * @description Rule that would have judged it; null without requirement.
+             */
             rule: string | null;
-            /** Reason */
+            /**
+             * Reason
+             * @description Why nothing was held against it.
+             */
             reason: string;
         };
         /**
@@ -4414,34 +5659,64 @@ export interface components {
         Validation: {
             /**
              * Schema
+             * @description Name and version of this record's schema.
              * @constant
              */
             schema: "tailstack/validation/1";
             /**
              * Valid
+             * @description A design that is not valid is answered with a problem document.
              * @constant
              */
             valid: true;
-            /** Name */
+            /**
+             * Name
+             * @description Name of the design.
+             */
             name: string;
-            /** Design Sha256 */
+            /**
+             * Design Sha256
+             * @description SHA-256 of the design's canonical content, fiducials included.
+             */
             design_sha256: string;
-            /** Views */
+            /**
+             * Views
+             * @description Names of the views.
+             */
             views: string[];
-            /** Fiducials */
+            /**
+             * Fiducials
+             * @description Number of fiducials.
+             */
             fiducials: number;
-            /** Targets */
+            /**
+             * Targets
+             * @description Names of the targets, regions expanded to their samples.
+             */
             targets: string[];
-            /** Requirements */
+            /**
+             * Requirements
+             * @description Names of the requirements.
+             */
             requirements: string[];
-            /** Visibility */
+            /**
+             * Visibility
+             * @description Visibility of the fiducials in each view.
+             */
             visibility: components["schemas"]["ViewCheck"][];
-            /** Findings */
+            /**
+             * Findings
+             * @description Remarks about the design's geometry.
+             */
             findings: components["schemas"]["Finding"][];
-            /** Notes */
+            /**
+             * Notes
+             * @description What was done to the design's numbers on the way, and what it leaves open.
+             */
             notes: string[];
         };
         ValidationRequest: {
+            /** @description The design document. */
             design: components["schemas"]["Design"];
         };
         /**
@@ -4449,16 +5724,26 @@ export interface components {
          * @description How far to trust the linearisation: nu and what it was calibrated to mean.
          */
         Validity: {
-            /** Nu */
+            /**
+             * Nu
+             * @description Validity number: how large what linearising leaves out is, against what it keeps.
+             */
             nu: number;
             /**
              * Status
+             * @description What the number was calibrated to mean for P95.
              * @enum {string}
              */
             status: "good to 1 %" | "good to 5 %" | "good to 20 %" | "not valid";
-            /** Expected Error Percent */
+            /**
+             * Expected Error Percent
+             * @description Largest relative error of P95 that is to be expected, %; null where first order is not valid.
+             */
             expected_error_percent: number | null;
-            /** Statement */
+            /**
+             * Statement
+             * @description The same as a sentence.
+             */
             statement: string;
         };
         /**
@@ -4468,14 +5753,24 @@ export interface components {
         Verdict: {
             /**
              * Status
+             * @description Of all checks together: the worst of them. No requirement: nothing was to be held.
              * @enum {string}
              */
             status: "pass" | "fail" | "inconclusive" | "no requirement";
-            /** Basis */
+            /**
+             * Basis
+             * @description What the checks rest on: first order or Monte Carlo.
+             */
             basis: string;
-            /** Checks */
+            /**
+             * Checks
+             * @description Every requirement at every target that it names.
+             */
             checks: components["schemas"]["Check"][];
-            /** Findings */
+            /**
+             * Findings
+             * @description Remarks about the design, requirements that are not held among them.
+             */
             findings: components["schemas"]["Finding"][];
         };
         /**
@@ -4485,37 +5780,70 @@ export interface components {
         Verification: {
             /**
              * Schema
+             * @description Name and version of this record's schema.
              * @constant
              */
             schema: "tailstack/verification/1";
-            /** Seed */
+            /**
+             * Seed
+             * @description Seed of the trials: the same seed gives the same digits.
+             */
             seed: number;
-            /** Trials */
+            /**
+             * Trials
+             * @description Trials that were drawn.
+             */
             trials: number;
             /**
              * Method
+             * @description plain: every trial by itself; radial: directions, with the quantile found along each.
              * @enum {string}
              */
             method: "plain" | "radial";
-            /** Engine */
+            /**
+             * Engine
+             * @description The chain that computed the trials, in words.
+             */
             engine: string;
-            /** Precision Requested */
+            /**
+             * Precision Requested
+             * @description Relative half-width of P95's interval that was asked for; null where a number of trials was.
+             */
             precision_requested: number | null;
-            /** Max Trials */
+            /**
+             * Max Trials
+             * @description At most so many; null where their number was asked for. It sets when the precision is looked at, so the intervals.
+             */
             max_trials: number | null;
-            /** Precision Reached */
+            /**
+             * Precision Reached
+             * @description Largest relative half-width of P95's interval over the targets.
+             */
             precision_reached: number;
-            /** Stopping */
+            /**
+             * Stopping
+             * @description Why it stopped, in a sentence.
+             */
             stopping: string;
-            /** Targets */
+            /**
+             * Targets
+             * @description One entry for each target and each sample of a region.
+             */
             targets: components["schemas"]["TargetEstimate"][];
+            /** @description Error between measured and reprojected images. */
             reprojection: components["schemas"]["Reprojection"];
-            /** First Order Ratio */
+            /**
+             * First Order Ratio
+             * @description First-order P95 over the sampled one at the worst target.
+             */
             first_order_ratio: number;
+            /** @description Requirements held against the sampled errors. */
             verdict: components["schemas"]["Verdict"];
+            /** @description Which design, by which version, under which model, and what is not included. */
             provenance: components["schemas"]["Provenance"];
         };
         VerificationRequest: {
+            /** @description The design document. */
             design: components["schemas"]["Design"];
             /**
              * Trials
@@ -4545,11 +5873,20 @@ export interface components {
         };
         /** Version */
         Version: {
-            /** Tailstack */
+            /**
+             * Tailstack
+             * @description Version of the service and its solver.
+             */
             tailstack: string;
-            /** Python */
+            /**
+             * Python
+             * @description Version of Python that runs it.
+             */
             python: string;
-            /** Documents */
+            /**
+             * Documents
+             * @description Value of the field `schema` of each document that this version reads and writes.
+             */
             documents: string[];
         };
         /**
@@ -4557,25 +5894,46 @@ export interface components {
          * @description Visibility of the fiducials in one view, at the biased geometry.
          */
         ViewCheck: {
-            /** View */
+            /**
+             * View
+             * @description Name of the view.
+             */
             view: string;
-            /** Checked */
+            /**
+             * Checked
+             * @description false: the size of the image is not stated, so that only depths and distances were looked at.
+             */
             checked: boolean;
-            /** Depth Range Mm */
+            /**
+             * Depth Range Mm
+             * @description Smallest and largest depth of a fiducial in front of the source, along the principal ray, mm.
+             */
             depth_range_mm: [
                 number,
                 number
             ];
-            /** Outside */
+            /**
+             * Outside
+             * @description Labels of fiducials whose image lies outside the detector.
+             */
             outside: string[];
-            /** Smallest Margin Px */
+            /**
+             * Smallest Margin Px
+             * @description Smallest distance of a fiducial's image from the image's edge, px, negative outside; null where the size is not stated.
+             */
             smallest_margin_px: number | null;
-            /** Closest Pair */
+            /**
+             * Closest Pair
+             * @description Labels of the two fiducials whose images are closest.
+             */
             closest_pair: [
                 string,
                 string
             ];
-            /** Closest Pair Px */
+            /**
+             * Closest Pair Px
+             * @description Distance of their images, px.
+             */
             closest_pair_px: number;
         };
     };

@@ -7,13 +7,18 @@ JSON has no such number, and a result that holds one is a defect to be reported,
 
 from __future__ import annotations
 
+import ast
+import inspect
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from typing import Any, Literal
 
 from pydantic import ConfigDict, TypeAdapter
+from pydantic.json_schema import GenerateJsonSchema
 
 from tailstack.design import Design, check_design, design_json_schema, list_presets
 from tailstack.json_text import write_json
@@ -37,16 +42,27 @@ class Validation:
     """A design that was read and checked, and what it holds.  Nothing was computed."""
 
     schema: Literal["tailstack/validation/1"]
-    valid: Literal[True]  # a design that is not valid is answered with a problem document
+    """Name and version of this record's schema."""
+    valid: Literal[True]
+    """A design that is not valid is answered with a problem document."""
     name: str
+    """Name of the design."""
     design_sha256: str
+    """SHA-256 of the design's canonical content, fiducials included."""
     views: tuple[str, ...]
+    """Names of the views."""
     fiducials: int
+    """Number of fiducials."""
     targets: tuple[str, ...]
+    """Names of the targets, regions expanded to their samples."""
     requirements: tuple[str, ...]
+    """Names of the requirements."""
     visibility: tuple[ViewCheck, ...]
+    """Visibility of the fiducials in each view."""
     findings: tuple[Finding, ...]
+    """Remarks about the design's geometry."""
     notes: tuple[str, ...]
+    """What was done to the design's numbers on the way, and what it leaves open."""
 
 
 def validate(design: Design) -> Validation:
@@ -70,7 +86,9 @@ def validate(design: Design) -> Validation:
 @dataclass(frozen=True, slots=True)
 class ConvertedPoint:
     label: str
-    position_mm: tuple[float, float, float]  # connector frame (LPS)
+    """Label of the fiducial."""
+    position_mm: tuple[float, float, float]
+    """Position, con (LPS), mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +96,15 @@ class Conversion:
     """A fiducial file or a design in another format, and the fiducials in it."""
 
     schema: Literal["tailstack/conversion/1"]
+    """Name and version of this record's schema."""
     format: Literal["csv", "fcsv", "mrk.json", "yaml", "json"]
+    """Format of `content`."""
     content: str
+    """The converted text."""
     fiducials: tuple[ConvertedPoint, ...]
-    notes: tuple[str, ...]  # what was done to the numbers on the way
+    """The fiducials in it."""
+    notes: tuple[str, ...]
+    """What was done to the numbers on the way."""
 
 
 RECORDS: dict[str, type] = {
@@ -147,12 +170,37 @@ def from_plain(name: str, data: Any) -> Any:
     return _adapter(RECORDS[name]).validate_python(data)
 
 
-def _record_schema(name: str) -> dict[str, Any]:
-    schema = _adapter(RECORDS[name]).json_schema(mode="serialization")
+def record_json_schema(record: type) -> dict[str, Any]:
+    """The JSON Schema of a record as it is written, each property with the text that stands below its field."""
+    schema = _adapter(record).json_schema(mode="serialization", schema_generator=_DescribedSchema)
     _require_all(schema)
     for definition in schema.get("$defs", {}).values():
         _require_all(definition)
     return schema
+
+
+class _DescribedSchema(GenerateJsonSchema):
+    """Pydantic's schema, where each property of a record is described by the text below its field in the source."""
+
+    def dataclass_schema(self, schema: Any) -> dict[str, Any]:
+        made = super().dataclass_schema(schema)
+        for name, words in _texts_below_fields(schema["cls"].__module__).get(schema["cls"].__name__, {}).items():
+            if name in made.get("properties", {}):
+                made["properties"][name]["description"] = words
+        return made
+
+
+@cache
+def _texts_below_fields(module: str) -> dict[str, dict[str, str]]:
+    """By class and field, the string literals that stand below the fields of a module's classes."""
+    found: dict[str, dict[str, str]] = {}
+    tree = ast.parse(inspect.getsource(sys.modules[module]))
+    for kind in (node for node in tree.body if isinstance(node, ast.ClassDef)):
+        for field, below in pairwise(kind.body):
+            match field, below:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(words))):
+                    found.setdefault(kind.name, {})[name] = " ".join(words.split())
+    return found
 
 
 def _require_all(schema: dict[str, Any]) -> None:
@@ -229,7 +277,7 @@ def _schema_text(name: str) -> str:
         "policy": policy_json_schema,
         "waivers": waivers_json_schema,
     }
-    body = makers[name]() if name in makers else _record_schema(name)
+    body = makers[name]() if name in makers else record_json_schema(RECORDS[name])
     head = {"$schema": DIALECT, "$id": f"urn:tailstack:schema:{name}:1"}
     return write_json({**head, **{key: value for key, value in body.items() if key not in head}})
 

@@ -22,10 +22,15 @@ class JobProgress:
     """How far a job was when something was last recorded.  ``fraction`` is between 0 and 1."""
 
     fraction: float
+    """How much is done, 0 to 1."""
     units_done: int
-    units_expected: int  # grows when the job turns out to be longer
-    note: str  # what is being done, in words
-    eta_seconds: float | None  # to the end, at the pace so far; null when nobody can know
+    """Units of work whose results are recorded."""
+    units_expected: int
+    """Units of work in all; grows when the job turns out to be longer."""
+    note: str
+    """What is being done, in words."""
+    eta_seconds: float | None
+    """Seconds to the end, at the pace so far; null when nobody can know."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +38,15 @@ class JobLinks:
     """Paths of what belongs to a job.  ``result`` and ``report`` are null until it has succeeded."""
 
     self: str
+    """Path of this record."""
     events: str
+    """Path of the stream of events."""
     cancel: str
+    """Path to post to in order to cancel."""
     result: str | None
+    """Path of the result; null until it is there."""
     report: str | None
+    """Path of the result as a report; null until it is there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,20 +54,35 @@ class JobDocument:
     """A computation that was accepted.  Times are RFC 3339, UTC."""
 
     schema: Literal["tailstack/job/1"]
+    """Name and version of this record's schema."""
     id: str
+    """Id of the job, 26 characters that sort by time."""
     kind: JobKind
+    """What is computed."""
     state: State
+    """queued, running, or how it ended."""
     design_name: str
+    """Name of the design."""
     created_at: str
+    """When it was accepted, RFC 3339, UTC."""
     started_at: str | None
+    """When a worker first took it, RFC 3339, UTC; null before."""
     finished_at: str | None
-    solver_version: str  # that computes, or computed, this job
-    recomputed: str | None  # said when an upgrade of the solver made the job begin anew
-    cpu_seconds: float  # of every unit recorded so far, those of a begun-anew job included
+    """When it ended, RFC 3339, UTC; null before."""
+    solver_version: str
+    """Version of the solver that computes, or computed, this job."""
+    recomputed: str | None
+    """Said when an upgrade of the solver made the job begin anew; otherwise null."""
+    cpu_seconds: float
+    """CPU time of every unit recorded so far, s, those before an upgrade included."""
     progress: JobProgress
-    problem: ProblemDocument | None  # why it failed; pointers lead into the request: /design/...
+    """How far it was when something was last recorded."""
+    problem: ProblemDocument | None
+    """Why it failed; pointers lead into the request: /design/... Null unless it failed."""
     result_sha256: str | None
+    """SHA-256 of the result's bytes, by which it is fetched; null until it is there."""
     links: JobLinks
+    """Paths of what belongs to the job."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +90,11 @@ class JobPage:
     """Jobs, newest first, and the path of the page after this one."""
 
     schema: Literal["tailstack/jobs/1"]
+    """Name and version of this record's schema."""
     jobs: tuple[JobDocument, ...]
+    """Jobs, newest first."""
     next: str | None
+    """Path of the page after this one; null on the last."""
 
 
 def job_document(job: Job, eta_seconds: float | None = None) -> JobDocument:

@@ -58,10 +58,15 @@ class ProblemType:
     """One class of refusal: what it means and what to do about it."""
 
     slug: str
+    """Last part of the problem's type."""
     title: str
+    """What it is, the same for every occurrence."""
     status: int
+    """HTTP status that it comes with."""
     meaning: str
+    """What it means."""
     cure: str
+    """What to do about it."""
 
 
 def _of(error: type[TailstackError], status: int, meaning: str, cure: str) -> ProblemType:
@@ -295,26 +300,40 @@ CATALOGUE: dict[str, ProblemType] = {
 class ProblemEntry:
     """One thing that is wrong.  ``file``, ``line`` and ``column`` are null when the document came without a file."""
 
-    pointer: str  # RFC 6901, into the document that was sent
+    pointer: str
+    """JSON pointer (RFC 6901) into the document that was sent; empty for the whole, /NAME for a query parameter."""
     code: str
+    """What kind of mistake it is, kebab-case."""
     detail: str
+    """What is wrong, with what arrived."""
     hint: str
+    """What to do; may be empty."""
     file: str | None
+    """File that the document came from; null when it came without one."""
     line: int | None
+    """Line in that file or text, from 1; null when it came without one."""
     column: int | None
+    """Column in the line, from 1; null when it came without one."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProblemDocument:
     """RFC 9457 problem details."""
 
-    type: str  # path of the page that explains this class of problem
+    type: str
+    """Path of the page that explains this class of problem."""
     title: str
+    """What it is, the same for every occurrence."""
     status: int
+    """HTTP status; on the command line, that of the same refusal over HTTP."""
     detail: str
-    instance: str  # the path that was asked, or the command
-    request_id: str | None  # null on the command line
+    """The first of the errors, in a sentence."""
+    instance: str
+    """Path that was asked for, or the command."""
+    request_id: str | None
+    """Id of the request, in the service's log too; null on the command line."""
     errors: tuple[ProblemEntry, ...]
+    """Everything that is wrong, each with its place."""
 
 
 def problem_document(

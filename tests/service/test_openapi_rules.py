@@ -27,6 +27,7 @@ GOOD: dict[str, Any] = {
             "post": {
                 "operationId": "create_job",
                 "summary": "A job",
+                "description": "It is computed.",
                 "tags": ["jobs"],
                 "parameters": [
                     {"name": "id", "in": "path", "required": True, "description": "Which.", "example": "a",
@@ -50,11 +51,12 @@ GOOD: dict[str, Any] = {
         "responses": {"Problem422": {"description": "Problem.", "content": {
             "application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}}},
         "schemas": {
-            "Problem": {"type": "object", "properties": {"status": {"type": "integer"}}},
+            "Problem": {"type": "object", "properties": {"status": {"type": "integer", "description": "Of HTTP."}}},
             "Job": {"type": "object", "properties": {
-                "p95_mm": {"type": "number"},
-                "bias_mm": {"type": "array", "prefixItems": [{"type": "number"}] * 3},
-                "half_width": {"type": "number"}, "unit": {"type": "string"}}},
+                "p95_mm": {"type": "number", "description": "Quantile."},
+                "bias_mm": {"type": "array", "prefixItems": [{"type": "number"}] * 3, "description": "Mean, con."},
+                "half_width": {"type": "number", "description": "Of a tolerance."},
+                "unit": {"type": "string", "description": "Of the half-width."}}},
         },
     },
 }  # fmt: skip
@@ -86,6 +88,20 @@ BROKEN: dict[str, tuple[Callable[[Any], Any], str]] = {
     "no name": (lambda d: operation(d).pop("operationId"), f"{ONLY}: operationId '' is not snake_case"),
     "name twice": (twice, f"POST /v1/others: operationId create_job is also that of {ONLY}"),
     "summary": (lambda d: operation(d).pop("summary"), f"{ONLY}: no summary"),
+    "operation without words": (lambda d: operation(d).pop("description"), f"{ONLY}: no description"),
+    "property without words": (
+        lambda d: d["components"]["schemas"]["Job"]["properties"]["unit"].pop("description"),
+        "schema Job: the property unit has no description",
+    ),
+    "reference without words": (
+        lambda d: d["components"]["schemas"]["Job"]["properties"].update(
+            problem={"$ref": "#/components/schemas/Problem"}),
+        "schema Job: the property problem has no description",
+    ),
+    "property of a form without words": (
+        lambda d: d["components"]["schemas"]["Job"].update(anyOf=[{"items": {"properties": {"deep": {}}}}]),
+        "schema Job: the property deep has no description",
+    ),
     "tag": (lambda d: operation(d).pop("tags"), f"{ONLY}: needs one tag, and the document describes it"),
     "tag without words": (
         lambda d: d["tags"][0].pop("description"), f"{ONLY}: needs one tag, and the document describes it"
@@ -132,13 +148,15 @@ BROKEN: dict[str, tuple[Callable[[Any], Any], str]] = {
         lambda d: headers_of(d, "503").clear(), f"{ONLY}: response 503: the header Retry-After is not documented"
     ),
     "number without unit": (
-        lambda d: d["components"]["schemas"]["Problem"]["properties"].update(p95={"type": ["number", "null"]}),
+        lambda d: d["components"]["schemas"]["Problem"]["properties"].update(
+            p95={"type": ["number", "null"], "description": "A quantile."}),
         "schema Problem: the number p95 has no unit in its name, no field `unit` beside it, and is not listed",
     ),
     "numbers without unit": (
         lambda d: d["components"]["schemas"]["Problem"].update(
-            properties={"deep": {"type": "object", "properties": {"shift": {"anyOf": [
-                {"type": "array", "items": {"type": "integer"}}, {"type": "null"}]}}}}),
+            properties={"deep": {"type": "object", "description": "Deep.", "properties": {"shift": {
+                "description": "A shift.", "anyOf": [
+                    {"type": "array", "items": {"type": "integer"}}, {"type": "null"}]}}}}),
         "schema Problem: the number shift has no unit in its name, no field `unit` beside it, and is not listed",
     ),
 }  # fmt: skip

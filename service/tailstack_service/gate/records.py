@@ -19,16 +19,26 @@ Basis = Literal["first order", "Monte Carlo", "none"]
 class GateFinding:
     """One remark, at the place of the offending value."""
 
-    rule: str  # stable id, see `tailstack gate --explain ID`
+    rule: str
+    """Stable id of the rule, see `tailstack gate --explain ID`."""
     severity: Severity
-    file: str  # the name given with the design; of the policy, waivers or baseline where it is about them
-    line: int | None  # 1-based; null where the document did not come as text
+    """Severity under the policy."""
+    file: str
+    """Name given with the design; of the policy, waivers or baseline where it is about them."""
+    line: int | None
+    """Line in the file, from 1; null where the document did not come as text."""
     column: int | None
-    pointer: str  # RFC 6901, into the file's document
+    """Column in the line, from 1; null where the document did not come as text."""
+    pointer: str
+    """JSON pointer (RFC 6901) into the file's document."""
     message: str
+    """The finding, in a sentence."""
     value: float | None
+    """The number it rests on, in the unit that the message says; null without one."""
     limit: float | None
-    suppressed_by: str | None  # the waiver that accepts it; it then does not count
+    """What that was held against, in the same unit; null without one."""
+    suppressed_by: str | None
+    """The waiver that accepts it, so that it does not count; otherwise null."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,20 +46,33 @@ class GateNumber:
     """One number that was held against a limit."""
 
     rule: str
-    requirement: str  # the requirement's name; of a limit that the policy sets, the rule's id
+    """Id of the rule that judged it."""
+    requirement: str
+    """Name of the requirement; of a limit that the policy sets, the rule's id."""
     target: str
-    unit: str  # mm, or "fraction" for a yield
+    """Name of the target."""
+    unit: str
+    """Unit of value, interval and limit: mm, or fraction for a yield."""
     value: float
-    interval: tuple[float, float | None] | None  # null: of a yield; an end that is null is not known
+    """The number, in `unit`."""
+    interval: tuple[float, float | None] | None
+    """Its lower and upper end, in `unit`; null: of a yield. A null end is not known."""
     limit: float
+    """What it was held against, in `unit`."""
     status: Literal["pass", "fail", "inconclusive"]
-    error_rate: float | None  # by Monte Carlo: largest probability that pass is said of a fail, or fail of a pass
-    # What decided, in mm; of a yield, too: the value is within the limit just where as many units are good as required.
-    headline: str = ""  # what the value is: "P95 that 90 % of units keep"
+    """pass: surely within the limit; fail: surely beyond; otherwise inconclusive."""
+    error_rate: float | None
+    """By Monte Carlo: largest probability that pass is said of a fail, or fail of a pass; null: first order."""
+    headline: str = ""
+    """What the value is, in words: "P95 that 90 % of units keep"."""
     value_mm: float | None = None
+    """What decided, mm; of a yield, what the required fraction of units keep."""
     interval_mm: tuple[float, float | None] | None = None
+    """Its lower and upper end, mm; a null upper end is not known."""
     limit_mm: float | None = None
-    margin_mm: float | None = None  # the limit less the upper end of the interval; null where that end is not known
+    """The limit that it was held against, mm."""
+    margin_mm: float | None = None
+    """Limit less the upper end of the interval, mm; null where that end is not known."""
 
     def __post_init__(self) -> None:
         if self.unit == "mm":
@@ -65,37 +88,57 @@ class GateTarget:
     """The error at one target: what a later gate compares with."""
 
     name: str
+    """Name of the target, or of one sample of a region (zone[3])."""
     first_order_p95_mm: float
-    p95_mm: float | None  # Monte Carlo; null where it was not drawn
+    """First-order P95 of the TCP error, mm."""
+    p95_mm: float | None
+    """Sampled P95 of the TCP error, mm; null where nothing was drawn."""
     p95_interval_mm: tuple[float, float] | None
+    """Confidence interval of it, mm; null where nothing was drawn."""
     cvar95_mm: float
-    position_mm: Vector3 | None = None  # con; null in records written before this field was
+    """Mean of the worst 5 % of the TCP error's norm, mm."""
+    position_mm: Vector3 | None = None
+    """Position of the target, con, mm; null in records of earlier versions."""
 
 
 @dataclass(frozen=True, slots=True)
 class GateRequirement:
     """What a design was asked for, by itself or by the policy: what a later gate must not ask less than."""
 
-    name: str  # the requirement's; of a limit that the policy sets, the rule's id
+    name: str
+    """Name of the requirement; of a limit that the policy sets, the rule's id."""
     origin: Literal["design", "policy"]
-    rule: str  # under which it is judged
-    severity: Literal["error", "warning", "note", "off"]  # of that rule, for this design
+    """Who asks: the design or the policy."""
+    rule: str
+    """Rule under which it is judged."""
+    severity: Literal["error", "warning", "note", "off"]
+    """Severity of that rule for this design."""
     error: Literal["tcp", "localisation"]
-    quantile: float  # of the error; of cvar, where the tail begins
+    """Error that is limited: tcp (at the tool) or localisation (of the target)."""
+    quantile: float
+    """Quantile of the error's norm, 0.95 for P95; of cvar, where the tail begins."""
     limit_mm: float
-    min_yield: float | None  # of a requirement per unit
+    """The limit, mm."""
+    min_yield: float | None
+    """Fraction of units that must keep it; null: the risk is pooled."""
     confidence: float
+    """Confidence with which it is judged, 0 to 1."""
     targets: tuple[str, ...]
+    """Targets that it is about."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unjudged:
     """Something that was asked for, or a target, that nothing was held against."""
 
-    requirement: str | None  # null: no requirement and no limit of the policy is about the target
+    requirement: str | None
+    """Name of the requirement; null: no requirement and no limit of the policy is about the target."""
     target: str
+    """Name of the target."""
     rule: str | None
+    """Rule that would have judged it; null without requirement."""
     reason: str
+    """Why nothing was held against it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +146,9 @@ class GateSection:
     """One section of a design document, by its content: how a design is found again in a baseline."""
 
     name: str
+    """Name of the section."""
     sha256: str
+    """SHA-256 of its canonical content, hexadecimal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,17 +156,29 @@ class GatedDesign:
     """One design and the numbers that were judged."""
 
     file: str
-    name: str | None  # null: the document could not be read
+    """Name given with the design."""
+    name: str | None
+    """Name of the design; null: the document could not be read."""
     sha256: str | None
-    design_class: str | None  # class of the policy whose rules applied
+    """SHA-256 of the design's canonical content; null: the document could not be read."""
+    design_class: str | None
+    """Class of the policy whose rules applied; null: the general ones."""
     verdict: GateVerdict
+    """Verdict on this design."""
     basis: Basis
+    """What it rests on."""
     trials: int | None
+    """Trials that were drawn; null: first order."""
     targets: tuple[GateTarget, ...]
+    """The error at each target: what a later gate compares with."""
     numbers: tuple[GateNumber, ...]
-    requirements: tuple[GateRequirement, ...] = ()  # judged or not; empty too in records written before this field was
+    """Every number that was held against a limit."""
+    requirements: tuple[GateRequirement, ...] = ()
+    """What was asked for, judged or not; empty in records of earlier versions."""
     not_judged: tuple[Unjudged, ...] = ()
+    """What was asked for, or targets, that nothing was held against."""
     sections: tuple[GateSection, ...] = ()
+    """Sections of the document by their content: how a design is found again in a baseline."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,12 +186,19 @@ class GateProvenance:
     """What decided, besides the designs."""
 
     tailstack_version: str
+    """Version of the solver."""
     policy_name: str
-    policy_sha256: str | None  # of the canonical content, defaults filled in; null: it could not be read
+    """Name of the policy."""
+    policy_sha256: str | None
+    """SHA-256 of the policy's canonical content, defaults filled in; null: it could not be read."""
     waivers_sha256: str | None
+    """SHA-256 of the waivers' canonical content; null without waivers."""
     baseline_sha256: str | None
-    today: str  # ISO 8601 date by which waivers were judged
+    """SHA-256 of the baseline; null without one."""
+    today: str
+    """Date by which waivers were judged, ISO 8601."""
     not_included: tuple[str, ...]
+    """Errors that no number here includes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,13 +206,24 @@ class GateRecord:
     """Designs held to a policy."""
 
     schema: Literal["tailstack/gate/1"]
+    """Name and version of this record's schema."""
     verdict: GateVerdict
-    exit_code: int  # 0 pass, 1 fail, 2 bad input, 3 not evaluated, 4 inconclusive, 130 interrupted
+    """The worst verdict of all designs."""
+    exit_code: int
+    """Exit code of the command: 0 pass, 1 fail, 2 bad input, 3 not evaluated, 4 inconclusive, 130 interrupted."""
     mode: Mode
+    """analytic: first order; verify: Monte Carlo; auto: Monte Carlo where first order cannot decide."""
     seed: int
+    """Seed of the checks."""
     fail_level: Level
+    """Severity from which a finding fails the gate."""
     on_inconclusive: Fold | None
+    """How inconclusive is counted: fail or warn; null: as it is."""
     max_regression_percent: float | None
+    """What P95 at a target may rise by against the baseline, %; null: nothing was asked for."""
     findings: tuple[GateFinding, ...]
+    """Remarks, at the places of the offending values."""
     designs: tuple[GatedDesign, ...]
+    """The designs and the numbers that were judged."""
     provenance: GateProvenance
+    """What decided, besides the designs."""

@@ -29,18 +29,23 @@ DOCUMENTS = tuple(f"tailstack/{name}/1" for name in ("design", *RECORDS) if name
 @dataclass(frozen=True, slots=True)
 class SchemaEntry:
     name: str
+    """Name of the schema."""
     title: str
+    """What it is the schema of."""
     url: str
+    """Path where it is served."""
 
 
 @dataclass(frozen=True, slots=True)
 class SchemaList:
     schemas: tuple[SchemaEntry, ...]
+    """Every published schema."""
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
     status: Literal["alive"]
+    """The process answers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,16 +53,23 @@ class Readiness:
     """Whether requests should be sent here, and why not."""
 
     status: Warmth | Literal["stopping", "no database"]
+    """ready: send requests here; otherwise why not."""
     kernels: Warmth
+    """Whether the kernels are compiled."""
     database: Literal["ready", "not ready"]
-    workers: int  # that computed or looked for work lately, on any host; jobs wait while there is none
+    """Whether jobs can be stored and read."""
+    workers: int
+    """Workers that computed or looked for work lately, on any host; jobs wait while there is none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Version:
     tailstack: str
+    """Version of the service and its solver."""
     python: str
-    documents: tuple[str, ...]  # value of the field `schema` of each document this version reads and writes
+    """Version of Python that runs it."""
+    documents: tuple[str, ...]
+    """Value of the field `schema` of each document that this version reads and writes."""
 
 
 async def liveness(request: Request) -> Response:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from pydantic import BaseModel, TypeAdapter
+from pydantic import BaseModel
 
-from ..documents import json_schema
+from ..documents import json_schema, record_json_schema
 from ..problems import CATALOGUE, ProblemType
 from .answers import PROBLEM
 from .comparisons import ComparisonOptions
@@ -81,11 +81,11 @@ def schemas() -> dict[str, Any]:
     for path, options in {entry.path: entry.options for entry in (*OPERATIONS, *JOB_OPERATIONS)}.items():
         made.add(request_name(path), _with_design(options))
     made.add("ConversionRequest", ConversionOptions.model_json_schema())
-    made.add("ComparisonRequest", _with_designs(ComparisonOptions, ("first", "second")))
+    made.add("ComparisonRequest", _with_designs(ComparisonOptions, COMPARED))
     made.add("GateRequest", GateRequest.model_json_schema(by_alias=True))
     made.add("JobEvent", _job_event())
     for record in (ProblemType, SchemaList, Health, Readiness, Version):
-        made.add(record.__name__, TypeAdapter(record).json_schema(mode="serialization"))
+        made.add(record.__name__, record_json_schema(record))
     return dict(sorted(made.found.items()))
 
 
@@ -95,9 +95,13 @@ def _job_event() -> dict[str, Any]:
     )
     words += "units_expected, note, eta_seconds; with recomputed, after an upgrade of the solver: from and to."
     data = {"type": "string", "contentMediaType": "application/json", "description": words}
-    properties = {
+    properties: dict[str, Any] = {
         "id": {"type": "string", "pattern": "^[0-9]+$", "description": "Counts the events of a job from 1."},
-        "event": {"type": "string", "enum": ["state", "progress", "recomputed"]},
+        "event": {
+            "type": "string",
+            "enum": ["state", "progress", "recomputed"],
+            "description": "What `data` tells of.",
+        },
         "data": data,
     }
     return {"type": "object", "additionalProperties": False, "required": list(properties), "properties": properties}
@@ -110,22 +114,27 @@ def request_name(path: str) -> str:
 
 
 def _with_design(options: type[BaseModel]) -> dict[str, Any]:
-    return _with_designs(options, ("design",))
+    return _with_designs(options, {"design": "The design document."})
 
 
-def _with_designs(options: type[BaseModel], fields: tuple[str, ...]) -> dict[str, Any]:
+def _with_designs(options: type[BaseModel], fields: dict[str, str]) -> dict[str, Any]:
+    """The schema of a request: designs, each with what it is, beside the options."""
     schema = options.model_json_schema()
     return {
         "type": "object",
         "additionalProperties": False,
         "required": [*fields, *schema.get("required", ())],
-        "properties": {field: reference("schemas", "Design") for field in fields} | schema.get("properties", {}),
+        "properties": {
+            **{field: {**reference("schemas", "Design"), "description": words} for field, words in fields.items()},
+            **schema.get("properties", {}),
+        },
         "$defs": schema.get("$defs", {}),
     }
 
 
 # --- parameters and headers -------------------------------------------------------------------------
 
+COMPARED = {"first": "The design that is compared with.", "second": "The design whose changes are looked at."}
 WHOLE = {"type": "integer", "minimum": 0}
 
 PARAMETERS: dict[str, Any] = {

@@ -48,11 +48,34 @@ def _request_body(name: str, **more: Any) -> dict[str, Any]:
     return {"required": True, "content": content | more}
 
 
+AT_ONCE = {
+    "score": "First order through every stage at the biased geometry: bias, covariance and quantiles of the error "
+    "under the declared laws, their bounds, the budget of every tolerance, the validity of the linearisation, the "
+    "verdict. Takes milliseconds; more with second_order.",
+    "validation": "Reads the design, checks its geometry and says what it holds. No error is computed. A design that "
+    "is not valid is answered with 422 and everything that is wrong with it.",
+}
+BECOMES_A_JOB = (
+    " Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if "
+    "that is known within N seconds."
+)
+BY_A_JOB = {
+    "verification": "Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance, "
+    "worst trial, the verdict. One seed, one answer.",
+    "optimisation": "Places fiducials and sets tolerances as the design's section optimise asks, and answers with a "
+    "new design that passed a Monte Carlo check.",
+    "sweep": "Scores, or checks, the design at every point of a grid of some of its numbers.",
+    "report": "Score, check and optimisation of one design in one record, of which /v1/results/{sha256}/report makes "
+    "pages.",
+}
+
+
 def computation(operation: Operation) -> dict[str, Any]:
     """What is answered at once."""
     answer = media_types(JSON, reference("schemas", COMPONENT[operation.answer]))
     return {
         "summary": operation.summary,
+        "description": AT_ONCE[operation.answer],
         "tags": ["computations"],
         "parameters": _option_parameters(operation.options),
         "requestBody": _request_body(request_name(operation.path)),
@@ -79,8 +102,7 @@ def job(operation: JobOperation) -> dict[str, Any]:
     """What becomes a job."""
     return {
         "summary": operation.summary,
-        "description": "Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that "
-        "it came to, if that is known within N seconds.",
+        "description": BY_A_JOB[operation.kind] + BECOMES_A_JOB,
         "tags": ["computations"],
         "parameters": [
             parameter("Prefer"), parameter("IdempotencyKey"), *_option_parameters(operation.options),

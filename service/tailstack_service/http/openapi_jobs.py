@@ -28,6 +28,7 @@ def list_jobs() -> dict[str, Any]:
     first = {"operationId": "get_job", "parameters": {"id": "$response.body#/jobs/0/id"}}
     return {
         "summary": "Jobs, newest first",
+        "description": "Those of the caller's tenant. The field next and the Link header lead to the next page.",
         "tags": ["jobs"],
         "parameters": [
             query_parameter(
@@ -53,6 +54,8 @@ def get_job() -> dict[str, Any]:
     unchanged = response_of("Unchanged.", ETag="ETag", Cache_Control="CacheControl", Retry_After="RetryAfter")
     return {
         "summary": "State, progress, problem and links of a job",
+        "description": "While it runs, Retry-After says when it is worth asking again; with If-None-Match the answer "
+        "is 304 until something has changed.",
         "tags": ["jobs"],
         "parameters": [parameter("JobId"), parameter("IfNoneMatch")],
         "responses": {"200": {**record, "links": job_links() | result_links()}, "304": unchanged},
@@ -110,6 +113,8 @@ def get_result() -> dict[str, Any]:
     any_of = [reference("schemas", COMPONENT[kind]) for kind in KINDS]
     return {
         "summary": "A result, which never changes",
+        "description": "It is named by the SHA-256 of its bytes and may be kept for ever. Its field schema says which "
+        "record it is.",
         "tags": ["results"],
         "parameters": [parameter("Sha256"), parameter("IfNoneMatch")],
         "responses": {
@@ -141,6 +146,8 @@ def get_report() -> dict[str, Any]:
         content |= media_types(REPORT_MEDIA[form], _report_schema(form))
     return {
         "summary": "A result as a report",
+        "description": "Any result, rendered for people: html (one self-contained file), pdf, xlsx; or json, the "
+        "record itself. Nothing is computed anew, and the record stands in every format.",
         "tags": ["results"],
         "parameters": [
             parameter("Sha256"),

@@ -36,9 +36,12 @@ def operation_of(route: Route) -> dict[str, Any]:
     }
 
 
-def _information(summary: str, schema: dict[str, Any], media: str = JSON, **more: Any) -> dict[str, Any]:
+def _information(
+    summary: str, description: str, schema: dict[str, Any], media: str = JSON, **more: Any
+) -> dict[str, Any]:
     return {
         "summary": summary,
+        "description": description,
         "tags": ["information"],
         "responses": {"200": response_of(f"{summary}.", media_types(media, schema))},
         **more,
@@ -79,20 +82,34 @@ _DESCRIBED: dict[str, Callable[[], dict[str, Any]]] = {
     "get_job_result": openapi_jobs.get_job_result,
     "get_result": openapi_jobs.get_result,
     "get_report": openapi_jobs.get_report,
-    "list_schemas": lambda: _information("Published schemas", reference("schemas", "SchemaList")),
+    "list_schemas": lambda: _information(
+        "Published schemas", "Every document that is sent or answered, with the path of its JSON Schema.",
+        reference("schemas", "SchemaList"),
+    ),
     "get_schema": lambda: _information(
-        "One JSON Schema (draft 2020-12)", {"type": "object"}, "application/schema+json",
+        "One JSON Schema (draft 2020-12)", "The same as tailstack schema NAME prints.",
+        {"type": "object"}, "application/schema+json",
         parameters=[_named("name", "Name of a published schema.", "design")], problems=(404,),
     ),
     "get_problem_type": lambda: _information(
-        "What a class of problems means and what cures it", reference("schemas", "ProblemType"),
+        "What a class of problems means and what cures it", "Where the field type of a problem leads.",
+        reference("schemas", "ProblemType"),
         parameters=[_named("slug", "Last part of the type of a problem.", "invalid-design")], problems=(404,),
     ),
-    "get_liveness": lambda: _information("The process answers", reference("schemas", "Health")),
+    "get_liveness": lambda: _information(
+        "The process answers", "It looks at nothing else: /health/ready says whether requests should be sent here.",
+        reference("schemas", "Health"),
+    ),
     "get_readiness": _readiness,
     "get_metrics": lambda: _information(
-        "Figures for Prometheus", {"type": "string"}, "text/plain; version=0.0.4; charset=utf-8"
+        "Figures for Prometheus", "Counters of this process; of jobs and workers too while the database answers.",
+        {"type": "string"}, "text/plain; version=0.0.4; charset=utf-8"
     ),
-    "get_version": lambda: _information("Version and documents", reference("schemas", "Version")),
-    "get_openapi": lambda: _information("This document", {"type": "object"}),
+    "get_version": lambda: _information(
+        "Version and documents", "Of the service, and which documents it reads and writes.",
+        reference("schemas", "Version"),
+    ),
+    "get_openapi": lambda: _information(
+        "This document", "OpenAPI 3.1, as tailstack openapi prints it.", {"type": "object"}
+    ),
 }  # fmt: skip

@@ -15,19 +15,33 @@ class Headline:
     """The first page: what a project lead needs to know."""
 
     status: Literal["pass", "fail", "inconclusive", "no requirement"]
-    basis: str  # "first order" or "Monte Carlo"
-    sentence: str  # the verdict with its numbers
-    requirement: str | None  # of the check that decides; null without requirement
+    """The verdict."""
+    basis: str
+    """What it rests on: first order or Monte Carlo."""
+    sentence: str
+    """The verdict with its numbers, in a sentence."""
+    requirement: str | None
+    """Requirement of the check that decides; null without requirement."""
     target: str
+    """Target of the check that decides."""
     quantile: float
+    """Quantile of the error's norm, 0.95 for P95."""
     value_mm: float
+    """The value that decides, mm."""
     interval_mm: tuple[float, float | None]
+    """Its lower and upper end, mm; a null upper end is not known."""
     limit_mm: float | None
-    matters: tuple[str, ...]  # the things that matter most, at most three
-    error: str = "tcp"  # or localisation
-    min_yield: float | None = None  # null: pooled
-    headline: str = ""  # what the value is, in words: "P95 that 90 % of units keep"
-    margin_mm: float | None = None  # the limit less the upper end of the interval; null where one is not known
+    """The limit, mm; null without requirement."""
+    matters: tuple[str, ...]
+    """What matters most, at most three sentences."""
+    error: str = "tcp"
+    """Error that decides: tcp (at the tool) or localisation (of the target)."""
+    min_yield: float | None = None
+    """Fraction of units that must keep the limit; null: the risk is pooled."""
+    headline: str = ""
+    """What the value is, in words: "P95 that 90 % of units keep"."""
+    margin_mm: float | None = None
+    """Limit less the upper end of the interval, mm; null where one of them is not known."""
 
     def __post_init__(self) -> None:
         high = self.interval_mm[1]
@@ -41,10 +55,15 @@ class ErrorDistribution:
     """TCP error at one target: shares of shots by bins of the error's norm, sampled and by the first-order law."""
 
     target: str
-    edges_mm: tuple[float, ...]  # of n bins: n + 1
-    sampled: tuple[float, ...] | None  # n shares; what is beyond the last edge is not in them
-    first_order: tuple[float, ...]  # n shares
+    """Name of the target."""
+    edges_mm: tuple[float, ...]
+    """Edges of n bins of the error's norm, n + 1 numbers, mm."""
+    sampled: tuple[float, ...] | None
+    """Share of sampled shots in each bin; what is beyond the last edge is in none. Null: nothing was drawn."""
+    first_order: tuple[float, ...]
+    """Share of shots in each bin by the first-order law."""
     trials: int | None
+    """Sampled shots; null: nothing was drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +71,11 @@ class ConvergencePoint:
     """P95 of the first so many trials, with its order-statistic interval."""
 
     trials: int
+    """So many first trials."""
     p95_mm: float
+    """Their P95, mm."""
     interval_mm: tuple[float, float]
+    """Its order-statistic interval, mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +83,11 @@ class Convergence:
     """How the sampled P95 at one target settled."""
 
     target: str
+    """Name of the target."""
     confidence: float
+    """Confidence of each interval by itself, 0 to 1."""
     points: tuple[ConvergencePoint, ...]
+    """P95 of ever more trials."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,31 +98,56 @@ class Allowance:
     """
 
     target: str
+    """Name of the target."""
     contributor: str
-    component: str  # "all" for a line of sources that are alike
-    unit: str  # deg, mm, px, N
+    """Source of error: interface_1, fiducial_manufacturing, ..."""
+    component: str
+    """Its component; all for a line of sources that are alike."""
+    unit: str
+    """Unit of the half-widths: deg, mm, px or N."""
     half_width: float
-    requirement: str | None  # null: no pooled requirement names this target
+    """Half-width as it is, in `unit`."""
+    requirement: str | None
+    """Requirement at this target that is nearest to its limit, or furthest beyond; null: no pooled requirement names
+    this target.
+    """
     status: Literal["spare", "too wide", "zero is not enough", "no influence", "no requirement"]
-    at_limit: float | None  # the half-width at which the requirement's quantile is at its limit
-    slack: float | None  # at_limit - half_width: negative where it has to shrink
-    cost: float | None  # by the price that the design's optimise section gives it; null: no price
-    smallest: float | None  # bounds of the optimise section
+    """spare: the half-width may grow; too wide: it must shrink; zero is not enough: nor would a perfect part do; no
+    influence; no requirement.
+    """
+    at_limit: float | None
+    """Half-width at which the requirement's quantile is at its limit, in `unit`; null where there is none."""
+    slack: float | None
+    """`at_limit` less `half_width`, in `unit`: negative where it has to shrink; null where there is no such half-width.
+    """
+    cost: float | None
+    """Cost by the price in the design's optimise section; null: no price."""
+    smallest: float | None
+    """Lower bound in the optimise section, in `unit`; null: none."""
     largest: float | None
+    """Upper bound in the optimise section, in `unit`; null: none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reproduction:
     """How to get the same numbers again."""
 
-    commands: tuple[str, ...]  # with the design of this record saved as design.yaml
+    commands: tuple[str, ...]
+    """Commands that give the same numbers, with the design of this record saved as design.yaml."""
     parts: tuple[str, ...]
-    seed: int | None  # null: nothing was drawn
-    trials: int | None  # asked for; null: as many as the precision takes
-    precision: float | None  # asked for; null: the solver's own, or a number of trials
-    max_trials: int | None  # drawn at most
-    starts: int | None  # of the optimiser; null: as many as the design says
+    """What was computed: score, verification, optimisation."""
+    seed: int | None
+    """Seed of the check; null: nothing was drawn."""
+    trials: int | None
+    """Trials asked for; null: as many as the precision takes."""
+    precision: float | None
+    """Relative half-width asked for; null: the solver's own, or a number of trials."""
+    max_trials: int | None
+    """At most so many trials; null: their number was asked for, or nothing was drawn."""
+    starts: int | None
+    """Starts of the optimiser; null: as many as the design says."""
     statement: str
+    """What the commands reproduce, and how exactly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,17 +155,29 @@ class Report:
     """A design, what was found about it, and how to find it again."""
 
     schema: Literal["tailstack/report/1"]
+    """Name and version of this record's schema."""
     title: str
+    """Title of the report: the design's name."""
     headline: Headline
+    """The first page: what a project lead needs to know."""
     score: Score
+    """First order: bias, covariance, tail and budget."""
     verification: Verification | None
+    """Monte Carlo check; null where it was not asked for."""
     optimisation: Optimisation | None
+    """The optimised design; null where it was not asked for."""
     distributions: tuple[ErrorDistribution, ...]
+    """TCP error at the targets with the largest P95, by bins."""
     convergence: tuple[Convergence, ...]
-    allowances: tuple[Allowance, ...]  # of the targets that distributions are of
-    design: dict[str, object]  # the document, complete
+    """How the sampled P95 settled; empty where nothing was drawn."""
+    allowances: tuple[Allowance, ...]
+    """How far each half-width could go by itself, at the targets of `distributions`."""
+    design: dict[str, object]
+    """The design document, complete."""
     reproduction: Reproduction
+    """How to get the same numbers again."""
     provenance: Provenance
+    """Which design, by which version, under which model, and what is not included."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,34 +188,51 @@ class Difference:
     """
 
     target: str
+    """Name of the target that both designs have."""
     basis: Literal["first order", "Monte Carlo"]
-    first_p95_mm: float  # of the check, whose trials both designs share; first order where nothing was drawn
+    """What the P95 rest on."""
+    first_p95_mm: float
+    """P95 of the TCP error of the first design, mm: of the check, or first order where nothing was drawn."""
     second_p95_mm: float
+    """P95 of the TCP error of the second design, mm."""
     difference_mm: float
-    interval_mm: tuple[float, float] | None  # null: first order
+    """Second minus first, mm."""
+    interval_mm: tuple[float, float] | None
+    """Confidence interval of the difference, from trials that both designs share, mm; null: first order."""
     confidence: float | None
-    conclusion: Literal["smaller", "larger", "not decided", "computed"]  # of the second
+    """Confidence of that interval, 0 to 1; null: first order."""
+    conclusion: Literal["smaller", "larger", "not decided", "computed"]
+    """Of the second: smaller or larger where the interval says so, otherwise not decided; computed: first order."""
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
     """One field of the design document that differs."""
 
-    pointer: str  # into the second design; into the first for what was removed
-    name: str  # the same with names for numbers: views AP fiducial_noise_px
+    pointer: str
+    """JSON pointer into the second design; into the first for what was removed."""
+    name: str
+    """The same with names for numbers: views AP fiducial_noise_px."""
     unit: str
+    """Unit of the field; empty where it has none."""
     kind: Literal["changed", "added", "removed"]
-    first: str | None  # the value as JSON
+    """changed, added or removed."""
+    first: str | None
+    """Value in the first design as JSON; null where it was added."""
     second: str | None
+    """Value in the second design as JSON; null where it was removed."""
 
 
 @dataclass(frozen=True, slots=True)
 class ComparisonHeadline:
     """The first page of a comparison."""
 
-    status: Literal["pass", "fail", "inconclusive", "no requirement"]  # the verdict on the second design
+    status: Literal["pass", "fail", "inconclusive", "no requirement"]
+    """The verdict on the second design."""
     sentence: str
+    """The comparison in a sentence."""
     matters: tuple[str, ...]
+    """What matters most, at most three sentences."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,14 +240,26 @@ class Comparison:
     """Two designs computed alike, with the same seed, and what sets them apart."""
 
     schema: Literal["tailstack/comparison/1"]
+    """Name and version of this record's schema."""
     title: str
+    """Title of the comparison: the names of both designs."""
     headline: ComparisonHeadline
-    differences: tuple[Difference, ...]  # largest P95 of the second first
-    compared_trials: int | None  # of each design, the same random numbers: what the interval comes from
-    sections: int | None  # that they are cut into
-    only_first: tuple[str, ...]  # targets that the other design does not have
+    """The first page of the comparison."""
+    differences: tuple[Difference, ...]
+    """P95 at every target that both designs have, largest of the second first."""
+    compared_trials: int | None
+    """Trials of each design, with the same random numbers, that the intervals come from; null: first order."""
+    sections: int | None
+    """Sections that those trials are cut into; null: first order."""
+    only_first: tuple[str, ...]
+    """Targets that only the first design has."""
     only_second: tuple[str, ...]
+    """Targets that only the second design has."""
     changes: tuple[Change, ...]
+    """Fields of the design document that differ."""
     changes_left_out: int
+    """Further differing fields that are not listed."""
     first: Report
+    """Report of the first design."""
     second: Report
+    """Report of the second design."""

@@ -14,8 +14,11 @@ class MovedFiducial:
     """A fiducial that could move; ``before_mm`` is None for one that is new, ``after_mm`` for one left out."""
 
     label: str
+    """Label of the fiducial."""
     before_mm: Vector3 | None
+    """Position before, con, mm; null for one that is new."""
     after_mm: Vector3 | None
+    """Position after, con, mm; null for one that was left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,16 +26,29 @@ class ChangedTolerance:
     """A half-width that was free.  ``at_target_*_mm``: what it moves the worst target by, half-width times lever."""
 
     contributor: str
+    """interface_1 or interface_2."""
     component: str
-    label: str  # what the document calls the interface, and the component
-    unit: str  # deg or mm
+    """rx ... tz, or the name of a locator."""
+    label: str
+    """What the document calls the interface, and the component."""
+    unit: str
+    """Unit of the half-widths: deg or mm."""
     before_half_width: float
+    """Half-width before, in `unit`."""
     after_half_width: float
+    """Half-width after, in `unit`."""
     at_target_before_mm: float
+    """What the half-width before moves the worst target by, half-width times lever, mm."""
     at_target_mm: float
-    cost_before: float | None  # None: the half-width as it stands has no price (zero, or tighter than every grade)
+    """What the half-width after moves the worst target by, mm."""
+    cost_before: float | None
+    """Cost of the half-width before, in the unit of the design's prices; null: it has no price (zero, or tighter than
+    every grade).
+    """
     cost_after: float
-    grade: str | None  # the process grade chosen from a table
+    """Cost of the half-width after, in the unit of the design's prices."""
+    grade: str | None
+    """Process grade that was chosen from a table; null without a table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +56,13 @@ class MovedPivot:
     """A pivot that was free."""
 
     contributor: str
+    """interface_1 or interface_2."""
     label: str
+    """What the document calls the interface."""
     before_mm: Vector3
+    """Pivot before, con, mm."""
     after_mm: Vector3
+    """Pivot after, con, mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +70,11 @@ class ChangedSpacing:
     """Locators that could be spread about their centre, by which factor."""
 
     contributor: str
+    """interface_1 or interface_2."""
     label: str
+    """What the document calls the interface."""
     scale: float
+    """Factor by which its locators were spread about their centre."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,46 +82,71 @@ class ShadowPrice:
     """What one unit of a limit or bound is worth, from the multipliers: a derivative, good for small steps."""
 
     name: str
+    """The limit or bound."""
     unit: str
-    cost_per_unit: float  # of the objective: cost, or mm of the quantile where that is minimised
+    """Unit of the limit or bound."""
+    cost_per_unit: float
+    """Change of the objective for one unit more: of cost, or of mm of the quantile where that is minimised."""
     sentence: str
+    """The same as a sentence."""
 
 
 @dataclass(frozen=True, slots=True)
 class LocalOptimum:
     """A distinct optimum among the starts, by the closed form that ranks them."""
 
-    objective: float  # cost; or the largest quantile over its limit
-    starts: int  # how many ended there
+    objective: float
+    """Its objective by the closed form: cost, or the largest quantile over its limit."""
+    starts: int
+    """How many starts ended there."""
     first_start: int
-    rms_distance_mm: float  # of its fiducials from those of the best one, matched to the nearest
+    """Number of the first of them."""
+    rms_distance_mm: float
+    """RMS distance of its fiducials from those of the best one, matched to the nearest, mm."""
 
 
 @dataclass(frozen=True, slots=True)
 class Relaxation:
     """A lower bound of the cost that no design within the given freedom (as said) can undercut."""
 
-    kind: str  # "convex allocation", "monotone cuts over grades", or why there is none
+    kind: str
+    """How the bound was found (convex allocation, monotone cuts over grades), or why there is none."""
     cost: float | None
+    """Cost of the optimum that it is compared with; null without a bound."""
     lower_bound: float | None
+    """Cost that no design within the given freedom can undercut; null without a bound."""
     gap_percent: float | None
+    """How far the optimum is above the bound, %; null without a bound."""
     statement: str
+    """What the bound holds for, in a sentence."""
 
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
     """What the optimum rests on."""
 
-    kkt_residual: float  # of the programme with the exact law, recomputed from the multipliers
+    kkt_residual: float
+    """Residual of the optimality conditions of the programme with the exact law, recomputed from the multipliers,
+    relative.
+    """
     starts: int
+    """Starts of the search."""
     converged_starts: int
-    best_costs: tuple[float, ...]  # distinct, ascending, by the closed form; objectives where no cost is minimised
+    """Those that came to an optimum."""
+    best_costs: tuple[float, ...]
+    """Distinct optima, ascending, by the closed form: costs, or objectives where no cost is minimised."""
     optima: tuple[LocalOptimum, ...]
+    """The distinct optima among the starts."""
     relaxation: Relaxation
+    """A lower bound of the cost, where there is one."""
     seed: int
+    """Seed of the starts; the check draws with one that follows from it."""
     tightening_rounds: int
-    stopped: str  # why the search ended, in a sentence
+    """How often the limit was tightened until the check passed."""
+    stopped: str
+    """Why the search ended, in a sentence."""
     verification: Verification
+    """Monte Carlo check of the new design, with a fresh seed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,16 +157,29 @@ class FrontPoint:
     """
 
     factor: float
+    """Factor on the limit of every requirement."""
     limit_mm: float
+    """The first requirement's limit so scaled, mm."""
     status: Literal["verified", "dominated", "out of reach", "not tried"]
-    note: str  # why there is no design, or what costs less
+    """verified: checked by Monte Carlo; dominated: another point costs no more at a tighter limit; out of reach: no
+    design keeps it; not tried.
+    """
+    note: str
+    """Why there is no design, or what costs less."""
     cost: float | None
-    quantile_mm: float | None  # largest over its targets, first order
-    verified_upper_mm: float | None  # largest upper confidence limit of the check
-    half_widths: tuple[float, ...]  # in the order and units of ``tolerances``
-    pivots_mm: tuple[Vector3, ...]  # in the order of ``pivots``
-    locator_scales: tuple[float, ...]  # in the order of ``spacings``
+    """Cost of the design; null without one."""
+    quantile_mm: float | None
+    """Largest first-order quantile over the first requirement's targets, mm; null without a design."""
+    verified_upper_mm: float | None
+    """Largest upper confidence limit of the check, mm; null without one."""
+    half_widths: tuple[float, ...]
+    """Half-widths, in the order and units of `tolerances`."""
+    pivots_mm: tuple[Vector3, ...]
+    """Pivots, con, mm, in the order of `pivots`."""
+    locator_scales: tuple[float, ...]
+    """Factors on locators' spacing, in the order of `spacings`."""
     fiducials_mm: tuple[Vector3, ...]
+    """Fiducials, con, mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,23 +187,35 @@ class CountTried:
     """The best design with so many fiducials, by the closed form."""
 
     fiducials: int
-    cost: float | None  # fiducials included; None: nothing feasible
-    worst_ratio: float | None  # largest quantile over its limit
+    """How many fiducials."""
+    cost: float | None
+    """Cost, fiducials included; null: nothing feasible was found."""
+    worst_ratio: float | None
+    """Largest quantile over its limit; null: nothing feasible was found."""
     note: str
+    """What happened, where there is no cost."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlacementValue:
     """What the placement bought, against a textbook layout and against careless ones, tolerances optimised alike."""
 
-    textbook: str  # what the textbook layout is, or why there is none
-    textbook_objective: float | None  # None: it cannot meet the limit
-    careless_layouts: int  # random ones that keep the rules
+    textbook: str
+    """What the textbook layout is, or why there is none."""
+    textbook_objective: float | None
+    """Its objective, tolerances optimised; null: it cannot meet the limit."""
+    careless_layouts: int
+    """Random layouts that keep the rules."""
     careless_infeasible: int
-    careless_median: float | None  # of those that can meet the limit
+    """How many of them cannot meet the limit."""
+    careless_median: float | None
+    """Median objective of those that can; null where none can."""
     careless_worst: float | None
-    best: float  # the optimum, by the same closed form
+    """Largest objective of those that can; null where none can."""
+    best: float
+    """Objective of the optimum, by the same closed form."""
     sentence: str
+    """The comparison as a sentence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,26 +223,52 @@ class Optimisation:
     """A design that keeps its limit at least cost (or what was asked for), verified by Monte Carlo."""
 
     schema: Literal["tailstack/optimisation/1"]
+    """Name and version of this record's schema."""
     status: Literal["verified"]
+    """The new design passed its Monte Carlo check; what did not is refused, not answered."""
     objective: str
+    """What was minimised, in a sentence."""
     cost_before: float | None
+    """Cost of the design as it stood, in the unit of its prices; null: some of it has no price."""
     cost_after: float
-    cost_closed_form: float | None  # optimum by the smooth closed form that drives the search
-    cost_exact_law: float | None  # optimum by the exact law at the limit itself, before the check's margin
-    p95_before_mm: float | None  # None: the layout as it stands does not determine the target
+    """Cost of the new design."""
+    cost_closed_form: float | None
+    """Cost of the optimum by the smooth closed form that drives the search; null where no cost is minimised."""
+    cost_exact_law: float | None
+    """Cost of the optimum by the exact law at the limit itself, before the check's margin; null where no cost is
+    minimised.
+    """
+    p95_before_mm: float | None
+    """First-order P95 of the worst target before, mm; null: the layout as it stood does not determine it."""
     p95_after_mm: float
+    """P95 of the worst target after, mm."""
     moved: tuple[MovedFiducial, ...]
+    """Fiducials that could move."""
     tolerances: tuple[ChangedTolerance, ...]
+    """Half-widths that were free."""
     pivots: tuple[MovedPivot, ...]
+    """Pivots that were free."""
     spacings: tuple[ChangedSpacing, ...]
-    scaling: float | None  # objective scaling: the factor
+    """Locators whose spacing was free."""
+    scaling: float | None
+    """Objective scaling: the common factor on all half-widths; otherwise null."""
     certificate: Certificate
+    """What the optimum rests on."""
     shadow_prices: tuple[ShadowPrice, ...]
+    """What one unit of each limit and bound is worth."""
     binding: tuple[str, ...]
-    influence: tuple[Finding, ...]  # what the free variables can and cannot do, known before solving
+    """Limits and bounds that hold the optimum where it is."""
+    influence: tuple[Finding, ...]
+    """What the free variables can and cannot do, known before solving."""
     placement_value: PlacementValue | None
+    """What the placement bought; null where nothing was placed."""
     counts: tuple[CountTried, ...]
+    """The numbers of fiducials that were tried; empty where it was given."""
     front: tuple[FrontPoint, ...]
-    design_before: dict[str, object]  # the document that it started from, complete
-    design: dict[str, object]  # the new one
+    """Points of the front of cost and limit; empty unless asked for."""
+    design_before: dict[str, object]
+    """The design document that it started from, complete."""
+    design: dict[str, object]
+    """The new design document, complete."""
     provenance: Provenance
+    """Which design (the new one), by which version, under which model, and what is not included."""

@@ -12,40 +12,64 @@ from .verdicts import Matrix3, Provenance, Vector3, Verdict, ViewCheck
 class Bounds:
     """Upper bounds of the quantile under ever weaker assumptions on the law of the error."""
 
-    gaussian: float  # Gaussian with the same mean and covariance
-    unimodal: float  # any symmetric-unimodal law (about its mean)
-    moments: float  # any law with this mean and covariance
+    gaussian: float
+    """95 % quantile if the error were Gaussian with this mean and covariance, mm."""
+    unimodal: float
+    """Upper bound of it for any law that is symmetric and unimodal about its mean, mm."""
+    moments: float
+    """Upper bound of it for any law with this mean and covariance, mm."""
 
 
 @dataclass(frozen=True, slots=True)
 class Contributor:
     """One line of the budget."""
 
-    name: str  # "fiducial_noise:AP", "fiducial_manufacturing", "interface_1", ...
-    component: str  # "rx", a locator's name, "all" for a grouped line
+    name: str
+    """Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing, interface_1, interface_2,
+    hand_eye or execution.
+    """
+    component: str
+    """Its component: rx ... tz, repeatability.x, load.x, the name of a locator, or all for the source as a whole."""
     law: str
-    half_width: float | None  # None for a grouped line
-    unit: str  # deg, mm, px, N
+    """Declared law: normal, uniform, triangular or bounded; mixed for a line of several."""
+    half_width: float | None
+    """Half-width of the tolerance (standard deviation of noise), in `unit`; null for a line of several."""
+    unit: str
+    """Unit of half-width and standard deviation: deg, mm, px or N; empty for a line of several."""
     std: float | None
-    sensitivity_mm_per_unit: float | None  # |g|: mm of error at the tool for one unit
-    variance_share: float  # of tr(covariance)
-    dp95_per_unit: float | None  # d p / d half_width, mm per unit
-    p95_without_mm: float  # the same quantile with this contributor removed
+    """Standard deviation, in `unit`; null where the law has none."""
+    sensitivity_mm_per_unit: float | None
+    """Length of the error at the tool for one unit, mm per `unit`; null for a line of several."""
+    variance_share: float
+    """Share of the trace of the covariance, 0 to 1."""
+    dp95_per_unit: float | None
+    """Slope of P95 by the half-width (of noise: by its standard deviation), mm per `unit`; null where there is none."""
+    p95_without_mm: float
+    """P95 with this contributor removed, mm."""
 
 
 @dataclass(frozen=True, slots=True)
 class PerUnit:
     """The second reading of risk: the installation is drawn once per unit and stays."""
 
-    limit_mm: float | None  # of the tightest requirement on each unit; without one, the target's
-    yield_fraction: float | None  # fraction of units whose own quantile over shots meets the limit
+    limit_mm: float | None
+    """Limit of the tightest requirement on each unit, mm; without one, the target's."""
+    yield_fraction: float | None
+    """Fraction of units whose own quantile over shots meets the limit; null without a limit."""
     yield_standard_error: float | None
-    p95_of_units_mm: float  # 95th percentile over units of the unit's own P95
+    """Standard error of that fraction; null without a limit."""
+    p95_of_units_mm: float
+    """95 % quantile over units of each unit's own P95, mm."""
     p95_of_units_standard_error_mm: float
-    quantile: float = 0.95  # over a unit's own shots: that of the requirement
-    units_fraction: float = 0.95  # of units: the requirement's min_yield
-    value_mm: float | None = None  # what this fraction of units keep their own quantile within
+    """Standard error of it, mm."""
+    quantile: float = 0.95
+    """Quantile over a unit's own shots: that of the requirement."""
+    units_fraction: float = 0.95
+    """Fraction of units that must keep it: the requirement's min_yield."""
+    value_mm: float | None = None
+    """What this fraction of units keep their own quantile within, mm; null where it was not computed."""
     standard_error_mm: float | None = None
+    """Standard error of it, mm; null where it was not computed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +77,15 @@ class SecondOrder:
     """Correction of the TCP error by the Hessian of the chain; see its own range of validity."""
 
     status: Literal["applied", "refused", "not requested"]
+    """applied, refused where it does not hold, or not requested."""
     reason: str
+    """Why it was refused, or what it rests on."""
     mean_shift_mm: Vector3 | None = None
+    """What it adds to the mean of the TCP error x, y, z in tcp, mm; null unless applied."""
     std_mm: Vector3 | None = None
+    """Standard deviations with it along x, y, z in tcp, mm; null unless applied."""
     p95_mm: float | None = None
+    """95 % quantile of the TCP error's norm with it, mm; null unless applied."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,17 +93,29 @@ class MetricScore:
     """First-order result for one error metric at one target."""
 
     frame: str
+    """Frame of bias and covariance: con (connector) or tcp (tool centre point)."""
     bias_mm: Vector3
+    """Mean error vector x, y, z in `frame`, mm."""
     covariance_mm2: Matrix3
+    """Covariance of the error, rows and columns x, y, z in `frame`, mm²."""
     std_mm: Vector3
+    """Standard deviations of the error along x, y, z in `frame`, mm."""
     mean_norm_mm: float
+    """Mean of the error's norm, mm."""
     p95_mm: float
-    law: str  # the law it was computed with, in words
-    law_error_mm: float  # its own numerical error
+    """95 % quantile of the error's norm under the declared laws, pooled over installations and shots, mm."""
+    law: str
+    """The law that the quantile was computed with, in words."""
+    law_error_mm: float
+    """Numerical error of the quantile itself, mm; it says nothing of the linearisation."""
     bounds_mm: Bounds
+    """Upper bounds of the quantile if less is assumed of the law, mm."""
     cvar95_mm: float
+    """Mean of the worst 5 % of the error's norm, mm."""
     limit_mm: float | None
+    """Tightest limit that the design sets for this error here, mm; null without one."""
     exceedance_probability: float | None
+    """Probability that the error's norm is beyond `limit_mm`; null without a limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,25 +123,45 @@ class TargetScore:
     """``bias_mm`` ... ``bounds_mm`` are the TCP error; ``localisation`` is the same before interface 2."""
 
     name: str
+    """Name of the target, or of one sample of a region (zone[3])."""
     frame: str
+    """Frame of the TCP error: tcp."""
     bias_mm: Vector3
+    """Mean error vector x, y, z in `frame`, mm."""
     covariance_mm2: Matrix3
+    """Covariance of the error, rows and columns x, y, z in `frame`, mm²."""
     std_mm: Vector3
+    """Standard deviations of the error along x, y, z in `frame`, mm."""
     mean_norm_mm: float
+    """Mean of the error's norm, mm."""
     p95_mm: float
+    """95 % quantile of the error's norm under the declared laws, pooled over installations and shots, mm."""
     law: str
+    """The law that the quantile was computed with, in words."""
     law_error_mm: float
+    """Numerical error of the quantile itself, mm; it says nothing of the linearisation."""
     bounds_mm: Bounds
+    """Upper bounds of the quantile if less is assumed of the law, mm."""
     cvar95_mm: float
+    """Mean of the worst 5 % of the error's norm, mm."""
     limit_mm: float | None
+    """Tightest limit that the design sets for this error here, mm; null without one."""
     exceedance_probability: float | None
+    """Probability that the error's norm is beyond `limit_mm`; null without a limit."""
     localisation: MetricScore
-    block_diagonal_p95_mm: float  # Gaussian, cross-view covariance dropped (Eq 16): compare bounds_mm.gaussian
+    """The same of the localisation error: of the triangulated target in con, before interface 2."""
+    block_diagonal_p95_mm: float
+    """Gaussian P95 with the covariance between views dropped (Eq 16 of the paper), mm: compare bounds_mm.gaussian."""
     contributors: tuple[Contributor, ...]
-    worst_vertex: tuple[str, ...]  # bounded components at their worst ends, e.g. ("interface_1.rz=+0.10 deg",)
+    """The budget: what each source of error contributes."""
+    worst_vertex: tuple[str, ...]
+    """Bounded components at those ends of their ranges that are worst together, such as interface_1.rz=+0.10 deg."""
     per_unit: PerUnit
+    """The second reading of risk: the installation is drawn once per unit and stays."""
     second_order: SecondOrder
-    extrapolation: float  # distance of the target from the fiducials' centroid over their RMS radius
+    """Correction by the second derivatives of the chain."""
+    extrapolation: float
+    """Distance of the target from the fiducials' centroid over their RMS radius."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,9 +169,13 @@ class Validity:
     """How far to trust the linearisation: nu and what it was calibrated to mean."""
 
     nu: float
+    """Validity number: how large what linearising leaves out is, against what it keeps."""
     status: Literal["good to 1 %", "good to 5 %", "good to 20 %", "not valid"]
+    """What the number was calibrated to mean for P95."""
     expected_error_percent: float | None
+    """Largest relative error of P95 that is to be expected, %; null where first order is not valid."""
     statement: str
+    """The same as a sentence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +183,14 @@ class Score:
     """First order: bias, covariance, tail and budget at every target."""
 
     schema: Literal["tailstack/score/1"]
+    """Name and version of this record's schema."""
     targets: tuple[TargetScore, ...]
+    """One entry for each target and each sample of a region."""
     validity: Validity
+    """How far the linearisation can be trusted."""
     views: tuple[ViewCheck, ...]
+    """Visibility of the fiducials in each view."""
     verdict: Verdict
+    """Requirements held against first order."""
     provenance: Provenance
+    """Which design, by which version, under which model, and what is not included."""

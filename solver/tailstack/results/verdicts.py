@@ -17,12 +17,18 @@ Severity = Literal["error", "warning", "note"]
 class Finding:
     """One remark about the design, with the number it rests on."""
 
-    rule: str  # stable id, kebab-case
+    rule: str
+    """Stable id of the rule, kebab-case."""
     severity: Severity
+    """error: the design should not be used so; warning: it should be looked at; note: it is worth knowing."""
     message: str
-    pointer: str = ""  # into the design document
+    """The remark, in a sentence."""
+    pointer: str = ""
+    """JSON pointer (RFC 6901) into the design document; empty for the whole."""
     value: float | None = None
+    """The number that the remark rests on, in the unit that the message says; null without one."""
     limit: float | None = None
+    """What that number was held against, in the same unit; null without one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,19 +41,36 @@ class Check:
     """
 
     requirement: str
+    """Name of the requirement."""
     target: str
-    error: str  # tcp or localisation
-    risk: str  # pooled or per_unit
+    """Name of the target, or of one sample of a region (zone[3])."""
+    error: str
+    """Which error is limited: tcp (at the tool) or localisation (of the target, in con)."""
+    risk: str
+    """pooled: over installations and shots together; per_unit: of each unit by itself."""
     quantile: float
-    value_mm: float  # pooled: the quantile; per_unit: what ``min_yield`` of units keep their own quantile within
-    # Monte Carlo: confidence interval; first order: calibrated error of linearisation, null where it is not valid
+    """Quantile of the error's norm that is limited, 0.95 for P95."""
+    value_mm: float
+    """What decides, mm. pooled: the quantile; per_unit: what `min_yield` of units keep their own quantile within."""
     interval_mm: tuple[float, float | None]
+    """Lower and upper end, mm. Monte Carlo: confidence interval; first order: calibrated error of the linearisation. A
+    null upper end: not known, as first order is not valid.
+    """
     limit_mm: float
-    yield_fraction: float | None  # per_unit: fraction of units whose own quantile is within the limit
+    """Limit of the requirement, mm."""
+    yield_fraction: float | None
+    """per_unit: fraction of units whose own quantile is within the limit; null for pooled."""
     min_yield: float | None
+    """per_unit: fraction of units that must keep the limit; null for pooled."""
     status: Literal["pass", "fail", "inconclusive"]
-    headline: str = ""  # what the value is, in words: "P95 that 90 % of units keep"; follows from the fields above
-    margin_mm: float | None = None  # the limit less the upper end of the interval; null where that end is not known
+    """pass: the upper end of the interval is within the limit; fail: the lower end is beyond; otherwise inconclusive.
+    """
+    headline: str = ""
+    """What the value is, in words: "P95 that 90 % of units keep"."""
+    margin_mm: float | None = None
+    """Limit less the upper end of the interval, mm: not negative just where the status is pass. Null where that end is
+    not known.
+    """
 
     def __post_init__(self) -> None:
         high = self.interval_mm[1]
@@ -73,9 +96,13 @@ class Verdict:
     """``pass`` only when the upper end of every check's interval is within its limit."""
 
     status: Literal["pass", "fail", "inconclusive", "no requirement"]
-    basis: str  # "first order" or "Monte Carlo"
+    """Of all checks together: the worst of them. No requirement: nothing was to be held."""
+    basis: str
+    """What the checks rest on: first order or Monte Carlo."""
     checks: tuple[Check, ...]
+    """Every requirement at every target that it names."""
     findings: tuple[Finding, ...]
+    """Remarks about the design, requirements that are not held among them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,21 +110,40 @@ class ViewCheck:
     """Visibility of the fiducials in one view, at the biased geometry."""
 
     view: str
-    checked: bool  # False when the image size is not stated
-    depth_range_mm: Interval  # along the ray direction, fiducials
+    """Name of the view."""
+    checked: bool
+    """false: the size of the image is not stated, so that only depths and distances were looked at."""
+    depth_range_mm: Interval
+    """Smallest and largest depth of a fiducial in front of the source, along the principal ray, mm."""
     outside: tuple[str, ...]
+    """Labels of fiducials whose image lies outside the detector."""
     smallest_margin_px: float | None
+    """Smallest distance of a fiducial's image from the image's edge, px, negative outside; null where the size is not
+    stated.
+    """
     closest_pair: tuple[str, str]
+    """Labels of the two fiducials whose images are closest."""
     closest_pair_px: float
+    """Distance of their images, px."""
 
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
     design_name: str
+    """Name of the design."""
     design_sha256: str | None
+    """SHA-256 of the design's canonical content, fiducials included; null where it could not be had."""
     tailstack_version: str
+    """Version of the solver."""
     reading: str
+    """Reading of the structure's installation error: physical (the structure moves, its images too) or eq18 (only the
+    coordinates that the estimator is told).
+    """
     rotation_form: str
+    """How small rotations act: full matrices or the small-angle form."""
     triangulation: str
+    """Frame in which the target's rays are met: normalised (of the fiducials) or published (connector mm)."""
     notes: tuple[str, ...]
+    """What was done to the design's numbers on the way, and what it leaves open."""
     not_included: tuple[str, ...]
+    """Errors that no number here includes."""

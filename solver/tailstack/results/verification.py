@@ -11,8 +11,11 @@ from .verdicts import Interval, Provenance, Vector3, Verdict
 @dataclass(frozen=True, slots=True)
 class Exceedance:
     limit_mm: float
+    """The limit, mm."""
     probability: float
+    """Share of trials whose error is beyond it."""
     interval: Interval
+    """Confidence interval of that probability."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,14 +23,23 @@ class MetricEstimate:
     """Sampled result for one error metric at one target."""
 
     bias_mm: Vector3
+    """Mean error vector x, y, z in the error's frame, mm."""
     std_mm: Vector3
+    """Standard deviations of the error along x, y, z in the error's frame, mm."""
     mean_norm_mm: float
+    """Mean of the error's norm, mm."""
     p95_mm: float
+    """Sampled 95 % quantile of the error's norm, mm."""
     p95_interval_mm: Interval
+    """Confidence interval of `p95_mm`, by order statistics, mm."""
     cvar95_mm: float
+    """Mean of the worst 5 % of the error's norm, mm."""
     worst_mm: float
+    """Largest error's norm among the trials, mm: it grows with their number."""
     exceedance: Exceedance | None
+    """How often the error is beyond the tightest limit here; null without a limit."""
     first_order_ratio: float
+    """First-order P95 over the sampled one: below 1, first order is optimistic."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,20 +47,36 @@ class TargetEstimate:
     """``bias_mm`` ... ``exceedance`` are the TCP error; ``localisation`` is the same before interface 2."""
 
     name: str
+    """Name of the target, or of one sample of a region (zone[3])."""
     frame: str
+    """Frame of the TCP error: tcp."""
     bias_mm: Vector3
+    """Mean TCP error x, y, z in `frame`, mm."""
     std_mm: Vector3
+    """Standard deviations of the TCP error along x, y, z in `frame`, mm."""
     mean_norm_mm: float
+    """Mean of the TCP error's norm, mm."""
     p95_mm: float
+    """Sampled 95 % quantile of the TCP error's norm, pooled over installations and shots, mm."""
     p95_interval_mm: Interval
+    """Confidence interval of `p95_mm`, by order statistics, mm."""
     confidence: float
+    """Confidence of each interval by itself, 0 to 1."""
     cvar95_mm: float
+    """Mean of the worst 5 % of the error's norm, mm."""
     worst_mm: float
+    """Largest error's norm among the trials, mm: it grows with their number."""
     exceedance: Exceedance | None
+    """How often the error is beyond the tightest limit here; null without a limit."""
     flagged_trials: int
+    """Trials that the fast chain could not prove solved and that were computed again by singular value decomposition.
+    """
     first_order_p95_mm: float
+    """P95 of the first-order score of this design, mm."""
     first_order_ratio: float
+    """First-order P95 over the sampled one: below 1, first order is optimistic."""
     localisation: MetricEstimate
+    """The same of the localisation error: of the triangulated target in con, before interface 2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +84,11 @@ class Reprojection:
     """RMS over fiducials and views of the distance between measured and reprojected images."""
 
     trials: int
+    """Trials that it was sampled with."""
     mean_px: float
+    """Mean, px."""
     p95_px: float
+    """95 % quantile, px."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,18 +96,32 @@ class Verification:
     """Monte Carlo on the full nonlinear chain."""
 
     schema: Literal["tailstack/verification/1"]
+    """Name and version of this record's schema."""
     seed: int
+    """Seed of the trials: the same seed gives the same digits."""
     trials: int
+    """Trials that were drawn."""
     method: Literal["plain", "radial"]
+    """plain: every trial by itself; radial: directions, with the quantile found along each."""
     engine: str
+    """The chain that computed the trials, in words."""
     precision_requested: float | None
-    max_trials: (
-        int | None
-    )  # at most so many; null where their number was asked for.  It sets the looks, so the intervals
+    """Relative half-width of P95's interval that was asked for; null where a number of trials was."""
+    max_trials: int | None
+    """At most so many; null where their number was asked for. It sets when the precision is looked at, so the
+    intervals.
+    """
     precision_reached: float
-    stopping: str  # why it stopped, in a sentence
+    """Largest relative half-width of P95's interval over the targets."""
+    stopping: str
+    """Why it stopped, in a sentence."""
     targets: tuple[TargetEstimate, ...]
+    """One entry for each target and each sample of a region."""
     reprojection: Reprojection
-    first_order_ratio: float  # first-order P95 over verified P95 at the worst target
+    """Error between measured and reprojected images."""
+    first_order_ratio: float
+    """First-order P95 over the sampled one at the worst target."""
     verdict: Verdict
+    """Requirements held against the sampled errors."""
     provenance: Provenance
+    """Which design, by which version, under which model, and what is not included."""

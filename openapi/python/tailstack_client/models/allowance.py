@@ -23,18 +23,22 @@ class Allowance:
     Of the requirement on the error at this target that is nearest to its limit, or furthest beyond it.
 
         Attributes:
-            target (str):
-            contributor (str):
-            component (str):
-            unit (str):
-            half_width (float):
-            requirement (None | str):
-            status (AllowanceStatus):
-            at_limit (float | None):
-            slack (float | None):
-            cost (float | None):
-            smallest (float | None):
-            largest (float | None):
+            target (str): Name of the target.
+            contributor (str): Source of error: interface_1, fiducial_manufacturing, ...
+            component (str): Its component; all for a line of sources that are alike.
+            unit (str): Unit of the half-widths: deg, mm, px or N.
+            half_width (float): Half-width as it is, in `unit`.
+            requirement (None | str): Requirement at this target that is nearest to its limit, or furthest beyond; null: no
+                pooled requirement names this target.
+            status (AllowanceStatus): spare: the half-width may grow; too wide: it must shrink; zero is not enough: nor
+                would a perfect part do; no influence; no requirement.
+            at_limit (float | None): Half-width at which the requirement's quantile is at its limit, in `unit`; null where
+                there is none.
+            slack (float | None): `at_limit` less `half_width`, in `unit`: negative where it has to shrink; null where there
+                is no such half-width.
+            cost (float | None): Cost by the price in the design's optimise section; null: no price.
+            smallest (float | None): Lower bound in the optimise section, in `unit`; null: none.
+            largest (float | None): Upper bound in the optimise section, in `unit`; null: none.
     """
 
     target: str

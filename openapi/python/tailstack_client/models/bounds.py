@@ -17,9 +17,9 @@ class Bounds:
     """Upper bounds of the quantile under ever weaker assumptions on the law of the error.
 
     Attributes:
-        gaussian (float):
-        unimodal (float):
-        moments (float):
+        gaussian (float): 95 % quantile if the error were Gaussian with this mean and covariance, mm.
+        unimodal (float): Upper bound of it for any law that is symmetric and unimodal about its mean, mm.
+        moments (float): Upper bound of it for any law with this mean and covariance, mm.
     """
 
     gaussian: float

@@ -24,16 +24,18 @@ class Certificate:
     """What the optimum rests on.
 
     Attributes:
-        kkt_residual (float):
-        starts (int):
-        converged_starts (int):
-        best_costs (list[float]):
-        optima (list[LocalOptimum]):
+        kkt_residual (float): Residual of the optimality conditions of the programme with the exact law, recomputed from
+            the multipliers, relative.
+        starts (int): Starts of the search.
+        converged_starts (int): Those that came to an optimum.
+        best_costs (list[float]): Distinct optima, ascending, by the closed form: costs, or objectives where no cost is
+            minimised.
+        optima (list[LocalOptimum]): The distinct optima among the starts.
         relaxation (Relaxation): A lower bound of the cost that no design within the given freedom (as said) can
             undercut.
-        seed (int):
-        tightening_rounds (int):
-        stopped (str):
+        seed (int): Seed of the starts; the check draws with one that follows from it.
+        tightening_rounds (int): How often the limit was tightened until the check passed.
+        stopped (str): Why the search ended, in a sentence.
         verification (Verification): Monte Carlo on the full nonlinear chain.
     """
 

@@ -21,12 +21,12 @@ class Change:
     """One field of the design document that differs.
 
     Attributes:
-        pointer (str):
-        name (str):
-        unit (str):
-        kind (ChangeKind):
-        first (None | str):
-        second (None | str):
+        pointer (str): JSON pointer into the second design; into the first for what was removed.
+        name (str): The same with names for numbers: views AP fiducial_noise_px.
+        unit (str): Unit of the field; empty where it has none.
+        kind (ChangeKind): changed, added or removed.
+        first (None | str): Value in the first design as JSON; null where it was added.
+        second (None | str): Value in the second design as JSON; null where it was removed.
     """
 
     pointer: str

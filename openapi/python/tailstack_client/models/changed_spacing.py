@@ -17,9 +17,9 @@ class ChangedSpacing:
     """Locators that could be spread about their centre, by which factor.
 
     Attributes:
-        contributor (str):
-        label (str):
-        scale (float):
+        contributor (str): interface_1 or interface_2.
+        label (str): What the document calls the interface.
+        scale (float): Factor by which its locators were spread about their centre.
     """
 
     contributor: str

@@ -19,17 +19,18 @@ class ChangedTolerance:
     """A half-width that was free.  ``at_target_*_mm``: what it moves the worst target by, half-width times lever.
 
     Attributes:
-        contributor (str):
-        component (str):
-        label (str):
-        unit (str):
-        before_half_width (float):
-        after_half_width (float):
-        at_target_before_mm (float):
-        at_target_mm (float):
-        cost_before (float | None):
-        cost_after (float):
-        grade (None | str):
+        contributor (str): interface_1 or interface_2.
+        component (str): rx ... tz, or the name of a locator.
+        label (str): What the document calls the interface, and the component.
+        unit (str): Unit of the half-widths: deg or mm.
+        before_half_width (float): Half-width before, in `unit`.
+        after_half_width (float): Half-width after, in `unit`.
+        at_target_before_mm (float): What the half-width before moves the worst target by, half-width times lever, mm.
+        at_target_mm (float): What the half-width after moves the worst target by, mm.
+        cost_before (float | None): Cost of the half-width before, in the unit of the design's prices; null: it has no
+            price (zero, or tighter than every grade).
+        cost_after (float): Cost of the half-width after, in the unit of the design's prices.
+        grade (None | str): Process grade that was chosen from a table; null without a table.
     """
 
     contributor: str

@@ -25,19 +25,24 @@ class Check:
     the value is within the limit.
 
         Attributes:
-            requirement (str):
-            target (str):
-            error (str):
-            risk (str):
-            quantile (float):
-            value_mm (float):
-            interval_mm (list[float | None]):
-            limit_mm (float):
-            yield_fraction (float | None):
-            min_yield (float | None):
-            status (CheckStatus):
-            headline (str):  Default: ''.
-            margin_mm (float | None):
+            requirement (str): Name of the requirement.
+            target (str): Name of the target, or of one sample of a region (zone[3]).
+            error (str): Which error is limited: tcp (at the tool) or localisation (of the target, in con).
+            risk (str): pooled: over installations and shots together; per_unit: of each unit by itself.
+            quantile (float): Quantile of the error's norm that is limited, 0.95 for P95.
+            value_mm (float): What decides, mm. pooled: the quantile; per_unit: what `min_yield` of units keep their own
+                quantile within.
+            interval_mm (list[float | None]): Lower and upper end, mm. Monte Carlo: confidence interval; first order:
+                calibrated error of the linearisation. A null upper end: not known, as first order is not valid.
+            limit_mm (float): Limit of the requirement, mm.
+            yield_fraction (float | None): per_unit: fraction of units whose own quantile is within the limit; null for
+                pooled.
+            min_yield (float | None): per_unit: fraction of units that must keep the limit; null for pooled.
+            status (CheckStatus): pass: the upper end of the interval is within the limit; fail: the lower end is beyond;
+                otherwise inconclusive.
+            headline (str): What the value is, in words: "P95 that 90 % of units keep". Default: ''.
+            margin_mm (float | None): Limit less the upper end of the interval, mm: not negative just where the status is
+                pass. Null where that end is not known.
     """
 
     requirement: str

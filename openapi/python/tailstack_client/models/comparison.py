@@ -26,16 +26,17 @@ class Comparison:
     """Two designs computed alike, with the same seed, and what sets them apart.
 
     Attributes:
-        schema (Literal['tailstack/comparison/1']):
-        title (str):
+        schema (Literal['tailstack/comparison/1']): Name and version of this record's schema.
+        title (str): Title of the comparison: the names of both designs.
         headline (ComparisonHeadline): The first page of a comparison.
-        differences (list[Difference]):
-        compared_trials (int | None):
-        sections (int | None):
-        only_first (list[str]):
-        only_second (list[str]):
-        changes (list[Change]):
-        changes_left_out (int):
+        differences (list[Difference]): P95 at every target that both designs have, largest of the second first.
+        compared_trials (int | None): Trials of each design, with the same random numbers, that the intervals come from;
+            null: first order.
+        sections (int | None): Sections that those trials are cut into; null: first order.
+        only_first (list[str]): Targets that only the first design has.
+        only_second (list[str]): Targets that only the second design has.
+        changes (list[Change]): Fields of the design document that differ.
+        changes_left_out (int): Further differing fields that are not listed.
         first (Report): A design, what was found about it, and how to find it again.
         second (Report): A design, what was found about it, and how to find it again.
     """

@@ -21,9 +21,9 @@ class ComparisonHeadline:
     """The first page of a comparison.
 
     Attributes:
-        status (ComparisonHeadlineStatus):
-        sentence (str):
-        matters (list[str]):
+        status (ComparisonHeadlineStatus): The verdict on the second design.
+        sentence (str): The comparison in a sentence.
+        matters (list[str]): What matters most, at most three sentences.
     """
 
     status: ComparisonHeadlineStatus

@@ -19,16 +19,21 @@ class Contributor:
     """One line of the budget.
 
     Attributes:
-        name (str):
-        component (str):
-        law (str):
-        half_width (float | None):
-        unit (str):
-        std (float | None):
-        sensitivity_mm_per_unit (float | None):
-        variance_share (float):
-        dp95_per_unit (float | None):
-        p95_without_mm (float):
+        name (str): Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing, interface_1,
+            interface_2, hand_eye or execution.
+        component (str): Its component: rx ... tz, repeatability.x, load.x, the name of a locator, or all for the source
+            as a whole.
+        law (str): Declared law: normal, uniform, triangular or bounded; mixed for a line of several.
+        half_width (float | None): Half-width of the tolerance (standard deviation of noise), in `unit`; null for a line
+            of several.
+        unit (str): Unit of half-width and standard deviation: deg, mm, px or N; empty for a line of several.
+        std (float | None): Standard deviation, in `unit`; null where the law has none.
+        sensitivity_mm_per_unit (float | None): Length of the error at the tool for one unit, mm per `unit`; null for a
+            line of several.
+        variance_share (float): Share of the trace of the covariance, 0 to 1.
+        dp95_per_unit (float | None): Slope of P95 by the half-width (of noise: by its standard deviation), mm per
+            `unit`; null where there is none.
+        p95_without_mm (float): P95 with this contributor removed, mm.
     """
 
     name: str

@@ -22,9 +22,9 @@ class Convergence:
     """How the sampled P95 at one target settled.
 
     Attributes:
-        target (str):
-        confidence (float):
-        points (list[ConvergencePoint]):
+        target (str): Name of the target.
+        confidence (float): Confidence of each interval by itself, 0 to 1.
+        points (list[ConvergencePoint]): P95 of ever more trials.
     """
 
     target: str

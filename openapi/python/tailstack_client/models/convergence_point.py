@@ -19,9 +19,9 @@ class ConvergencePoint:
     """P95 of the first so many trials, with its order-statistic interval.
 
     Attributes:
-        trials (int):
-        p95_mm (float):
-        interval_mm (list[float]):
+        trials (int): So many first trials.
+        p95_mm (float): Their P95, mm.
+        interval_mm (list[float]): Its order-statistic interval, mm.
     """
 
     trials: int

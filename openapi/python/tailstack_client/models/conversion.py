@@ -25,11 +25,11 @@ class Conversion:
     """A fiducial file or a design in another format, and the fiducials in it.
 
     Attributes:
-        schema (Literal['tailstack/conversion/1']):
-        format_ (ConversionFormat):
-        content (str):
-        fiducials (list[ConvertedPoint]):
-        notes (list[str]):
+        schema (Literal['tailstack/conversion/1']): Name and version of this record's schema.
+        format_ (ConversionFormat): Format of `content`.
+        content (str): The converted text.
+        fiducials (list[ConvertedPoint]): The fiducials in it.
+        notes (list[str]): What was done to the numbers on the way.
     """
 
     schema: Literal["tailstack/conversion/1"]

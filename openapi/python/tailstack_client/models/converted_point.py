@@ -18,8 +18,8 @@ T = TypeVar("T", bound="ConvertedPoint")
 class ConvertedPoint:
     """
     Attributes:
-        label (str):
-        position_mm (list[float]):
+        label (str): Label of the fiducial.
+        position_mm (list[float]): Position, con (LPS), mm.
     """
 
     label: str

@@ -19,10 +19,10 @@ class CountTried:
     """The best design with so many fiducials, by the closed form.
 
     Attributes:
-        fiducials (int):
-        cost (float | None):
-        worst_ratio (float | None):
-        note (str):
+        fiducials (int): How many fiducials.
+        cost (float | None): Cost, fiducials included; null: nothing feasible was found.
+        worst_ratio (float | None): Largest quantile over its limit; null: nothing feasible was found.
+        note (str): What happened, where there is no cost.
     """
 
     fiducials: int

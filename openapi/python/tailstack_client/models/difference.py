@@ -25,14 +25,17 @@ class Difference:
     Both designs are drawn with the same random numbers, so that what they share cancels.
 
         Attributes:
-            target (str):
-            basis (DifferenceBasis):
-            first_p95_mm (float):
-            second_p95_mm (float):
-            difference_mm (float):
-            interval_mm (list[float] | None):
-            confidence (float | None):
-            conclusion (DifferenceConclusion):
+            target (str): Name of the target that both designs have.
+            basis (DifferenceBasis): What the P95 rest on.
+            first_p95_mm (float): P95 of the TCP error of the first design, mm: of the check, or first order where nothing
+                was drawn.
+            second_p95_mm (float): P95 of the TCP error of the second design, mm.
+            difference_mm (float): Second minus first, mm.
+            interval_mm (list[float] | None): Confidence interval of the difference, from trials that both designs share,
+                mm; null: first order.
+            confidence (float | None): Confidence of that interval, 0 to 1; null: first order.
+            conclusion (DifferenceConclusion): Of the second: smaller or larger where the interval says so, otherwise not
+                decided; computed: first order.
     """
 
     target: str

@@ -19,11 +19,12 @@ class ErrorDistribution:
     """TCP error at one target: shares of shots by bins of the error's norm, sampled and by the first-order law.
 
     Attributes:
-        target (str):
-        edges_mm (list[float]):
-        sampled (list[float] | None):
-        first_order (list[float]):
-        trials (int | None):
+        target (str): Name of the target.
+        edges_mm (list[float]): Edges of n bins of the error's norm, n + 1 numbers, mm.
+        sampled (list[float] | None): Share of sampled shots in each bin; what is beyond the last edge is in none. Null:
+            nothing was drawn.
+        first_order (list[float]): Share of shots in each bin by the first-order law.
+        trials (int | None): Sampled shots; null: nothing was drawn.
     """
 
     target: str

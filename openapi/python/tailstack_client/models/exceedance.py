@@ -18,9 +18,9 @@ T = TypeVar("T", bound="Exceedance")
 class Exceedance:
     """
     Attributes:
-        limit_mm (float):
-        probability (float):
-        interval (list[float]):
+        limit_mm (float): The limit, mm.
+        probability (float): Share of trials whose error is beyond it.
+        interval (list[float]): Confidence interval of that probability.
     """
 
     limit_mm: float

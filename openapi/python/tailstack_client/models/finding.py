@@ -21,12 +21,13 @@ class Finding:
     """One remark about the design, with the number it rests on.
 
     Attributes:
-        rule (str):
-        severity (FindingSeverity):
-        message (str):
-        pointer (str):  Default: ''.
-        value (float | None):
-        limit (float | None):
+        rule (str): Stable id of the rule, kebab-case.
+        severity (FindingSeverity): error: the design should not be used so; warning: it should be looked at; note: it
+            is worth knowing.
+        message (str): The remark, in a sentence.
+        pointer (str): JSON pointer (RFC 6901) into the design document; empty for the whole. Default: ''.
+        value (float | None): The number that the remark rests on, in the unit that the message says; null without one.
+        limit (float | None): What that number was held against, in the same unit; null without one.
     """
 
     rule: str

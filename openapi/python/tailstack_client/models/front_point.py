@@ -23,17 +23,19 @@ class FrontPoint:
     Every requirement's limit is scaled by the same factor; limit, quantile and upper limit are those of the first.
 
         Attributes:
-            factor (float):
-            limit_mm (float):
-            status (FrontPointStatus):
-            note (str):
-            cost (float | None):
-            quantile_mm (float | None):
-            verified_upper_mm (float | None):
-            half_widths (list[float]):
-            pivots_mm (list[list[float]]):
-            locator_scales (list[float]):
-            fiducials_mm (list[list[float]]):
+            factor (float): Factor on the limit of every requirement.
+            limit_mm (float): The first requirement's limit so scaled, mm.
+            status (FrontPointStatus): verified: checked by Monte Carlo; dominated: another point costs no more at a tighter
+                limit; out of reach: no design keeps it; not tried.
+            note (str): Why there is no design, or what costs less.
+            cost (float | None): Cost of the design; null without one.
+            quantile_mm (float | None): Largest first-order quantile over the first requirement's targets, mm; null without
+                a design.
+            verified_upper_mm (float | None): Largest upper confidence limit of the check, mm; null without one.
+            half_widths (list[float]): Half-widths, in the order and units of `tolerances`.
+            pivots_mm (list[list[float]]): Pivots, con, mm, in the order of `pivots`.
+            locator_scales (list[float]): Factors on locators' spacing, in the order of `spacings`.
+            fiducials_mm (list[list[float]]): Fiducials, con, mm.
     """
 
     factor: float

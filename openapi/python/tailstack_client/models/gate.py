@@ -33,16 +33,18 @@ class Gate:
     """Designs held to a policy.
 
     Attributes:
-        schema (Literal['tailstack/gate/1']):
-        verdict (GateVerdict):
-        exit_code (int):
-        mode (GateMode):
-        seed (int):
-        fail_level (GateFailLevel):
-        on_inconclusive (GateOnInconclusiveType0 | None):
-        max_regression_percent (float | None):
-        findings (list[GateFinding]):
-        designs (list[GatedDesign]):
+        schema (Literal['tailstack/gate/1']): Name and version of this record's schema.
+        verdict (GateVerdict): The worst verdict of all designs.
+        exit_code (int): Exit code of the command: 0 pass, 1 fail, 2 bad input, 3 not evaluated, 4 inconclusive, 130
+            interrupted.
+        mode (GateMode): analytic: first order; verify: Monte Carlo; auto: Monte Carlo where first order cannot decide.
+        seed (int): Seed of the checks.
+        fail_level (GateFailLevel): Severity from which a finding fails the gate.
+        on_inconclusive (GateOnInconclusiveType0 | None): How inconclusive is counted: fail or warn; null: as it is.
+        max_regression_percent (float | None): What P95 at a target may rise by against the baseline, %; null: nothing
+            was asked for.
+        findings (list[GateFinding]): Remarks, at the places of the offending values.
+        designs (list[GatedDesign]): The designs and the numbers that were judged.
         provenance (GateProvenance): What decided, besides the designs.
     """
 

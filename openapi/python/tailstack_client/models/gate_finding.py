@@ -21,16 +21,16 @@ class GateFinding:
     """One remark, at the place of the offending value.
 
     Attributes:
-        rule (str):
-        severity (GateFindingSeverity):
-        file (str):
-        line (int | None):
-        column (int | None):
-        pointer (str):
-        message (str):
-        value (float | None):
-        limit (float | None):
-        suppressed_by (None | str):
+        rule (str): Stable id of the rule, see `tailstack gate --explain ID`.
+        severity (GateFindingSeverity): Severity under the policy.
+        file (str): Name given with the design; of the policy, waivers or baseline where it is about them.
+        line (int | None): Line in the file, from 1; null where the document did not come as text.
+        column (int | None): Column in the line, from 1; null where the document did not come as text.
+        pointer (str): JSON pointer (RFC 6901) into the file's document.
+        message (str): The finding, in a sentence.
+        value (float | None): The number it rests on, in the unit that the message says; null without one.
+        limit (float | None): What that was held against, in the same unit; null without one.
+        suppressed_by (None | str): The waiver that accepts it, so that it does not count; otherwise null.
     """
 
     rule: str

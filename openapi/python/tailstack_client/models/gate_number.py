@@ -21,20 +21,22 @@ class GateNumber:
     """One number that was held against a limit.
 
     Attributes:
-        rule (str):
-        requirement (str):
-        target (str):
-        unit (str):
-        value (float):
-        interval (list[float | None] | None):
-        limit (float):
-        status (GateNumberStatus):
-        error_rate (float | None):
-        headline (str):  Default: ''.
-        value_mm (float | None):
-        interval_mm (list[float | None] | None):
-        limit_mm (float | None):
-        margin_mm (float | None):
+        rule (str): Id of the rule that judged it.
+        requirement (str): Name of the requirement; of a limit that the policy sets, the rule's id.
+        target (str): Name of the target.
+        unit (str): Unit of value, interval and limit: mm, or fraction for a yield.
+        value (float): The number, in `unit`.
+        interval (list[float | None] | None): Its lower and upper end, in `unit`; null: of a yield. A null end is not
+            known.
+        limit (float): What it was held against, in `unit`.
+        status (GateNumberStatus): pass: surely within the limit; fail: surely beyond; otherwise inconclusive.
+        error_rate (float | None): By Monte Carlo: largest probability that pass is said of a fail, or fail of a pass;
+            null: first order.
+        headline (str): What the value is, in words: "P95 that 90 % of units keep". Default: ''.
+        value_mm (float | None): What decided, mm; of a yield, what the required fraction of units keep.
+        interval_mm (list[float | None] | None): Its lower and upper end, mm; a null upper end is not known.
+        limit_mm (float | None): The limit that it was held against, mm.
+        margin_mm (float | None): Limit less the upper end of the interval, mm; null where that end is not known.
     """
 
     rule: str

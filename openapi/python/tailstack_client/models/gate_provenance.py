@@ -19,13 +19,14 @@ class GateProvenance:
     """What decided, besides the designs.
 
     Attributes:
-        tailstack_version (str):
-        policy_name (str):
-        policy_sha256 (None | str):
-        waivers_sha256 (None | str):
-        baseline_sha256 (None | str):
-        today (str):
-        not_included (list[str]):
+        tailstack_version (str): Version of the solver.
+        policy_name (str): Name of the policy.
+        policy_sha256 (None | str): SHA-256 of the policy's canonical content, defaults filled in; null: it could not be
+            read.
+        waivers_sha256 (None | str): SHA-256 of the waivers' canonical content; null without waivers.
+        baseline_sha256 (None | str): SHA-256 of the baseline; null without one.
+        today (str): Date by which waivers were judged, ISO 8601.
+        not_included (list[str]): Errors that no number here includes.
     """
 
     tailstack_version: str

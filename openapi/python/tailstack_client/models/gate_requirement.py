@@ -25,16 +25,16 @@ class GateRequirement:
     """What a design was asked for, by itself or by the policy: what a later gate must not ask less than.
 
     Attributes:
-        name (str):
-        origin (GateRequirementOrigin):
-        rule (str):
-        severity (GateRequirementSeverity):
-        error (GateRequirementError):
-        quantile (float):
-        limit_mm (float):
-        min_yield (float | None):
-        confidence (float):
-        targets (list[str]):
+        name (str): Name of the requirement; of a limit that the policy sets, the rule's id.
+        origin (GateRequirementOrigin): Who asks: the design or the policy.
+        rule (str): Rule under which it is judged.
+        severity (GateRequirementSeverity): Severity of that rule for this design.
+        error (GateRequirementError): Error that is limited: tcp (at the tool) or localisation (of the target).
+        quantile (float): Quantile of the error's norm, 0.95 for P95; of cvar, where the tail begins.
+        limit_mm (float): The limit, mm.
+        min_yield (float | None): Fraction of units that must keep it; null: the risk is pooled.
+        confidence (float): Confidence with which it is judged, 0 to 1.
+        targets (list[str]): Targets that it is about.
     """
 
     name: str

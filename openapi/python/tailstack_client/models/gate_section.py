@@ -17,8 +17,8 @@ class GateSection:
     """One section of a design document, by its content: how a design is found again in a baseline.
 
     Attributes:
-        name (str):
-        sha256 (str):
+        name (str): Name of the section.
+        sha256 (str): SHA-256 of its canonical content, hexadecimal.
     """
 
     name: str

@@ -19,12 +19,12 @@ class GateTarget:
     """The error at one target: what a later gate compares with.
 
     Attributes:
-        name (str):
-        first_order_p95_mm (float):
-        p95_mm (float | None):
-        p95_interval_mm (list[float] | None):
-        cvar95_mm (float):
-        position_mm (list[float] | None):
+        name (str): Name of the target, or of one sample of a region (zone[3]).
+        first_order_p95_mm (float): First-order P95 of the TCP error, mm.
+        p95_mm (float | None): Sampled P95 of the TCP error, mm; null where nothing was drawn.
+        p95_interval_mm (list[float] | None): Confidence interval of it, mm; null where nothing was drawn.
+        cvar95_mm (float): Mean of the worst 5 % of the TCP error's norm, mm.
+        position_mm (list[float] | None): Position of the target, con, mm; null in records of earlier versions.
     """
 
     name: str

@@ -30,18 +30,19 @@ class GatedDesign:
     """One design and the numbers that were judged.
 
     Attributes:
-        file (str):
-        name (None | str):
-        sha256 (None | str):
-        design_class (None | str):
-        verdict (GatedDesignVerdict):
-        basis (GatedDesignBasis):
-        trials (int | None):
-        targets (list[GateTarget]):
-        numbers (list[GateNumber]):
-        requirements (list[GateRequirement]):
-        not_judged (list[Unjudged]):
-        sections (list[GateSection]):
+        file (str): Name given with the design.
+        name (None | str): Name of the design; null: the document could not be read.
+        sha256 (None | str): SHA-256 of the design's canonical content; null: the document could not be read.
+        design_class (None | str): Class of the policy whose rules applied; null: the general ones.
+        verdict (GatedDesignVerdict): Verdict on this design.
+        basis (GatedDesignBasis): What it rests on.
+        trials (int | None): Trials that were drawn; null: first order.
+        targets (list[GateTarget]): The error at each target: what a later gate compares with.
+        numbers (list[GateNumber]): Every number that was held against a limit.
+        requirements (list[GateRequirement]): What was asked for, judged or not; empty in records of earlier versions.
+        not_judged (list[Unjudged]): What was asked for, or targets, that nothing was held against.
+        sections (list[GateSection]): Sections of the document by their content: how a design is found again in a
+            baseline.
     """
 
     file: str

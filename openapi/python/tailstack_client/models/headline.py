@@ -21,20 +21,20 @@ class Headline:
     """The first page: what a project lead needs to know.
 
     Attributes:
-        status (HeadlineStatus):
-        basis (str):
-        sentence (str):
-        requirement (None | str):
-        target (str):
-        quantile (float):
-        value_mm (float):
-        interval_mm (list[float | None]):
-        limit_mm (float | None):
-        matters (list[str]):
-        error (str):  Default: 'tcp'.
-        min_yield (float | None):
-        headline (str):  Default: ''.
-        margin_mm (float | None):
+        status (HeadlineStatus): The verdict.
+        basis (str): What it rests on: first order or Monte Carlo.
+        sentence (str): The verdict with its numbers, in a sentence.
+        requirement (None | str): Requirement of the check that decides; null without requirement.
+        target (str): Target of the check that decides.
+        quantile (float): Quantile of the error's norm, 0.95 for P95.
+        value_mm (float): The value that decides, mm.
+        interval_mm (list[float | None]): Its lower and upper end, mm; a null upper end is not known.
+        limit_mm (float | None): The limit, mm; null without requirement.
+        matters (list[str]): What matters most, at most three sentences.
+        error (str): Error that decides: tcp (at the tool) or localisation (of the target). Default: 'tcp'.
+        min_yield (float | None): Fraction of units that must keep the limit; null: the risk is pooled.
+        headline (str): What the value is, in words: "P95 that 90 % of units keep". Default: ''.
+        margin_mm (float | None): Limit less the upper end of the interval, mm; null where one of them is not known.
     """
 
     status: HeadlineStatus

@@ -29,20 +29,20 @@ class Job:
     """A computation that was accepted.  Times are RFC 3339, UTC.
 
     Attributes:
-        schema (Literal['tailstack/job/1']):
-        id (str):
-        kind (JobKind):
-        state (JobState):
-        design_name (str):
-        created_at (str):
-        started_at (None | str):
-        finished_at (None | str):
-        solver_version (str):
-        recomputed (None | str):
-        cpu_seconds (float):
+        schema (Literal['tailstack/job/1']): Name and version of this record's schema.
+        id (str): Id of the job, 26 characters that sort by time.
+        kind (JobKind): What is computed.
+        state (JobState): queued, running, or how it ended.
+        design_name (str): Name of the design.
+        created_at (str): When it was accepted, RFC 3339, UTC.
+        started_at (None | str): When a worker first took it, RFC 3339, UTC; null before.
+        finished_at (None | str): When it ended, RFC 3339, UTC; null before.
+        solver_version (str): Version of the solver that computes, or computed, this job.
+        recomputed (None | str): Said when an upgrade of the solver made the job begin anew; otherwise null.
+        cpu_seconds (float): CPU time of every unit recorded so far, s, those before an upgrade included.
         progress (JobProgress): How far a job was when something was last recorded.  ``fraction`` is between 0 and 1.
-        problem (None | Problem):
-        result_sha256 (None | str):
+        problem (None | Problem): Why it failed; pointers lead into the request: /design/... Null unless it failed.
+        result_sha256 (None | str): SHA-256 of the result's bytes, by which it is fetched; null until it is there.
         links (JobLinks): Paths of what belongs to a job.  ``result`` and ``report`` are null until it has succeeded.
     """
 

@@ -19,11 +19,11 @@ class JobLinks:
     """Paths of what belongs to a job.  ``result`` and ``report`` are null until it has succeeded.
 
     Attributes:
-        self_ (str):
-        events (str):
-        cancel (str):
-        result (None | str):
-        report (None | str):
+        self_ (str): Path of this record.
+        events (str): Path of the stream of events.
+        cancel (str): Path to post to in order to cancel.
+        result (None | str): Path of the result; null until it is there.
+        report (None | str): Path of the result as a report; null until it is there.
     """
 
     self_: str

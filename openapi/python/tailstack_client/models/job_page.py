@@ -23,9 +23,9 @@ class JobPage:
     """Jobs, newest first, and the path of the page after this one.
 
     Attributes:
-        schema (Literal['tailstack/jobs/1']):
-        jobs (list[Job]):
-        next_ (None | str):
+        schema (Literal['tailstack/jobs/1']): Name and version of this record's schema.
+        jobs (list[Job]): Jobs, newest first.
+        next_ (None | str): Path of the page after this one; null on the last.
     """
 
     schema: Literal["tailstack/jobs/1"]

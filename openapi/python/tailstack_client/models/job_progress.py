@@ -19,11 +19,11 @@ class JobProgress:
     """How far a job was when something was last recorded.  ``fraction`` is between 0 and 1.
 
     Attributes:
-        fraction (float):
-        units_done (int):
-        units_expected (int):
-        note (str):
-        eta_seconds (float | None):
+        fraction (float): How much is done, 0 to 1.
+        units_done (int): Units of work whose results are recorded.
+        units_expected (int): Units of work in all; grows when the job turns out to be longer.
+        note (str): What is being done, in words.
+        eta_seconds (float | None): Seconds to the end, at the pace so far; null when nobody can know.
     """
 
     fraction: float

@@ -17,10 +17,10 @@ class LocalOptimum:
     """A distinct optimum among the starts, by the closed form that ranks them.
 
     Attributes:
-        objective (float):
-        starts (int):
-        first_start (int):
-        rms_distance_mm (float):
+        objective (float): Its objective by the closed form: cost, or the largest quantile over its limit.
+        starts (int): How many starts ended there.
+        first_start (int): Number of the first of them.
+        rms_distance_mm (float): RMS distance of its fiducials from those of the best one, matched to the nearest, mm.
     """
 
     objective: float

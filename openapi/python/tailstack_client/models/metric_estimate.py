@@ -22,15 +22,15 @@ class MetricEstimate:
     """Sampled result for one error metric at one target.
 
     Attributes:
-        bias_mm (list[float]):
-        std_mm (list[float]):
-        mean_norm_mm (float):
-        p95_mm (float):
-        p95_interval_mm (list[float]):
-        cvar95_mm (float):
-        worst_mm (float):
-        exceedance (Exceedance | None):
-        first_order_ratio (float):
+        bias_mm (list[float]): Mean error vector x, y, z in the error's frame, mm.
+        std_mm (list[float]): Standard deviations of the error along x, y, z in the error's frame, mm.
+        mean_norm_mm (float): Mean of the error's norm, mm.
+        p95_mm (float): Sampled 95 % quantile of the error's norm, mm.
+        p95_interval_mm (list[float]): Confidence interval of `p95_mm`, by order statistics, mm.
+        cvar95_mm (float): Mean of the worst 5 % of the error's norm, mm.
+        worst_mm (float): Largest error's norm among the trials, mm: it grows with their number.
+        exceedance (Exceedance | None): How often the error is beyond the tightest limit here; null without a limit.
+        first_order_ratio (float): First-order P95 over the sampled one: below 1, first order is optimistic.
     """
 
     bias_mm: list[float]

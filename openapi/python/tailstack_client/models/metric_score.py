@@ -22,18 +22,20 @@ class MetricScore:
     """First-order result for one error metric at one target.
 
     Attributes:
-        frame (str):
-        bias_mm (list[float]):
-        covariance_mm2 (list[list[float]]):
-        std_mm (list[float]):
-        mean_norm_mm (float):
-        p95_mm (float):
-        law (str):
-        law_error_mm (float):
+        frame (str): Frame of bias and covariance: con (connector) or tcp (tool centre point).
+        bias_mm (list[float]): Mean error vector x, y, z in `frame`, mm.
+        covariance_mm2 (list[list[float]]): Covariance of the error, rows and columns x, y, z in `frame`, mm².
+        std_mm (list[float]): Standard deviations of the error along x, y, z in `frame`, mm.
+        mean_norm_mm (float): Mean of the error's norm, mm.
+        p95_mm (float): 95 % quantile of the error's norm under the declared laws, pooled over installations and shots,
+            mm.
+        law (str): The law that the quantile was computed with, in words.
+        law_error_mm (float): Numerical error of the quantile itself, mm; it says nothing of the linearisation.
         bounds_mm (Bounds): Upper bounds of the quantile under ever weaker assumptions on the law of the error.
-        cvar95_mm (float):
-        limit_mm (float | None):
-        exceedance_probability (float | None):
+        cvar95_mm (float): Mean of the worst 5 % of the error's norm, mm.
+        limit_mm (float | None): Tightest limit that the design sets for this error here, mm; null without one.
+        exceedance_probability (float | None): Probability that the error's norm is beyond `limit_mm`; null without a
+            limit.
     """
 
     frame: str

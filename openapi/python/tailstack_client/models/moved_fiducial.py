@@ -19,9 +19,9 @@ class MovedFiducial:
     """A fiducial that could move; ``before_mm`` is None for one that is new, ``after_mm`` for one left out.
 
     Attributes:
-        label (str):
-        before_mm (list[float] | None):
-        after_mm (list[float] | None):
+        label (str): Label of the fiducial.
+        before_mm (list[float] | None): Position before, con, mm; null for one that is new.
+        after_mm (list[float] | None): Position after, con, mm; null for one that was left out.
     """
 
     label: str

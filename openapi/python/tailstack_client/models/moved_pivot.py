@@ -19,10 +19,10 @@ class MovedPivot:
     """A pivot that was free.
 
     Attributes:
-        contributor (str):
-        label (str):
-        before_mm (list[float]):
-        after_mm (list[float]):
+        contributor (str): interface_1 or interface_2.
+        label (str): What the document calls the interface.
+        before_mm (list[float]): Pivot before, con, mm.
+        after_mm (list[float]): Pivot after, con, mm.
     """
 
     contributor: str

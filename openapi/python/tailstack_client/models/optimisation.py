@@ -35,29 +35,34 @@ class Optimisation:
     """A design that keeps its limit at least cost (or what was asked for), verified by Monte Carlo.
 
     Attributes:
-        schema (Literal['tailstack/optimisation/1']):
-        status (Literal['verified']):
-        objective (str):
-        cost_before (float | None):
-        cost_after (float):
-        cost_closed_form (float | None):
-        cost_exact_law (float | None):
-        p95_before_mm (float | None):
-        p95_after_mm (float):
-        moved (list[MovedFiducial]):
-        tolerances (list[ChangedTolerance]):
-        pivots (list[MovedPivot]):
-        spacings (list[ChangedSpacing]):
-        scaling (float | None):
+        schema (Literal['tailstack/optimisation/1']): Name and version of this record's schema.
+        status (Literal['verified']): The new design passed its Monte Carlo check; what did not is refused, not
+            answered.
+        objective (str): What was minimised, in a sentence.
+        cost_before (float | None): Cost of the design as it stood, in the unit of its prices; null: some of it has no
+            price.
+        cost_after (float): Cost of the new design.
+        cost_closed_form (float | None): Cost of the optimum by the smooth closed form that drives the search; null
+            where no cost is minimised.
+        cost_exact_law (float | None): Cost of the optimum by the exact law at the limit itself, before the check's
+            margin; null where no cost is minimised.
+        p95_before_mm (float | None): First-order P95 of the worst target before, mm; null: the layout as it stood does
+            not determine it.
+        p95_after_mm (float): P95 of the worst target after, mm.
+        moved (list[MovedFiducial]): Fiducials that could move.
+        tolerances (list[ChangedTolerance]): Half-widths that were free.
+        pivots (list[MovedPivot]): Pivots that were free.
+        spacings (list[ChangedSpacing]): Locators whose spacing was free.
+        scaling (float | None): Objective scaling: the common factor on all half-widths; otherwise null.
         certificate (Certificate): What the optimum rests on.
-        shadow_prices (list[ShadowPrice]):
-        binding (list[str]):
-        influence (list[Finding]):
-        placement_value (None | PlacementValue):
-        counts (list[CountTried]):
-        front (list[FrontPoint]):
-        design_before (OptimisationDesignBefore):
-        design (OptimisationDesign):
+        shadow_prices (list[ShadowPrice]): What one unit of each limit and bound is worth.
+        binding (list[str]): Limits and bounds that hold the optimum where it is.
+        influence (list[Finding]): What the free variables can and cannot do, known before solving.
+        placement_value (None | PlacementValue): What the placement bought; null where nothing was placed.
+        counts (list[CountTried]): The numbers of fiducials that were tried; empty where it was given.
+        front (list[FrontPoint]): Points of the front of cost and limit; empty unless asked for.
+        design_before (OptimisationDesignBefore): The design document that it started from, complete.
+        design (OptimisationDesign): The new design document, complete.
         provenance (Provenance):
     """
 

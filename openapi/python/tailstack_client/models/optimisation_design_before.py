@@ -14,6 +14,8 @@ T = TypeVar("T", bound="OptimisationDesignBefore")
 
 @_attrs_define
 class OptimisationDesignBefore:
+    """The design document that it started from, complete."""
+
     additional_properties: dict[str, Any] = _attrs_field(init=False, factory=dict)
 
     def to_dict(self) -> dict[str, Any]:

@@ -19,15 +19,17 @@ class PerUnit:
     """The second reading of risk: the installation is drawn once per unit and stays.
 
     Attributes:
-        limit_mm (float | None):
-        yield_fraction (float | None):
-        yield_standard_error (float | None):
-        p95_of_units_mm (float):
-        p95_of_units_standard_error_mm (float):
-        quantile (float):  Default: 0.95.
-        units_fraction (float):  Default: 0.95.
-        value_mm (float | None):
-        standard_error_mm (float | None):
+        limit_mm (float | None): Limit of the tightest requirement on each unit, mm; without one, the target's.
+        yield_fraction (float | None): Fraction of units whose own quantile over shots meets the limit; null without a
+            limit.
+        yield_standard_error (float | None): Standard error of that fraction; null without a limit.
+        p95_of_units_mm (float): 95 % quantile over units of each unit's own P95, mm.
+        p95_of_units_standard_error_mm (float): Standard error of it, mm.
+        quantile (float): Quantile over a unit's own shots: that of the requirement. Default: 0.95.
+        units_fraction (float): Fraction of units that must keep it: the requirement's min_yield. Default: 0.95.
+        value_mm (float | None): What this fraction of units keep their own quantile within, mm; null where it was not
+            computed.
+        standard_error_mm (float | None): Standard error of it, mm; null where it was not computed.
     """
 
     limit_mm: float | None

@@ -19,14 +19,14 @@ class PlacementValue:
     """What the placement bought, against a textbook layout and against careless ones, tolerances optimised alike.
 
     Attributes:
-        textbook (str):
-        textbook_objective (float | None):
-        careless_layouts (int):
-        careless_infeasible (int):
-        careless_median (float | None):
-        careless_worst (float | None):
-        best (float):
-        sentence (str):
+        textbook (str): What the textbook layout is, or why there is none.
+        textbook_objective (float | None): Its objective, tolerances optimised; null: it cannot meet the limit.
+        careless_layouts (int): Random layouts that keep the rules.
+        careless_infeasible (int): How many of them cannot meet the limit.
+        careless_median (float | None): Median objective of those that can; null where none can.
+        careless_worst (float | None): Largest objective of those that can; null where none can.
+        best (float): Objective of the optimum, by the same closed form.
+        sentence (str): The comparison as a sentence.
     """
 
     textbook: str

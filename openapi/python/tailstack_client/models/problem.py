@@ -22,13 +22,13 @@ class Problem:
     """RFC 9457 problem details.
 
     Attributes:
-        type_ (str):
-        title (str):
-        status (int):
-        detail (str):
-        instance (str):
-        request_id (None | str):
-        errors (list[ProblemEntry]):
+        type_ (str): Path of the page that explains this class of problem.
+        title (str): What it is, the same for every occurrence.
+        status (int): HTTP status; on the command line, that of the same refusal over HTTP.
+        detail (str): The first of the errors, in a sentence.
+        instance (str): Path that was asked for, or the command.
+        request_id (None | str): Id of the request, in the service's log too; null on the command line.
+        errors (list[ProblemEntry]): Everything that is wrong, each with its place.
     """
 
     type_: str

@@ -19,13 +19,14 @@ class ProblemEntry:
     """One thing that is wrong.  ``file``, ``line`` and ``column`` are null when the document came without a file.
 
     Attributes:
-        pointer (str):
-        code (str):
-        detail (str):
-        hint (str):
-        file (None | str):
-        line (int | None):
-        column (int | None):
+        pointer (str): JSON pointer (RFC 6901) into the document that was sent; empty for the whole, /NAME for a query
+            parameter.
+        code (str): What kind of mistake it is, kebab-case.
+        detail (str): What is wrong, with what arrived.
+        hint (str): What to do; may be empty.
+        file (None | str): File that the document came from; null when it came without one.
+        line (int | None): Line in that file or text, from 1; null when it came without one.
+        column (int | None): Column in the line, from 1; null when it came without one.
     """
 
     pointer: str

@@ -17,11 +17,11 @@ class ProblemType:
     """One class of refusal: what it means and what to do about it.
 
     Attributes:
-        slug (str):
-        title (str):
-        status (int):
-        meaning (str):
-        cure (str):
+        slug (str): Last part of the problem's type.
+        title (str): What it is, the same for every occurrence.
+        status (int): HTTP status that it comes with.
+        meaning (str): What it means.
+        cure (str): What to do about it.
     """
 
     slug: str
@@ -29,7 +29,6 @@ class ProblemType:
     status: int
     meaning: str
     cure: str
-    additional_properties: dict[str, Any] = _attrs_field(init=False, factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         slug = self.slug
@@ -43,7 +42,7 @@ class ProblemType:
         cure = self.cure
 
         field_dict: dict[str, Any] = {}
-        field_dict.update(self.additional_properties)
+
         field_dict.update(
             {
                 "slug": slug,
@@ -77,21 +76,4 @@ class ProblemType:
             cure=cure,
         )
 
-        problem_type.additional_properties = d
         return problem_type
-
-    @property
-    def additional_keys(self) -> list[str]:
-        return list(self.additional_properties.keys())
-
-    def __getitem__(self, key: str) -> Any:
-        return self.additional_properties[key]
-
-    def __setitem__(self, key: str, value: Any) -> None:
-        self.additional_properties[key] = value
-
-    def __delitem__(self, key: str) -> None:
-        del self.additional_properties[key]
-
-    def __contains__(self, key: str) -> bool:
-        return key in self.additional_properties

@@ -18,14 +18,17 @@ T = TypeVar("T", bound="Provenance")
 class Provenance:
     """
     Attributes:
-        design_name (str):
-        design_sha256 (None | str):
-        tailstack_version (str):
-        reading (str):
-        rotation_form (str):
-        triangulation (str):
-        notes (list[str]):
-        not_included (list[str]):
+        design_name (str): Name of the design.
+        design_sha256 (None | str): SHA-256 of the design's canonical content, fiducials included; null where it could
+            not be had.
+        tailstack_version (str): Version of the solver.
+        reading (str): Reading of the structure's installation error: physical (the structure moves, its images too) or
+            eq18 (only the coordinates that the estimator is told).
+        rotation_form (str): How small rotations act: full matrices or the small-angle form.
+        triangulation (str): Frame in which the target's rays are met: normalised (of the fiducials) or published
+            (connector mm).
+        notes (list[str]): What was done to the design's numbers on the way, and what it leaves open.
+        not_included (list[str]): Errors that no number here includes.
     """
 
     design_name: str

@@ -27,17 +27,16 @@ class Readiness:
     """Whether requests should be sent here, and why not.
 
     Attributes:
-        status (ReadinessStatusType0 | ReadinessStatusType1):
-        kernels (ReadinessKernels):
-        database (ReadinessDatabase):
-        workers (int):
+        status (ReadinessStatusType0 | ReadinessStatusType1): ready: send requests here; otherwise why not.
+        kernels (ReadinessKernels): Whether the kernels are compiled.
+        database (ReadinessDatabase): Whether jobs can be stored and read.
+        workers (int): Workers that computed or looked for work lately, on any host; jobs wait while there is none.
     """
 
     status: ReadinessStatusType0 | ReadinessStatusType1
     kernels: ReadinessKernels
     database: ReadinessDatabase
     workers: int
-    additional_properties: dict[str, Any] = _attrs_field(init=False, factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         status: str
@@ -53,7 +52,7 @@ class Readiness:
         workers = self.workers
 
         field_dict: dict[str, Any] = {}
-        field_dict.update(self.additional_properties)
+
         field_dict.update(
             {
                 "status": status,
@@ -99,21 +98,4 @@ class Readiness:
             workers=workers,
         )
 
-        readiness.additional_properties = d
         return readiness
-
-    @property
-    def additional_keys(self) -> list[str]:
-        return list(self.additional_properties.keys())
-
-    def __getitem__(self, key: str) -> Any:
-        return self.additional_properties[key]
-
-    def __setitem__(self, key: str, value: Any) -> None:
-        self.additional_properties[key] = value
-
-    def __delitem__(self, key: str) -> None:
-        del self.additional_properties[key]
-
-    def __contains__(self, key: str) -> bool:
-        return key in self.additional_properties

@@ -19,11 +19,11 @@ class Relaxation:
     """A lower bound of the cost that no design within the given freedom (as said) can undercut.
 
     Attributes:
-        kind (str):
-        cost (float | None):
-        lower_bound (float | None):
-        gap_percent (float | None):
-        statement (str):
+        kind (str): How the bound was found (convex allocation, monotone cuts over grades), or why there is none.
+        cost (float | None): Cost of the optimum that it is compared with; null without a bound.
+        lower_bound (float | None): Cost that no design within the given freedom can undercut; null without a bound.
+        gap_percent (float | None): How far the optimum is above the bound, %; null without a bound.
+        statement (str): What the bound holds for, in a sentence.
     """
 
     kind: str

@@ -32,16 +32,16 @@ class Report:
     """A design, what was found about it, and how to find it again.
 
     Attributes:
-        schema (Literal['tailstack/report/1']):
-        title (str):
+        schema (Literal['tailstack/report/1']): Name and version of this record's schema.
+        title (str): Title of the report: the design's name.
         headline (Headline): The first page: what a project lead needs to know.
         score (Score): First order: bias, covariance, tail and budget at every target.
-        verification (None | Verification):
-        optimisation (None | Optimisation):
-        distributions (list[ErrorDistribution]):
-        convergence (list[Convergence]):
-        allowances (list[Allowance]):
-        design (ReportDesign):
+        verification (None | Verification): Monte Carlo check; null where it was not asked for.
+        optimisation (None | Optimisation): The optimised design; null where it was not asked for.
+        distributions (list[ErrorDistribution]): TCP error at the targets with the largest P95, by bins.
+        convergence (list[Convergence]): How the sampled P95 settled; empty where nothing was drawn.
+        allowances (list[Allowance]): How far each half-width could go by itself, at the targets of `distributions`.
+        design (ReportDesign): The design document, complete.
         reproduction (Reproduction): How to get the same numbers again.
         provenance (Provenance):
     """

@@ -14,6 +14,8 @@ T = TypeVar("T", bound="ReportDesign")
 
 @_attrs_define
 class ReportDesign:
+    """The design document, complete."""
+
     additional_properties: dict[str, Any] = _attrs_field(init=False, factory=dict)
 
     def to_dict(self) -> dict[str, Any]:

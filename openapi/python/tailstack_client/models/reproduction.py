@@ -19,14 +19,14 @@ class Reproduction:
     """How to get the same numbers again.
 
     Attributes:
-        commands (list[str]):
-        parts (list[str]):
-        seed (int | None):
-        trials (int | None):
-        precision (float | None):
-        max_trials (int | None):
-        starts (int | None):
-        statement (str):
+        commands (list[str]): Commands that give the same numbers, with the design of this record saved as design.yaml.
+        parts (list[str]): What was computed: score, verification, optimisation.
+        seed (int | None): Seed of the check; null: nothing was drawn.
+        trials (int | None): Trials asked for; null: as many as the precision takes.
+        precision (float | None): Relative half-width asked for; null: the solver's own, or a number of trials.
+        max_trials (int | None): At most so many trials; null: their number was asked for, or nothing was drawn.
+        starts (int | None): Starts of the optimiser; null: as many as the design says.
+        statement (str): What the commands reproduce, and how exactly.
     """
 
     commands: list[str]

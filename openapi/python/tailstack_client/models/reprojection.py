@@ -17,9 +17,9 @@ class Reprojection:
     """RMS over fiducials and views of the distance between measured and reprojected images.
 
     Attributes:
-        trials (int):
-        mean_px (float):
-        p95_px (float):
+        trials (int): Trials that it was sampled with.
+        mean_px (float): Mean, px.
+        p95_px (float): 95 % quantile, px.
     """
 
     trials: int

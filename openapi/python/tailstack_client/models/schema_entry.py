@@ -16,15 +16,14 @@ T = TypeVar("T", bound="SchemaEntry")
 class SchemaEntry:
     """
     Attributes:
-        name (str):
-        title (str):
-        url (str):
+        name (str): Name of the schema.
+        title (str): What it is the schema of.
+        url (str): Path where it is served.
     """
 
     name: str
     title: str
     url: str
-    additional_properties: dict[str, Any] = _attrs_field(init=False, factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         name = self.name
@@ -34,7 +33,7 @@ class SchemaEntry:
         url = self.url
 
         field_dict: dict[str, Any] = {}
-        field_dict.update(self.additional_properties)
+
         field_dict.update(
             {
                 "name": name,
@@ -60,21 +59,4 @@ class SchemaEntry:
             url=url,
         )
 
-        schema_entry.additional_properties = d
         return schema_entry
-
-    @property
-    def additional_keys(self) -> list[str]:
-        return list(self.additional_properties.keys())
-
-    def __getitem__(self, key: str) -> Any:
-        return self.additional_properties[key]
-
-    def __setitem__(self, key: str, value: Any) -> None:
-        self.additional_properties[key] = value
-
-    def __delitem__(self, key: str) -> None:
-        del self.additional_properties[key]
-
-    def __contains__(self, key: str) -> bool:
-        return key in self.additional_properties

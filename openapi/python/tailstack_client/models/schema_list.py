@@ -21,11 +21,10 @@ T = TypeVar("T", bound="SchemaList")
 class SchemaList:
     """
     Attributes:
-        schemas (list[SchemaEntry]):
+        schemas (list[SchemaEntry]): Every published schema.
     """
 
     schemas: list[SchemaEntry]
-    additional_properties: dict[str, Any] = _attrs_field(init=False, factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         from ..models.schema_entry import SchemaEntry  # noqa: PLC0415
@@ -36,7 +35,7 @@ class SchemaList:
             schemas.append(schemas_item)
 
         field_dict: dict[str, Any] = {}
-        field_dict.update(self.additional_properties)
+
         field_dict.update(
             {
                 "schemas": schemas,
@@ -61,21 +60,4 @@ class SchemaList:
             schemas=schemas,
         )
 
-        schema_list.additional_properties = d
         return schema_list
-
-    @property
-    def additional_keys(self) -> list[str]:
-        return list(self.additional_properties.keys())
-
-    def __getitem__(self, key: str) -> Any:
-        return self.additional_properties[key]
-
-    def __setitem__(self, key: str, value: Any) -> None:
-        self.additional_properties[key] = value
-
-    def __delitem__(self, key: str) -> None:
-        del self.additional_properties[key]
-
-    def __contains__(self, key: str) -> bool:
-        return key in self.additional_properties

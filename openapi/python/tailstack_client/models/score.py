@@ -27,10 +27,10 @@ class Score:
     """First order: bias, covariance, tail and budget at every target.
 
     Attributes:
-        schema (Literal['tailstack/score/1']):
-        targets (list[TargetScore]):
+        schema (Literal['tailstack/score/1']): Name and version of this record's schema.
+        targets (list[TargetScore]): One entry for each target and each sample of a region.
         validity (Validity): How far to trust the linearisation: nu and what it was calibrated to mean.
-        views (list[ViewCheck]):
+        views (list[ViewCheck]): Visibility of the fiducials in each view.
         verdict (Verdict): ``pass`` only when the upper end of every check's interval is within its limit.
         provenance (Provenance):
     """

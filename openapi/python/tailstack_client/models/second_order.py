@@ -21,11 +21,12 @@ class SecondOrder:
     """Correction of the TCP error by the Hessian of the chain; see its own range of validity.
 
     Attributes:
-        status (SecondOrderStatus):
-        reason (str):
-        mean_shift_mm (list[float] | None):
-        std_mm (list[float] | None):
-        p95_mm (float | None):
+        status (SecondOrderStatus): applied, refused where it does not hold, or not requested.
+        reason (str): Why it was refused, or what it rests on.
+        mean_shift_mm (list[float] | None): What it adds to the mean of the TCP error x, y, z in tcp, mm; null unless
+            applied.
+        std_mm (list[float] | None): Standard deviations with it along x, y, z in tcp, mm; null unless applied.
+        p95_mm (float | None): 95 % quantile of the TCP error's norm with it, mm; null unless applied.
     """
 
     status: SecondOrderStatus

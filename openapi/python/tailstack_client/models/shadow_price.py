@@ -17,10 +17,11 @@ class ShadowPrice:
     """What one unit of a limit or bound is worth, from the multipliers: a derivative, good for small steps.
 
     Attributes:
-        name (str):
-        unit (str):
-        cost_per_unit (float):
-        sentence (str):
+        name (str): The limit or bound.
+        unit (str): Unit of the limit or bound.
+        cost_per_unit (float): Change of the objective for one unit more: of cost, or of mm of the quantile where that
+            is minimised.
+        sentence (str): The same as a sentence.
     """
 
     name: str

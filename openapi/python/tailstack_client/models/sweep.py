@@ -27,13 +27,13 @@ class Sweep:
     """A grid of designs: every combination of the axes' values, the last axis running fastest.
 
     Attributes:
-        schema (Literal['tailstack/sweep/1']):
-        axes (list[SweepAxis]):
-        check (SweepCheck):
-        seed (int | None):
-        trials (int | None):
-        max_trials (int | None):
-        points (list[SweepPoint]):
+        schema (Literal['tailstack/sweep/1']): Name and version of this record's schema.
+        axes (list[SweepAxis]): The numbers of the design that were varied.
+        check (SweepCheck): What was computed at each point: score (first order) or verification (Monte Carlo).
+        seed (int | None): Seed of every point's check, so that points differ by their designs alone; null for scores.
+        trials (int | None): Trials asked for at every point; null: a score, or as many as the precision takes.
+        max_trials (int | None): At most so many at every point; null: a score, or trials were asked for.
+        points (list[SweepPoint]): Every combination of the axes' values, the last axis running fastest.
         provenance (Provenance):
     """
 

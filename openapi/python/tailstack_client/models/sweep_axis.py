@@ -19,10 +19,11 @@ class SweepAxis:
     """A number of the design that was varied.
 
     Attributes:
-        pointer (str):
-        unit (str):
-        base (float | None):
-        values (list[float]):
+        pointer (str): JSON pointer (RFC 6901) into the design document; a step * stands for every element.
+        unit (str): Unit of the values: deg, mm, px, N or empty.
+        base (float | None): What the design as it stands has there; null where a pointer with * leads to several
+            values.
+        values (list[float]): Values that were put there, in `unit`.
     """
 
     pointer: str

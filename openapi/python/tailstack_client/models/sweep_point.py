@@ -26,11 +26,11 @@ class SweepPoint:
     """One point of the grid.
 
     Attributes:
-        values (list[float]):
-        status (SweepPointStatus):
-        reason (None | str):
-        targets (list[SweepTarget]):
-        verdict (None | SweepPointVerdictType0):
+        values (list[float]): Values at this point, in the order and units of the axes.
+        status (SweepPointStatus): refused: the design could not be computed with these values.
+        reason (None | str): Why it was refused; otherwise null.
+        targets (list[SweepTarget]): What was found at each target; empty where it was refused.
+        verdict (None | SweepPointVerdictType0): Verdict on the design with these values; null where it was refused.
     """
 
     values: list[float]

@@ -19,12 +19,12 @@ class SweepTarget:
     """What was found at one target of one point: the TCP error.
 
     Attributes:
-        name (str):
-        p95_mm (float):
-        p95_interval_mm (list[float] | None):
-        mean_norm_mm (float):
-        bias_norm_mm (float):
-        localisation_p95_mm (float):
+        name (str): Name of the target, or of one sample of a region (zone[3]).
+        p95_mm (float): 95 % quantile of the TCP error's norm, mm.
+        p95_interval_mm (list[float] | None): Confidence interval of it by Monte Carlo, mm; null for scores.
+        mean_norm_mm (float): Mean of the TCP error's norm, mm.
+        bias_norm_mm (float): Norm of the mean TCP error, mm.
+        localisation_p95_mm (float): 95 % quantile of the localisation error's norm, mm.
     """
 
     name: str

@@ -23,20 +23,21 @@ class TargetEstimate:
     """``bias_mm`` ... ``exceedance`` are the TCP error; ``localisation`` is the same before interface 2.
 
     Attributes:
-        name (str):
-        frame (str):
-        bias_mm (list[float]):
-        std_mm (list[float]):
-        mean_norm_mm (float):
-        p95_mm (float):
-        p95_interval_mm (list[float]):
-        confidence (float):
-        cvar95_mm (float):
-        worst_mm (float):
-        exceedance (Exceedance | None):
-        flagged_trials (int):
-        first_order_p95_mm (float):
-        first_order_ratio (float):
+        name (str): Name of the target, or of one sample of a region (zone[3]).
+        frame (str): Frame of the TCP error: tcp.
+        bias_mm (list[float]): Mean TCP error x, y, z in `frame`, mm.
+        std_mm (list[float]): Standard deviations of the TCP error along x, y, z in `frame`, mm.
+        mean_norm_mm (float): Mean of the TCP error's norm, mm.
+        p95_mm (float): Sampled 95 % quantile of the TCP error's norm, pooled over installations and shots, mm.
+        p95_interval_mm (list[float]): Confidence interval of `p95_mm`, by order statistics, mm.
+        confidence (float): Confidence of each interval by itself, 0 to 1.
+        cvar95_mm (float): Mean of the worst 5 % of the error's norm, mm.
+        worst_mm (float): Largest error's norm among the trials, mm: it grows with their number.
+        exceedance (Exceedance | None): How often the error is beyond the tightest limit here; null without a limit.
+        flagged_trials (int): Trials that the fast chain could not prove solved and that were computed again by singular
+            value decomposition.
+        first_order_p95_mm (float): P95 of the first-order score of this design, mm.
+        first_order_ratio (float): First-order P95 over the sampled one: below 1, first order is optimistic.
         localisation (MetricEstimate): Sampled result for one error metric at one target.
     """
 

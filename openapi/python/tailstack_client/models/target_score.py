@@ -26,27 +26,31 @@ class TargetScore:
     """``bias_mm`` ... ``bounds_mm`` are the TCP error; ``localisation`` is the same before interface 2.
 
     Attributes:
-        name (str):
-        frame (str):
-        bias_mm (list[float]):
-        covariance_mm2 (list[list[float]]):
-        std_mm (list[float]):
-        mean_norm_mm (float):
-        p95_mm (float):
-        law (str):
-        law_error_mm (float):
+        name (str): Name of the target, or of one sample of a region (zone[3]).
+        frame (str): Frame of the TCP error: tcp.
+        bias_mm (list[float]): Mean error vector x, y, z in `frame`, mm.
+        covariance_mm2 (list[list[float]]): Covariance of the error, rows and columns x, y, z in `frame`, mm².
+        std_mm (list[float]): Standard deviations of the error along x, y, z in `frame`, mm.
+        mean_norm_mm (float): Mean of the error's norm, mm.
+        p95_mm (float): 95 % quantile of the error's norm under the declared laws, pooled over installations and shots,
+            mm.
+        law (str): The law that the quantile was computed with, in words.
+        law_error_mm (float): Numerical error of the quantile itself, mm; it says nothing of the linearisation.
         bounds_mm (Bounds): Upper bounds of the quantile under ever weaker assumptions on the law of the error.
-        cvar95_mm (float):
-        limit_mm (float | None):
-        exceedance_probability (float | None):
+        cvar95_mm (float): Mean of the worst 5 % of the error's norm, mm.
+        limit_mm (float | None): Tightest limit that the design sets for this error here, mm; null without one.
+        exceedance_probability (float | None): Probability that the error's norm is beyond `limit_mm`; null without a
+            limit.
         localisation (MetricScore): First-order result for one error metric at one target.
-        block_diagonal_p95_mm (float):
-        contributors (list[Contributor]):
-        worst_vertex (list[str]):
+        block_diagonal_p95_mm (float): Gaussian P95 with the covariance between views dropped (Eq 16 of the paper), mm:
+            compare bounds_mm.gaussian.
+        contributors (list[Contributor]): The budget: what each source of error contributes.
+        worst_vertex (list[str]): Bounded components at those ends of their ranges that are worst together, such as
+            interface_1.rz=+0.10 deg.
         per_unit (PerUnit): The second reading of risk: the installation is drawn once per unit and stays.
         second_order (SecondOrder): Correction of the TCP error by the Hessian of the chain; see its own range of
             validity.
-        extrapolation (float):
+        extrapolation (float): Distance of the target from the fiducials' centroid over their RMS radius.
     """
 
     name: str

@@ -19,10 +19,11 @@ class Unjudged:
     """Something that was asked for, or a target, that nothing was held against.
 
     Attributes:
-        requirement (None | str):
-        target (str):
-        rule (None | str):
-        reason (str):
+        requirement (None | str): Name of the requirement; null: no requirement and no limit of the policy is about the
+            target.
+        target (str): Name of the target.
+        rule (None | str): Rule that would have judged it; null without requirement.
+        reason (str): Why nothing was held against it.
     """
 
     requirement: None | str

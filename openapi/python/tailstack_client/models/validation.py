@@ -24,17 +24,17 @@ class Validation:
     """A design that was read and checked, and what it holds.  Nothing was computed.
 
     Attributes:
-        schema (Literal['tailstack/validation/1']):
-        valid (bool):
-        name (str):
-        design_sha256 (str):
-        views (list[str]):
-        fiducials (int):
-        targets (list[str]):
-        requirements (list[str]):
-        visibility (list[ViewCheck]):
-        findings (list[Finding]):
-        notes (list[str]):
+        schema (Literal['tailstack/validation/1']): Name and version of this record's schema.
+        valid (bool): A design that is not valid is answered with a problem document.
+        name (str): Name of the design.
+        design_sha256 (str): SHA-256 of the design's canonical content, fiducials included.
+        views (list[str]): Names of the views.
+        fiducials (int): Number of fiducials.
+        targets (list[str]): Names of the targets, regions expanded to their samples.
+        requirements (list[str]): Names of the requirements.
+        visibility (list[ViewCheck]): Visibility of the fiducials in each view.
+        findings (list[Finding]): Remarks about the design's geometry.
+        notes (list[str]): What was done to the design's numbers on the way, and what it leaves open.
     """
 
     schema: Literal["tailstack/validation/1"]

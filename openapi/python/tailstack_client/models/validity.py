@@ -21,10 +21,11 @@ class Validity:
     """How far to trust the linearisation: nu and what it was calibrated to mean.
 
     Attributes:
-        nu (float):
-        status (ValidityStatus):
-        expected_error_percent (float | None):
-        statement (str):
+        nu (float): Validity number: how large what linearising leaves out is, against what it keeps.
+        status (ValidityStatus): What the number was calibrated to mean for P95.
+        expected_error_percent (float | None): Largest relative error of P95 that is to be expected, %; null where first
+            order is not valid.
+        statement (str): The same as a sentence.
     """
 
     nu: float

@@ -25,10 +25,10 @@ class Verdict:
     """``pass`` only when the upper end of every check's interval is within its limit.
 
     Attributes:
-        status (VerdictStatus):
-        basis (str):
-        checks (list[Check]):
-        findings (list[Finding]):
+        status (VerdictStatus): Of all checks together: the worst of them. No requirement: nothing was to be held.
+        basis (str): What the checks rest on: first order or Monte Carlo.
+        checks (list[Check]): Every requirement at every target that it names.
+        findings (list[Finding]): Remarks about the design, requirements that are not held among them.
     """
 
     status: VerdictStatus

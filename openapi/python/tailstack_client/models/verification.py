@@ -28,19 +28,22 @@ class Verification:
     """Monte Carlo on the full nonlinear chain.
 
     Attributes:
-        schema (Literal['tailstack/verification/1']):
-        seed (int):
-        trials (int):
-        method (VerificationMethod):
-        engine (str):
-        precision_requested (float | None):
-        max_trials (int | None):
-        precision_reached (float):
-        stopping (str):
-        targets (list[TargetEstimate]):
+        schema (Literal['tailstack/verification/1']): Name and version of this record's schema.
+        seed (int): Seed of the trials: the same seed gives the same digits.
+        trials (int): Trials that were drawn.
+        method (VerificationMethod): plain: every trial by itself; radial: directions, with the quantile found along
+            each.
+        engine (str): The chain that computed the trials, in words.
+        precision_requested (float | None): Relative half-width of P95's interval that was asked for; null where a
+            number of trials was.
+        max_trials (int | None): At most so many; null where their number was asked for. It sets when the precision is
+            looked at, so the intervals.
+        precision_reached (float): Largest relative half-width of P95's interval over the targets.
+        stopping (str): Why it stopped, in a sentence.
+        targets (list[TargetEstimate]): One entry for each target and each sample of a region.
         reprojection (Reprojection): RMS over fiducials and views of the distance between measured and reprojected
             images.
-        first_order_ratio (float):
+        first_order_ratio (float): First-order P95 over the sampled one at the worst target.
         verdict (Verdict): ``pass`` only when the upper end of every check's interval is within its limit.
         provenance (Provenance):
     """

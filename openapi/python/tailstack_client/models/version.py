@@ -18,15 +18,14 @@ T = TypeVar("T", bound="Version")
 class Version:
     """
     Attributes:
-        tailstack (str):
-        python (str):
-        documents (list[str]):
+        tailstack (str): Version of the service and its solver.
+        python (str): Version of Python that runs it.
+        documents (list[str]): Value of the field `schema` of each document that this version reads and writes.
     """
 
     tailstack: str
     python: str
     documents: list[str]
-    additional_properties: dict[str, Any] = _attrs_field(init=False, factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         tailstack = self.tailstack
@@ -36,7 +35,7 @@ class Version:
         documents = self.documents
 
         field_dict: dict[str, Any] = {}
-        field_dict.update(self.additional_properties)
+
         field_dict.update(
             {
                 "tailstack": tailstack,
@@ -62,21 +61,4 @@ class Version:
             documents=documents,
         )
 
-        version.additional_properties = d
         return version
-
-    @property
-    def additional_keys(self) -> list[str]:
-        return list(self.additional_properties.keys())
-
-    def __getitem__(self, key: str) -> Any:
-        return self.additional_properties[key]
-
-    def __setitem__(self, key: str, value: Any) -> None:
-        self.additional_properties[key] = value
-
-    def __delitem__(self, key: str) -> None:
-        del self.additional_properties[key]
-
-    def __contains__(self, key: str) -> bool:
-        return key in self.additional_properties

@@ -19,13 +19,15 @@ class ViewCheck:
     """Visibility of the fiducials in one view, at the biased geometry.
 
     Attributes:
-        view (str):
-        checked (bool):
-        depth_range_mm (list[float]):
-        outside (list[str]):
-        smallest_margin_px (float | None):
-        closest_pair (list[str]):
-        closest_pair_px (float):
+        view (str): Name of the view.
+        checked (bool): false: the size of the image is not stated, so that only depths and distances were looked at.
+        depth_range_mm (list[float]): Smallest and largest depth of a fiducial in front of the source, along the
+            principal ray, mm.
+        outside (list[str]): Labels of fiducials whose image lies outside the detector.
+        smallest_margin_px (float | None): Smallest distance of a fiducial's image from the image's edge, px, negative
+            outside; null where the size is not stated.
+        closest_pair (list[str]): Labels of the two fiducials whose images are closest.
+        closest_pair_px (float): Distance of their images, px.
     """
 
     view: str

@@ -136,8 +136,9 @@ def sync_detailed(
 ) -> Response[Job | Optimisation | Problem]:
     """Optimise placement and tolerances
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Places fiducials and sets tolerances as the design's section optimise asks, and answers with a new
+    design that passed a Monte Carlo check. Becomes a job. With Prefer: wait=N the answer is the result
+    itself (200), or the problem that it came to, if that is known within N seconds.
 
     Args:
         prefer (str | Unset):
@@ -174,8 +175,9 @@ def sync(
 ) -> Job | Optimisation | Problem | None:
     """Optimise placement and tolerances
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Places fiducials and sets tolerances as the design's section optimise asks, and answers with a new
+    design that passed a Monte Carlo check. Becomes a job. With Prefer: wait=N the answer is the result
+    itself (200), or the problem that it came to, if that is known within N seconds.
 
     Args:
         prefer (str | Unset):
@@ -207,8 +209,9 @@ async def asyncio_detailed(
 ) -> Response[Job | Optimisation | Problem]:
     """Optimise placement and tolerances
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Places fiducials and sets tolerances as the design's section optimise asks, and answers with a new
+    design that passed a Monte Carlo check. Becomes a job. With Prefer: wait=N the answer is the result
+    itself (200), or the problem that it came to, if that is known within N seconds.
 
     Args:
         prefer (str | Unset):
@@ -243,8 +246,9 @@ async def asyncio(
 ) -> Job | Optimisation | Problem | None:
     """Optimise placement and tolerances
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Places fiducials and sets tolerances as the design's section optimise asks, and answers with a new
+    design that passed a Monte Carlo check. Becomes a job. With Prefer: wait=N the answer is the result
+    itself (200), or the problem that it came to, if that is known within N seconds.
 
     Args:
         prefer (str | Unset):

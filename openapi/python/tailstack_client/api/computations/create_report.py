@@ -134,8 +134,9 @@ def sync_detailed(
 ) -> Response[Job | Problem | Report]:
     """One record of score, check and optimisation
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Score, check and optimisation of one design in one record, of which /v1/results/{sha256}/report
+    makes pages. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the
+    problem that it came to, if that is known within N seconds.
 
     Args:
         prefer (str | Unset):
@@ -172,8 +173,9 @@ def sync(
 ) -> Job | Problem | Report | None:
     """One record of score, check and optimisation
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Score, check and optimisation of one design in one record, of which /v1/results/{sha256}/report
+    makes pages. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the
+    problem that it came to, if that is known within N seconds.
 
     Args:
         prefer (str | Unset):
@@ -205,8 +207,9 @@ async def asyncio_detailed(
 ) -> Response[Job | Problem | Report]:
     """One record of score, check and optimisation
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Score, check and optimisation of one design in one record, of which /v1/results/{sha256}/report
+    makes pages. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the
+    problem that it came to, if that is known within N seconds.
 
     Args:
         prefer (str | Unset):
@@ -241,8 +244,9 @@ async def asyncio(
 ) -> Job | Problem | Report | None:
     """One record of score, check and optimisation
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Score, check and optimisation of one design in one record, of which /v1/results/{sha256}/report
+    makes pages. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the
+    problem that it came to, if that is known within N seconds.
 
     Args:
         prefer (str | Unset):

@@ -111,6 +111,10 @@ def sync_detailed(
 ) -> Response[Problem | Score]:
     """First-order score
 
+     First order through every stage at the biased geometry: bias, covariance and quantiles of the error
+    under the declared laws, their bounds, the budget of every tolerance, the validity of the
+    linearisation, the verdict. Takes milliseconds; more with second_order.
+
     Args:
         body (ScoreRequest):
 
@@ -140,6 +144,10 @@ def sync(
 ) -> Problem | Score | None:
     """First-order score
 
+     First order through every stage at the biased geometry: bias, covariance and quantiles of the error
+    under the declared laws, their bounds, the budget of every tolerance, the validity of the
+    linearisation, the verdict. Takes milliseconds; more with second_order.
+
     Args:
         body (ScoreRequest):
 
@@ -163,6 +171,10 @@ async def asyncio_detailed(
     body: ScoreRequest,
 ) -> Response[Problem | Score]:
     """First-order score
+
+     First order through every stage at the biased geometry: bias, covariance and quantiles of the error
+    under the declared laws, their bounds, the budget of every tolerance, the validity of the
+    linearisation, the verdict. Takes milliseconds; more with second_order.
 
     Args:
         body (ScoreRequest):
@@ -190,6 +202,10 @@ async def asyncio(
     body: ScoreRequest,
 ) -> Problem | Score | None:
     """First-order score
+
+     First order through every stage at the biased geometry: bias, covariance and quantiles of the error
+    under the declared laws, their bounds, the budget of every tolerance, the validity of the
+    linearisation, the verdict. Takes milliseconds; more with second_order.
 
     Args:
         body (ScoreRequest):

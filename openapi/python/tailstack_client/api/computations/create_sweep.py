@@ -134,8 +134,9 @@ def sync_detailed(
 ) -> Response[Job | Problem | Sweep]:
     """Many designs
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Scores, or checks, the design at every point of a grid of some of its numbers. Becomes a job. With
+    Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is
+    known within N seconds.
 
     Args:
         prefer (str | Unset):
@@ -172,8 +173,9 @@ def sync(
 ) -> Job | Problem | Sweep | None:
     """Many designs
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Scores, or checks, the design at every point of a grid of some of its numbers. Becomes a job. With
+    Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is
+    known within N seconds.
 
     Args:
         prefer (str | Unset):
@@ -205,8 +207,9 @@ async def asyncio_detailed(
 ) -> Response[Job | Problem | Sweep]:
     """Many designs
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Scores, or checks, the design at every point of a grid of some of its numbers. Becomes a job. With
+    Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is
+    known within N seconds.
 
     Args:
         prefer (str | Unset):
@@ -241,8 +244,9 @@ async def asyncio(
 ) -> Job | Problem | Sweep | None:
     """Many designs
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Scores, or checks, the design at every point of a grid of some of its numbers. Becomes a job. With
+    Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is
+    known within N seconds.
 
     Args:
         prefer (str | Unset):

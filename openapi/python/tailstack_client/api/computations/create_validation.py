@@ -113,6 +113,9 @@ def sync_detailed(
 ) -> Response[Problem | Validation]:
     """Read and check a design
 
+     Reads the design, checks its geometry and says what it holds. No error is computed. A design that is
+    not valid is answered with 422 and everything that is wrong with it.
+
     Args:
         body (ValidationRequest):
 
@@ -142,6 +145,9 @@ def sync(
 ) -> Problem | Validation | None:
     """Read and check a design
 
+     Reads the design, checks its geometry and says what it holds. No error is computed. A design that is
+    not valid is answered with 422 and everything that is wrong with it.
+
     Args:
         body (ValidationRequest):
 
@@ -165,6 +171,9 @@ async def asyncio_detailed(
     body: ValidationRequest,
 ) -> Response[Problem | Validation]:
     """Read and check a design
+
+     Reads the design, checks its geometry and says what it holds. No error is computed. A design that is
+    not valid is answered with 422 and everything that is wrong with it.
 
     Args:
         body (ValidationRequest):
@@ -192,6 +201,9 @@ async def asyncio(
     body: ValidationRequest,
 ) -> Problem | Validation | None:
     """Read and check a design
+
+     Reads the design, checks its geometry and says what it holds. No error is computed. A design that is
+    not valid is answered with 422 and everything that is wrong with it.
 
     Args:
         body (ValidationRequest):

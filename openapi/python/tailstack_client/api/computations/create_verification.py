@@ -136,8 +136,9 @@ def sync_detailed(
 ) -> Response[Job | Problem | Verification]:
     """Monte Carlo check
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance,
+    worst trial, the verdict. One seed, one answer. Becomes a job. With Prefer: wait=N the answer is the
+    result itself (200), or the problem that it came to, if that is known within N seconds.
 
     Args:
         prefer (str | Unset):
@@ -174,8 +175,9 @@ def sync(
 ) -> Job | Problem | Verification | None:
     """Monte Carlo check
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance,
+    worst trial, the verdict. One seed, one answer. Becomes a job. With Prefer: wait=N the answer is the
+    result itself (200), or the problem that it came to, if that is known within N seconds.
 
     Args:
         prefer (str | Unset):
@@ -207,8 +209,9 @@ async def asyncio_detailed(
 ) -> Response[Job | Problem | Verification]:
     """Monte Carlo check
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance,
+    worst trial, the verdict. One seed, one answer. Becomes a job. With Prefer: wait=N the answer is the
+    result itself (200), or the problem that it came to, if that is known within N seconds.
 
     Args:
         prefer (str | Unset):
@@ -243,8 +246,9 @@ async def asyncio(
 ) -> Job | Problem | Verification | None:
     """Monte Carlo check
 
-     Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it
-    came to, if that is known within N seconds.
+     Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance,
+    worst trial, the verdict. One seed, one answer. Becomes a job. With Prefer: wait=N the answer is the
+    result itself (200), or the problem that it came to, if that is known within N seconds.
 
     Args:
         prefer (str | Unset):

@@ -60,6 +60,8 @@ def sync_detailed(
 ) -> Response[Health | Problem]:
     """The process answers
 
+     It looks at nothing else: /health/ready says whether requests should be sent here.
+
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
         httpx.TimeoutException: If the request takes longer than Client.timeout.
@@ -83,6 +85,8 @@ def sync(
 ) -> Health | Problem | None:
     """The process answers
 
+     It looks at nothing else: /health/ready says whether requests should be sent here.
+
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
         httpx.TimeoutException: If the request takes longer than Client.timeout.
@@ -101,6 +105,8 @@ async def asyncio_detailed(
     client: AuthenticatedClient | Client,
 ) -> Response[Health | Problem]:
     """The process answers
+
+     It looks at nothing else: /health/ready says whether requests should be sent here.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -122,6 +128,8 @@ async def asyncio(
     client: AuthenticatedClient | Client,
 ) -> Health | Problem | None:
     """The process answers
+
+     It looks at nothing else: /health/ready says whether requests should be sent here.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.

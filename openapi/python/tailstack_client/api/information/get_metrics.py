@@ -68,6 +68,8 @@ def sync_detailed(
 ) -> Response[Problem | str]:
     """Figures for Prometheus
 
+     Counters of this process; of jobs and workers too while the database answers.
+
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
         httpx.TimeoutException: If the request takes longer than Client.timeout.
@@ -91,6 +93,8 @@ def sync(
 ) -> Problem | str | None:
     """Figures for Prometheus
 
+     Counters of this process; of jobs and workers too while the database answers.
+
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
         httpx.TimeoutException: If the request takes longer than Client.timeout.
@@ -109,6 +113,8 @@ async def asyncio_detailed(
     client: AuthenticatedClient,
 ) -> Response[Problem | str]:
     """Figures for Prometheus
+
+     Counters of this process; of jobs and workers too while the database answers.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -130,6 +136,8 @@ async def asyncio(
     client: AuthenticatedClient,
 ) -> Problem | str | None:
     """Figures for Prometheus
+
+     Counters of this process; of jobs and workers too while the database answers.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.

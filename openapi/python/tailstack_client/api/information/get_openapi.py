@@ -64,6 +64,8 @@ def sync_detailed(
 ) -> Response[GetOpenapiResponse200 | Problem]:
     """This document
 
+     OpenAPI 3.1, as tailstack openapi prints it.
+
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
         httpx.TimeoutException: If the request takes longer than Client.timeout.
@@ -87,6 +89,8 @@ def sync(
 ) -> GetOpenapiResponse200 | Problem | None:
     """This document
 
+     OpenAPI 3.1, as tailstack openapi prints it.
+
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
         httpx.TimeoutException: If the request takes longer than Client.timeout.
@@ -105,6 +109,8 @@ async def asyncio_detailed(
     client: AuthenticatedClient | Client,
 ) -> Response[GetOpenapiResponse200 | Problem]:
     """This document
+
+     OpenAPI 3.1, as tailstack openapi prints it.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -126,6 +132,8 @@ async def asyncio(
     client: AuthenticatedClient | Client,
 ) -> GetOpenapiResponse200 | Problem | None:
     """This document
+
+     OpenAPI 3.1, as tailstack openapi prints it.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.

@@ -72,6 +72,8 @@ def sync_detailed(
 ) -> Response[Problem | ProblemType]:
     """What a class of problems means and what cures it
 
+     Where the field type of a problem leads.
+
     Args:
         slug (str):
 
@@ -101,6 +103,8 @@ def sync(
 ) -> Problem | ProblemType | None:
     """What a class of problems means and what cures it
 
+     Where the field type of a problem leads.
+
     Args:
         slug (str):
 
@@ -124,6 +128,8 @@ async def asyncio_detailed(
     client: AuthenticatedClient | Client,
 ) -> Response[Problem | ProblemType]:
     """What a class of problems means and what cures it
+
+     Where the field type of a problem leads.
 
     Args:
         slug (str):
@@ -151,6 +157,8 @@ async def asyncio(
     client: AuthenticatedClient | Client,
 ) -> Problem | ProblemType | None:
     """What a class of problems means and what cures it
+
+     Where the field type of a problem leads.
 
     Args:
         slug (str):

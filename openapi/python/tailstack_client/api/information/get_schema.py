@@ -74,6 +74,8 @@ def sync_detailed(
 ) -> Response[GetSchemaResponse200 | Problem]:
     """One JSON Schema (draft 2020-12)
 
+     The same as tailstack schema NAME prints.
+
     Args:
         name (str):
 
@@ -103,6 +105,8 @@ def sync(
 ) -> GetSchemaResponse200 | Problem | None:
     """One JSON Schema (draft 2020-12)
 
+     The same as tailstack schema NAME prints.
+
     Args:
         name (str):
 
@@ -126,6 +130,8 @@ async def asyncio_detailed(
     client: AuthenticatedClient | Client,
 ) -> Response[GetSchemaResponse200 | Problem]:
     """One JSON Schema (draft 2020-12)
+
+     The same as tailstack schema NAME prints.
 
     Args:
         name (str):
@@ -153,6 +159,8 @@ async def asyncio(
     client: AuthenticatedClient | Client,
 ) -> GetSchemaResponse200 | Problem | None:
     """One JSON Schema (draft 2020-12)
+
+     The same as tailstack schema NAME prints.
 
     Args:
         name (str):

@@ -102,6 +102,9 @@ def sync_detailed(
 ) -> Response[Any | Job | Problem]:
     """State, progress, problem and links of a job
 
+     While it runs, Retry-After says when it is worth asking again; with If-None-Match the answer is 304
+    until something has changed.
+
     Args:
         id (str):
         if_none_match (str | Unset):
@@ -134,6 +137,9 @@ def sync(
 ) -> Any | Job | Problem | None:
     """State, progress, problem and links of a job
 
+     While it runs, Retry-After says when it is worth asking again; with If-None-Match the answer is 304
+    until something has changed.
+
     Args:
         id (str):
         if_none_match (str | Unset):
@@ -160,6 +166,9 @@ async def asyncio_detailed(
     if_none_match: str | Unset = UNSET,
 ) -> Response[Any | Job | Problem]:
     """State, progress, problem and links of a job
+
+     While it runs, Retry-After says when it is worth asking again; with If-None-Match the answer is 304
+    until something has changed.
 
     Args:
         id (str):
@@ -190,6 +199,9 @@ async def asyncio(
     if_none_match: str | Unset = UNSET,
 ) -> Any | Job | Problem | None:
     """State, progress, problem and links of a job
+
+     While it runs, Retry-After says when it is worth asking again; with If-None-Match the answer is 304
+    until something has changed.
 
     Args:
         id (str):

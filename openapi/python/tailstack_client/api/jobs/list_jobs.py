@@ -116,6 +116,8 @@ def sync_detailed(
 ) -> Response[JobPage | Problem]:
     """Jobs, newest first
 
+     Those of the caller's tenant. The field next and the Link header lead to the next page.
+
     Args:
         limit (int | Unset):  Default: 50.
         cursor (str | Unset):
@@ -154,6 +156,8 @@ def sync(
 ) -> JobPage | Problem | None:
     """Jobs, newest first
 
+     Those of the caller's tenant. The field next and the Link header lead to the next page.
+
     Args:
         limit (int | Unset):  Default: 50.
         cursor (str | Unset):
@@ -186,6 +190,8 @@ async def asyncio_detailed(
     kind: ListJobsKind | Unset = UNSET,
 ) -> Response[JobPage | Problem]:
     """Jobs, newest first
+
+     Those of the caller's tenant. The field next and the Link header lead to the next page.
 
     Args:
         limit (int | Unset):  Default: 50.
@@ -222,6 +228,8 @@ async def asyncio(
     kind: ListJobsKind | Unset = UNSET,
 ) -> JobPage | Problem | None:
     """Jobs, newest first
+
+     Those of the caller's tenant. The field next and the Link header lead to the next page.
 
     Args:
         limit (int | Unset):  Default: 50.

@@ -125,6 +125,9 @@ def sync_detailed(
 ) -> Response[Any | File | Problem]:
     """A result as a report
 
+     Any result, rendered for people: html (one self-contained file), pdf, xlsx; or json, the record
+    itself. Nothing is computed anew, and the record stands in every format.
+
     Args:
         sha256 (str):
         format_ (GetReportFormat | Unset):  Default: 'html'.
@@ -160,6 +163,9 @@ def sync(
 ) -> Any | File | Problem | None:
     """A result as a report
 
+     Any result, rendered for people: html (one self-contained file), pdf, xlsx; or json, the record
+    itself. Nothing is computed anew, and the record stands in every format.
+
     Args:
         sha256 (str):
         format_ (GetReportFormat | Unset):  Default: 'html'.
@@ -189,6 +195,9 @@ async def asyncio_detailed(
     if_none_match: str | Unset = UNSET,
 ) -> Response[Any | File | Problem]:
     """A result as a report
+
+     Any result, rendered for people: html (one self-contained file), pdf, xlsx; or json, the record
+    itself. Nothing is computed anew, and the record stands in every format.
 
     Args:
         sha256 (str):
@@ -222,6 +231,9 @@ async def asyncio(
     if_none_match: str | Unset = UNSET,
 ) -> Any | File | Problem | None:
     """A result as a report
+
+     Any result, rendered for people: html (one self-contained file), pdf, xlsx; or json, the record
+    itself. Nothing is computed anew, and the record stands in every format.
 
     Args:
         sha256 (str):

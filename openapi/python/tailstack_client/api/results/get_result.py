@@ -159,6 +159,9 @@ def sync_detailed(
 ) -> Response[Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem]:
     """A result, which never changes
 
+     It is named by the SHA-256 of its bytes and may be kept for ever. Its field schema says which record
+    it is.
+
     Args:
         sha256 (str):
         if_none_match (str | Unset):
@@ -191,6 +194,9 @@ def sync(
 ) -> Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem | None:
     """A result, which never changes
 
+     It is named by the SHA-256 of its bytes and may be kept for ever. Its field schema says which record
+    it is.
+
     Args:
         sha256 (str):
         if_none_match (str | Unset):
@@ -217,6 +223,9 @@ async def asyncio_detailed(
     if_none_match: str | Unset = UNSET,
 ) -> Response[Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem]:
     """A result, which never changes
+
+     It is named by the SHA-256 of its bytes and may be kept for ever. Its field schema says which record
+    it is.
 
     Args:
         sha256 (str):
@@ -247,6 +256,9 @@ async def asyncio(
     if_none_match: str | Unset = UNSET,
 ) -> Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem | None:
     """A result, which never changes
+
+     It is named by the SHA-256 of its bytes and may be kept for ever. Its field schema says which record
+    it is.
 
     Args:
         sha256 (str):
