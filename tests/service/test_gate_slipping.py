@@ -273,9 +273,12 @@ def test_a_design_that_is_found_nowhere_says_so_and_warns_if_one_went() -> None:
     other["targets"][0]["position_mm"][2] += 1.0
     del other["interfaces"]
     record = gate({"new.yaml": other}, baseline=baseline())
-    (said,) = of_rule(record, "not-compared")
-    assert said.severity == "warning"
-    assert "nothing was compared; it has guide.yaml, which went" in said.message
+    note, said = of_rule(record, "not-compared")
+    assert (note.severity, note.file) == ("note", "new.yaml")
+    assert "nothing was compared" in note.message
+    assert (said.severity, said.file, said.pointer) == ("warning", "baseline", "/designs/0")
+    assert said.message.startswith("guide.yaml: judged in the baseline and not here")
+    assert said.message.endswith("or changed beyond recognition and called new.yaml")
     assert gate({"new.yaml": other}, baseline=baseline(), fail_level="warning").exit_code == 1
     both = gate({"new.yaml": other, "guide.yaml": design(PROMISE)}, baseline=baseline())
     (said,) = of_rule(both, "not-compared")
@@ -287,6 +290,33 @@ def test_a_design_whose_file_is_still_there_was_not_renamed() -> None:
     record = gate({"variant.yaml": relaxed_and_renamed()}, baseline=baseline(), present=["guide.yaml"])
     assert record.exit_code == 0
     assert [finding.severity for finding in of_rule(record, "not-compared")] == ["note"]
+
+
+def test_a_design_that_nobody_judges_any_more_is_missed(tmp_path: Path) -> None:
+    """Renamed to what the pattern of the pipeline does not match, or removed."""
+    other = design(PROMISE, name="another")
+    for point in other["fiducials"]["points"]:
+        point["position_mm"][0] += 2.0
+    both = {"guide.yaml": design(PROMISE), "other.yaml": other}
+    before = json.loads(to_json(gate(both)))
+    record = gate({"guide.yaml": design(PROMISE)}, baseline=before)
+    (said,) = of_rule(record, "not-compared")
+    assert (said.file, said.pointer, said.severity) == ("baseline", "/designs/1", "warning")
+    assert said.message.startswith("other.yaml: judged in the baseline and not here")
+    assert (record.verdict, record.exit_code) == ("pass", 0)
+    assert gate({"guide.yaml": design(PROMISE)}, baseline=before, fail_level="warning").exit_code == 1
+    assert gate({"guide.yaml": design(PROMISE)}, baseline=before, present=["other.yaml"]).findings == ()
+    renamed = gate({"guide.yaml": design(PROMISE), "b.yaml": other}, baseline=before)
+    assert [finding.severity for finding in of_rule(renamed, "not-compared")] == ["note"]
+    with contextlib.chdir(tmp_path):
+        for name, content in both.items():
+            Path(name).write_text(data_to_yaml(content), encoding="utf-8")
+        Path("policy.yaml").write_text(data_to_yaml(policy()), encoding="utf-8")
+        options = ("--policy=policy.yaml", "--mode=analytic", "--fail-level=warning")
+        assert main(["gate", "*e.yaml", "other.yaml", *options[:2], "--format=json=base.json"]) == 0
+        assert main(["gate", "guide.yaml", *options, "--baseline=base.json"]) == 0, "the other file is still there"
+        Path("other.yaml").rename("other.yml")
+        assert main(["gate", "*e.yaml", *options, "--baseline=base.json"]) == 1
 
 
 def test_the_command_knows_which_files_are_still_there(tmp_path: Path) -> None:

@@ -29,13 +29,14 @@ def request_of(gate: Gate) -> dict[str, Any]:
         for entry in gate.designs
         if entry.design is not None
     ]
+    unread = tuple(entry.file for entry in gate.designs if entry.design is None)  # they are there, if not sent
     given = {
         "policy": gate.policy.source.data,
         "waivers": None if gate.waivers is None else gate.waivers.source.data,
         "baseline": None if gate.baseline is None else gate.baseline.source.data,
         "on_inconclusive": gate.on_inconclusive,
         "max_regression_percent": gate.max_regression_percent,
-        "present": list(gate.present) or None,
+        "present": None if gate.baseline is None else [*gate.present, *unread] or None,
     }
     return {
         "designs": designs,

@@ -38,7 +38,6 @@ class Case:
     class_of_name: ClassOfName | None
     compared: bool  # there is a baseline
     baseline: GatedDesign | None  # what it says of this design
-    gone: tuple[str, ...]  # files of the baseline that are not there any more
     max_regression_percent: float
 
 

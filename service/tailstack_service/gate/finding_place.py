@@ -5,11 +5,13 @@ from __future__ import annotations
 from tailstack.design.refusals import place
 from tailstack.errors import Problem
 
-from .reading import ReadPolicy, ReadWaivers
+from .reading import ReadBaseline, ReadPolicy, ReadWaivers
 from .records import GateFinding
 
 
-def finding_at(document: ReadPolicy | ReadWaivers, pointer: str, rule: str, severity: str, message: str) -> GateFinding:
+def finding_at(
+    document: ReadPolicy | ReadWaivers | ReadBaseline, pointer: str, rule: str, severity: str, message: str
+) -> GateFinding:
     """The finding with the file of the document, and the line and column where the pointer leads."""
     placed = place(Problem(pointer, rule, message), document.source)
     return GateFinding(

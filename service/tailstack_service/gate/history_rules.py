@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from math import dist
 
@@ -15,7 +14,6 @@ from .requirements import at, in_words, pointer_of
 ROUNDING_PERCENT = 1e-6
 ROUNDING = 1e-9  # of limits, relative
 SAME_PLACE_MM = 1e-6
-MOST_FILES = 3
 _WEIGHTS = ("off", "note", "warning", "error")
 _KINDS = {"p95": "quantile", "exceedance": "quantile"}  # an exceedance is a quantile against a limit
 
@@ -197,16 +195,7 @@ def not_compared(case: Case) -> list[Remark]:
         return []
     if base is None:
         message = "the baseline has no design of this file, content or name: nothing was compared"
-        if not case.gone:
-            return [Remark("", message, note=True)]
-        which = "one of them" if len(case.gone) > 1 else "it"
-        return [
-            Remark(
-                "",
-                f"{message}; it has {_listed(case.gone)}, which went: if this design is {which} under another name, "
-                "what held there does not hold here",
-            )
-        ]
+        return [Remark("", message, note=True)]
     before = {target.name for target in base.targets}
     remarks = []
     for index, score in enumerate(case.score.targets):
@@ -223,9 +212,3 @@ def not_compared(case: Case) -> list[Remark]:
         message = f"compared with {base.file} of the baseline, whose file is gone and which is most alike"
         remarks.append(Remark("", message, note=True))
     return remarks
-
-
-def _listed(names: Iterable[str]) -> str:
-    every = list(names)
-    more = f" and {len(every) - MOST_FILES} more" if len(every) > MOST_FILES else ""
-    return ", ".join(every[:MOST_FILES]) + more

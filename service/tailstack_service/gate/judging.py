@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 from tailstack.design import Design, compile_design
@@ -17,6 +17,7 @@ from .case import Case
 from .checking import looks_of
 from .classes import remarks_on_classes
 from .designs import Computed, Gate, GateDesign, first_order, wants_check
+from .finding_place import finding_at
 from .identity import find_earlier, sections_of
 from .numbers import numbers_of
 from .policy_document import Rules
@@ -35,6 +36,7 @@ from .requirements import requirements_of, unjudged
 from .rules import RULES
 from .waiving import Accepted, accepting, in_words, remarks_on_waivers
 
+MOST_FILES = 3
 Progress = Callable[[int, int], None]
 Verify = Callable[[Gate, Computed, Progress], Verification]
 
@@ -92,6 +94,7 @@ def conclude(
         designs.append(gated)
     rules = gate.policy.document.rules
     findings += _version_findings(gate, rules.model_version.severity)
+    findings += _left_out(gate, cases)
     findings += remarks_on_waivers(gate.waivers, gate.today, rules, accepted, cases)
     findings += remarks_on_processes(gate)
     findings += remarks_on_classes(gate, scored)
@@ -148,7 +151,6 @@ def _case(gate: Gate, computed: Computed, scored: Score, check: Verification | N
         class_of_name=gate.policy.class_of_name(file, design.name, computed.entry.design_class),
         compared=gate.baseline is not None,
         baseline=_earlier(gate, file, design),
-        gone=_gone(gate),
         max_regression_percent=computed.rules.regression.max_percent if allowed is None else allowed,
     )
 
@@ -166,11 +168,22 @@ def _present(gate: Gate) -> set[str]:
     return {*(entry.file for entry in gate.designs), *gate.present}
 
 
-def _gone(gate: Gate) -> tuple[str, ...]:
-    """Designs of the baseline whose files went."""
-    present = _present(gate)
-    before = () if gate.baseline is None else gate.baseline.record.designs
-    return tuple(entry.file for entry in before if entry.file not in present and entry.targets)
+def _left_out(gate: Gate, cases: Sequence[Case]) -> list[GateFinding]:
+    """Designs of the baseline whose files went and that no design here was: nobody judges them any more."""
+    severity = gate.policy.document.rules.not_compared.severity
+    if gate.baseline is None or severity == "off":
+        return []
+    there = _present(gate) | {case.baseline.file for case in cases if case.baseline is not None}
+    every = gate.baseline.record.designs
+    left = [index for index, entry in enumerate(every) if entry.targets and entry.file not in there]
+    if not left:
+        return []
+    names = ", ".join(every[index].file for index in left[:MOST_FILES])
+    more = f" and {len(left) - MOST_FILES} more" if len(left) > MOST_FILES else ""
+    new = [case.file for case in cases if case.baseline is None]
+    message = f"{names}{more}: judged in the baseline and not here: removed, renamed to what the patterns do not match"
+    message += f", or changed beyond recognition and called {new[0]}" if new else ", or left out"
+    return [finding_at(gate.baseline, f"/designs/{left[0]}", "not-compared", severity, message)]
 
 
 def _findings(gate: Gate, case: Case, accepted: list[Accepted]) -> list[GateFinding]:

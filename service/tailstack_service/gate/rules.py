@@ -249,9 +249,10 @@ Policy: severity.""",
 A design is found again in the baseline by its file; where the baseline has a design whose file is gone, by its
 content: all of it, else the most sections in common (the fiducials, or three of views, interfaces, targets, transforms
 and execution), else its name. Where several fit equally, none is taken. A design that is found nowhere is held to its
-own limits alone: a note, and a warning if the baseline has designs whose files went, since it may be one of them under
-another name. Said as well: a design that was compared with one of another file, a target that the baseline does not
-have, and a baseline of an older version, which does not say what was asked for.
+own limits alone, and noted. A design of the baseline whose file went and that no design here is, is a warning at the
+baseline: nobody judges it any more, or it was changed beyond recognition under another name. Noted as well: a design
+that was compared with one of another file, and a target that the baseline does not have. A baseline of an older
+version, which does not say what was asked for, is a warning.
 
 What to do: rename without changing, or write a new baseline in the same merge request.
 
