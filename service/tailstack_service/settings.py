@@ -70,6 +70,7 @@ class Settings:
     cpu_seconds_per_hour: float = _setting(0.0, "CPU seconds of one tenant's jobs in an hour; 0: any", 0, 1e9)
     max_job_seconds: float = _setting(3_600.0, "CPU seconds of one job", 1, 1e7)
     keep_days: float = _setting(30.0, "days for which finished jobs and their results are kept", 0.001, 36_500)
+    audit_days: float = _setting(365.0, "days for which entries of the audit log are kept", 1, 36_500)
     worker_processes: int = _setting(usable_cores(), "computing processes of one worker (engine pool)", 1, 256)
     lease_seconds: float = _setting(15.0, "seconds after which a silent worker's units are given to another", 1, 3_600)
     poll_seconds: float = _setting(0.05, "seconds between an idle worker's looks for work", 0.005, 60)

@@ -351,8 +351,13 @@ def test_a_key_is_looked_up_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> 
         asked.append(presented)
         return Key("0", "a", "n", ("read",), 0.0, 1.0, None)
 
-    guard = Access(Settings(auth="required"), find)
-    scope = {"type": "http", "headers": [(b"authorization", b"bearer tsk_1")]}
+    noted: list[tuple[str, str, str]] = []
+
+    async def note(key_id: str, tenant: str, address: str) -> None:
+        noted.append((key_id, tenant, address))
+
+    guard = Access(Settings(auth="required"), find, note)
+    scope = {"type": "http", "headers": [(b"authorization", b"bearer tsk_1")], "client": ("192.0.2.1", 1)}
 
     async def story() -> None:
         for _ in range(5):
@@ -364,3 +369,5 @@ def test_a_key_is_looked_up_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(time, "monotonic", lambda: later)
     asyncio.run(story())
     assert len(asked) == 2
+    assert set(noted) == {("0", "a", "192.0.2.1")}
+    assert len(noted) <= 2  # an hour may end in between

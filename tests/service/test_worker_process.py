@@ -241,7 +241,7 @@ def test_old_jobs_are_deleted_in_the_background(tmp_path: Path, monkeypatch: pyt
         submitted = submit(db, request())
         jobs.cancel(db, TENANT, submitted.id)
         kept = submit(db, request())
-        tidying = Tidying(db, 1e-9, seconds=0.02)
+        tidying = Tidying(db, 1e-9, 365.0, seconds=0.02)
         try:
             until(lambda: jobs.find(db, TENANT, submitted.id) is None)
         finally:

@@ -1,19 +1,23 @@
-"""Make, list and revoke the API keys of a service that runs with TAILSTACK_AUTH=required."""
+"""Make, list and revoke the API keys of a service with TAILSTACK_AUTH=required, and read who did so (the audit log)."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .answer import Answer
+from .design_input import whole
 from .given import add_database, settings_given
 from .verbs import program
 
 if TYPE_CHECKING:
     from ..store.database import Database
 
-HELP = "make, list or revoke API keys"
+HELP = "make, list or revoke API keys; who did what"
+
+
+ACTIONS = ("key-created", "key-revoked", "key-used", "policy-changed")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +35,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     listed.add_argument("--json", action="store_true", help="as JSON")
     revoke = actions.add_parser("revoke", help="refuse a key from now on", allow_abbrev=False)
     revoke.add_argument("id", metavar="ID", help="as tailstack keys list shows it, or the secret itself")
-    for action in (create, listed, revoke):
+    logged = actions.add_parser(
+        "log", help="who made, revoked or first used keys, and changed policies of gates", allow_abbrev=False
+    )
+    logged.add_argument("--tenant", metavar="T", help="only what concerns this tenant")
+    logged.add_argument("--action", dest="only", metavar="A", choices=ACTIONS, help=f"only {', '.join(ACTIONS)}")
+    logged.add_argument(
+        "--days", type=float, default=30.0, metavar="D", help="of the last D days (default %(default)g)"
+    )
+    logged.add_argument("--limit", type=whole(1), default=1000, metavar="N", help="the last N (default %(default)s)")
+    logged.add_argument("--json", action="store_true", help="as JSON")
+    for action in (create, listed, revoke, logged):
         add_database(action)
 
 
@@ -40,7 +54,7 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     db = open_database(settings_given(arguments).database_url, migrate=True)
     try:
-        return {"create": _create, "list": _list, "revoke": _revoke}[arguments.action](db, arguments)
+        return {"create": _create, "list": _list, "revoke": _revoke, "log": _log}[arguments.action](db, arguments)
     finally:
         db.close()
 
@@ -95,6 +109,36 @@ def _revoke(db: Database, arguments: argparse.Namespace) -> Answer:
         file=sys.stderr,
     )
     return Answer("")
+
+
+def _log(db: Database, arguments: argparse.Namespace) -> Answer:
+    import time
+    from dataclasses import asdict
+
+    from tailstack.json_text import write_json
+
+    from ..moments import moment
+    from ..rendering.tables import table
+    from ..store import audit
+
+    since = time.time() - arguments.days * 86_400.0
+    found = audit.entries(db, tenant=arguments.tenant, action=arguments.only, since=since, limit=arguments.limit)
+    if arguments.json:
+        return Answer(write_json([{**asdict(entry), "at": moment(entry.at)} for entry in found], indent=2).encode())
+    rows = [
+        (moment(entry.at), entry.actor, entry.action, entry.tenant, entry.subject, _told(entry.detail))
+        for entry in found
+    ]
+    return Answer(table(("at", "who", "what", "tenant", "which", "detail"), rows, left=6) + "\n" if rows else "")
+
+
+def _told(detail: dict[str, Any]) -> str:
+    """A detail on a line: of a policy, which of its terms changed."""
+    from tailstack.json_text import write_json
+
+    if "terms" in detail:
+        return f"changed: {', '.join(detail['changed'])}" if detail["before"] is not None else "the first"
+    return write_json(detail)
 
 
 def _day(epoch_seconds: float) -> str:

@@ -121,6 +121,19 @@ def admitted(
     return {**complete, "seed": gate.seed}
 
 
+def terms_of(data: dict[str, Any]) -> dict[str, Any]:
+    """By what an admitted request is judged, as plain data: what an auditor has to know to have changed."""
+    policy = read_policy(data["policy"], prefix="/policy")
+    waivers = data["waivers"]
+    day = _day(data["today"])
+    return {
+        "policy_sha256": policy.sha256,
+        "policy_name": policy.document.name,
+        "waivers_sha256": None if waivers is None else read_waivers(waivers, day, prefix="/waivers").sha256,
+        **{name: data[name] for name in ("fail_level", "on_inconclusive", "max_regression_percent")},
+    }
+
+
 def gate_of(data: dict[str, Any], limits: Limits = ADMITTED) -> Gate:
     """The gate that an admitted request describes; a design that cannot be read is kept as its refusal.
 

@@ -5,9 +5,11 @@ Nothing here writes a credential into a log, an error or a label.
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import ipaddress
 import json
+import logging
 import time
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
@@ -18,12 +20,13 @@ from urllib.parse import urlsplit
 
 from starlette.requests import Request
 
-from tailstack.errors import Problem
+from tailstack.errors import Problem, TailstackError
 
 from ..problems import SettingsError, TransportError
 from ..settings import Settings, variable
 from ..store.keys import SCOPES, Key
 
+log = logging.getLogger("tailstack.service")
 LOCAL_TENANT = "local"
 KEY_PREFIX = "tsk_"
 KEY_SECONDS = 5.0  # a revoked key works no longer than this
@@ -42,18 +45,24 @@ class Caller:
     tenant: str
     scopes: frozenset[str]
     name: str  # for the log: the id of a key, never its secret
+    key_id: str | None = None
 
 
 FindKey = Callable[[str], Awaitable[Key | None]]
+NoteUse = Callable[[str, str, str], Awaitable[None]]  # of a key: its id, its tenant, the address that it came from
 LOCAL = Caller(LOCAL_TENANT, frozenset(SCOPES), LOCAL_TENANT)
 
 
 class Access:
-    """Admits requests.  ``find_key`` looks a presented API key up, without a cache."""
+    """Admits requests.  ``find_key`` looks a presented API key up, without a cache; ``note_use`` is told of the first
+    use of a key from an address in an hour."""
 
-    def __init__(self, settings: Settings, find_key: FindKey) -> None:
+    def __init__(self, settings: Settings, find_key: FindKey, note_use: NoteUse) -> None:
         self.required = settings.auth == "required"
         self._find_key = find_key
+        self._note_use = note_use
+        self._noted: set[tuple[str, str, int]] = set()
+        self._noting: set[asyncio.Task[None]] = set()  # asyncio keeps none by itself
         hosts = frozenset(name.strip().lower() for name in settings.allowed_hosts.split(",") if name.strip())
         self._is_ours = lru_cache(HOSTS_REMEMBERED)(partial(_is_one_of, hosts))
         self._tokens = check_settings(settings)
@@ -78,6 +87,8 @@ class Access:
     async def admit(self, request: Request, scope: str) -> Caller:
         """The caller, who has the scope.  Raises TransportError 401 (who?) and 403 (not that)."""
         caller = await self._caller(request) if self.required else LOCAL
+        if caller.key_id is not None:
+            self._note(caller.key_id, caller.tenant, "unknown" if request.client is None else request.client.host)
         if scope not in caller.scopes:
             detail = f"this needs the scope {scope}; {caller.name} has {', '.join(sorted(caller.scopes)) or 'none'}"
             challenge = f'Bearer error="insufficient_scope", scope="{scope}"'
@@ -87,6 +98,26 @@ class Access:
                 {"WWW-Authenticate": challenge},
             )
         return caller
+
+    def _note(self, key_id: str, tenant: str, address: str) -> None:
+        """Have a use noted beside the request, which does not wait for it."""
+        use = key_id, address, int(time.time() // 3600)
+        if use in self._noted:
+            return
+        if len(self._noted) >= KEYS_REMEMBERED:
+            self._noted.clear()
+        self._noted.add(use)
+
+        async def note() -> None:
+            try:
+                await self._note_use(key_id, tenant, address)
+            except TailstackError as error:  # the next request with this key tries again
+                self._noted.discard(use)
+                log.warning("%s", error, extra={"action": "not-audited", "tenant": tenant, "detail": f"key {key_id}"})
+
+        task = asyncio.create_task(note())
+        self._noting.add(task)
+        task.add_done_callback(self._noting.discard)
 
     async def _caller(self, request: Request) -> Caller:
         sent = request.headers.getlist("authorization")
@@ -115,7 +146,7 @@ class Access:
         record = await self._find_key(presented)
         if record is None:
             raise unauthenticated("the API key is unknown, revoked or expired")
-        caller = Caller(record.tenant, frozenset(record.scopes), f"key {record.id}")
+        caller = Caller(record.tenant, frozenset(record.scopes), f"key {record.id}", record.id)
         if len(self._known) >= KEYS_REMEMBERED:
             self._known.clear()
         self._known[digest] = (now + KEY_SECONDS, caller)

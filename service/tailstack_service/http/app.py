@@ -49,11 +49,16 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
 
         return await storage.run(found, presented)
 
+    async def note_use(key_id: str, tenant: str, address: str) -> None:
+        from ..store.audit import note_use as note
+
+        await storage.write(note, key_id, tenant, address)
+
     service = Service(
         settings=settings,
         stopping=threading.Event(),
         storage=storage,
-        access=Access(settings, find_key),
+        access=Access(settings, find_key, note_use),
         metrics=Metrics(),
         short=Lane("short", settings.short_workers, settings.max_waiting),
         reports=Lane("report", REPORT_WORKERS, settings.max_waiting),

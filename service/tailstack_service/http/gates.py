@@ -15,6 +15,7 @@ from ..settings import Settings
 from ..work.requests import canonical
 from .answers import record_response
 from .asked import from_text, refuse_query
+from .auditing import note_policy
 from .bodies import content_kind, limits_of, parse_json, read_body
 from .jobs import single
 from .operations import in_short_lane
@@ -40,11 +41,12 @@ async def create_gate(request: Request) -> Response:
         data = _of_one(request, body)
     key = idempotency_key(request)
     try:
-        answer = await in_short_lane(request, lambda: _answer(data, settings))
+        terms, answer = await in_short_lane(request, lambda: _answer(data, settings))
     except TailstackError as error:
         if kind == "yaml":  # the design is the body: pointers start inside it
             error.problems = tuple(replace(p, pointer=p.pointer.removeprefix(IN_REQUEST)) for p in error.problems)
         raise
+    await note_policy(request, terms)
     if isinstance(answer, Posted):
         return await submitted(request, answer, key)
     return record_response(answer)
@@ -63,9 +65,9 @@ def _of_one(request: Request, body: bytes) -> dict[str, Any]:
     return data
 
 
-def _answer(data: dict[str, Any], settings: Settings) -> Any:
-    """The record of an analytic gate, or what becomes a job."""
-    from ..gate.request import admitted, evaluate
+def _answer(data: dict[str, Any], settings: Settings) -> tuple[dict[str, Any], Any]:
+    """The terms of a gate, and the record of an analytic one, or what becomes a job."""
+    from ..gate.request import admitted, evaluate, terms_of
 
     today = datetime.now(UTC).date()
     complete = admitted(
@@ -76,7 +78,7 @@ def _answer(data: dict[str, Any], settings: Settings) -> Any:
         max_trials=settings.max_trials,
     )
     if complete["mode"] == "analytic":
-        return evaluate(complete)
+        return terms_of(complete), evaluate(complete)
     count = len(complete["designs"])
     name = complete["designs"][0]["file"] + (f" and {count - 1} more" if count > 1 else "")
-    return Posted("gate", canonical(complete), name)
+    return terms_of(complete), Posted("gate", canonical(complete), name)

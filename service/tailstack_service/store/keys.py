@@ -1,4 +1,7 @@
-"""API keys: made, looked up, revoked.  Only the SHA-256 of a secret is kept, which is enough for 256 random bits."""
+"""API keys: made, looked up, revoked, and each of it audited.
+
+Only the SHA-256 of a secret is kept, which is enough for 256 random bits.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ import sqlalchemy as sa
 from tailstack.errors import Problem
 
 from ..problems import RequestError
-from . import tables
+from . import audit, tables
 from .database import AnyRow, Database, now, reading, writing
 
 SCOPES = ("read", "compute", "metrics")
@@ -67,6 +70,10 @@ def create_key(db: Database, *, tenant: str, name: str, scopes: tuple[str, ...],
         values = {field: getattr(key, field) for field in Key.__dataclass_fields__}
         values |= {"scopes": " ".join(ordered), "secret_sha256": _digest(secret)}
         connection.execute(tables.keys.insert(), values)
+        told = {"name": name, "scopes": list(ordered), "expires_at": key.expires_at}
+        audit.write(
+            db, connection, at, actor=audit.operator(), action=audit.CREATED, tenant=tenant, subject=key_id, detail=told
+        )
     return key, secret
 
 
@@ -124,8 +131,14 @@ def revoke(db: Database, key_id: str) -> Key | None:
     k = tables.keys.c
     with writing(db) as connection:
         at = now(db, connection)
-        connection.execute(sa.update(tables.keys).where(k.id == key_id, k.revoked_at.is_(None)).values(revoked_at=at))
+        change = sa.update(tables.keys).where(k.id == key_id, k.revoked_at.is_(None)).values(revoked_at=at)
+        revoked = connection.execute(change).rowcount
         row = connection.execute(sa.select(*_COLUMNS).where(k.id == key_id)).first()
+        if revoked and row is not None:
+            audit.write(
+                db, connection, at, actor=audit.operator(), action=audit.REVOKED, tenant=row.tenant, subject=key_id,
+                detail={"name": row.name},
+            )  # fmt: skip
     return _key(row) if row else None
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
-from . import damage, tables, usage
+from . import audit, damage, tables, usage
 from .backup import backup
 from .damage import mend
 from .database import Database, now, reading, writing
@@ -19,6 +19,7 @@ __all__ = ["HEAD", "Check", "Purged", "backup", "check", "mend", "migrate", "pur
 JOBS_AT_A_TIME = 20  # so that nobody waits long for the write lock
 SECONDS_PER_DAY = 86_400.0
 WORKERS_KEPT_SECONDS = 86_400.0
+AUDIT_DAYS = 365.0
 CHECKING_SECONDS = 3_600.0  # for everything to be read
 _PURGE_LOCK = 1413564241
 
@@ -40,6 +41,7 @@ class Purged:
     results: int
     usage_rows: int
     workers: int
+    audit_entries: int
 
 
 def check(db: Database) -> list[Check]:
@@ -128,8 +130,9 @@ def _none(connection: Connection, name: str, query: sa.Select[str]) -> Check:
     )
 
 
-def purge(db: Database, keep_days: float) -> Purged:
-    """Delete jobs that ended more than ``keep_days`` ago, results that no job refers to, workers silent for a day.
+def purge(db: Database, keep_days: float, audit_days: float = AUDIT_DAYS) -> Purged:
+    """Delete jobs that ended more than ``keep_days`` ago, results that no job refers to, workers silent for a day,
+    entries of the audit log older than ``audit_days``.
 
     Works in short transactions; several at once do no harm.
     """
@@ -138,8 +141,9 @@ def purge(db: Database, keep_days: float) -> Purged:
     with writing(db) as connection:
         at = now(db, connection)
         rows = usage.fold(db, connection, at) if _alone(db, connection) else 0
+        forgotten = audit.forget(connection, at - audit_days * SECONDS_PER_DAY)
         silent = sa.delete(tables.workers).where(tables.workers.c.seen_at < at - WORKERS_KEPT_SECONDS)
-        return Purged(jobs, results, rows, connection.execute(silent).rowcount)
+        return Purged(jobs, results, rows, connection.execute(silent).rowcount, forgotten)
 
 
 def _alone(db: Database, connection: Connection) -> bool:

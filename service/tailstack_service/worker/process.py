@@ -50,7 +50,7 @@ def run_worker(
         where = url.set(drivername=url.get_backend_name()).render_as_string(hide_password=True)
         with_what = f"{settings.worker_processes} processes" if engine.name == "pool" else settings.dask_scheduler
         print(f"worker {worker.id}: {with_what} on {where}", file=sys.stderr, flush=True)
-        tidying = Tidying(db, settings.keep_days)
+        tidying = Tidying(db, settings.keep_days, settings.audit_days)
         try:
             # Not in this thread: it would not hear a signal while it waits inside a driver of the database
             with ThreadPoolExecutor(1, "tailstack-worker") as thread:

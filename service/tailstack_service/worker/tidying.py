@@ -21,8 +21,8 @@ ENDING_SECONDS = 1.0
 class Tidying:
     """A thread of its own: deleting may take longer than a lease.  The first time is within the first hour."""
 
-    def __init__(self, db: Database, keep_days: float, *, seconds: float = SECONDS) -> None:
-        self._db, self._keep_days, self._seconds = db.endable(), keep_days, seconds
+    def __init__(self, db: Database, keep_days: float, audit_days: float, *, seconds: float = SECONDS) -> None:
+        self._db, self._keep_days, self._audit_days, self._seconds = db.endable(), keep_days, audit_days, seconds
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="tailstack-tidying", daemon=True)
         self._thread.start()
@@ -39,7 +39,7 @@ class Tidying:
         while not self._ending.wait(pause):
             pause = self._seconds
             try:
-                purged = purge(self._db, self._keep_days)
+                purged = purge(self._db, self._keep_days, self._audit_days)
             except TailstackError as error:
                 log.warning("%s", error, extra={"action": "purge-failed"})
             except Exception:  # the next hour is another attempt, and jobs go on meanwhile
