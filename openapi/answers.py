@@ -1,7 +1,8 @@
-"""Examples of the answers that are too large for the document: examples/OPERATION_ID.json, from a running service.
+"""Examples of answers, which the document shows: as a running service answered, a file OPERATION_ID.json each.
 
-``python openapi/answers.py [URL]`` asks every operation with the document's own examples and writes what came back
-(URL: of a service without authentication, by default http://127.0.0.1:8321).
+``python openapi/answers.py [URL]`` asks every operation with the document's own examples of requests and writes what
+came back beside the code that makes the document (URL: of a service without authentication, by default
+http://127.0.0.1:8321).  Then write openapi.json anew.
 """
 
 from __future__ import annotations
@@ -10,18 +11,19 @@ import json
 import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
+from math import isclose
 from typing import Any
 
 import httpx
 from rules import HERE, ITSELF, METHODS, resolved
 
+ANSWERS = HERE.parent / "service" / "tailstack_service" / "http" / "example_answers"
 WAIT_SECONDS = 60  # what a service waits for at most, unless it was told otherwise
 VARYING = frozenset({"provenance", "execution", "created_at", "python", "tailstack", "numpy", "today"})
 
 
 def answers(document: dict[str, Any], url: str) -> Iterator[tuple[str, Any]]:
-    """(operation id, answer) of everything that answers with JSON whose example is not in the document.
+    """(operation id, answer) of everything that answers with JSON and shows no example, or its own answer.
 
     Raises RuntimeError with the refusal for an operation that does not answer with 200.
     """
@@ -32,7 +34,9 @@ def answers(document: dict[str, Any], url: str) -> Iterator[tuple[str, Any]]:
                 operation = item[method]
                 content = resolved(document, operation["responses"].get("200", {})).get("content", {})
                 media = content.get("application/json")
-                if media is None or "examples" in media or operation["operationId"] == ITSELF:
+                identity = operation["operationId"]
+                own = {"example": {"$ref": f"#/components/examples/{identity}"}}
+                if media is None or media.get("examples", own) != own or identity == ITSELF:
                     continue
                 parameters = [resolved(document, p) for p in operation.get("parameters", ())]
                 values = {p["name"]: found.get(p["name"], p.get("example")) for p in parameters if p["in"] == "path"}
@@ -46,10 +50,10 @@ def answers(document: dict[str, Any], url: str) -> Iterator[tuple[str, Any]]:
                 if response.status_code == 202:
                     response = _result(client, response.headers["location"])
                 if response.status_code != 200:
-                    raise RuntimeError(f"{operation['operationId']}: {response.status_code} {response.text[:2000]}")
+                    raise RuntimeError(f"{identity}: {response.status_code} {response.text[:2000]}")
                 if method == "post" and "etag" in response.headers:
                     found.setdefault("sha256", response.headers["etag"].strip('"'))
-                yield operation["operationId"], response.json()
+                yield identity, response.json()
 
 
 def _result(client: httpx.Client, location: str) -> httpx.Response:
@@ -76,14 +80,30 @@ def shape(value: Any) -> Any:
     return "number" if isinstance(value, int | float) and not isinstance(value, bool) else type(value).__name__
 
 
+def differences(fresh: Any, shown: Any, at: str = "") -> Iterator[str]:
+    """Where two answers of one form say other things; numbers may differ in the last digits that processors leave."""
+    if isinstance(fresh, dict):
+        for key in fresh.keys() - VARYING:
+            yield from differences(fresh[key], shown[key], f"{at}/{key}")
+    elif isinstance(fresh, list):
+        if len(fresh) != len(shown):
+            yield f"{at}: {len(shown)} entries are now {len(fresh)}"
+        for index, pair in enumerate(zip(fresh, shown, strict=False)):
+            yield from differences(*pair, f"{at}/{index}")
+    elif isinstance(fresh, float):
+        if not isclose(fresh, shown, rel_tol=1e-6, abs_tol=1e-9):
+            yield f"{at}: {shown} is now {fresh}"
+    elif fresh != shown:
+        yield f"{at}: {shown!r} is now {fresh!r}"
+
+
 def main(arguments: list[str]) -> int:
     document = json.loads((HERE / "openapi.json").read_text(encoding="utf-8"))
-    target: Path = HERE / "examples"
-    target.mkdir(exist_ok=True)
-    for old in target.glob("*.json"):
+    fresh = dict(answers(document, arguments[0] if arguments else "http://127.0.0.1:8321"))
+    for old in ANSWERS.glob("*.json"):
         old.unlink()
-    for name, answer in answers(document, arguments[0] if arguments else "http://127.0.0.1:8321"):
-        (target / f"{name}.json").write_text(json.dumps(answer, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    for name, answer in fresh.items():
+        (ANSWERS / f"{name}.json").write_text(json.dumps(answer, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return 0
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
@@ -24,6 +26,8 @@ COMPONENT = {
     "job": "Job", "jobs": "JobPage", "problem": "Problem",
 }  # fmt: skip
 PUBLISHED = {"JobDocument": "Job", "ProblemDocument": "Problem"}  # records whose own names say it twice
+ANSWERS = Path(__file__).with_name("example_answers")  # written by openapi/answers.py, of a running service
+ANSWERED = frozenset(path.stem for path in ANSWERS.glob("*.json"))  # operations whose 200 is shown so
 RETRIED = frozenset({409, 429, 503})
 EXAMPLE_ID = "01k4z8t5r2w7x3y9v6n1m0q8pc"
 EXAMPLE_SHA256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
@@ -323,4 +327,7 @@ def examples() -> dict[str, Any]:
         "value": {"schema": "tailstack/jobs/1", "jobs": [_JOB], "next": None},
     }
     made["JobEvent"] = {"summary": "A job gets on", "value": _JOB_EVENT}
+    for operation_id in sorted(ANSWERED):
+        value = json.loads((ANSWERS / f"{operation_id}.json").read_text(encoding="utf-8"))
+        made[operation_id] = {"summary": "As a service answered the example of the request", "value": value}
     return made

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from . import openapi_computations, openapi_jobs
-from .openapi_components import reference
+from .openapi_components import ANSWERED, reference
 from .openapi_objects import JSON, media_types, response_of
 from .operations import OPERATIONS
 from .posting import JOB_OPERATIONS
@@ -23,6 +23,7 @@ def operation_of(route: Route) -> dict[str, Any]:
     if route.method == "POST":
         statuses.add(403)  # a page of another site, where there is no authentication
     responses = described["responses"]
+    _show_answer(route.operation_id, responses.get("200", {}).get("content", {}).get(JSON))
     for status in sorted(statuses):
         responses[str(status)] = reference("responses", f"Problem{status}")
     for response in responses.values():
@@ -34,6 +35,16 @@ def operation_of(route: Route) -> dict[str, Any]:
         **described,
         "security": [{"bearer": [route.scope]}] if route.scope else [],
     }
+
+
+SHOWN_BY = {"get_result": "create_verification", "get_report": "create_verification"}
+
+
+def _show_answer(operation_id: str, content: dict[str, Any] | None) -> None:
+    """Put an example into the content of a 200 that has none, where a service's own answer is at hand."""
+    name = SHOWN_BY.get(operation_id, operation_id)
+    if content is not None and name in ANSWERED:
+        content.setdefault("examples", {"example": reference("examples", name)})
 
 
 def _information(
