@@ -3,8 +3,10 @@
     python tests/service/chaos.py [--kills N] [--database sqlite|postgresql|both] [--engine pool|dask|both] [--seed N]
 
 A service (``tailstack serve``) and a worker beside it share one database.  What ends is started again, as a service
-manager would.  Jobs come in until all kills are done, then everything is waited for.  ``test_chaos.py`` does the same
-with few kills.
+manager would.  Jobs come in until all kills are done, then everything is waited for.  Not all is killed: workers and
+the database are frozen, the file of SQLite is deleted (and put back), a worker whose clock is an hour ahead takes units
+and dies.  Where the state of the service changes with that, readiness has to say so within three seconds.
+``test_chaos.py`` does the same with few kills.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import hashlib
 import os
 import random
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -26,6 +29,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+import httpx
 import psutil
 import sqlalchemy as sa
 from dask_cluster import Cluster, die_with_parent
@@ -38,7 +42,7 @@ from tailstack.version import __version__
 from tailstack_service.compute.interpreter import command, environment
 from tailstack_service.store import jobs, results, tables, units
 from tailstack_service.store.database import Database, open_database, reading
-from tailstack_service.store.errors import StoreUnavailable
+from tailstack_service.store.errors import StoreError, StoreUnavailable
 from tailstack_service.store.upkeep import migrate
 from tailstack_service.work.perform import perform
 from tailstack_service.work.requests import canonical
@@ -52,6 +56,9 @@ AT_ONCE = 4  # unfinished jobs, so that every process has something to lose
 HASTE = 0.25  # of the kills come before the last one has been recovered from
 LOOK_SECONDS = 0.02
 PATIENCE_SECONDS = 300.0  # without any record: something is stuck
+TRUE_WITHIN_SECONDS = 3.0  # readiness, after the state has changed
+AHEAD_SECONDS = 3_600.0  # of the clock of a worker that has it wrong
+AHEAD_PATIENCE_SECONDS = 10.0  # for that worker to find something to take
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 SETTINGS = {
@@ -61,6 +68,16 @@ SETTINGS = {
     "TAILSTACK_MAX_UNIT_DEATHS": "100",
     "TAILSTACK_MAX_UNIT_ATTEMPTS": "1000",
 }
+
+
+AHEAD = f"""
+import os, time
+from functools import partial
+from tailstack_service.settings import settings_from
+from tailstack_service.worker import process
+process.open_database = partial(process.open_database, clock=lambda: time.time() + {AHEAD_SECONDS})
+process.run_worker(settings_from(os.environ))
+"""
 
 
 # --- what is computed -----------------------------------------------------------------------------
@@ -133,7 +150,11 @@ class Fleet:
         self._environment = {**kept, **SETTINGS, **told, "TAILSTACK_DATABASE": url}
         self._log = log
         worker = command("tailstack_service.cli.main", "worker")
-        serve = command("tailstack_service.cli.main", "serve", "--port", "0")
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = probe.getsockname()[1]
+        self.url = f"http://127.0.0.1:{port}" if serving else None
+        serve = command("tailstack_service.cli.main", "serve", "--port", str(port))
         self._commands = {"serve": serve, "worker": worker} if serving else {"another": worker, "worker": worker}
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self.revive()
@@ -141,11 +162,15 @@ class Fleet:
     def revive(self) -> None:
         for name, words in self._commands.items():
             if name not in self.processes or self.processes[name].poll() is not None:
-                with self._log.open("ab") as log:
-                    self.processes[name] = subprocess.Popen(
-                        words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self._environment,
-                        preexec_fn=die_with_parent,
-                    )  # fmt: skip
+                self.processes[name] = self.start(words)
+
+    def start(self, words: Sequence[str]) -> subprocess.Popen[bytes]:
+        """A process with the settings of the others."""
+        with self._log.open("ab") as log:
+            return subprocess.Popen(
+                words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self._environment,
+                preexec_fn=die_with_parent,
+            )  # fmt: skip
 
     def pids(self) -> set[int]:
         """Of everything that may be a worker: what was started here, and children of the service."""
@@ -191,11 +216,13 @@ class Report:
     units_begun: int = 0
     lost: list[str] = field(default_factory=list)  # jobs without an answer, and why
     different: list[str] = field(default_factory=list)  # jobs whose answer is not that of the undisturbed run
+    looks: list[float] = field(default_factory=list)  # s, until readiness was true to a state that had changed
+    untrue: list[str] = field(default_factory=list)  # states that readiness did not tell of in time
 
     @property
     def sound(self) -> bool:
         counts = {self.units_needed, self.units_recorded, self.units_counted}
-        return not self.lost and not self.different and len(counts) == 1
+        return not self.lost and not self.different and not self.untrue and len(counts) == 1
 
     def text(self) -> str:
         by_kind = Counter(kill.kind for kill in self.kills)
@@ -209,6 +236,9 @@ class Report:
             f"  redone work      {self.units_begun / max(self.units_needed, 1) - 1:.1%}"
             "   (units begun over units needed, less one)",
         ]
+        if self.looks or self.untrue:
+            worst = f"after {max(self.looks):.2f} s at most" if self.looks else "never"
+            lines.append(f"  readiness        true {worst}   ({len(self.looks)} changes, {len(self.untrue)} untold)")
         for word, seconds, what in (
             (
                 "taken up again",
@@ -221,7 +251,7 @@ class Report:
             if known:
                 told = f"p50 {_quantile(known, 0.5):.2f} s, p95 {_quantile(known, 0.95):.2f} s"
                 lines.append(f"  {word:<16} {told}   (from the kill until the {what}; {len(known)} kills)")
-        return "\n".join(lines + [f"  {line}" for line in self.lost + self.different])
+        return "\n".join(lines + [f"  {line}" for line in self.lost + self.different + self.untrue])
 
 
 def _quantile(ordered: Sequence[float], share: float) -> float:
@@ -251,7 +281,9 @@ class Chaos:
         else:
             every |= {"Dask worker": self._kill_dask_worker, "Dask scheduler": self._kill_dask_scheduler}
         if server is not None:
-            every["database"] = self._restart_database
+            every |= {"database": self._restart_database, "frozen database": self._freeze_database}
+        else:
+            every |= {"deleted file": self._delete_file, "clock jump": self._kill_worker_ahead}
         self.kinds = {kind: every[kind] for kind in kinds or every}
 
     def run(self, kills: int, pause: tuple[float, float]) -> None:
@@ -284,7 +316,7 @@ class Chaos:
         while True:
             try:
                 return call()
-            except StoreUnavailable:
+            except (StoreUnavailable, StoreError):
                 time.sleep(LOOK_SECONDS)
 
     def _submit(self) -> None:
@@ -411,6 +443,77 @@ class Chaos:
             server.start()
 
         return (under_way, restart) if under_way else None
+
+    def _freeze_database(self) -> tuple[Units, Callable[[], None]] | None:
+        assert self.server is not None
+        under_way, server = self._leased(), self.server
+
+        def freeze() -> None:
+            with server.frozen():
+                begun = time.monotonic()
+                self._expect(503, "the database stands still")
+                time.sleep(max(0.0, begun + LEASE_SECONDS * self.random.uniform(1.5, 3.0) - time.monotonic()))
+            self._expect(200, "the database has woken")
+
+        return (under_way, freeze) if under_way and self._ready() in (200, None) else None
+
+    def _delete_file(self) -> tuple[Units, Callable[[], None]] | None:
+        under_way, path = self._leased(), Path(str(self.db.engine.url.database))
+
+        def delete() -> None:
+            kept = path.with_name(path.name + ".kept")
+            os.link(path, kept)  # the very file, so that nothing that was accepted is lost with it
+            path.unlink()
+            try:
+                self._expect(503, "the file of the database is deleted")
+                time.sleep(self.random.uniform(0.0, 2.0 * LEASE_SECONDS))
+                if path.exists():
+                    self.report.untrue.append("another file was made in the place of the one that was deleted")
+            finally:
+                os.replace(kept, path)
+            self._expect(200, "the file of the database is back")
+
+        return (under_way, delete) if under_way and self._ready() in (200, None) else None
+
+    def _kill_worker_ahead(self) -> tuple[Units, Callable[[], None]] | None:
+        """A worker takes units while its clock is ahead, and dies; then the clock is right."""
+        ahead = self.fleet.start([sys.executable, "-c", AHEAD])
+        try:
+            until = time.monotonic() + AHEAD_PATIENCE_SECONDS
+            while time.monotonic() < until:
+                its = [w.id for w in self._insist(lambda: units.workers(self.db)) if w.pid == ahead.pid]
+                under_way = self._leased(its[0]) if its else {}
+                if under_way:
+                    return under_way, lambda: end(ahead)
+                self._look_after()
+                time.sleep(LOOK_SECONDS)
+        except BaseException:
+            end(ahead)
+            raise
+        end(ahead)
+        return None
+
+    # --- readiness ----------------------------------------------------------------------------------
+
+    def _ready(self) -> int | None:
+        """The status of readiness, 0 for none; None without a service."""
+        if self.fleet.url is None:
+            return None
+        with suppress(httpx.HTTPError):
+            return httpx.get(f"{self.fleet.url}/health/ready", timeout=10.0, trust_env=False).status_code
+        return 0
+
+    def _expect(self, status: int, state: str) -> None:
+        """Note how long it takes until readiness has this status."""
+        if self.fleet.url is None:
+            return
+        begun = time.monotonic()
+        while time.monotonic() < begun + TRUE_WITHIN_SECONDS:
+            if self._ready() == status and time.monotonic() < begun + TRUE_WITHIN_SECONDS:
+                self.report.looks.append(time.monotonic() - begun)
+                return
+            time.sleep(LOOK_SECONDS)
+        self.report.untrue.append(f"readiness was not {status} within {TRUE_WITHIN_SECONDS:g} s: {state}")
 
     def _kill_dask_worker(self) -> tuple[Units, Callable[[], None]] | None:
         assert self.cluster is not None

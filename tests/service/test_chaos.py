@@ -25,16 +25,18 @@ def check(report: Report, kinds: set[str]) -> None:
 @pytest.mark.xdist_group("chaos")
 def test_a_service_and_a_worker_on_sqlite(tmp_path: Path) -> None:
     """A check, a sweep, a search from several starts."""
-    kinds = {"worker", "frozen worker", "server", "computing process"}
+    kinds = {"worker", "frozen worker", "server", "computing process", "deleted file", "clock jump"}
     url = f"sqlite:///{tmp_path / 'chaos.sqlite3'}"
-    check(run_chaos("sqlite", url, tmp_path, kills=4, seed=SEED, asked=requests(3)), kinds)
+    report = run_chaos("sqlite", url, tmp_path, kills=6, seed=SEED, asked=requests(3))
+    check(report, kinds)
+    assert len(report.looks) == 2
 
 
 @pytest.mark.xdist_group("chaos")
 def test_two_workers_on_postgresql(postgres_server: Server, postgres_url: str, tmp_path: Path) -> None:
-    kinds = ("database", "worker", "computing process")
+    kinds = ("database", "frozen database", "worker", "computing process")
     report = run_chaos(
-        "postgresql", postgres_url, tmp_path, kills=3, seed=SEED, asked=requests(2), serving=False, kinds=kinds,
+        "postgresql", postgres_url, tmp_path, kills=4, seed=SEED, asked=requests(2), serving=False, kinds=kinds,
         server=postgres_server,
     )  # fmt: skip
     check(report, set(kinds))
