@@ -91,17 +91,12 @@ def run_indices(plan: ChainPlan, seed: int, first: int, count: int, *, reproject
     """Trials first ... first + count - 1 of this seed."""
     indices = np.arange(first, first + count, dtype=np.int64)
     shape = (len(plan.system.targets), 2, 3)
-    if plan.structured:
-        errors, flags, rms = _run(plan, _keys(seed), _padded(indices), _NOT_GIVEN, reprojection)
-        errors, rms = errors.reshape(*shape, -1)[..., :count], rms[:count]
-        columns = np.flatnonzero(flags[:count])
-        redone = len(columns)
-    else:
-        errors, rms = np.empty((*shape, count)), np.empty(count)
-        columns, redone = np.arange(count), 0
+    errors, flags, rms = _run(plan, _keys(seed), _padded(indices), _NOT_GIVEN, reprojection)
+    errors, rms = errors.reshape(*shape, -1)[..., :count], rms[:count]
+    columns = np.flatnonzero(flags[:count])
     if len(columns):
         _redo(plan, draw(plan, seed, indices[columns]), columns, errors, rms if reprojection else None)
-    return Outcome(errors, redone, rms if reprojection else None)
+    return Outcome(errors, len(columns), rms if reprojection else None)
 
 
 def evaluate(plan: ChainPlan, z: Array) -> Array:
@@ -116,16 +111,12 @@ def evaluate(plan: ChainPlan, z: Array) -> Array:
     out = np.empty((len(z), len(plan.system.targets), 2, 3))
     for start in range(0, len(z), EVALUATE_BATCH):
         part = z[start : start + EVALUATE_BATCH]
-        columns = np.arange(len(part))
-        if plan.structured:
-            trials = np.arange(len(part) + (-len(part)) % 8)
-            given = np.zeros((max(plan.dimension, 1), len(trials)))
-            given[: plan.dimension, : len(part)] = part.T
-            errors, flags, _ = _run(plan, _NO_KEYS, trials, given, False)
-            errors = errors.reshape(len(plan.system.targets), 2, 3, -1)[..., : len(part)]
-            columns = np.flatnonzero(flags[: len(part)])
-        else:
-            errors = np.empty((len(plan.system.targets), 2, 3, len(part)))
+        trials = np.arange(len(part) + (-len(part)) % 8)
+        given = np.zeros((max(plan.dimension, 1), len(trials)))
+        given[: plan.dimension, : len(part)] = part.T
+        errors, flags, _ = _run(plan, _NO_KEYS, trials, given, False)
+        errors = errors.reshape(len(plan.system.targets), 2, 3, -1)[..., : len(part)]
+        columns = np.flatnonzero(flags[: len(part)])
         if len(columns):
             _redo(plan, part[columns], columns, errors, None)
         out[start : start + len(part)] = np.moveaxis(errors, -1, 0)

@@ -4,7 +4,9 @@ Resection: ``lane_resection``.
 
 **Triangulation.**  Rows ``(u_t p3 - p1) / |a|`` (Eq 5), normal matrix ``[[M, b], [b', c]]``; (M - lam) y = -b with
 lam the Rayleigh quotient of (y, 1), fixed factor of M.  ``lam < 4 det M / tr(M)^2 <= lambda_min(M)`` proves
-the smallest.
+the smallest.  The rows are the same whatever the coordinates; what is minimised is their sum of squares over the
+squared homogeneous length.  In plain connector millimetres (the published form), or in Hartley's frame of coordinates
+that an affine map has moved, that length is a quadratic form B of (y, 1), and ``(N - lam B) (y, 1) = 0``.
 
 A lane that fails a proof, does not converge or is not finite is flagged; the caller redoes it by SVD.
 """
@@ -13,7 +15,7 @@ A lane that fails a proof, does not converge or is not finite is flagged; the ca
 from __future__ import annotations
 
 from .lane_algebra import dot3, factor3, solve3
-from .lane_motion import image_fiducials, move_error, place_points, write_mount
+from .lane_motion import image_fiducials, move_error, place_points, rotate, write_mount
 from .lane_resection import resect, squared_reprojection
 from .lanes import absolute, any_lane, fma, lane_entry, lane_jit, load, select, splat, square_root, store
 from .streams import fill_deviates
@@ -31,10 +33,10 @@ def scratch_size(counts):
 
 
 @lane_jit
-def triangulate(tables, target, estimates, z):
-    """Target in the object frame from all views: (y0, y1, y2, mask of proven lanes)."""
+def normal_matrix(tables, target, estimates, z):
+    """``[[M, b], [b', c]]`` of the rows of all views: (m00, m01, m02, m11, m12, m22, b0, b1, b2, c)."""
     n, views = tables.counts[0], tables.counts[1]
-    one, zero = splat(1.0), splat(0.0)
+    zero = splat(0.0)
     m00, m01, m02, m11, m12, m22, b0, b1, b2, c = zero, zero, zero, zero, zero, zero, zero, zero, zero, zero
     for view in range(views):
         at = 112 * view
@@ -52,6 +54,14 @@ def triangulate(tables, target, estimates, z):
             m00, m01, m02, b0 = fma(h0, r0, m00), fma(h0, r1, m01), fma(h0, r2, m02), fma(h0, r3, b0)
             m11, m12, b1 = fma(h1, r1, m11), fma(h1, r2, m12), fma(h1, r3, b1)
             m22, b2, c = fma(h2, r2, m22), fma(h2, r3, b2), fma(h3, r3, c)
+    return m00, m01, m02, m11, m12, m22, b0, b1, b2, c
+
+
+@lane_jit
+def triangulate(tables, target, estimates, z):
+    """Target in the object frame from all views: (y0, y1, y2, mask of proven lanes)."""
+    one, zero = splat(1.0), splat(0.0)
+    m00, m01, m02, m11, m12, m22, b0, b1, b2, c = normal_matrix(tables, target, estimates, z)
     f = factor3(m00, m01, m02, m11, m12, m22)
     y0, y1, y2 = solve3(f, -b0, -b1, -b2)
     active = one > zero
@@ -75,6 +85,105 @@ def triangulate(tables, target, estimates, z):
 
 
 @lane_jit
+def triangulate_in_metric(tables, target, estimates, z, metric):
+    """The same for the length ``y'K y + 2 g'y + h`` of (y, 1) instead of ``y'y + 1``.
+
+    metric: the upper triangle of K by rows (6), g (3), h.
+    """
+    one, zero = splat(1.0), splat(0.0)
+    m00, m01, m02, m11, m12, m22, b0, b1, b2, c = normal_matrix(tables, target, estimates, z)
+    k00, k01, k02, k11, k12, k22, g0, g1, g2, h = metric
+    f = factor3(m00, m01, m02, m11, m12, m22)
+    y0, y1, y2 = solve3(f, -b0, -b1, -b2)
+    active = one > zero
+    eigenvalue, tau = zero, zero
+    for step in range(MAX_STEPS + 1):
+        e0 = fma(m00, y0, fma(m01, y1, fma(m02, y2, b0)))
+        e1 = fma(m01, y0, fma(m11, y1, fma(m12, y2, b1)))
+        e2 = fma(m02, y0, fma(m12, y1, fma(m22, y2, b2)))
+        e3 = fma(b0, y0, fma(b1, y1, fma(b2, y2, c)))
+        q0 = fma(k00, y0, fma(k01, y1, fma(k02, y2, g0)))
+        q1 = fma(k01, y0, fma(k11, y1, fma(k12, y2, g1)))
+        q2 = fma(k02, y0, fma(k12, y1, fma(k22, y2, g2)))
+        q3 = fma(g0, y0, fma(g1, y1, fma(g2, y2, h)))
+        norm2 = fma(q0, y0, fma(q1, y1, fma(q2, y2, q3)))
+        eigenvalue = fma(e0, y0, fma(e1, y1, fma(e2, y2, e3))) / norm2
+        if step == 0:
+            # A Rayleigh quotient is not below the smallest eigenvalue; if M - tau K is positive definite no other lies
+            # below tau.  Rounding makes the quotient of the last step a little larger than that of the first.
+            tau = eigenvalue + splat(1e-9) * (m00 + m11 + m22) / (k00 + k11 + k22)
+            f = factor3(
+                fma(-tau, k00, m00), fma(-tau, k01, m01), fma(-tau, k02, m02),
+                fma(-tau, k11, m11), fma(-tau, k12, m12), fma(-tau, k22, m22),
+            )  # fmt: skip
+        x0, x1, x2 = solve3(f, fma(-eigenvalue, q0, e0), fma(-eigenvalue, q1, e1), fma(-eigenvalue, q2, e2))
+        y0, y1, y2 = select(active, y0 - x0, y0), select(active, y1 - x1, y1), select(active, y2 - x2, y2)
+        size = absolute(x0) + absolute(x1) + absolute(x2)
+        active = active & ~(size <= splat(STEP) * (one + absolute(y0) + absolute(y1) + absolute(y2)))
+        if not any_lane(active):
+            break
+    return y0, y1, y2, f[6] & (eigenvalue <= tau) & ~active
+
+
+@lane_jit
+def told_metric(tables, pose):
+    """(metric of resection, metric of triangulation) where the estimator is told coordinates that ``I + [w]x`` moved.
+
+    In the object frame w is turned, and ``R'R = (1 + w'w) I - w w'``.  With the mean squares D / N of the fiducials the
+    squared scale of Hartley's frame of what is told, over that of the object frame, is
+    ``kappa = 3 / (3 (1 + w'w) - sum w_k^2 D_k / N)``.
+    """
+    into, d = tables.into_frame, tables.diagonal
+    inverse = splat(1.0 / tables.object_scale[0])
+    w0, w1, w2 = load(pose, 56), load(pose, 16), load(pose, 24)
+    t0 = inverse * dot3(splat(into[0]), splat(into[1]), splat(into[2]), w0, w1, w2)
+    t1 = inverse * dot3(splat(into[3]), splat(into[4]), splat(into[5]), w0, w1, w2)
+    t2 = inverse * dot3(splat(into[6]), splat(into[7]), splat(into[8]), w0, w1, w2)
+    one, three = splat(1.0), splat(3.0)
+    stretch = fma(t0, t0, fma(t1, t1, fma(t2, t2, one)))
+    narrowed = dot3(splat(d[0] * d[7]), splat(d[1] * d[7]), splat(d[2] * d[7]), t0 * t0, t1 * t1, t2 * t2)
+    kappa = three / (three * stretch - narrowed)
+    return (one / (kappa * stretch), t0, t1, t2), kappa
+
+
+@lane_jit
+def point_metric(tables, pose, told, kappa):
+    """Metric of :func:`triangulate_in_metric`: of Hartley's frame of what the estimator is told, or of con mm.
+
+    In con mm a point is ``X = R (E y + c - p) + p + t``, the second and third with Eq 18 only, and its homogeneous
+    length ``|X|^2 + 1``: ``K = E'R'R E``, ``g = E'R'c'``, ``h = c'c' + 1``, c' the centroid as it is told.
+    """
+    one, zero = splat(1.0), splat(0.0)
+    _, w0, w1, w2 = told
+    stretch = fma(w0, w0, fma(w1, w1, fma(w2, w2, one)))
+    if tables.counts[8] == 0:
+        scale = kappa
+        g0, g1, g2, h = zero, zero, zero, one
+    else:
+        scale = splat(tables.object_scale[1])
+        c0, c1, c2 = splat(tables.centre[0]), splat(tables.centre[1]), splat(tables.centre[2])
+        if tables.counts[4] != 0 and (tables.counts[7] & 1) != 0:
+            p0, p1, p2 = splat(tables.pivots[0, 0]), splat(tables.pivots[0, 1]), splat(tables.pivots[0, 2])
+            m0, m1, m2 = rotate(pose, 0, c0 - p0, c1 - p1, c2 - p2)
+            m0, m1, m2 = m0 + p0 + load(pose, 72), m1 + p1 + load(pose, 80), m2 + p2 + load(pose, 88)
+            h = fma(m0, m0, fma(m1, m1, fma(m2, m2, one)))
+            c0 = dot3(load(pose, 0), load(pose, 24), load(pose, 48), m0, m1, m2)
+            c1 = dot3(load(pose, 8), load(pose, 32), load(pose, 56), m0, m1, m2)
+            c2 = dot3(load(pose, 16), load(pose, 40), load(pose, 64), m0, m1, m2)
+        else:
+            h = fma(c0, c0, fma(c1, c1, fma(c2, c2, one)))
+        e = tables.out_of_frame
+        g0 = dot3(splat(e[0]), splat(e[3]), splat(e[6]), c0, c1, c2)
+        g1 = dot3(splat(e[1]), splat(e[4]), splat(e[7]), c0, c1, c2)
+        g2 = dot3(splat(e[2]), splat(e[5]), splat(e[8]), c0, c1, c2)
+    return (
+        scale * fma(-w0, w0, stretch), scale * (-w0 * w1), scale * (-w0 * w2),
+        scale * fma(-w1, w1, stretch), scale * (-w1 * w2), scale * fma(-w2, w2, stretch),
+        g0, g1, g2, h,
+    )  # fmt: skip
+
+
+@lane_jit
 def chain_errors(tables, target, pose, z, y0, y1, y2, results):
     """Localisation error (con) and TCP error (tcp) of one target into ``results`` (6 vectors)."""
     active = tables.counts[7]
@@ -85,7 +194,7 @@ def chain_errors(tables, target, pose, z, y0, y1, y2, results):
     e1 = dot3(splat(e[3]), splat(e[4]), splat(e[5]), y0, y1, y2)
     e2 = dot3(splat(e[6]), splat(e[7]), splat(e[8]), y0, y1, y2)
     if tables.counts[4] != 0 and (active & 1) != 0:
-        # Eq 18: the estimator is equivariant to the rigid motion of its coordinates, so q_hat = T_err1 q_hat_0
+        # Eq 18: the estimate stands in the coordinates that were told, X = T_err1 (E y + c)
         e0, e1, e2 = move_error(tables, 0, pose, 0, tables.targets[target], e0, e1, e2)
     store(results, 24, e0)
     store(results, 32, e1)
@@ -123,14 +232,27 @@ def run_chain(tables, z, points, images, estimates, pose, results, want_reprojec
         place_points(tables, z, points)
     good = splat(1.0) > splat(0.0)
     squares = splat(0.0)
+    # Eq 18 with small angles: the coordinates that the estimator is told have been stretched, not only turned
+    stretched = tables.counts[4] != 0 and tables.counts[5] != 0 and (active & 1) != 0
+    zero, one = splat(0.0), splat(1.0)
+    told, kappa = (one, zero, zero, zero), one
+    if stretched:
+        told, kappa = told_metric(tables, pose)
     for view in range(views):
         gu, gv = image_fiducials(tables, view, points, pose, images, z)
         estimate = estimates[112 * view : 112 * view + 112]
-        good = good & resect(tables, images, gu, gv, estimate)
+        if stretched:
+            good = good & resect(tables, told, images, gu, gv, estimate)
+        else:
+            good = good & resect(tables, None, images, gu, gv, estimate)
         if want_reprojection:
             squares = squares + squared_reprojection(tables, images, estimate)
     for target in range(targets):
-        y0, y1, y2, proven = triangulate(tables, target, estimates, z)
+        if stretched or tables.counts[8] != 0:
+            metric = point_metric(tables, pose, told, kappa)
+            y0, y1, y2, proven = triangulate_in_metric(tables, target, estimates, z, metric)
+        else:
+            y0, y1, y2, proven = triangulate(tables, target, estimates, z)
         good = good & proven
         chain_errors(tables, target, pose, z, y0, y1, y2, results[48 * target : 48 * target + 48])
     at = 48 * targets

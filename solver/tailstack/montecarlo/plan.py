@@ -22,7 +22,7 @@ they stand at a vertex, given as fractions of their half-widths.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import sqrt
 from typing import NamedTuple
 
@@ -41,7 +41,7 @@ class Tables(NamedTuple):
     """What the compiled code reads.  C-contiguous float64 unless said; object frame: see ChainPlan."""
 
     segments: NDArray[np.int64]  # (n, 4): first column, end column, law code, stream
-    counts: NDArray[np.int64]  # (8,): N, V, T, manufacturing?, eq18?, small angle?, d, active-mount bits
+    counts: NDArray[np.int64]  # (9,): N, V, T, manufacturing?, eq18?, small angle?, d, active-mount bits, published?
     starts: NDArray[np.int64]  # (5,): first column of manufacturing, the three mounts, execution
     nominal: Array  # (N, 3) fiducials in the object frame
     products: Array  # (N, 10) upper triangle of y~ y~^T, row by row
@@ -49,6 +49,7 @@ class Tables(NamedTuple):
     spread: Array  # (N, 3) scale of one manufacturing deviate, mm
     into_frame: Array  # (9,) con mm -> object frame, linear part
     out_of_frame: Array  # (9,) object frame -> con mm, linear part
+    object_scale: Array  # (2,) length in the object frame over mm, and its square's inverse
     cameras: Array  # (V, 12) projection of con mm, pixels counted from the fiducials' nominal mean image
     fixed_images: Array  # (V, 12) projection of the object frame (where images do not move)
     target_images: Array  # (T, V, 2) px from the same origin
@@ -81,7 +82,8 @@ class ChainPlan:
     """A system compiled for simulation; arrays are read-only.
 
     The object frame is the fiducials' Hartley frame (centroid 0, RMS distance sqrt(3)) turned to their
-    principal axes, so that ``D = sum y~ y~^T`` is diagonal.  DLT and triangulation are equivariant to it.
+    principal axes, so that ``D = sum y~ y~^T`` is diagonal.  DLT and triangulation are equivariant to it; where they
+    are told other coordinates, or triangulate in others, the norm that they minimise in is carried over to it.
     """
 
     system: System
@@ -90,7 +92,6 @@ class ChainPlan:
     bounded: tuple[str, ...]  # "interface_1.rz", ...
     vertex: tuple[float, ...]  # of the bounded sources, fractions of the half-width
     shots_per_unit: int
-    structured: bool  # False: no exact structured form, every trial goes through SVD
 
     @property
     def dimension(self) -> int:
@@ -263,13 +264,15 @@ def compile_plan(
     starts.append(add("execution", source_laws[3], SHOT))
     kept = tuple(block for block in blocks if block.stop > block.start)
 
+    scale2 = float((into**2).sum()) / 3
+    published = system.triangulation is Triangulation.PUBLISHED
     small = system.rotation_form is RotationForm.SMALL_ANGLE
     eq18 = system.reading is Reading.EQ18
     active = sum(1 << k for k in range(3) if source_laws[k] or np.any(torsors[k] != 0))
     tcp_con = product(system.T_tcp_flange, system.T_flange_con)
     tables = Tables(
         segments=_segments(kept),
-        counts=np.array([count, views, targets, manufactured, eq18, small, blocks[-1].stop, active]),
+        counts=np.array([count, views, targets, manufactured, eq18, small, blocks[-1].stop, active, published]),
         starts=np.array(starts),
         nominal=read_only(y),
         products=read_only(y1[:, upper[0]] * y1[:, upper[1]]),
@@ -277,6 +280,7 @@ def compile_plan(
         spread=read_only(np.asarray(standard, dtype=np.float64)),
         into_frame=read_only(into.ravel()),
         out_of_frame=read_only(out.ravel()),
+        object_scale=read_only(np.array([sqrt(scale2), 1 / scale2])),
         cameras=read_only(np.array(cameras)),
         fixed_images=read_only(np.array(fixed)),
         target_images=read_only(np.swapaxes(np.array(images), 0, 1)),
@@ -294,8 +298,7 @@ def compile_plan(
     )
     for table in tables:
         table.setflags(write=False)
-    structured = system.triangulation is Triangulation.NORMALISED and not (eq18 and small)
-    return ChainPlan(system, tables, kept, bounded_names(system), values, shots_per_unit, structured)
+    return ChainPlan(system, tables, kept, bounded_names(system), values, shots_per_unit)
 
 
 def _segments(blocks: tuple[Block, ...]) -> NDArray[np.int64]:
@@ -313,5 +316,4 @@ def _segments(blocks: tuple[Block, ...]) -> NDArray[np.int64]:
 
 def at_vertex(plan: ChainPlan, vertex: Mapping[str, float] | Array | None) -> ChainPlan:
     """The same plan with its bounded sources elsewhere."""
-    moved = compile_plan(plan.system, vertex=vertex, shots_per_unit=plan.shots_per_unit)
-    return replace(moved, structured=plan.structured)
+    return compile_plan(plan.system, vertex=vertex, shots_per_unit=plan.shots_per_unit)

@@ -59,10 +59,7 @@ def study_comparison(
     names = [target.name for target in system.targets]
     read = measurements if isinstance(measurements, Measurements) else read_measurements(measurements, names)
     benches = [bench_of(system, read, group, error, instrument_sd_mm) for group in read.groups]
-    count = benches_for(
-        [bench.system for bench in benches], [bench.trials for bench in benches], sum(map(planned, benches)),
-        1 - CONFIDENCE,
-    )  # fmt: skip
+    count = benches_for([bench.trials for bench in benches], sum(map(planned, benches)), 1 - CONFIDENCE)
     found: list[LevelCompared] = []
     firsts: dict[str, int] = {}
     for number, bench in enumerate(benches):

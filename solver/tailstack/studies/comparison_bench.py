@@ -25,8 +25,8 @@ from ..system import Array, System
 from .comparison_statistics import Expected
 
 ONCE = ("fiducial_manufacturing", "hand_eye")  # drawn once for a bench; the other per-unit sources at each installation
-ROWS, ROWS_BY_SVD = 2_000_000, 150_000  # simulated trials of a file that there is room for
-MOST_ROWS, MOST_ROWS_BY_SVD = 4_000_000, 600_000  # and that the tests of a file may need: half a minute
+ROWS = 2_000_000  # simulated trials of a file that there is room for
+MOST_ROWS = 4_000_000  # and that the tests of a file may need: half a minute
 LEAST_REPLICATES, MOST_REPLICATES = 499, 4_999
 ROWS_AT_A_TIME = 8192
 INSTRUMENT_STREAM = 64  # of the generator; 0 and 1 are the chain's own
@@ -42,21 +42,18 @@ def at_level(system: System, deliberate: Array | None) -> System:
     return replace(system, interface_1=replace(mount, bias=mount.bias + deliberate))
 
 
-def benches_for(systems: Sequence[System], trials: Sequence[int], tests: int, alpha: float) -> int:
+def benches_for(trials: Sequence[int], tests: int, alpha: float) -> int:
     """How many benches are simulated of each group of a file: as many as its tests need, more where there is room.
 
     trials: of each group.  Raises LimitError where the tests together need more than can be simulated.
     """
-    fast = all(compile_plan(system).structured for system in systems)
-    room, most = (ROWS, MOST_ROWS) if fast else (ROWS_BY_SVD, MOST_ROWS_BY_SVD)
     least, every = least_benches(tests, alpha), sum(trials)
-    if least * every > most:
-        detail = (
-            f"{every:,} trials and {tests} tests need {least * every:,} simulated trials; at most {most:,} are made"
-        )
+    if least * every > MOST_ROWS:
+        needed = f"{every:,} trials and {tests} tests need {least * every:,} simulated trials"
+        detail = f"{needed}; at most {MOST_ROWS:,} are made"
         hint = "put fewer levels, targets or trials into a file; several files are compared one by one"
         raise LimitError(Problem("", "too-many", detail, hint))
-    return max(min(room // every, MOST_REPLICATES), least)
+    return max(min(ROWS // every, MOST_REPLICATES), least)
 
 
 def least_benches(tests: int, alpha: float, fewest: int = LEAST_REPLICATES) -> int:

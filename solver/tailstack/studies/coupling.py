@@ -33,7 +33,7 @@ from .coupling_records import LEAST_TRIALS, SECTIONS, CouplingCase, Ratio, Study
 from .coupling_words import conclusions, seen, sentence
 
 ROOM, MOST = 2**23, 2**25  # trials times targets of a case: by default, and at most (2 GB)
-TRIALS, TRIALS_BY_SVD = 2**18, 2**14  # by default; the second where no structured solution exists
+TRIALS = 2**18  # by default
 TRIALS_BEYOND = 2**15  # and where first order fails: noise that large sends many a trial to the plain SVD
 PILOT, FAILS = 2**11, 1.25  # trials that tell; P95 of the noise over or under first order's by this much
 NO_DEVIATION = 0.2  # nu from which the localisation error has no standard deviation (a ratio that may divide by zero)
@@ -100,7 +100,7 @@ def study_coupling(
         raise OutOfRangeError(Problem("/views", "no-noise", detail, "state fiducial_noise_px and target_noise_px"))
     models = linearise_all(nominal)
     beyond = ready.trust.expected_error_percent is None or _fails(at_rest, models, error, seed)
-    size = ceil(_trials(trials, cases, len(system.targets), beyond) / SECTIONS)
+    size = ceil(_trials(trials, len(system.targets), beyond) / SECTIONS)
     sampler = _Sampler(at_rest, seed, size, ERRORS.index(error), threads, progress, 1 + len(cases))
     still = sampler.still()
     records = []
@@ -127,10 +127,9 @@ def study_coupling(
     )
 
 
-def _trials(asked: int | None, cases: Sequence[Case], targets: int, beyond: bool) -> int:
-    """Trials of each case: as asked, or what the design's model, its noise and its number of targets afford."""
-    fast = all(plan.structured for case in cases for plan in case.plans)
-    affordable = TRIALS_BY_SVD if not fast else TRIALS_BEYOND if beyond else TRIALS
+def _trials(asked: int | None, targets: int, beyond: bool) -> int:
+    """Trials of each case: as asked, or what the design's noise and its number of targets afford."""
+    affordable = TRIALS_BEYOND if beyond else TRIALS
     wanted = min(affordable, max(ROOM // targets, LEAST_TRIALS)) if asked is None else asked
     if wanted < LEAST_TRIALS:
         detail = f"at least {LEAST_TRIALS} trials are needed for the intervals; got {wanted}"
