@@ -3531,6 +3531,9 @@ export interface components {
         /**
          * Optimisation
          * @description A design that keeps its limit at least cost (or what was asked for), verified by Monte Carlo.
+         *
+         *     ``status``: what was asked for is verified.  The check in the certificate judges all of the design's requirements,
+         *     those that ``optimise.requirement`` left out among them, and ``verdict_status`` is that of all.
          */
         Optimisation: {
             /**
@@ -3541,7 +3544,7 @@ export interface components {
             schema: "tailstack/optimisation/1";
             /**
              * Status
-             * @description The new design passed its Monte Carlo check; what did not is refused, not answered.
+             * @description The new design keeps what was asked for by its Monte Carlo check; what does not is refused, not answered.
              * @constant
              */
             status: "verified";
@@ -3650,6 +3653,19 @@ export interface components {
             };
             /** @description Which design (the new one), by which version, under which model, and what is not included. */
             provenance: components["schemas"]["Provenance"];
+            /**
+             * Not Asked
+             * @description Requirements that `optimise.requirement` left out; the check judges them all the same.
+             * @default []
+             */
+            not_asked: string[];
+            /**
+             * Verdict Status
+             * @description Of all requirements of the new design, asked for or not: that of the check's verdict.
+             * @default pass
+             * @enum {string}
+             */
+            verdict_status: "pass" | "fail" | "inconclusive" | "no requirement";
         };
         OptimisationRequest: {
             /** @description The design document. */
@@ -3674,7 +3690,7 @@ export interface components {
         Optimise: {
             /**
              * Requirement
-             * @description Name, or names, of the requirements whose limits must hold. Default all of them.
+             * @description Name, or names, of the requirements whose limits must hold. Default all of them. The others are judged on the new design all the same.
              * @example tip-accuracy
              */
             requirement?: string | string[];

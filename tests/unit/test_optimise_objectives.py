@@ -247,8 +247,11 @@ def test_every_limit_that_is_asked_for_is_verified() -> None:
     result = optimised(several())
     checks = result.certificate.verification.verdict.checks
     asked = {("accuracy", "tip"), ("accuracy", "entry"), ("display", "tip")}
-    assert {(check.requirement, check.target) for check in checks} == asked
-    assert all(check.status == "pass" and check.interval_mm[1] <= check.limit_mm for check in checks)
+    held = {(check.requirement, check.target): check for check in checks}
+    assert set(held) == asked | {("dream", "tip"), ("dream", "entry")}
+    assert all(held[key].status == "pass" and held[key].interval_mm[1] <= held[key].limit_mm for key in asked)
+    # what was not asked for is judged, and the verdict is of all
+    assert (held["dream", "tip"].status, result.verdict_status, result.not_asked) == ("fail", "fail", ("dream",))
     scored = {(check.requirement, check.target): check for check in score(load_design(result.design)).verdict.checks}
     ratios = {key: scored[key].value_mm / scored[key].limit_mm for key in asked}
     assert max(ratios.values()) <= 1

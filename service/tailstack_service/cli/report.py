@@ -244,6 +244,8 @@ def _exit_code(kind: str, body: bytes) -> int:
         return EXIT_CODE[data["headline"]["status"]]
     if kind in ("score", "verification"):
         return EXIT_CODE.get(data["verdict"]["status"], NOT_EVALUATED)
+    if kind == "optimisation":
+        return EXIT_CODE[data["certificate"]["verification"]["verdict"]["status"]]
     return PASS
 
 

@@ -28,14 +28,24 @@ def optimisation_text(result: Optimisation, *, colour: bool = False) -> str:
         certificate_text(result),
         provenance_text(result.provenance),
         checks_table(check.verdict.checks),
+        others_text(result),
         findings_text(check.verdict.findings, colour),
         verdict_line(check.verdict, colour),
     )
 
 
+def others_text(result: Optimisation) -> str:
+    """Requirements that the optimiser was not asked to keep, with what became of them."""
+    if not result.others:
+        return ""
+    listed = "; ".join(f"{check.requirement}, target {check.target}: {check.status}" for check in result.others)
+    words = f"{listed}. The design was optimised without these (optimise.requirement); the verdict is of all."
+    return wrapped(words, first="not asked for: ", indent="  ")
+
+
 def before_after_text(result: Optimisation) -> str:
     """P95 and cost, before and after, and what the cost is made of."""
-    worst = max(result.certificate.verification.targets, key=lambda target: target.p95_mm)
+    worst = result.worst_target
     low, high = worst.p95_interval_mm
     rows = [
         ("P95, first order", "mm", fixed(result.p95_before_mm, 4), fixed(result.p95_after_mm, 4),
@@ -179,11 +189,14 @@ def front_text(result: Optimisation) -> str:
         for point in result.front
     ]  # fmt: skip
     header = ("limit\nmm", "cost", "quantile, first order\nmm", "upper limit of the check\nmm", "")
-    first = result.certificate.verification.verdict.checks[0].requirement
+    checks = result.certificate.verification.verdict.checks
+    first = next(check.requirement for check in checks if check.requirement not in result.not_asked)
     note = (
         f"limit, quantile and upper limit are those of {first}; every other limit is scaled by the same factor. What "
         "each point's design is stands in the JSON answer (--json)"
     )
+    if result.not_asked:
+        note += f"; its points are not judged by what was not asked for ({', '.join(result.not_asked)})"
     refused = [f"{number(point.limit_mm)} mm: {point.note}" for point in result.front if point.note]
     lines = [table(header, rows, left=0), wrapped(note, first="front: ", indent="  ")]
     return "\n".join([*lines, *(wrapped(line, first="front: ", indent="  ") for line in refused)])

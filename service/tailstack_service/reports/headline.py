@@ -153,7 +153,9 @@ def _optimised(found: Optimisation) -> str:
     cost = (
         "" if found.cost_before is None else f" at a cost of {found.cost_after:.4g} instead of {found.cost_before:.4g}"
     )
-    return f"The optimised design has a P95 of {found.p95_after_mm:.3f} mm{cost}; it is described below."
+    missed = list(dict.fromkeys(check.requirement for check in found.others if check.status != "pass"))
+    but = f", and does not keep {', '.join(missed)}, which it was not asked to" if missed else ""
+    return f"The optimised design has a P95 of {found.p95_after_mm:.3f} mm{cost}{but}; it is described below."
 
 
 def _caution(score: Score, verification: Verification | None) -> str:

@@ -239,7 +239,8 @@ class Optimise(Record):
 
     requirement: Name | Annotated[list[Name], Field(min_length=1)] | None = Field(
         default=None,
-        description="Name, or names, of the requirements whose limits must hold. Default all of them.",
+        description="Name, or names, of the requirements whose limits must hold. Default all of them. "
+        "The others are judged on the new design all the same.",
         examples=["tip-accuracy"],
     )
     objective: Literal["cost", "quantile", "scaling", "pareto"] | None = Field(

@@ -47,13 +47,13 @@ def front_point(
 ) -> FrontPoint:  # fmt: skip
     """The least cost at ``factor`` times the limit, solved from each of the search's best layouts."""
     problem = search.program.problem
-    trials = max(trials_for(problem) // 4, LEAST_TRIALS // 4)
+    trials = max(trials_for(len(problem.targets)) // 4, LEAST_TRIALS // 4)
     best, reason = None, ""
     for item in search.found:
         try:
             found = verified(
                 request, replace(search, found=(item,)), seed=seed + 1 + number, stage="front check", trials=trials,
-                limits=factor, threads=threads, stop=stop,
+                limits=factor, threads=threads, stop=stop, others=False,
             )  # fmt: skip
         except (InfeasibleError, NotConvergedError) as error:
             reason = reason or error.problems[0].detail

@@ -121,6 +121,11 @@ def report(outcome: Outcome) -> Optimisation:
         front=outcome.front,
         design_before=design_to_data(request.design),
         design=design_to_data(verified.design),
+        not_asked=tuple(
+            item.name
+            for item in request.problem.system.requirements
+            if item.name not in {asked.name for asked in problem.requirements}
+        ),
         provenance=verified.verification.provenance,
     )  # fmt: skip
 

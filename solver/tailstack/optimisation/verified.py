@@ -13,6 +13,7 @@ from ..errors import InfeasibleError, NotConvergedError, Problem
 from ..results import Check, Verification
 from ..runs import UNITS
 from ..system import Array, System
+from ..verdict import conclude
 from ..verifying import verify
 from .grading import Graded, settle_grades
 from .placement import PlacementSolution, settle
@@ -48,8 +49,21 @@ class Verified:
     rounds: int
 
 
-def trials_for(problem: PlacementProblem) -> int:
-    return min(max(TARGET_TRIALS // len(problem.targets), FEWEST_TRIALS), MOST_TRIALS)
+def trials_for(targets: int) -> int:
+    """Of a check at so many targets."""
+    return min(max(TARGET_TRIALS // targets, FEWEST_TRIALS), MOST_TRIALS)
+
+
+def _judged(design: Design, problem: PlacementProblem, limits: float, others: bool) -> System:
+    """A design with the requirements that its check is to judge, and their targets."""
+    system: System = compile_design(design)
+    requirements = tuple(replace(item, limit_mm=item.limit_mm * limits) for item in problem.requirements)
+    targets = problem.targets
+    if others:
+        requirements = system.requirements
+        named = {name for item in requirements for name in item.targets}
+        targets = tuple(target for target in system.targets if target.name in named)
+    return replace(system, requirements=requirements, targets=targets)
 
 
 def settle_all(
@@ -90,28 +104,31 @@ def _aim(held: Promise, demand: Demand, trials: int) -> float:
 def verified(
     request: Request, search: Search, *, seed: int, stage: str = "check", trials: int | None = None,
     limits: float = 1.0, start: PlacementSolution | None = None, threads: int | None = None,
-    progress: Progress | None = None, stop: Stop | None = None,
+    progress: Progress | None = None, stop: Stop | None = None, others: bool = True,
 ) -> Verified:  # fmt: skip
     """Solve, check by Monte Carlo, tighten by the measured ratio, until the check's upper limit is within the limit.
 
-    ``limits`` multiplies every limit (a front asks at several).  Raises InfeasibleError, NotConvergedError.
+    The check judges every requirement of the design; those that were not asked for do not hold the answer back, its
+    verdict says what became of them.  ``limits`` multiplies every limit (a front asks at several), and ``others`` false
+    leaves out what was not asked for.  Raises InfeasibleError, NotConvergedError.
     """
     problem = search.program.problem
-    trials = trials_for(problem) if trials is None else trials
-    requirements = tuple(replace(item, limit_mm=item.limit_mm * limits) for item in problem.requirements)
+    if trials is None:
+        trials = trials_for(len(_judged(request.design, problem, limits, others).targets))
     aims = limits * first_aims(search, trials)
     settled: Settled | None = None
     for attempt in range(MAX_TIGHTENING):
         begun = start if settled is None else settled.solution
         settled = settle_all(search, aims, request.graded, begun, stop)
         design = revise(request, problem, settled.choice)
-        system: System = replace(compile_design(design), requirements=requirements, targets=problem.targets)
+        system = _judged(design, problem, limits, others)
         fresh = int(np.random.SeedSequence([seed, attempt, 0x7A11]).generate_state(1)[0])
         verification = verify(system, seed=fresh, trials=trials, threads=threads)
         if progress is not None:
             progress(stage, attempt + 1, MAX_TIGHTENING, _incumbent(problem, settled))
-        checks = {(check.requirement, check.target): check for check in verification.verdict.checks}
-        if verification.verdict.status == "pass":
+        asked = {item.name for item in problem.requirements}
+        checks = {(c.requirement, c.target): c for c in verification.verdict.checks if c.requirement in asked}
+        if all(check.status == "pass" for check in checks.values()):
             return Verified(settled, design, verification, attempt)
         if problem.objective == "quantile":
             raise _not_within(settled, checks, problem)
@@ -122,7 +139,9 @@ def verified(
             "/optimise",
             "not-verified",
             f"after {MAX_TIGHTENING} rounds of tightening the Monte Carlo check still fails: "
-            + "; ".join(finding.message for finding in verification.verdict.findings[:2]),
+            + "; ".join(
+                finding.message for finding in conclude(tuple(checks.values()), (), "Monte Carlo").findings[:2]
+            ),
             "first order does not hold on this geometry: spread the fiducials or reduce the noise",
         )
     )

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from .verdicts import Finding, Provenance, Vector3
-from .verification import Verification
+from .verdicts import Check, Finding, Provenance, Vector3
+from .verification import TargetEstimate, Verification
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,12 +220,16 @@ class PlacementValue:
 
 @dataclass(frozen=True, slots=True)
 class Optimisation:
-    """A design that keeps its limit at least cost (or what was asked for), verified by Monte Carlo."""
+    """A design that keeps its limit at least cost (or what was asked for), verified by Monte Carlo.
+
+    ``status``: what was asked for is verified.  The check in the certificate judges all of the design's requirements,
+    those that ``optimise.requirement`` left out among them, and ``verdict_status`` is that of all.
+    """
 
     schema: Literal["tailstack/optimisation/1"]
     """Name and version of this record's schema."""
     status: Literal["verified"]
-    """The new design passed its Monte Carlo check; what did not is refused, not answered."""
+    """The new design keeps what was asked for by its Monte Carlo check; what does not is refused, not answered."""
     objective: str
     """What was minimised, in a sentence."""
     cost_before: float | None
@@ -272,3 +276,23 @@ class Optimisation:
     """The new design document, complete."""
     provenance: Provenance
     """Which design (the new one), by which version, under which model, and what is not included."""
+    not_asked: tuple[str, ...] = ()
+    """Requirements that `optimise.requirement` left out; the check judges them all the same."""
+    verdict_status: Literal["pass", "fail", "inconclusive", "no requirement"] = "pass"
+    """Of all requirements of the new design, asked for or not: that of the check's verdict."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "verdict_status", self.certificate.verification.verdict.status)
+
+    @property
+    def worst_target(self) -> TargetEstimate:
+        """Of the targets of what was asked for, the one with the largest P95 by the check."""
+        check = self.certificate.verification
+        asked = {entry.target for entry in check.verdict.checks if entry.requirement not in self.not_asked}
+        return max((target for target in check.targets if target.name in asked), key=lambda target: target.p95_mm)
+
+    @property
+    def others(self) -> tuple[Check, ...]:
+        """What was not asked for, as the check judged it."""
+        checks = self.certificate.verification.verdict.checks
+        return tuple(check for check in checks if check.requirement in self.not_asked)

@@ -87,6 +87,7 @@ from .optimisation import Optimisation
 from .optimisation_design import OptimisationDesign
 from .optimisation_design_before import OptimisationDesignBefore
 from .optimisation_request import OptimisationRequest
+from .optimisation_verdict_status import OptimisationVerdictStatus
 from .per_unit import PerUnit
 from .placement_value import PlacementValue
 from .problem import Problem
@@ -225,6 +226,7 @@ __all__ = (
     "OptimisationDesign",
     "OptimisationDesignBefore",
     "OptimisationRequest",
+    "OptimisationVerdictStatus",
     "PerUnit",
     "PlacementValue",
     "Problem",

@@ -8,6 +8,8 @@ from attrs import field as _attrs_field
 
 from ..types import UNSET, Unset
 
+from ..models.optimisation_verdict_status import check_optimisation_verdict_status
+from ..models.optimisation_verdict_status import OptimisationVerdictStatus
 from typing import cast
 from typing import Literal, cast
 
@@ -34,36 +36,42 @@ T = TypeVar("T", bound="Optimisation")
 class Optimisation:
     """A design that keeps its limit at least cost (or what was asked for), verified by Monte Carlo.
 
-    Attributes:
-        schema (Literal['tailstack/optimisation/1']): Name and version of this record's schema.
-        status (Literal['verified']): The new design passed its Monte Carlo check; what did not is refused, not
-            answered.
-        objective (str): What was minimised, in a sentence.
-        cost_before (float | None): Cost of the design as it stood, in the unit of its prices; null: some of it has no
-            price.
-        cost_after (float): Cost of the new design.
-        cost_closed_form (float | None): Cost of the optimum by the smooth closed form that drives the search; null
-            where no cost is minimised.
-        cost_exact_law (float | None): Cost of the optimum by the exact law at the limit itself, before the check's
-            margin; null where no cost is minimised.
-        p95_before_mm (float | None): First-order P95 of the worst target before, mm; null: the layout as it stood does
-            not determine it.
-        p95_after_mm (float): P95 of the worst target after, mm.
-        moved (list[MovedFiducial]): Fiducials that could move.
-        tolerances (list[ChangedTolerance]): Half-widths that were free.
-        pivots (list[MovedPivot]): Pivots that were free.
-        spacings (list[ChangedSpacing]): Locators whose spacing was free.
-        scaling (float | None): Objective scaling: the common factor on all half-widths; otherwise null.
-        certificate (Certificate): What the optimum rests on.
-        shadow_prices (list[ShadowPrice]): What one unit of each limit and bound is worth.
-        binding (list[str]): Limits and bounds that hold the optimum where it is.
-        influence (list[Finding]): What the free variables can and cannot do, known before solving.
-        placement_value (None | PlacementValue): What the placement bought; null where nothing was placed.
-        counts (list[CountTried]): The numbers of fiducials that were tried; empty where it was given.
-        front (list[FrontPoint]): Points of the front of cost and limit; empty unless asked for.
-        design_before (OptimisationDesignBefore): The design document that it started from, complete.
-        design (OptimisationDesign): The new design document, complete.
-        provenance (Provenance):
+    ``status``: what was asked for is verified.  The check in the certificate judges all of the design's requirements,
+    those that ``optimise.requirement`` left out among them, and ``verdict_status`` is that of all.
+
+        Attributes:
+            schema (Literal['tailstack/optimisation/1']): Name and version of this record's schema.
+            status (Literal['verified']): The new design keeps what was asked for by its Monte Carlo check; what does not is
+                refused, not answered.
+            objective (str): What was minimised, in a sentence.
+            cost_before (float | None): Cost of the design as it stood, in the unit of its prices; null: some of it has no
+                price.
+            cost_after (float): Cost of the new design.
+            cost_closed_form (float | None): Cost of the optimum by the smooth closed form that drives the search; null
+                where no cost is minimised.
+            cost_exact_law (float | None): Cost of the optimum by the exact law at the limit itself, before the check's
+                margin; null where no cost is minimised.
+            p95_before_mm (float | None): First-order P95 of the worst target before, mm; null: the layout as it stood does
+                not determine it.
+            p95_after_mm (float): P95 of the worst target after, mm.
+            moved (list[MovedFiducial]): Fiducials that could move.
+            tolerances (list[ChangedTolerance]): Half-widths that were free.
+            pivots (list[MovedPivot]): Pivots that were free.
+            spacings (list[ChangedSpacing]): Locators whose spacing was free.
+            scaling (float | None): Objective scaling: the common factor on all half-widths; otherwise null.
+            certificate (Certificate): What the optimum rests on.
+            shadow_prices (list[ShadowPrice]): What one unit of each limit and bound is worth.
+            binding (list[str]): Limits and bounds that hold the optimum where it is.
+            influence (list[Finding]): What the free variables can and cannot do, known before solving.
+            placement_value (None | PlacementValue): What the placement bought; null where nothing was placed.
+            counts (list[CountTried]): The numbers of fiducials that were tried; empty where it was given.
+            front (list[FrontPoint]): Points of the front of cost and limit; empty unless asked for.
+            design_before (OptimisationDesignBefore): The design document that it started from, complete.
+            design (OptimisationDesign): The new design document, complete.
+            provenance (Provenance):
+            not_asked (list[str]): Requirements that `optimise.requirement` left out; the check judges them all the same.
+            verdict_status (OptimisationVerdictStatus): Of all requirements of the new design, asked for or not: that of the
+                check's verdict. Default: 'pass'.
     """
 
     schema: Literal["tailstack/optimisation/1"]
@@ -90,6 +98,8 @@ class Optimisation:
     design_before: OptimisationDesignBefore
     design: OptimisationDesign
     provenance: Provenance
+    not_asked: list[str]
+    verdict_status: OptimisationVerdictStatus = "pass"
 
     def to_dict(self) -> dict[str, Any]:
         from ..models.certificate import Certificate  # noqa: PLC0415
@@ -187,6 +197,10 @@ class Optimisation:
 
         provenance = self.provenance.to_dict()
 
+        not_asked = self.not_asked
+
+        verdict_status: str = self.verdict_status
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -215,6 +229,8 @@ class Optimisation:
                 "design_before": design_before,
                 "design": design,
                 "provenance": provenance,
+                "not_asked": not_asked,
+                "verdict_status": verdict_status,
             }
         )
 
@@ -367,6 +383,10 @@ class Optimisation:
 
         provenance = Provenance.from_dict(d.pop("provenance"))
 
+        not_asked = cast(list[str], d.pop("not_asked"))
+
+        verdict_status = check_optimisation_verdict_status(d.pop("verdict_status"))
+
         optimisation = cls(
             schema=schema,
             status=status,
@@ -392,6 +412,8 @@ class Optimisation:
             design_before=design_before,
             design=design,
             provenance=provenance,
+            not_asked=not_asked,
+            verdict_status=verdict_status,
         )
 
         return optimisation

@@ -4,9 +4,23 @@ from __future__ import annotations
 
 from tailstack.results import Optimisation
 
-from ..blocks import Block, Bullets, Column, Document, Facts, KeyNumber, Listing, Paragraph, Row, Section, Table
+from ..blocks import (
+    Block,
+    Bullets,
+    Column,
+    Document,
+    Facts,
+    KeyNumber,
+    Listing,
+    Paragraph,
+    Row,
+    Section,
+    Table,
+    tone_of,
+)
+from ..headline import urgency
 from .layout import layout_blocks, scored
-from .tables import not_included, provenance_facts
+from .tables import not_included, provenance_facts, requirements_table
 from .verification import sampling_blocks, verification_blocks
 
 MOST_BINDING = 3  # said on the first page
@@ -32,11 +46,16 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
     return Document(
         kind="Optimised design",
         title=found.provenance.design_name,
-        tone="pass",
-        status=found.status,
+        tone=tone_of(found.verdict_status),
+        status=found.status if found.verdict_status == "pass" else found.verdict_status,
         sentence=optimised_sentence(found),
         numbers=optimisation_numbers(found),
-        matters=(binding, *(sentence_of(price.sentence) for price in found.shadow_prices[:2])),
+        requirements=requirements_table(check.verdict),
+        matters=(
+            *others_sentences(found),
+            binding,
+            *(sentence_of(price.sentence) for price in found.shadow_prices[:2]),
+        ),
         sections=(
             Section("What changed", (*optimised_layout(found), *change_blocks(found)), page=True),
             Section("Check of the new design", (*verification_blocks(check), *sampling_blocks(check))),
@@ -64,11 +83,23 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
 
 def optimised_sentence(found: Optimisation) -> str:
     """What was sought and what was reached."""
-    low, high = max(target.p95_interval_mm for target in found.certificate.verification.targets)
+    worst = found.worst_target
+    low, high = worst.p95_interval_mm
     return (
         f"{sentence_of(found.objective)} The new design was checked by Monte Carlo with a fresh seed: P95 "
-        f"{low:.3f} to {high:.3f} mm."
+        f"{low:.3f} to {high:.3f} mm at {worst.name}." + "".join(f" {words}" for words in others_sentences(found))
     )
+
+
+def others_sentences(found: Optimisation) -> tuple[str, ...]:
+    """What became of the requirements that the optimiser was not asked to keep, in one sentence; nothing if none."""
+    if not found.others:
+        return ()
+    told = []
+    for name in dict.fromkeys(check.requirement for check in found.others):
+        worst = min((check for check in found.others if check.requirement == name), key=urgency)
+        told.append(f"{name} ({worst.status})")
+    return (f"Not asked for, and judged all the same: {', '.join(told)}.",)
 
 
 def sentence_of(words: str) -> str:
@@ -79,7 +110,7 @@ def sentence_of(words: str) -> str:
 def optimisation_numbers(found: Optimisation) -> tuple[KeyNumber, ...]:
     before = "not determined" if found.p95_before_mm is None else f"{found.p95_before_mm:.3f} mm before"
     numbers = [KeyNumber("P95, first order", f"{found.p95_after_mm:.3f} mm", before)]
-    worst = max(found.certificate.verification.targets, key=lambda target: target.p95_mm)
+    worst = found.worst_target
     low, high = worst.p95_interval_mm
     numbers.append(KeyNumber("P95, Monte Carlo", f"{worst.p95_mm:.3f} mm", f"{low:.3f} to {high:.3f} mm, {worst.name}"))
     if found.scaling is not None:
