@@ -121,7 +121,9 @@ def residuals(p: np.ndarray, reading: Reading, ratio: np.ndarray, way: str) -> n
     if depth < 1:
         return np.full(len(CELLS) + 5, 50.0)
     loud = under(system, CELLS[-1].setting)
-    beyond = np.maximum([NEAREST_MM / depth - 1, linearise(loud, loud.targets[0]).nu / LARGEST_NU - 1], 0)
+    beyond = np.maximum(
+        [NEAREST_MM / depth - 1, linearise(loud, loud.targets[0]).nonlinearity.divisor / LARGEST_NU - 1], 0
+    )
     values, errors = predictions(system)
     printed = np.array([cell.value_mm for cell in CELLS])
     rounding = np.array([cell.rounding_mm for cell in CELLS]) / sqrt(3)

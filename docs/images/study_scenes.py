@@ -131,7 +131,7 @@ def fixed_half_widths(scene: Scene, starts: int = 8) -> Layouts:
     name, textbook = named
     careless = careless_layouts(problem, found.estimator, steering, CARELESS, scene.seed)
     careless.sort(key=lambda layout: p95_mm(problem, layout))
-    trust = [validity(model_of(problem, layout).nu, scene.fiducials).status for layout in careless]
+    trust = [validity(model_of(problem, layout).nonlinearity, system_at(problem, layout)).status for layout in careless]
     model = model_of(problem, best.choice.fiducials_mm)
     through = [through_fiducials_mm(problem, layout) for layout in (best.choice.fiducials_mm, textbook, *careless)]
     return Layouts(

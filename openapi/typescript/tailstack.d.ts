@@ -5761,6 +5761,31 @@ export interface components {
              * @description The same as a sentence.
              */
             statement: string;
+            /**
+             * Nu Depth
+             * @description Standard deviation of the relative error of the target's depth, the largest over the views; nu is the largest of three such numbers.
+             */
+            nu_depth: number;
+            /**
+             * Nu Crossing
+             * @description The same of the firmness with which the rays cross.
+             */
+            nu_crossing: number;
+            /**
+             * Nu Disagreement
+             * @description What the views' disagreement moves the point by, over what first order does: standard deviations.
+             */
+            nu_disagreement: number;
+            /**
+             * Layout Class
+             * @description What decides whether the thresholds were calibrated for a design: views, fiducials, form of triangulation.
+             */
+            layout_class: string;
+            /**
+             * Calibrated
+             * @description Whether they were. If not, first order is not valid, and only Monte Carlo decides a limit.
+             */
+            calibrated: boolean;
         };
         /**
          * Verdict

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass, field
+from math import inf, isinf
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from .errors import OutOfRangeError
 from .estimation.checks import examine
 from .propagation.linear import LinearModel, covariance_block_diagonal, largest_rotation_rad, linearise_all
 from .propagation.second_order import refuse_outside_range, second_order_moments
-from .propagation.validity import validity
+from .propagation.validity import error_percent, validity
 from .results import (
     Check,
     Finding,
@@ -157,7 +158,7 @@ def _second_order(system: System, index: int, model: LinearModel, worst: WorstCa
 
     plan = compile_plan(system, vertex=worst.vertex(model))
     try:
-        refuse_outside_range(model.nu, plan.inputs)
+        refuse_outside_range(model.nonlinearity.divisor, plan.inputs)
     except OutOfRangeError as error:
         return SecondOrder("refused", error.problems[0].detail)
     gains = np.hstack([block.tcp * block.std for block in model.blocks])
@@ -173,16 +174,15 @@ def _second_order(system: System, index: int, model: LinearModel, worst: WorstCa
 
 def trust_of(system: System, models: dict[str, LinearModel]) -> Validity:
     """The validity of first order at the worst target."""
-    nu = max(model.nu for model in models.values())
-    return validity(nu, len(system.fiducials_mm), max(largest_rotation_rad(model) for model in models.values()))
+    numbers = max((model.nonlinearity for model in models.values()), key=lambda each: each.nu)
+    return validity(numbers, system, max(largest_rotation_rad(model) for model in models.values()))
 
 
 def _error_band(value_mm: float, trust: Validity, quantile: float) -> Interval:
     """Where the full chain's quantile lies if the linearisation is as good as its calibration says."""
-    if trust.expected_error_percent is None:
-        return (0.0, float("inf"))
-    # Calibrated at P95; further out the error of first order grows (docs/method.md, section 4).
-    percent = trust.expected_error_percent * (1.0 if quantile <= P95 else 2.0)
+    percent = error_percent(trust, quantile)
+    if isinf(percent):
+        return (0.0, inf)
     return (value_mm / (1 + percent / 100), value_mm * (1 + percent / 100))
 
 

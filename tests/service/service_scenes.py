@@ -33,6 +33,14 @@ def limited(limit_mm: float, **changes: Any) -> dict[str, Any]:
     return small_design(requirements=[{"name": "tip-accuracy", "limit_mm": limit_mm}], **changes)
 
 
+def clear(design: dict[str, Any]) -> dict[str, Any]:
+    """The small design with one fiducial moved, so that no two images overlap and nothing is remarked."""
+    position = design["fiducials"]["points"][5]["position_mm"]
+    position[0] += 6.0
+    position[2] += 6.0
+    return design
+
+
 def coplanar_design() -> dict[str, Any]:
     """Eight fiducials in one plane: well formed, and it does not determine the projection."""
     design = small_design()

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 import pytest
-from service_scenes import limited, small_design
+from service_scenes import clear, limited, small_design
 from test_gate_verdicts import P95, TODAY, gate, of_rule, policy, waiver, waivers
 from work_driver import run_job
 
@@ -111,7 +111,7 @@ def test_up_to_where_a_waiver_accepts_is_decided_too(p95: float) -> None:
     assert (plain.exit_code, plain.designs[0].trials) == (1, 8192)
     assert waived.exit_code == 0
     assert (waived.designs[0].trials or 0) > 8192
-    far = gate(limited(0.5 * p95), mode="auto", policy=policy(verification=QUICK), waivers=waivers(waiver()))
+    far = gate(clear(limited(0.5 * p95)), mode="auto", policy=policy(verification=QUICK), waivers=waivers(waiver()))
     assert far.designs[0].basis == "first order"
     near = auto(0.5, p95, cap=2**18, waivers=close)
     assert (near.designs[0].basis, near.exit_code) == ("Monte Carlo", 0)

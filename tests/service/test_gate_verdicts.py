@@ -6,11 +6,11 @@ import copy
 import json
 from datetime import date
 from itertools import combinations
-from math import dist
+from math import cos, dist, sin
 from typing import Any
 
 import pytest
-from service_scenes import small_design
+from service_scenes import clear, small_design
 from work_driver import run_job
 
 from tailstack import load_design, score, verify
@@ -378,14 +378,33 @@ def test_the_baselines_seed_is_used_and_its_version_remarked() -> None:
     ],
 )
 def test_monte_carlo_is_drawn_where_it_is_wanted(factor: float, mode: str, basis: str) -> None:
-    assert gate(limited(factor * P95), mode=mode).designs[0].basis == basis
+    assert gate(clear(limited(factor * P95)), mode=mode).designs[0].basis == basis
+
+
+def test_auto_samples_a_design_with_a_remark_that_it_is_hardly_determined() -> None:
+    """First order says a third of the limit; two images overlap."""
+    assert gate(limited(3 * P95), mode="auto").designs[0].basis == "Monte Carlo"
+
+
+def test_auto_samples_what_first_order_was_not_calibrated_for() -> None:
+    """Nine views: nothing is known of first order there, so no score decides, however far the limit is."""
+    design = clear(limited(3 * P95))
+    first = {key: value for key, value in design["views"][0].items() if key != "orientation"}
+    for k in range(7):
+        angle = 0.35 * (k + 1)
+        beam = {"beam_direction": [sin(angle), cos(angle), 0.3], "up_direction": [0, 0, 1]}
+        design["views"].append({**first, **beam, "name": f"more {k}", "image_size_px": [3000, 3000]})
+    assert gate(design, mode="auto").designs[0].basis == "Monte Carlo"
+    analytic = gate(design, mode="analytic")
+    assert (analytic.verdict, analytic.exit_code) == ("inconclusive", 4)
+    assert gate({**design, "views": design["views"][:8]}, mode="auto").designs[0].basis == "first order"
 
 
 def test_a_job_gives_the_very_record_that_is_computed_here() -> None:
     request = {
         "designs": [
             {"file": "near.yaml", "design": limited(1.05 * P95)},
-            {"file": "far.yaml", "design": limited(3 * P95)},
+            {"file": "far.yaml", "design": clear(limited(3 * P95))},
             {"file": "open.yaml", "design": limited(P95)},
         ],
         "policy": policy({"cvar": {"limit_mm": 2 * P95}}, verification={"max_trials": 40_000, "precision": 0.02}),

@@ -10,6 +10,7 @@ import pytest
 
 from reference_chain import run
 from scenes import (
+    CIOS_FIDUCIALS_MM,
     cios_system,
     cube8_system,
     cube_fiducials,
@@ -25,6 +26,7 @@ from tailstack import IllPosedError, load_design, score, verify
 from tailstack.contributors import worst_case
 from tailstack.design import compile_design
 from tailstack.propagation.linear import linearise
+from tailstack.propagation.nonlinearity import Nonlinearity
 from tailstack.propagation.validity import validity
 from tailstack.system import Law, Requirement, System
 from tailstack.tail import sampling
@@ -198,9 +200,15 @@ def test_broken_regimes_are_named_by_the_tool_itself(fiducials, aim, noise):
 
 
 def test_validity_levels_are_ordered():
-    statuses = [validity(nu, 12).status for nu in (0.001, 0.05, 0.1, 0.5)]
-    assert statuses == ["good to 1 %", "good to 5 %", "good to 20 %", "not valid"]
-    assert validity(0.05, 6).status == "not valid"
+    twelve = cios_system()
+    for part in Nonlinearity._fields:  # the largest of the three decides
+        parts = [Nonlinearity(0, 0, 0)._replace(**{part: nu}) for nu in (0.001, 0.05, 0.1, 0.5)]
+        statuses = [validity(numbers, twelve).status for numbers in parts]
+        assert statuses == ["good to 1 %", "good to 5 %", "good to 20 %", "not valid"]
+    six, eight = (
+        validity(Nonlinearity(0.05, 0.0, 0.0), system_of(CIOS_FIDUCIALS_MM[:count])).status for count in (6, 8)
+    )
+    assert (six, eight) == ("not valid", "good to 20 %")
 
 
 def test_large_random_rotations_are_not_called_linear():

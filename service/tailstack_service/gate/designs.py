@@ -7,6 +7,7 @@ from datetime import date
 
 from tailstack.design import Design, load_design
 from tailstack.errors import TailstackError
+from tailstack.estimation.checks import DETERMINATION
 from tailstack.results import Score
 from tailstack.scoring import score
 
@@ -15,6 +16,8 @@ from .policy_document import Rules
 from .reading import ReadBaseline, ReadPolicy, ReadWaivers
 from .records import Fold, GateNumber, Level, Mode
 from .waiving import accepted_values
+
+BELIEVED_PERCENT = 5.0  # error of P95 up to which mode auto believes first order
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,14 +93,29 @@ def held_to(gate: Gate, index: int) -> Design:
     return load_design(with_policy(entry.design, gate.policy.rules_for(name))[0])
 
 
+def _believed(score: Score) -> bool:
+    """Whether first order may decide a limit that it is far from.
+
+    Its layout is of a class that was calibrated, it is good to a few per cent there, and nothing remarks that the
+    geometry hardly determines the answer.
+    """
+    trust = score.validity
+    if not trust.calibrated or trust.expected_error_percent is None or trust.expected_error_percent > BELIEVED_PERCENT:
+        return False
+    return not any(finding.rule in DETERMINATION for finding in score.verdict.findings)
+
+
 def wants_check(gate: Gate, computed: Computed) -> bool:
-    """Whether Monte Carlo is drawn for a design: never, always, or where first order is too near to a limit."""
+    """Whether Monte Carlo is drawn for a design: never, always, or where first order is not believed or too near to a
+    limit."""
     if computed.score is None or gate.mode == "analytic":
         return False
     if gate.mode == "verify":
         return True
     assert computed.held is not None
     numbers = numbers_of(computed.score, None, computed.rules, computed.added, computed.held)
+    if numbers and not _believed(computed.score):
+        return True
     names = (computed.entry.file, computed.held.name)
 
     def accepted(number: GateNumber) -> tuple[float, ...]:

@@ -12,12 +12,14 @@ from typing import Any
 
 from tailstack.design import Design
 from tailstack.design.loading import design_to_data
+from tailstack.propagation.validity import error_percent
 from tailstack.results import Check, Score, Verification
 from tailstack.verdict import decide
 
 from .policy_document import Rules
 from .records import GateNumber
 
+CVAR_LIKE = 0.99  # first order errs in the mean of the worst 5 % as in this quantile (docs/method.md, section 4)
 UNITS = 2048  # installed units that a check draws for a per-unit requirement (tailstack.verifying)
 
 
@@ -109,11 +111,9 @@ def _cvar_numbers(score: Score, verification: Verification | None, rules: Rules,
         return []
     found: list[tuple[str, float, tuple[float, float]]] = []
     if verification is None:
-        percent = score.validity.expected_error_percent
         for target in score.targets:
             value = target.cvar95_mm
-            # The error of first order was calibrated at P95 and is taken twice further out (docs/method.md, section 4).
-            ratio = float("inf") if percent is None else 1 + 2 * percent / 100
+            ratio = 1 + error_percent(score.validity, CVAR_LIKE) / 100
             found.append((target.name, value, (value / ratio, value * ratio)))
     else:
         from tailstack.montecarlo.sequential import cvar_interval

@@ -31,6 +31,8 @@ WEAK = 5e-3  # the same, for a warning: a 100 mm cube has 0.3, two plates 5 mm a
 FLAT = 0.15  # thickness over width, for a warning: the gain of noise grows as its inverse
 NO_PARALLAX = 1e-4  # sine of the angle between two rays
 SMALL_PARALLAX_DEG = 30.0
+# Remarks that the geometry hardly determines the answer: first order is not believed beside one of them.
+DETERMINATION = ("flat-structure", "weak-resection", "small-parallax", "projected-overlap")
 OVERLAP_PX = 10.0  # judgement: images closer than this are not told apart by every segmentation
 
 

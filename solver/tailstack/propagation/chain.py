@@ -9,6 +9,7 @@ import numpy as np
 
 from ..geometry.rotation import Displacement, displacement
 from ..system import Array, Law, Reading, System
+from .nonlinearity import matrix_covariance
 
 
 class Block(NamedTuple):
@@ -61,7 +62,9 @@ class Chain:
     third: Displacement
     to_tool: Array  # (4, 4) con -> tcp
     manufacturing_std_mm: Array  # (N, 3)
-    fiducial_noise_px: Array  # (V,)
+    target_noise_px: Array  # (V,)
+    matrix_covariance: Array  # (12 V, 12 V) of the resected matrices (``nonlinearity.matrix_covariance``)
+    manufactured: bool  # whether fiducials have manufacturing errors, which the views share
     kinds: tuple[Kind, ...]  # of every block, in the order of the chain
 
 
@@ -132,6 +135,7 @@ def chain_of(system: System) -> Chain:
     )
     projections, points, per_error = _estimator_geometry(system, first)
     std = system.manufacturing_std_mm
+    fiducial_noise = np.array([view.fiducial_noise_px for view in system.views])
     return Chain(
         system=system,
         projections=projections,
@@ -143,6 +147,8 @@ def chain_of(system: System) -> Chain:
         third=third,
         to_tool=system.T_tcp_con,
         manufacturing_std_mm=std,
-        fiducial_noise_px=np.array([view.fiducial_noise_px for view in system.views]),
+        target_noise_px=np.array([view.target_noise_px for view in system.views]),
+        matrix_covariance=matrix_covariance(projections, points, per_error, std, fiducial_noise),
+        manufactured=bool(std.any()),
         kinds=_kinds(system, std),
     )

@@ -1,4 +1,4 @@
-"""What the images do to the point of one target, all of it compiled: gains, Eq 16's covariance, the validity number."""
+"""What the images do to the point of one target, compiled: gains and Eq 16's covariance."""
 
 from __future__ import annotations
 
@@ -9,70 +9,19 @@ from numba import njit
 
 from ..system import Array
 from .noise import mean_rows, noise_gains_jit
-from .parallax import motion_of_image, parallax_gains
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _images_by_error(projections: Array, points: Array, per_error: Array) -> Array:
-    """(V, N, 2, 3) px per mm: how the image of each point (N, 3) moves with its manufacturing error."""
-    views, count = projections.shape[0], points.shape[0]
-    out = np.zeros((views, count, 2, 3))
-    motion = np.empty((2, 3))
-    for v in range(views):
-        for i in range(count):
-            motion_of_image(projections[v], points[i], motion)
-            for c in range(2):
-                for k in range(3):
-                    for j in range(3):
-                        out[v, i, c, k] += motion[c, j] * per_error[j, k]
-    return out
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _validity_number(perspective: Array, parallax: Array, per_error: Array, std: Array, noises: Array) -> float:
-    """nu: standard deviation of what first order divides by, relative to itself; the largest of two kinds.
-
-    The relative perspective error at the target, ``dw(q)/w(q) - dw(c)/w(c)`` with w the estimated depth and c the
-    fiducials' centroid, of each view: free of gauge.  And the relative error of the firmness with which all rays
-    cross (``parallax.py``).  Manufacturing errors count through their images.  perspective (V, N, 2) and parallax
-    (V, N, 2, 2 V) per px; per_error (V, N, 2, 3) px per mm; std (N, 3) mm; noises (V,) px.
-    """
-    views, count, _, images = parallax.shape
-    crossing = 0.0
-    largest = 0.0
-    for v in range(views):
-        own = 0.0
-        for i in range(count):
-            for c in range(2):
-                own += (noises[v] * perspective[v, i, c]) ** 2
-                for x in range(images):
-                    crossing += (noises[v] * parallax[v, i, c, x]) ** 2
-            for k in range(3):
-                made = perspective[v, i, 0] * per_error[v, i, 0, k] + perspective[v, i, 1] * per_error[v, i, 1, k]
-                own += (made * std[i, k]) ** 2
-        largest = max(largest, own)
-    for i in range(count):
-        for k in range(3):
-            for x in range(images):
-                made = 0.0
-                for v in range(views):
-                    for c in range(2):
-                        made += parallax[v, i, c, x] * per_error[v, i, c, k]
-                crossing += (made * std[i, k]) ** 2
-    return sqrt(max(largest, crossing))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def image_gains(
-    projections: Array, points: Array, target: Array, per_error: Array, std: Array, noises: Array, gains: Array
-) -> tuple[bool, Array, float, float]:
+    projections: Array, points: Array, target: Array, per_error: Array, std: Array, gains: Array
+) -> tuple[bool, Array, float]:
     """Gains of every image noise and manufacturing error on the reconstructed point, by column.
 
     projections (V, 3, 4), points (N, 3) and target (3,) mm as ``noise_gains`` takes them; per_error (3, 3): what a
-    manufacturing error does to the points; std (N, 3) mm of it; noises (V,) px of the fiducials.  Fills the first
-    columns of gains (3, K): for each view 2 N of its fiducials (u and v of each) and 2 of the target, mm per px; then
-    3 N of the manufacturing errors (x, y, z of each), mm per mm, if any is not 0.  Returns (whether all gains of noise
-    are finite, (3, 3) mm^2 covariance of the manufacturing errors as Eq 16 has it: cross-view terms dropped, nu,
+    manufacturing error does to the points; std (N, 3) mm of it.  Fills the first columns of gains (3, K): for each view
+    2 N of its fiducials (u and v of each) and 2 of the target, mm per px; then 3 N of the manufacturing errors (x, y, z
+    of each), mm per mm, if any is not 0.  Returns (whether all gains of noise
+    are finite, (3, 3) mm^2 covariance of the manufacturing errors as Eq 16 has it: cross-view terms dropped,
     distance of the target from the points' centroid over their RMS radius).
     """
     views, count = projections.shape[0], points.shape[0]
@@ -108,9 +57,6 @@ def image_gains(
                     for x in range(3):
                         for k in range(3):
                             block_diagonal[j, x] += through[j, k] * through[x, k] * std[i, k] ** 2
-    parallax = parallax_gains(projections, points, target)
-    moved = _images_by_error(projections, points, per_error)
-    nu = _validity_number(perspective, parallax, moved, std, noises)
     centroid = mean_rows(points)
     away = 0.0
     square = 0.0
@@ -118,4 +64,4 @@ def image_gains(
         away += (target[k] - centroid[k]) ** 2
         for i in range(count):
             square += (points[i, k] - centroid[k]) ** 2 / count
-    return np.isfinite(total), block_diagonal, nu, sqrt(away / square)
+    return np.isfinite(total), block_diagonal, sqrt(away / square)

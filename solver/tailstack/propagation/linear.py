@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import IllPosedError, Problem
-from ..system import Array, Law, Reading, System, Target
+from ..system import Array, Law, Reading, System, Target, Triangulation
 from .chain import Block, Chain, chain_of, estimator_geometry
 from .images import image_gains
+from .nonlinearity import Nonlinearity, nonlinearity
 
 __all__ = [
     "Block",
@@ -39,8 +40,13 @@ class LinearModel:
     blocks: tuple[Block, ...]
     tcp_from_localisation: Array  # (3, 3): what a displacement of q_hat in con does in tcp
     manufacturing_block_diagonal: Array  # (3, 3) con, covariance of Eq 16: cross-view terms dropped
-    nu: float  # validity number: standard deviation of what first order divides by, relative to it; the largest
+    nonlinearity: Nonlinearity
     extrapolation: float  # distance of the point from the fiducials' centroid over their RMS radius
+
+    @property
+    def nu(self) -> float:
+        """The validity number: the largest of the three relative errors that first order takes for small."""
+        return self.nonlinearity.nu
 
     def gain(self, block: Block, error: str) -> Array:
         return block.tcp if error == "tcp" else block.localisation
@@ -81,10 +87,9 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
     system = chain.system
     reconstructed, torsor_1 = _reconstructed(chain, target)
     localisation = np.zeros((3, chain.kinds[-1].place.stop))  # what the images do comes first
-    finite, block_diagonal, nu, extrapolation = image_gains(
-        chain.projections, chain.points, reconstructed, chain.per_error, chain.manufacturing_std_mm,
-        chain.fiducial_noise_px, localisation,
-    )  # fmt: skip
+    finite, block_diagonal, extrapolation = image_gains(
+        chain.projections, chain.points, reconstructed, chain.per_error, chain.manufacturing_std_mm, localisation
+    )
     if not finite:
         raise IllPosedError(
             Problem(
@@ -112,6 +117,10 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
     ):
         if name in place:
             tcp[:, place[name]] = sources.direction if acting is None else acting @ sources.direction
+    numbers = nonlinearity(
+        chain.projections, chain.points, reconstructed, chain.matrix_covariance, chain.target_noise_px,
+        published=system.triangulation is Triangulation.PUBLISHED, coupled=chain.manufactured,
+    )  # fmt: skip
     return LinearModel(
         target=target,
         reconstructed_mm=reconstructed,
@@ -120,7 +129,7 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
         blocks=tuple(kind.block(localisation, tcp) for kind in chain.kinds),
         tcp_from_localisation=to_tcp,
         manufacturing_block_diagonal=block_diagonal,
-        nu=nu,
+        nonlinearity=numbers,
         extrapolation=extrapolation,
     )
 

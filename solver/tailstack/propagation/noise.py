@@ -60,15 +60,12 @@ def mean_rows(points: Duck) -> Duck:
 
 
 @register_jitable  # type: ignore[untyped-decorator]
-def view_residual_gains(
-    projection: Duck, points: Duck, centre: Duck, target: Duck, gains: Duck, perspective: Duck
-) -> Duck:
-    """One view: gains of the target's residual by the fiducials' image noise.
+def eliminate(projection: Duck, points: Duck, centre: Duck) -> Duck:
+    """The normal equations of one view's resection with p1 and p2 eliminated: what every gain of the view takes.
 
-    projection (3, 4) with |p3| = 1; points (N, 3), centre (3,), target (3,) in mm.  Fills ``gains`` (N, 2, 2):
-    residual (rows u, v) per px of noise (columns u, v); and ``perspective`` (N, 2): gauge-free relative
-    perspective error at the target, ``dw(q)/w(q) - dw(c)/w(c)``, per px.  Returns (target image u, v
-    relative to the centre's image; the centre's image u, v; target depth) as a (5,) array.
+    projection (3, 4) with |p3| = 1; points (N, 3), centre (3,) in mm.  Returns, in coordinates whose origin is the
+    centre and whose image origin is the image (u0, v0) of the centre: the projection's rows (3, 4); the images
+    (N, 3), u, v and depth; the points (N, 4); D^-1 (3, 3); D^-1 Gu and D^-1 Gv (4, 4); S^-1 (3, 3); (u0, v0) (2,).
     """
     count = points.shape[0]
     head = np.zeros((3, 4), points.dtype)  # rows p1, p2, p3 in coordinates centred on the fiducials
@@ -78,11 +75,12 @@ def view_residual_gains(
             head[r, k] = projection[r, k]
             head[r, 3] = head[r, 3] + projection[r, k] * centre[k]
     # Image origin at the image of the centroid: without it Gw - Gu D^-1 Gu loses six digits to cancellation.
-    u0 = head[0, 3] / head[2, 3]
-    v0 = head[1, 3] / head[2, 3]
+    origin = np.zeros(2, points.dtype)
+    origin[0] = origin[0] + head[0, 3] / head[2, 3]
+    origin[1] = origin[1] + head[1, 3] / head[2, 3]
     for k in range(4):
-        head[0, k] = head[0, k] - u0 * head[2, k]
-        head[1, k] = head[1, k] - v0 * head[2, k]
+        head[0, k] = head[0, k] - origin[0] * head[2, k]
+        head[1, k] = head[1, k] - origin[1] * head[2, k]
 
     image = np.zeros((count, 3), points.dtype)  # u, v, depth of each fiducial
     local = np.zeros((count, 4), points.dtype)
@@ -130,8 +128,22 @@ def view_residual_gains(
         for k in range(3):
             for m in range(4):
                 s[j, k] = s[j, k] - gu[j, m] * du[m, k] - gv[j, m] * dv[m, k]
-    s_inv = inverse3(s)
+    return head, image, local, d_inv, du, dv, inverse3(s), origin
 
+
+@register_jitable  # type: ignore[untyped-decorator]
+def view_residual_gains(
+    projection: Duck, points: Duck, centre: Duck, target: Duck, gains: Duck, perspective: Duck
+) -> Duck:
+    """One view: gains of the target's residual by the fiducials' image noise.
+
+    projection (3, 4) with |p3| = 1; points (N, 3), centre (3,), target (3,) in mm.  Fills ``gains`` (N, 2, 2):
+    residual (rows u, v) per px of noise (columns u, v); and ``perspective`` (N, 2): gauge-free relative
+    perspective error at the target, ``dw(q)/w(q) - dw(c)/w(c)``, per px.  Returns (target image u, v
+    relative to the centre's image; the centre's image u, v; target depth) as a (5,) array.
+    """
+    count = points.shape[0]
+    head, image, local, d_inv, du, dv, s_inv, origin = eliminate(projection, points, centre)
     tq = np.zeros(4, points.dtype)
     for k in range(3):
         tq[k] = target[k] - centre[k]
@@ -194,8 +206,8 @@ def view_residual_gains(
     out = np.zeros(5, points.dtype)
     out[0] = tu
     out[1] = tv
-    out[2] = u0
-    out[3] = v0
+    out[2] = origin[0]
+    out[3] = origin[1]
     out[4] = t2
     return out
 

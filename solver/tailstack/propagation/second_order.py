@@ -5,10 +5,11 @@ With standardised independent inputs z and the chain's error ``e(z)``, Hessians 
     E e      = e(0) + 1/2 tr(H_k)
     Cov e    = J J' + 1/2 tr(H_k H_l)       (exact to this order for normal z)
 
-The mean shift is as a rule good to some 10 % at nu = 0.02; at 0.05, the limit, it may be several times too large, as
-it is for a small cluster far from its target.  A quantile from the corrected covariance is as a rule no nearer to
-Monte Carlo than first order's: products of first and third derivatives are left out, as large as what is kept and often
-of the other sign (docs/method.md, section 4, has figures).
+``nu`` is here that of what first order divides by (``Nonlinearity.divisor``). The mean shift is as a rule good to
+some 10 % at nu = 0.02; at 0.05, the limit, it may be several times too large, as it is for a small cluster far from
+its target. A quantile from the corrected covariance is as a rule no nearer to Monte Carlo than first order's:
+products of first and third derivatives are left out, as large as what is kept and often of the other sign
+(docs/method.md, section 4, has figures).
 
 Uniform and triangular inputs enter with their variances, as if normal.  Hessians are central differences
 of the *estimator itself*, which shares nothing with the analytic first-order model.
@@ -29,15 +30,15 @@ LARGEST_DIMENSION = 400
 PAIRS_PER_BATCH = 20_000
 
 
-def refuse_outside_range(nu: float, dimension: int) -> None:
+def refuse_outside_range(divisor: float, dimension: int) -> None:
     """Raise OutOfRangeError where the correction is known to be worse than none, or too large to form."""
-    if nu > SECOND_ORDER_LIMIT:
+    if divisor > SECOND_ORDER_LIMIT:
         raise OutOfRangeError(
             Problem(
                 "",
                 "second-order-out-of-range",
-                f"nu = {nu:.2g} exceeds {SECOND_ORDER_LIMIT:g}: the expansion diverges here (at nu = 0.10 it errs by "
-                "up to 41 % where first order errs by 4 %)",
+                f"nu = {divisor:.2g} (of depths and crossing) exceeds {SECOND_ORDER_LIMIT:g}: the expansion diverges "
+                "here (at nu = 0.10 it errs by up to 41 % where first order errs by 4 %)",
                 "use Monte Carlo: `tailstack verify`",
             )
         )

@@ -1,19 +1,23 @@
 """How far first order can be trusted: the validity number nu and what it was calibrated to mean.
 
-nu (``images._validity_number``) is the standard deviation of what first order divides by, relative to itself: of the
-depth in each image, and of the firmness with which the rays cross.  First order takes it to be small.  The thresholds
-were calibrated by Monte Carlo on families of layouts, with views far apart and close together (``docs/method.md``,
-``benchmarks/validity_calibration.py``): they hold the error of the first-order P95 on 95 % of them.  Higher quantiles
-err more, and towards optimism.  Six fiducials leave one redundant equation, and near-critical layouts then err by up
-to 25 % at nu = 0.02, mostly towards pessimism: nu counts five times there.
+nu is the largest of the three numbers of ``nonlinearity.py``: standard deviations of relative errors that first order
+takes for small.  The thresholds were calibrated by Monte Carlo on thousands of random layouts of each class of
+``CALIBRATED`` (``benchmarks/validity_calibration.py``; the tables are in ``docs/method.md``, section 4).  What is
+outside these classes is not judged by first order at all.
+
+Few fiducials leave few redundant equations (six leave one), and near-critical layouts then err while nu is small,
+mostly towards pessimism: nu counts more there.  Higher quantiles err more, and towards optimism: the error that is
+expected at P95 is multiplied.
 """
 
 from __future__ import annotations
 
-from math import degrees
+from math import degrees, inf
 from typing import Literal
 
 from ..results import Validity
+from ..system import RotationForm, System
+from .nonlinearity import Nonlinearity
 
 Level = Literal["good to 1 %", "good to 5 %", "good to 20 %"]
 
@@ -24,36 +28,88 @@ LEVELS: tuple[tuple[float, Level, float], ...] = (
     (0.15, "good to 20 %", 20.0),
 )
 ROTATION_LIMITS_RAD = (0.1, 0.22, 0.45)  # 0.7 times their squares: 0.7, 3.4 and 14 %
-FEWEST_FIDUCIALS = 6
-SIX_FIDUCIALS_FACTOR = 5.0
+COUNTED = {6: 5.0, 7: 2.0, 8: 2.0}  # how often nu counts with so many fiducials
+# (quantile up to, how many times the error of P95 its error may be)
+QUANTILES = ((0.95, 1.0), (0.99, 2.0), (0.999, 4.0))
+CALIBRATED_VIEWS = (2, 8)
+CALIBRATED_FIDUCIALS = (6, 40)
 SECOND_ORDER_LIMIT = 0.05  # second order is offered below; at nu = 0.10 it errs by +26 % and -41 %
 
+PARTS = {
+    "depth": "how well the depths are known",
+    "crossing": "how firmly the rays cross",
+    "disagreement": "by how much the views disagree",
+}
 
-def validity(nu: float, fiducials: int, rotation_rad: float = 0.0) -> Validity:
-    """Statement about the linearisation: nu at the worst target, and the largest random rotation.
 
-    rotation_rad: largest standard deviation (half-width if bounded) of a random rotation.  Its second order is
-    some 0.7 of its square: 0.08, 0.20 and 0.54 % were measured at 1, 2 and 5 degrees.
+def error_percent(trust: Validity, quantile: float) -> float:
+    """Up to how many per cent a first-order quantile may be off; inf where nothing is known."""
+    if trust.expected_error_percent is None:
+        return inf
+    return next((trust.expected_error_percent * times for limit, times in QUANTILES if quantile <= limit), inf)
+
+
+def _class_of(system: System) -> tuple[str, str]:
+    """(the class of a system in words, why it was not calibrated or "")."""
+    views, fiducials = len(system.views), len(system.fiducials_mm)
+    words = f"{views} views, {fiducials} fiducials, {system.triangulation} triangulation"
+    if not CALIBRATED_VIEWS[0] <= views <= CALIBRATED_VIEWS[1]:
+        return words, f"{views} views (calibrated: {CALIBRATED_VIEWS[0]} to {CALIBRATED_VIEWS[1]})"
+    if not CALIBRATED_FIDUCIALS[0] <= fiducials <= CALIBRATED_FIDUCIALS[1]:
+        return words, f"{fiducials} fiducials (calibrated: {CALIBRATED_FIDUCIALS[0]} to {CALIBRATED_FIDUCIALS[1]})"
+    if system.rotation_form is not RotationForm.FULL:
+        return words, "rotations in their small-angle form"
+    return words, ""
+
+
+def validity(numbers: Nonlinearity, system: System, rotation_rad: float = 0.0) -> Validity:
+    """Statement about the linearisation of a system.
+
+    numbers: at the worst target.  rotation_rad: largest standard deviation (half-width if bounded) of a random
+    rotation.  Its second order is some 0.7 of its square: 0.08, 0.20 and 0.54 % were measured at 1, 2 and 5 degrees.
     """
-    few = fiducials <= FEWEST_FIDUCIALS
-    effective = nu * SIX_FIDUCIALS_FACTOR if few else nu
-    counted = f"nu = {nu:.2g}" + (f" (counted {SIX_FIDUCIALS_FACTOR:g} times: {fiducials} fiducials)" if few else "")
+    fiducials = len(system.fiducials_mm)
+    words, uncalibrated = _class_of(system)
+    times = COUNTED.get(fiducials, 1.0)
+    part = max(numbers._asdict(), key=numbers._asdict().__getitem__)
+    counted = f"nu = {numbers.nu:.2g} ({PARTS[part]}" + (
+        f"; counted {times:g} times: {fiducials} fiducials)" if times > 1 else ")"
+    )
     if rotation_rad > ROTATION_LIMITS_RAD[0]:
         counted += f", random rotations of {degrees(rotation_rad):.3g} deg"
+
+    def said(status: Level | Literal["not valid"], percent: float | None, statement: str) -> Validity:
+        return Validity(
+            nu=numbers.nu,
+            status=status,
+            expected_error_percent=percent,
+            statement=statement,
+            nu_depth=numbers.depth,
+            nu_crossing=numbers.crossing,
+            nu_disagreement=numbers.disagreement,
+            layout_class=words,
+            calibrated=not uncalibrated,
+        )
+
+    if uncalibrated:
+        return said(
+            "not valid",
+            None,
+            f"{counted}; first order was not calibrated for {uncalibrated}: what its P95 is worth is not known, and "
+            "only Monte Carlo (`tailstack verify`) decides",
+        )
     for (limit, status, percent), turn in zip(LEVELS, ROTATION_LIMITS_RAD, strict=True):
-        if effective <= limit and rotation_rad <= turn:
-            return Validity(
-                nu=nu,
-                status=status,
-                expected_error_percent=percent,
-                statement=f"{counted}: first-order P95 agrees with the full chain within {percent:g} %"
+        if times * numbers.nu <= limit and rotation_rad <= turn:
+            return said(
+                status,
+                percent,
+                f"{counted}: first-order P95 agrees with the full chain within {percent:g} %"
                 + ("" if percent <= 1 else "; where it errs it is mostly optimistic: verify by Monte Carlo"),
             )
-    return Validity(
-        nu=nu,
-        status="not valid",
-        expected_error_percent=None,
-        statement=f"{counted}, beyond {LEVELS[-1][0]:g} or {degrees(ROTATION_LIMITS_RAD[-1]):.0f} deg: first order is "
-        "optimistic here and its P95 must not be used; only Monte Carlo (`tailstack verify`) speaks, and beyond "
-        "nu = 0.2 not even the standard deviation exists",
+    return said(
+        "not valid",
+        None,
+        f"{counted}, beyond {LEVELS[-1][0]:g} or {degrees(ROTATION_LIMITS_RAD[-1]):.0f} deg: first order may be "
+        "optimistic here by a factor and its P95 must not be used; only Monte Carlo (`tailstack verify`) speaks"
+        + (", and beyond nu = 0.2 not even the standard deviation exists" if numbers.divisor > LEVELS[-1][0] else ""),
     )

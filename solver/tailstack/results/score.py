@@ -176,6 +176,17 @@ class Validity:
     """Largest relative error of P95 that is to be expected, %; null where first order is not valid."""
     statement: str
     """The same as a sentence."""
+    nu_depth: float
+    """Standard deviation of the relative error of the target's depth, the largest over the views; nu is the largest of
+    three such numbers."""
+    nu_crossing: float
+    """The same of the firmness with which the rays cross."""
+    nu_disagreement: float
+    """What the views' disagreement moves the point by, over what first order does: standard deviations."""
+    layout_class: str
+    """What decides whether the thresholds were calibrated for a design: views, fiducials, form of triangulation."""
+    calibrated: bool
+    """Whether they were. If not, first order is not valid, and only Monte Carlo decides a limit."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -277,7 +277,7 @@ def _record(
     def rms(squares: Array, part: slice) -> float:
         return sqrt(float(squares[part].mean()))
 
-    nu = max(case.models[target].nu, resting.nu)
+    nu = max(case.models[target].nonlinearity.divisor, resting.nonlinearity.divisor)
     share = max(float(squares.max() / squares.sum()) for squares in (norms.gain_squared, still.gain_squared))
     spread = nu <= NO_DEVIATION and share <= MOST_SHARE
     gain = sectioned(lambda part: rms(norms.gain_squared, part) / rms(still.gain_squared, part), trials, first.gain)

@@ -36,7 +36,7 @@ class CouplingCase:
     p95_noise_mm: float  # at the nominal geometry
     p95_vector_sum_mm: float  # of (error without noise + noise at the nominal geometry), trial by trial
     p95_first_order_mm: float  # of the first-order law, linearised at the biased geometry
-    nu: float  # of first order, the larger of both geometries'; beyond 0.2 the noise has no standard deviation
+    nu: float  # of depths and crossing, the larger of both geometries'; beyond 0.2 the noise has no standard deviation
     largest_share: float  # of one trial in the sum of squares of the noise, the larger of both geometries'
     noise_rms_biased_mm: float | None  # root mean square of what image noise adds to the localisation error, installed
     noise_rms_nominal_mm: float | None  # and at the nominal geometry; None where there is no standard deviation

@@ -176,7 +176,7 @@ def _examined(system: System, target: int, error: Error, place: Place, trials: i
     gains = gains_in_plan_order(plan, model.blocks, 0, error)
     found = compared(plan, gains, law.law.mean, first, error, trials, seed)
     second, why = _second_order(plan, model, error, law.law.mean, law.total_covariance, first)
-    trust = validity(model.nu, place.fiducials, largest_rotation_rad(model))
+    trust = validity(model.nonlinearity, here, largest_rotation_rad(model))
     within, sure = classified(found.ratio, found.interval)
     low, high = found.interval
     return LinearityPoint(
@@ -209,7 +209,7 @@ def _second_order(
     """The first-order P95 times what mean and covariance to second order do to the Gaussian one, or why there is
     none."""
     try:
-        refuse_outside_range(model.nu, plan.inputs)
+        refuse_outside_range(model.nonlinearity.divisor, plan.inputs)
     except OutOfRangeError as refusal:
         return None, refusal.problems[0].detail
     scaled = np.hstack([model.gain(block, error) * block.std for block in model.blocks])

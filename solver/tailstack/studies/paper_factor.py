@@ -57,7 +57,7 @@ def second_order(here: System, target: int, model: LinearModel) -> list[tuple[st
     """The second-order correction, or nothing where it is refused."""
     plan = compile_plan(here)
     try:
-        refuse_outside_range(model.nu, plan.inputs)
+        refuse_outside_range(model.nonlinearity.divisor, plan.inputs)
     except OutOfRangeError:
         return []
     gains = np.hstack([block.localisation * block.std for block in model.blocks])

@@ -26,12 +26,25 @@ class Validity:
         expected_error_percent (float | None): Largest relative error of P95 that is to be expected, %; null where first
             order is not valid.
         statement (str): The same as a sentence.
+        nu_depth (float): Standard deviation of the relative error of the target's depth, the largest over the views; nu
+            is the largest of three such numbers.
+        nu_crossing (float): The same of the firmness with which the rays cross.
+        nu_disagreement (float): What the views' disagreement moves the point by, over what first order does: standard
+            deviations.
+        layout_class (str): What decides whether the thresholds were calibrated for a design: views, fiducials, form of
+            triangulation.
+        calibrated (bool): Whether they were. If not, first order is not valid, and only Monte Carlo decides a limit.
     """
 
     nu: float
     status: ValidityStatus
     expected_error_percent: float | None
     statement: str
+    nu_depth: float
+    nu_crossing: float
+    nu_disagreement: float
+    layout_class: str
+    calibrated: bool
 
     def to_dict(self) -> dict[str, Any]:
         nu = self.nu
@@ -43,6 +56,16 @@ class Validity:
 
         statement = self.statement
 
+        nu_depth = self.nu_depth
+
+        nu_crossing = self.nu_crossing
+
+        nu_disagreement = self.nu_disagreement
+
+        layout_class = self.layout_class
+
+        calibrated = self.calibrated
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -51,6 +74,11 @@ class Validity:
                 "status": status,
                 "expected_error_percent": expected_error_percent,
                 "statement": statement,
+                "nu_depth": nu_depth,
+                "nu_crossing": nu_crossing,
+                "nu_disagreement": nu_disagreement,
+                "layout_class": layout_class,
+                "calibrated": calibrated,
             }
         )
 
@@ -72,11 +100,26 @@ class Validity:
 
         statement = d.pop("statement")
 
+        nu_depth = d.pop("nu_depth")
+
+        nu_crossing = d.pop("nu_crossing")
+
+        nu_disagreement = d.pop("nu_disagreement")
+
+        layout_class = d.pop("layout_class")
+
+        calibrated = d.pop("calibrated")
+
         validity = cls(
             nu=nu,
             status=status,
             expected_error_percent=expected_error_percent,
             statement=statement,
+            nu_depth=nu_depth,
+            nu_crossing=nu_crossing,
+            nu_disagreement=nu_disagreement,
+            layout_class=layout_class,
+            calibrated=calibrated,
         )
 
         return validity

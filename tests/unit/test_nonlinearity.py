@@ -1,0 +1,209 @@
+"""What first order takes for small: each of the three numbers against estimates by SVD, and what they say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scenes import cube8_system, cube_fiducials, projection_looking, random_system, system_of, target, with_noise
+from tailstack.geometry.symmetric import eigen_symmetric
+from tailstack.montecarlo.estimators import quantile_estimate
+from tailstack.montecarlo.simulate import simulate
+from tailstack.propagation.linear import covariance, estimator_geometry, linearise
+from tailstack.propagation.nonlinearity import matrix_gains
+from tailstack.scoring import score
+from tailstack.system import Triangulation
+from tailstack.tail.gaussian import norm_quantile
+
+
+def resected(points, images):
+    """(3, 4) by the plain DLT, points about their mean and in units of their size; |p3| = 1."""
+    centre, size = points.mean(axis=0), np.ptp(points)
+    rows = []
+    for point, (u, v) in zip((points - centre) / size, images, strict=True):
+        y = np.append(point, 1.0)
+        rows += [np.concatenate([y, 0 * y, -u * y]), np.concatenate([0 * y, y, -v * y])]
+    matrix = np.linalg.svd(np.array(rows))[2][-1].reshape(3, 4)
+    back = np.eye(4) / size
+    back[:3, 3], back[3, 3] = -centre / size, 1.0
+    matrix = matrix @ back
+    return matrix / np.linalg.norm(matrix[2, :3]) * np.sign(matrix[2] @ np.append(centre, 1.0))
+
+
+def seen(matrix, point):
+    x = matrix @ np.append(point, 1.0)
+    return x[:2] / x[2]
+
+
+def scene(views, azimuth=0.9, manufactured=True):
+    """(system, matrices with images in units of a thousand px, points, where the target is reconstructed)."""
+    system = random_system(np.random.default_rng(3), fiducials=8, views=views)
+    looking = tuple(
+        replace(view, projection=projection_looking(0.1 + k * azimuth, 620.0 + 40.0 * k, 0.3 * k))
+        for k, view in enumerate(system.views)
+    )
+    system = replace(system, views=looking)
+    if not manufactured:
+        system = replace(system, manufacturing_half_width_mm=0.0 * system.manufacturing_half_width_mm)
+    projections, points, _ = estimator_geometry(system)
+    unit = np.diag([1e-3, 1e-3, 1.0])  # so that the columns of the DLT are alike
+    return system, [unit @ p for p in projections], points, linearise(system, system.targets[0]).reconstructed_mm
+
+
+def derivatives(matrices, points, stds_px, function, per_error=None, std_mm=None):
+    """(inputs, ...) change of ``function(matrices)`` per standard deviation of each random input of the fiducials, by
+    central differences of plain DLTs: image noises of every view, then manufacturing errors."""
+    images = [np.array([seen(m, point) for point in points]) for m in matrices]
+    step = 0.02e-3
+    out = []
+    for v in range(len(matrices)):
+        for i in range(len(points)):
+            for axis in range(2):
+                ends = []
+                for sign in (1.0, -1.0):
+                    kicked = images[v].copy()
+                    kicked[i, axis] += sign * step
+                    ends.append(function([resected(points, kicked) if w == v else m for w, m in enumerate(matrices)]))
+                out.append((ends[0] - ends[1]) / (2 * step) * stds_px[v] * 1e-3)
+    if std_mm is not None:
+        for i in range(len(points)):
+            for k in range(3):
+                ends = []
+                for sign in (1.0, -1.0):
+                    moved = points.copy()
+                    moved[i] += sign * 0.004 * per_error[:, k]
+                    ends.append(function([resected(points, [seen(m, x) for x in moved]) for m in matrices]))
+                out.append((ends[0] - ends[1]) / 0.008 * std_mm[i, k])
+    return np.array(out)
+
+
+def test_every_gain_of_a_matrix_equals_the_difference_of_two_estimates():
+    """independent: each image moved by +-0.02 px, resection by SVD; compared is what has no gauge, P by the depth of
+    the centroid."""
+    _, matrices, points, _ = scene(2)
+    centre = points.mean(axis=0)
+    for m in matrices:
+        about = m @ np.block([[np.eye(3), centre[:, None]], [np.zeros((1, 3)), 1.0]])
+        image = about[:2, 3] / about[2, 3]
+
+        def centred(estimates, image=image):
+            p = estimates[0] @ np.block([[np.eye(3), centre[:, None]], [np.zeros((1, 3)), 1.0]])
+            p[:2] -= image[:, None] * p[2]
+            return (p / p[2, 3]).ravel()
+
+        expected = derivatives([m], points, [1000.0], centred).reshape(len(points), 2, 12) * about[2, 3]
+        found = matrix_gains(m, points, centre).transpose(1, 2, 0)
+        for part in (slice(0, 4), slice(4, 8), slice(8, 12)):
+            assert np.allclose(found[..., part], expected[..., part], atol=2e-4 * np.abs(expected[..., part]).max())
+
+
+@pytest.mark.parametrize(("views", "azimuth"), [(2, 0.02), (2, 0.3), (2, 1.5), (3, 0.8)])
+def test_depth_and_crossing_are_what_differences_of_estimates_say(views, azimuth):
+    """independent: plain DLTs by SVD, slopes of the estimated projections along the weakest direction; manufacturing
+    errors included."""
+    system, matrices, points, aim = scene(views, azimuth)
+    _, _, per_error = estimator_geometry(system)
+    noises = [view.fiducial_noise_px for view in system.views]
+    inputs = (matrices, points, noises)
+    made = {"per_error": per_error, "std_mm": system.manufacturing_std_mm}
+    centre = points.mean(axis=0)
+
+    def depths(estimates):
+        return np.array([np.log((m[2] @ np.append(aim, 1)) / (m[2] @ np.append(centre, 1))) for m in estimates])
+
+    depth = np.sqrt((derivatives(*inputs, depths, **made) ** 2).sum(axis=0)).max()
+
+    def slope(estimates, direction):
+        ends = [np.concatenate([seen(m, aim + s * 0.35 * direction) for m in estimates]) for s in (1, -1)]
+        return (ends[0] - ends[1]) / 0.7
+
+    _, values, right = np.linalg.svd(np.stack([slope(matrices, axis) for axis in np.eye(3)], axis=1))
+    strong, _ = np.linalg.qr(np.stack([slope(matrices, axis) for axis in right[:2]], axis=1))
+    changes = derivatives(*inputs, lambda estimates: slope(estimates, right[2]), **made) / values[2]
+    changes = changes - changes @ strong @ strong.T
+    found = linearise(system, system.targets[0]).nonlinearity
+    assert found.depth == pytest.approx(depth, rel=1e-4)
+    assert found.crossing == pytest.approx(np.sqrt((changes**2).sum()), rel=1e-3)
+
+
+@pytest.mark.parametrize("form", list(Triangulation))
+@pytest.mark.parametrize(("views", "manufactured"), [(2, False), (2, True), (3, True), (5, False)])
+def test_disagreement_is_what_triangulation_by_svd_does_beyond_the_noise_free_rows(views, manufactured, form):
+    """independent and sampled: 3,000 draws of small noise; rows of matrices by plain DLT.  The homogeneous solution by
+    SVD against the one that weighs its rows as without noise, which meets depth and crossing but no disagreement.
+    Chance: 3 % of the number (one standard deviation); its scale by the noise is exact."""
+    system, matrices, points, aim = scene(views, 0.9, manufactured)
+    system = replace(system, triangulation=form)
+    _, _, per_error = estimator_geometry(system)
+    small = 0.02
+    rng = np.random.default_rng(7)
+    origin, unit = points.mean(axis=0), np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean() / 3)
+    if form is Triangulation.PUBLISHED:
+        origin, unit = np.zeros(3), 1.0
+    frame = np.block([[unit * np.eye(3), origin[:, None]], [np.zeros((1, 3)), 1.0]])
+
+    def rows(estimates, images):
+        stacked = []
+        for m, t in zip(estimates, images, strict=True):
+            local = m @ frame
+            local = local / np.linalg.norm(local[2, :3])
+            stacked += [t[c] * local[2] - local[c] for c in range(2)]
+        return np.array(stacked)
+
+    at_rest = rows(matrices, [seen(m, aim) for m in matrices])[:, :3]
+    rest = (aim - origin) / unit
+    first, second = [], []
+    for _ in range(3000):
+        moved = points
+        if manufactured:
+            moved = points + (small * system.manufacturing_std_mm * rng.standard_normal(points.shape)) @ per_error.T
+        estimates, images = [], []
+        for m, view in zip(matrices, system.views, strict=True):
+            clean = np.array([seen(m, x) for x in moved])
+            estimates.append(
+                resected(points, clean + small * 1e-3 * view.fiducial_noise_px * rng.standard_normal(clean.shape))
+            )
+            images.append(seen(m, aim) + small * 1e-3 * view.target_noise_px * rng.standard_normal(2))
+        b = rows(estimates, images)
+        homogeneous = np.linalg.svd(b)[2][-1]
+        plain = np.linalg.solve(at_rest.T @ b[:, :3], -at_rest.T @ b[:, 3])
+        first.append(plain - rest)
+        second.append(homogeneous[:3] / homogeneous[3] - plain)
+    ratio = np.sqrt((np.array(second) ** 2).sum() / (np.array(first) ** 2).sum()) / small
+    found = linearise(system, system.targets[0]).nonlinearity
+    assert found.disagreement == pytest.approx(ratio, rel=0.1)
+
+
+def test_the_weakest_direction_is_the_last_eigenvector():
+    """independent: LAPACK, condition numbers up to 1e9; the sign is free."""
+    rng = np.random.default_rng(1)
+    for k in range(200):
+        axes = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+        values = np.array([1.0, 10 ** -rng.uniform(0, 3), 0.5 * 10 ** -rng.uniform(3, 9)])
+        matrix = (axes * values) @ axes.T
+        assert abs(eigen_symmetric(0.5 * (matrix + matrix.T))[1][:, 2] @ axes[:, 2]) == pytest.approx(1.0, abs=1e-9), k
+
+
+def test_first_order_is_not_trusted_where_rays_are_as_parallel_as_their_noise():
+    """Eight beads, rays 0.23 deg apart, 0.3 px: by perspective alone nu was 0.001, and first order 'good to 1 %'."""
+    views = tuple(
+        replace(view, projection=projection_looking(azimuth))
+        for view, azimuth in zip(cube8_system().views, (0.0, 0.004), strict=True)
+    )
+    said = score(cube8_system(views=views)).validity
+    assert said.status == "not valid"
+    assert "must not be used" in said.statement
+
+
+@pytest.mark.parametrize(("angle_deg", "noise_px", "level"), [(1.0, 0.015, 1.0), (3.0, 0.15, 5.0), (2.0, 0.3, 20.0)])
+def test_close_views_err_no_more_than_is_said(angle_deg, noise_px, level):
+    """independent: the full chain, 60,000 trials, whose own error has a standard deviation of some 0.4 %."""
+    views = with_noise(noise_px, azimuths_rad=(0.0, float(np.radians(angle_deg))))
+    system = system_of(cube_fiducials(30.0), views=views, targets=(target((10.0, 5.0, 40.0)),))
+    said = score(system).validity
+    assert said.expected_error_percent == level
+    first = norm_quantile(0.95, np.zeros(3), covariance(linearise(system, system.targets[0]), "localisation"))
+    found = quantile_estimate(simulate(system, trials=60_000, seed=4), 0, "localisation", 0.95)
+    assert abs(first / found.value_mm - 1) <= level / 100 + 0.01
