@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Iterator
+
+import pytest
 from dask_cluster import dask_cluster
 from openapi_scenes import node_tools
 from postgres import database_url, postgres_server, postgres_url
@@ -18,3 +22,14 @@ __all__ = [
     "postgres_url",
     "store",
 ]
+
+
+@pytest.fixture
+def loggers() -> Iterator[None]:
+    """Handlers and levels that a command sets up for its own process are put back."""
+    names = ("tailstack", "uvicorn", "sqlalchemy", "alembic", "distributed")
+    kept = [(one, one.handlers, one.propagate, one.level) for one in map(logging.getLogger, names)]
+    yield
+    for logger, handlers, propagate, level in kept:
+        logger.handlers, logger.propagate = handlers, propagate
+        logger.setLevel(level)

@@ -24,7 +24,7 @@ from tailstack_service.cli.remote import RemoteError, Service
 from tailstack_service.documents import json_schema
 
 
-def test_the_demo_does_the_whole_job(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_demo_does_the_whole_job(tmp_path: Path, capsys: pytest.CaptureFixture[str], loggers: None) -> None:
     assert main(["demo", "-o", str(tmp_path / "out" / "demo")]) == 0
     out, err = capsys.readouterr()
     written = tmp_path / "out" / "demo"

@@ -1,0 +1,79 @@
+"""A test that leaves the process changed fails, and the next test does not meet the change."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+CONFTEST = Path(__file__).parents[1] / "conftest.py"
+
+# Each pair: a test that leaks, and one that fails if it meets the leak
+TESTS = """
+import logging, os, sys
+import pytest
+
+HERE = os.getcwd()
+logging.getLogger("library").setLevel(logging.ERROR)
+
+def test_sets(): os.environ["NUMBA_CPU_NAME"] = "x86-64-v4"
+def test_after_sets(): assert "NUMBA_CPU_NAME" not in os.environ
+
+def test_deletes(): del os.environ["KEPT"]
+def test_after_deletes(): assert os.environ["KEPT"] == "1"
+
+def test_changes(): os.environ["KEPT"] = "2"
+def test_after_changes(): assert os.environ["KEPT"] == "1"
+
+def test_moves(tmp_path): os.chdir(tmp_path)
+def test_after_moves(): assert os.getcwd() == HERE
+
+def test_moves_into_nowhere(tmp_path): os.chdir(tmp_path); tmp_path.rmdir()
+def test_after_moves_into_nowhere(): assert os.getcwd() == HERE
+
+def test_imports_from(): sys.path.insert(0, "/elsewhere")
+def test_after_imports_from(): assert "/elsewhere" not in sys.path
+
+def test_silences(): logging.getLogger("library").setLevel(logging.CRITICAL)
+def test_after_silences(): assert logging.getLogger("library").level == logging.ERROR
+
+def test_silences_new(): logging.getLogger("tailstack.new").setLevel(logging.CRITICAL)
+def test_after_silences_new(): assert logging.getLogger("tailstack.new").level == logging.NOTSET
+
+def test_silences_root(): logging.getLogger().setLevel(logging.CRITICAL)
+def test_after_silences_root(): assert logging.getLogger().level == logging.WARNING
+
+def test_disables(): logging.disable(logging.ERROR)
+def test_after_disables(): assert logging.root.manager.disable == logging.NOTSET
+
+def test_escapes_a_fixture(monkeypatch):
+    # nothing is recorded for an absent name, so nothing is undone
+    monkeypatch.delenv("ABSENT", raising=False)
+    os.environ["ABSENT"] = "1"
+def test_after_escapes_a_fixture(): assert "ABSENT" not in os.environ
+
+def test_innocent(monkeypatch, tmp_path, caplog):
+    monkeypatch.setenv("KEPT", "3")
+    monkeypatch.setenv("MADE", "1")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    caplog.set_level(logging.DEBUG, logger="library")
+def test_after_innocent(): assert os.environ["KEPT"] == "1"
+"""
+
+
+def test_a_test_that_leaves_the_process_changed_fails(tmp_path: Path) -> None:
+    (tmp_path / "conftest.py").write_text(CONFTEST.read_text(encoding="utf-8"), encoding="utf-8")
+    (tmp_path / "test_leaks.py").write_text(TESTS, encoding="utf-8")
+    given = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "PYTEST_"))}
+    given |= {"KEPT": "1", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    command = [sys.executable, "-m", "pytest", "-rA", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), "."]
+    done = subprocess.run(command, cwd=tmp_path, env=given, capture_output=True, text=True, timeout=60, check=False)
+    failed = set(re.findall(r"^(?:ERROR|FAILED) test_leaks\.py::test_(\w+)", done.stdout, re.MULTILINE))
+    names = set(re.findall(r"^def test_(\w+)", TESTS, re.MULTILINE))
+    assert failed == {name for name in names if not name.startswith("after_")} - {"innocent"}, done.stdout
+    assert "os.environ 'NUMBA_CPU_NAME' was None, is 'x86-64-v4'" in done.stdout
+    assert "os.environ 'KEPT' was '1', is None" in done.stdout
+    assert "log level of 'library' was 40, is 50" in done.stdout
