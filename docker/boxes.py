@@ -193,7 +193,7 @@ class Box:
 
     def compiled(self) -> int:
         """Kernels that were compiled here although the image brings its own."""
-        found = self.inside("find", "/tmp/tailstack-kernels", "-type", "f", "-name", "*.nbc").stdout
+        found = self.inside("find", "/tmp/tailstack-kernels", "-name", "*.kernel").stdout
         return len(found.split())
 
 

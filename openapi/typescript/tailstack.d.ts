@@ -6113,7 +6113,7 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description Problem: busy, warming-up, stopping, store-unavailable, store-error. */
+        /** @description Problem: busy, warming-up, stopping, store-unavailable, store-error, kernels-unusable, sources-changed. */
         Problem503: {
             headers: {
                 "X-Request-ID": components["headers"]["RequestId"];

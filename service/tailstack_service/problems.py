@@ -11,10 +11,12 @@ from tailstack.errors import (
     DesignError,
     IllPosedError,
     InfeasibleError,
+    KernelError,
     LimitError,
     NotConvergedError,
     OutOfRangeError,
     Problem,
+    SourcesChangedError,
     TailstackError,
 )
 
@@ -284,6 +286,20 @@ CATALOGUE: dict[str, ProblemType] = {
             "Or something that it holds is no longer what was stored: that result is not shown, and its job fails.",
             "An operator has to act: tailstack db check says what is wrong, tailstack db migrate brings it up to date. "
             "A damaged result is computed again when its request is sent again.",
+        ),
+        _of(
+            KernelError,
+            503,
+            "numba's settings (NUMBA_CPU_NAME, NUMBA_CPU_FEATURES, NUMBA_DISABLE_JIT) rule out the compiled kernels on "
+            "the processor that was to run them.",
+            "An operator has to act: unset what the detail names where the service or its workers are started.",
+        ),
+        _of(
+            SourcesChangedError,
+            503,
+            "The files of tailstack were replaced while a process of it was running, and it does not compute with some "
+            "of the old ones and some of the new.",
+            "An operator has to act: start the service and its workers again.",
         ),
         ProblemType(
             "internal-error",

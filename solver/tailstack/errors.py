@@ -87,3 +87,19 @@ class LimitError(TailstackError):
     slug = "limit-exceeded"
     title = "The request is larger than a stated limit"
     exit_code = 2
+
+
+class KernelError(TailstackError):
+    """numba's settings do not let the compiled kernels run on this processor."""
+
+    slug = "kernels-unusable"
+    title = "The compiled kernels cannot run here"
+    exit_code = 2
+
+
+class SourcesChangedError(TailstackError):
+    """The package's files were replaced while this process was running."""
+
+    slug = "sources-changed"
+    title = "The installation changed under a running process"
+    exit_code = 3

@@ -13,9 +13,8 @@ from enum import StrEnum
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from .arrays import Array as Array
 
 TORSOR_COMPONENTS = ("rx", "ry", "rz", "tx", "ty", "tz")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -386,3 +387,9 @@ def test_doctor_finds_nothing_wrong(call: Any) -> None:
     code, out, _ = call("doctor")
     assert code == 0, out
     assert all(line.startswith("ok") for line in out.splitlines())
+    (kernels,) = [line for line in out.splitlines() if line.split()[1] == "kernels"]
+    compiled = re.search(
+        r"(\d+) of (\d+) are compiled from these sources \([0-9a-f]{12}\) with python .* numba .* for ", kernels
+    )
+    assert compiled is not None, kernels
+    assert 0 < int(compiled[1]) <= int(compiled[2])

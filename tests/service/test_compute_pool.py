@@ -22,8 +22,8 @@ import strange_units
 from strange_units import expected_answer, request
 
 from tailstack_service.compute import child
-from tailstack_service.compute.engine import Defect, Died, GivenBack
-from tailstack_service.compute.interpreter import command, environment
+from tailstack_service.compute.engine import Defect, Died, GivenBack, OutOfDate
+from tailstack_service.compute.interpreter import code_digest, command, environment
 from tailstack_service.compute.pool import PoolEngine
 from tailstack_service.work.task import ADVANCE, Outcome, Task, UnitResult
 
@@ -75,6 +75,14 @@ def test_a_task_and_its_outcome(pool: PoolEngine) -> None:
 def test_a_death_names_its_signal(pool: PoolEngine, number: int, words: str) -> None:
     with pytest.raises(Died, match=words):
         pool.submit(task("die", signal=int(number)), f"signal-{number}").result(LONG)
+
+
+def test_a_computing_process_of_other_sources_computes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As after an installation under a running worker: the one that is started next finds the new files."""
+    monkeypatch.setattr("tailstack_service.compute.processes.code_digest", lambda: "of the files that were here")
+    words = "were replaced since this process was started"
+    with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine, pytest.raises(OutOfDate, match=words):
+        engine.submit(task(), "late").result(LONG)
 
 
 def test_what_solvers_print_does_not_meet_the_outcomes(pool: PoolEngine) -> None:
@@ -238,7 +246,7 @@ def test_processes_end_with_their_parent_even_while_they_compute() -> None:
 def test_a_process_whose_parent_is_already_another_leaves() -> None:
     """The parent can end between its start and the child's wish to end with it."""
     started = subprocess.Popen(
-        command("tailstack_service.compute.child", strange_units.FUNCTION, "1"),
+        command("tailstack_service.compute.child", strange_units.FUNCTION, "1", code_digest()),
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment(),
     )  # fmt: skip
     try:

@@ -338,51 +338,22 @@ def test_a_member_is_signed_by_the_authority_and_may_be_both_ends(tmp_path: Path
 
 # --- kernels --------------------------------------------------------------------------------------
 
-PROGRAM = """
-import os, sys
-from pathlib import Path
-sys.path[:0] = [{image!r}, {module!r}]
-import tailstack_kernels
-tailstack_kernels.PREBUILT = Path({prebuilt!r})
-import kernel_of_test
-print(kernel_of_test.twice(21), sum(kernel_of_test.twice.stats.cache_hits.values()))
-"""
 
+def test_the_package_finds_the_kernels_of_the_image() -> None:
+    """What tailstack looks for beside its modules is where the Dockerfile puts what it compiles."""
+    from tailstack import kernels
 
-@pytest.fixture(scope="module")
-def prebuilt(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A module with one kernel, and a directory that it was compiled into."""
-    place = tmp_path_factory.mktemp("kernels")
-    source = "from numba import njit\n\n\n@njit(cache=True)\ndef twice(x):\n    return 2 * x\n"
-    (place / "kernel_of_test.py").write_text(source)
-    command = [sys.executable, "-c", "import kernel_of_test; kernel_of_test.twice(1)"]
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(place / "image"), "PYTHONPATH": str(place)}
-    subprocess.run(command, env=environment, check=True, timeout=120)
-    return place, place / "image"
-
-
-def run_kernel(prebuilt: tuple[Path, Path], cache: Path) -> subprocess.CompletedProcess[str]:
-    module, image = prebuilt
-    program = PROGRAM.format(image=str(DOCKER / "image"), module=str(module), prebuilt=str(image))
-    environment = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA_CPU")}
-    environment |= {"NUMBA_CACHE_DIR": str(cache), "NUMBA_CACHE_LOCATOR_CLASSES": "tailstack_kernel_cache.Prebuilt"}
-    command = [sys.executable, "-c", program]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
-
-
-def test_prebuilt_kernels_are_found_and_not_compiled_again(prebuilt: tuple[Path, Path], tmp_path: Path) -> None:
-    done = run_kernel(prebuilt, tmp_path / "cache")
-    assert done.stdout.split() == ["42", "1"], done.stderr
-    files = [path for path in (tmp_path / "cache").rglob("*") if not path.is_dir()]
-    assert len(files) == 2  # an index and a kernel
-    assert all(path.is_symlink() and prebuilt[1] in path.resolve().parents for path in files)
-
-
-def test_without_a_place_to_write_the_reason_is_said(prebuilt: tuple[Path, Path], tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    done = run_kernel(prebuilt, tmp_path / "file" / "cache")
-    assert done.returncode != 0
-    assert "mount a tmpfs on /tmp" in done.stderr
+    (line,) = [rest for name, rest in instructions("RUN") if "compile_kernels.py" in rest]
+    compiled = re.search(r"compile_kernels\.py (\S+)", line)
+    linked = re.search(r"ln -s (\S+) (\S+)", line)
+    assert compiled is not None
+    assert linked is not None
+    assert compiled[1] == linked[1]
+    app = next(re.search(r"--target (\S+)", rest) for _, rest in instructions("RUN") if "--target" in rest)
+    assert app is not None
+    package = Path(kernels.__file__).parent
+    assert Path(linked[2]) == Path(app[1]) / "tailstack" / kernels.PREBUILT.relative_to(package)
+    assert f"--from=builder {compiled[1]} {compiled[1]}" in [rest for _, rest in instructions("COPY")]
 
 
 @pytest.mark.parametrize(

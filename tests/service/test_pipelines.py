@@ -249,9 +249,6 @@ def test_the_job_gates_and_leaves_its_reports(project: Path, tmp_path: Path) -> 
     assert "accepted by waivers.yaml" in done.said
     made = project / ".tailstack" / "installed"
     before = made.stat().st_mtime_ns
-    sources = list((project / ".tailstack").glob("lib/python*/site-packages/tailstack/*.py"))
-    assert sources
-    assert all(path.stat().st_mtime_ns % 10**9 == 0 for path in sources)
     job = interpolated(**given, designs="pass.yaml fail.yaml waived.yaml")["guides"]
     assert run_job(job, project, ["bash", "-eo", "pipefail"], python).code == 1
     assert made.stat().st_mtime_ns == before

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import platform
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from pipeline_scenes import SECONDS, environment
+from service_scenes import EXAMPLES
 
 PREFIX = "tailstack_service.cli."
 
@@ -59,3 +62,36 @@ def test_a_program_that_calls_main_keeps_its_collector() -> None:
         "print(gc.isenabled(), gc.get_freeze_count(), gc.get_threshold() == before, file=sys.stderr)"
     )
     assert told(code)[-1] == "True 0 True"
+
+
+NOT_THIS_PROCESSOR = {"NUMBA_CPU_NAME": "bdver4", "NUMBA_CPU_FEATURES": ""}  # FMA4: no processor made since 2017 has it
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (NOT_THIS_PROCESSOR, "NUMBA_CPU_NAME=bdver4 asks for kernels with fma4, which this processor ("),
+        ({"NUMBA_DISABLE_JIT": "1"}, "NUMBA_DISABLE_JIT is set, and the kernels are written for the compiler"),
+    ],
+    ids=["another processor", "no compiler"],
+)
+@pytest.mark.parametrize(
+    "command",
+    [("score", str(EXAMPLES / "demo.yaml")), ("gate", str(EXAMPLES / "demo.yaml")), ("worker",), ("serve", "--port=0")],
+    ids=lambda command: command[0],
+)
+def test_settings_of_numba_that_cannot_work_are_refused_at_the_start(
+    command: tuple[str, ...], given: dict[str, str], words: str, tmp_path: Path
+) -> None:
+    if "NUMBA_CPU_NAME" in given and platform.machine().lower() not in ("x86_64", "amd64"):
+        pytest.skip("names of x86-64 processors")
+    variables = environment(TAILSTACK_DATABASE=f"sqlite:///{tmp_path / 'jobs.sqlite3'}", **given)
+    done = subprocess.run(
+        [sys.executable, "-m", "tailstack_service.cli.main", *command],
+        env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=SECONDS, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2, done.stderr
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "internal" not in done.stderr
+    assert "unset" in done.stderr

@@ -19,6 +19,7 @@ import sqlalchemy as sa
 from strange_units import expected_answer, request
 from worker_scenes import TENANT, VERSION, finished, job, prepared_database, submit, until, working
 
+from tailstack.errors import SourcesChangedError
 from tailstack_service.store import jobs, results, tables, units
 from tailstack_service.store.database import Database, reading
 from tailstack_service.store.jobs import Job
@@ -116,6 +117,19 @@ def test_a_job_whose_kernels_are_of_another_processor_says_so(db: Database) -> N
         ended = finished(db, submit(db, request("die", signal=int(signal.SIGILL))))
     assert problem_of(ended)["type"] == "/v1/problems/unit-lost"
     assert "SIGILL (illegal instruction: kernels built for another processor)" in problem_of(ended)["detail"]
+
+
+def test_a_worker_whose_sources_were_replaced_stops_and_leaves_the_job_to_another(
+    db: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submitted = submit(db, request(units=2))
+    with monkeypatch.context() as before:
+        before.setattr("tailstack_service.compute.processes.code_digest", lambda: "of the files that were here")
+        with working(db, expected=SourcesChangedError) as (worker, _):
+            until(lambda: worker._failure is not None)
+    assert not job(db, submitted).finished
+    with working(db):
+        assert finished(db, submitted).state == "succeeded"
 
 
 def test_an_outcome_that_a_unit_cannot_have_is_a_defect(db: Database, monkeypatch: pytest.MonkeyPatch) -> None:

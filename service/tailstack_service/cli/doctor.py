@@ -8,7 +8,6 @@ import platform
 import sys
 import tempfile
 from collections.abc import Callable
-from pathlib import Path
 
 from .answer import NOT_EVALUATED, PASS, Answer
 
@@ -64,20 +63,42 @@ def _threads() -> str:
 
 
 def _compile_cache() -> str:
-    """numba writes beside the module, in NUMBA_CACHE_DIR, or in the user's cache."""
-    import tailstack
+    """Kernels are kept in NUMBA_CACHE_DIR, or in the user's cache."""
+    from tailstack.kernels import writable_directory
 
-    beside = Path(tailstack.__file__).parent / "propagation" / "__pycache__"
-    given = os.environ.get("NUMBA_CACHE_DIR")
-    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
-    for candidate in (Path(given),) if given else (beside, user):
-        try:
-            candidate.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=candidate):
-                return f"writable: {candidate}"
-        except OSError:
-            continue
-    raise RuntimeError(f"not writable: {given or beside}; set NUMBA_CACHE_DIR to a directory that is")
+    folder = writable_directory()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return f"writable: {folder}"
+    except OSError as error:
+        words = f"not writable: {folder} ({error.strerror}); set NUMBA_CACHE_DIR to a folder that is"
+        raise RuntimeError(words) from None
+
+
+def _kernels() -> str:
+    """What is kept of this very version for this processor, and whether it is what was written."""
+    from importlib import import_module
+
+    from tailstack import kernels, sources
+
+    for file in kernels.files_with_kernels():
+        import_module("tailstack." + file.removesuffix(".py").replace("/", "."))
+    for name, compiled in kernels.KERNELS.items():
+        if not isinstance(compiled._cache, kernels.KernelStore):
+            raise RuntimeError(f"{kernels.BUILT_WITH} keeps no kernels: every process compiles {name} and the others")
+    folders = (kernels.PREBUILT, kernels.writable_directory())
+    kept = [one for folder in folders for one in kernels.stored_kernels(folder)]
+    current = [one for one in kept if one.current]
+    damaged = [one.path for one in current if not one.sound]
+    if damaged:
+        raise RuntimeError(f"{len(damaged)} damaged, which are compiled again when needed; delete {damaged[0]}")
+    here = {one.name for one in current} & kernels.KERNELS.keys()
+    return (
+        f"{len(here)} of {len(kernels.KERNELS)} are compiled from these sources "
+        f"({sources.digest_of_all(sources.SOURCES)[:12]}) with {kernels.BUILT_WITH} for {kernels.target()[1]}; "
+        f"files of other sources, versions or processors, not used: {len(kept) - len(current)}"
+    )
 
 
 def _known_value() -> str:
@@ -128,6 +149,7 @@ CHECKS: dict[str, Callable[[], str]] = {
     "processor": _processor,
     "threads": _threads,
     "compile cache": _compile_cache,
+    "kernels": _kernels,
     "known value": _known_value,
     "chain": _chain,
     "port": _port,

@@ -29,10 +29,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
+    from ..compute.interpreter import refuse_unusable_kernels
     from ..http.server import address_of, bind, serve
     from ..logs import log_to_stderr
 
     settings = settings_given(arguments)
+    refuse_unusable_kernels()
     bound = bind(arguments.host, arguments.port, settings)
     log_to_stderr(settings.log_format)
     told = f"serving on {address_of(bound)}   (Ctrl-C stops; /openapi.json describes it)"

@@ -36,8 +36,10 @@ def run(arguments: argparse.Namespace) -> Answer:
             return Answer("no worker of this host is alive\n", NOT_EVALUATED)
         return Answer(f"worker {found.id} is alive\n", PASS)
 
+    from ..compute.interpreter import refuse_unusable_kernels
     from ..worker.process import run_worker
 
+    refuse_unusable_kernels()
     log_to_stderr(settings.log_format)
     if run_worker(settings, with_parent=arguments.with_parent) == signal.SIGINT:
         raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""A computing process: ``python -m tailstack_service.compute.child FUNCTION PARENT``.
+"""A computing process: ``python -m tailstack_service.compute.child FUNCTION PARENT CODE``.
 
 Tasks come on stdin and outcomes leave on stdout, as frames.  The process ends with the one that started it, whatever
 ends that, and never outlives it.
@@ -18,8 +18,10 @@ from typing import IO, Any
 
 from . import frames, warming
 from .engine import PERFORM, function_named
+from .interpreter import code_digest
 
 BEGUN = "begun"
+OTHER_CODE = 78  # exit code of a process that finds other sources than the one that started it
 WARM_UP_AFTER_SECONDS = 1.0  # idle: a service that has just started needs the processor for itself
 # CasADi keeps what it built and heaps fragment: a process that has grown is replaced between two tasks.  The count is
 # for leaks that do not show as memory.
@@ -41,12 +43,14 @@ def end_with(parent: int) -> None:
         os._exit(1)
 
 
-def main(function: str, parent: int) -> None:
-    """Compute until stdin ends, or until it is time for a fresh process."""
+def main(function: str, parent: int, code: str) -> None:
+    """Compute until stdin ends, or until it is time for a fresh process.  ``code``: digest of the parent's sources."""
     # A Ctrl-C or a stop of the whole group is for the worker to act on: a unit that died of it would be blamed
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     end_with(parent)
+    if code_digest() != code:
+        sys.exit(OTHER_CODE)
     tasks, outcomes = _private_streams()
     waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(tasks, waiting), name="tasks", daemon=True).start()
@@ -106,4 +110,4 @@ def _resident_bytes() -> int:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]))
+    main(sys.argv[1], int(sys.argv[2]), sys.argv[3])

@@ -24,6 +24,10 @@ class GivenBack(Exception):
     """The task was not computed, and not through any fault of its own."""
 
 
+class OutOfDate(GivenBack):
+    """Not computed, because the files of tailstack are no longer those that this process was started from."""
+
+
 class Engine(Protocol):
     """Takes tasks; knows nothing about jobs, leases or databases.  Its methods may be called from any thread."""
 

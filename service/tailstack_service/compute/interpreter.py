@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
 
 # Processes are the unit of parallelism here, and the libraries' own threads would fight with them.
 SINGLE_THREADED = {
@@ -17,6 +20,28 @@ SINGLE_THREADED = {
 def command(module: str, *arguments: str) -> list[str]:
     """Run a module, as ``python -m``; what lies in the working directory is not imported."""
     return [sys.executable, "-P", "-m", module, *arguments]
+
+
+def refuse_unusable_kernels() -> None:
+    """Raises KernelError where numba's settings in the environment rule out what is about to be started here.
+
+    Before it serves, so that nobody waits for an answer that cannot come; without such settings it costs nothing.
+    """
+    given = {name: os.environ.get(f"NUMBA_{name}") for name in ("DISABLE_JIT", "CPU_NAME", "CPU_FEATURES")}
+    if any(value is not None for value in given.values()):
+        from tailstack.processor import refuse_unusable
+
+        disabled = given["DISABLE_JIT"] not in (None, "", "0")
+        refuse_unusable(disabled=disabled, name=given["CPU_NAME"], features=given["CPU_FEATURES"])
+
+
+@cache
+def code_digest() -> str:
+    """Of all sources of this version, as this process first found them: the name of the code that it runs."""
+    from tailstack import sources
+
+    here = sources.digest_of_all(sources.read_sources(Path(__file__).resolve().parents[1]))
+    return sha256(f"{sources.digest_of_all(sources.SOURCES)} {here}".encode()).hexdigest()
 
 
 def environment() -> dict[str, str]:

@@ -16,9 +16,9 @@ from typing import Any
 
 from ..work.task import Outcome, Task
 from . import frames
-from .child import BEGUN
-from .engine import PERFORM, Defect, Died, GivenBack
-from .interpreter import command, environment
+from .child import BEGUN, OTHER_CODE
+from .engine import PERFORM, Defect, Died, GivenBack, OutOfDate
+from .interpreter import code_digest, command, environment
 from .pulse import LOOK_SECONDS, Pulse
 
 CLOSED = "the processes were stopped"
@@ -37,7 +37,7 @@ class Child:
     def __init__(self, function: str = PERFORM) -> None:
         self._process: subprocess.Popen[bytes] = _from_lasting_thread(
             lambda: subprocess.Popen(
-                command(f"{__package__}.child", function, str(os.getpid())),
+                command(f"{__package__}.child", function, str(os.getpid()), code_digest()),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 env=environment(),
@@ -53,7 +53,7 @@ class Child:
         return self._process.poll() is None
 
     def compute(self, task: Task) -> Outcome | None:
-        """The outcome, or None if the process ended before it began.  Raises Died, Defect."""
+        """The outcome, or None if the process ended before it began.  Raises Died, Defect, OutOfDate."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         begun = False
@@ -64,7 +64,10 @@ class Child:
             self.spent = self.spent or tired
         except (EOFError, OSError):
             self.kill()
-            self.ending = self._killed_because or describe_ending(self._process.wait())
+            code = self._process.wait()
+            self.ending = self._killed_because or describe_ending(code)
+            if code == OTHER_CODE and not begun:
+                raise OutOfDate("the files of tailstack were replaced since this process was started") from None
             if not begun:
                 return None
             raise Died(f"the computing process ended with {self.ending}") from None
@@ -110,7 +113,7 @@ class Children:
             self._keep(Child(self._function))
 
     def compute(self, task: Task, key: str) -> Outcome:
-        """Compute in a process of its own.  Raises Died, Defect, GivenBack."""
+        """Compute in a process of its own.  Raises Died, Defect, GivenBack, OutOfDate."""
         for _ in range(FRUITLESS):
             child = self._take(key)
             try:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from tailstack.version import __version__
 
 from ..work.task import Outcome, Task
-from .engine import GivenBack
+from .engine import GivenBack, OutOfDate
 from .processes import Children
 
 _children: dict[str, Children] = {}  # by function: one Dask worker serves every client that knows it
@@ -19,7 +19,10 @@ def compute(task: Task, key: str, function: str, version: str, hang_seconds: flo
     """Compute in a process of its own.  Raises Died, Defect, GivenBack."""
     if version != __version__:
         raise GivenBack(f"this Dask worker has tailstack {__version__}, the job was claimed by {version}")
-    return _children.setdefault(function, Children(function, hang_seconds)).compute(task, key)
+    try:
+        return _children.setdefault(function, Children(function, hang_seconds)).compute(task, key)
+    except OutOfDate as error:  # this Dask worker is, and not the worker that asks it
+        raise GivenBack(f"a Dask worker is to be started again: {error}") from None
 
 
 def seconds() -> dict[str, float]:

@@ -16,9 +16,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 
+from tailstack.errors import Problem, SourcesChangedError
 from tailstack.version import __version__
 
-from ..compute.engine import Died, Engine, GivenBack
+from ..compute.engine import Died, Engine, GivenBack, OutOfDate
 from ..settings import Settings
 from ..store import units
 from ..store.claims import Claim
@@ -158,6 +159,8 @@ class Worker:
         if held.future.cancelled() or isinstance(raised, GivenBack | Died):
             died = isinstance(raised, Died)
             log.warning("%s", raised, extra={"action": "died" if died else "given-back", **told(held)})
+            if isinstance(raised, OutOfDate):
+                self._failed(SourcesChangedError(Problem("", "sources-changed", str(raised), "start the worker again")))
             if not died:
                 self._rest_until = time.monotonic() + self._rest
                 self._rest = min(2 * self._rest, LONGEST_REST)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..geometry.symmetric import eigen_symmetric
-from ..system import Array
+from ..kernels import kernel
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def closest_two(points: Array) -> tuple[int, int, float]:
     """Indices, ascending, and distance of the two closest of points (N, d); (0, 0, inf) when there are fewer than two.
 
@@ -29,7 +29,7 @@ def closest_two(points: Array) -> tuple[int, int, float]:
     return first, second, sqrt(least)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def sight(projection: Array, points: Array, width: float, height: float) -> tuple[Array, Array, Array]:
     """(depth (N,) mm, images (N, 2) px, margin (N,) px) of points (N, 3) in one view, P (3, 4) of unit depth.
 
@@ -55,7 +55,7 @@ def sight(projection: Array, points: Array, width: float, height: float) -> tupl
     return depth, images, margin
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _normalised(points: Array) -> Array:
     """Points (N, d) in Hartley's frame (centroid 0, RMS distance sqrt(d)), homogeneous (N, d + 1)."""
     count, dimension = points.shape
@@ -76,7 +76,7 @@ def _normalised(points: Array) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def design_squares(points: Array, images: Array) -> NDArray[np.float64]:
     """(12, 12) A'A of the normalised design matrix (Eq 2) of one view: points (N, 3) mm, images (N, 2) px.
 
@@ -99,7 +99,7 @@ def design_squares(points: Array, images: Array) -> NDArray[np.float64]:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def firm(points: Array, images: Array, share: float) -> bool:
     """Whether the second smallest eigenvalue of :func:`design_squares` is surely above this share of the largest.
 
@@ -124,7 +124,7 @@ def firm(points: Array, images: Array, share: float) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def look(
     projections: Array, points: Array, count: int, sizes: Array, share: float
 ) -> tuple[Array, Array, Array, Array]:
@@ -155,7 +155,7 @@ def look(
     return depth, images, margin, facts
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def spread(points: Array) -> tuple[Array, Array, Array, int, int, float]:
     """(squared singular values (3,), largest first, of the centred points (N, 3); their directions, in rows (3, 3);
     extents (3,) along those; indices and distance of the two closest)."""
@@ -187,7 +187,7 @@ def spread(points: Array) -> tuple[Array, Array, Array, int, int, float]:
     return squares, directions.T.copy(), extents, first, second, distance
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def sines_between_rays(projections: Array, targets: Array) -> Array:
     """(T,) largest sine of the angle between two rays to each target (T, 3) from the sources of views (V, 3, 4)."""
     views = projections.shape[0]

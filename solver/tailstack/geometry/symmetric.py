@@ -11,12 +11,12 @@ from __future__ import annotations
 from math import fabs, hypot, sqrt
 
 import numpy as np
-from numba import njit
 
-from ..system import Array
+from ..arrays import Array
+from ..kernels import kernel
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def eigen_symmetric(matrix: Array) -> tuple[Array, Array, bool]:
     """(eigenvalues (3,) descending, eigenvectors (3, 3) in columns, whether any rotation was needed).
 

@@ -15,8 +15,6 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from hashlib import sha256
-from pathlib import Path
 from typing import Any
 
 from llvmlite import ir
@@ -26,6 +24,8 @@ from numba.core.typing import signature
 from numba.core.typing.templates import ConcreteTemplate, infer_global
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
+from ..kernels import kernel
+
 WIDTH = 8
 _I64 = ir.IntType(64)
 
@@ -33,30 +33,8 @@ _I64 = ir.IntType(64)
 # increment and decrement per array per call, half the run time here) is left out.
 lane_jit = njit(_nrt=False)
 
-_OTHERS = ("elementary", "streams", "kernel", "reduction")
-
-
-def _source_digest() -> str:
-    """Digest of every module that holds lane code."""
-    digest = sha256()
-    here = Path(__file__).parent
-    for path in sorted([*here.glob("lane*.py"), *(here / f"{n}.py" for n in _OTHERS)]):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
-_DIGEST = _source_digest()
-
-
-def lane_entry(function):
-    """Compile a function that Python calls: releases the interpreter lock, cached on disk.
-
-    numba looks only at the file of the function itself to see whether a cached copy is stale; what it calls
-    lives in other files here, so the copy is tied to all of them.
-    """
-    compiled = njit(_nrt=False, nogil=True, cache=True)(function)
-    compiled._cache._cache_file._source_stamp = _DIGEST
-    return compiled
+# What Python calls: releases the interpreter lock, and is kept between processes
+lane_entry: Any = kernel(nogil=True, error_model="python", _nrt=False)
 
 
 class _Vector(types.Type):

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
+from ..arrays import Array
+from ..kernels import kernel
 from ..propagation.noise import noise_gains
-from ..system import Array
 
 # Inlined into the kernels below it takes their error model: coplanar candidates get infinite gains, not an exception.
-# (A second njit of the same function would share its cache entry, which does not know about error models.)
 gains_or_infinity = register_jitable(noise_gains)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def mean_square(
     projections: Array, points: Array, told: Array, reconstructed: Array, to_error: Array, constant: Array,
     fiducial_px: Array, manufacturing_std: Array, work: tuple[Array, Array, Array, Array],
@@ -47,7 +46,7 @@ def mean_square(
     return worst
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def far_enough(a: Array, b: Array, projections: Array, spacing_mm: float, spacing_px: float) -> bool:
     """Whether two told points (3,) keep the 3-D spacing, and that of their images in every view."""
     apart = 0.0
@@ -74,7 +73,7 @@ def far_enough(a: Array, b: Array, projections: Array, spacing_mm: float, spacin
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def keeps_distance(
     points: Array, group: NDArray[np.int64], candidate: Array, projections: Array, spacing_mm: float, spacing_px: float
 ) -> bool:
@@ -88,7 +87,7 @@ def keeps_distance(
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def apart_from_copies(candidates: Array, projections: Array, spacing_mm: float, spacing_px: float) -> NDArray[np.bool_]:
     """(C,) whether the points of each candidate (C, G, 3) keep their spacing among themselves."""
     kept = np.ones(candidates.shape[0], np.bool_)
@@ -100,7 +99,7 @@ def apart_from_copies(candidates: Array, projections: Array, spacing_mm: float, 
     return kept
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def exchange(
     points: Array, groups: NDArray[np.int64], candidates: Array, first: NDArray[np.int64], last: NDArray[np.int64],
     sweeps: int, spacing_mm: float, spacing_px: float,

@@ -27,14 +27,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
+
+from ..kernels import kernel
 
 # The arrays are numpy arrays of floats or of CasADi SX scalars; static typing cannot say both.
 Duck = Any
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def inverse3(m: Duck) -> Duck:
     """Inverse of a 3x3 by cofactors: no pivoting, so that it also runs on symbols."""
     out = np.zeros((3, 3), m.dtype)
@@ -49,7 +50,7 @@ def inverse3(m: Duck) -> Duck:
     return out
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def mean_rows(points: Duck) -> Duck:
     """Centroid of (N, 3)."""
     out = np.zeros(3, points.dtype)
@@ -59,9 +60,17 @@ def mean_rows(points: Duck) -> Duck:
     return out
 
 
+<<<<<<< HEAD
 @register_jitable  # type: ignore[untyped-decorator]
 def eliminate(projection: Duck, points: Duck, centre: Duck) -> Duck:
     """The normal equations of one view's resection with p1 and p2 eliminated: what every gain of the view takes.
+=======
+@register_jitable
+def view_residual_gains(
+    projection: Duck, points: Duck, centre: Duck, target: Duck, gains: Duck, perspective: Duck
+) -> Duck:
+    """One view: gains of the target's residual by the fiducials' image noise.
+>>>>>>> e3f8c8e (Kernels are kept by the hash of everything they are made of; what this processor cannot run is refused)
 
     projection (3, 4) with |p3| = 1; points (N, 3), centre (3,) in mm.  Returns, in coordinates whose origin is the
     centre and whose image origin is the image (u0, v0) of the centre: the projection's rows (3, 4); the images
@@ -212,7 +221,7 @@ def view_residual_gains(
     return out
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def noise_gains(
     projections: Duck,
     points: Duck,
@@ -275,4 +284,4 @@ def noise_gains(
 
 
 # Division by zero gives inf, which linearise refuses with the reason; an exception would have none.
-noise_gains_jit = njit(cache=True, nogil=True, error_model="numpy")(noise_gains)
+noise_gains_jit = kernel(nogil=True)(noise_gains)

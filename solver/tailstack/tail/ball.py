@@ -9,14 +9,14 @@ from __future__ import annotations
 from math import cos, fabs, pi, sin, sqrt
 
 import numpy as np
-from numba import njit
 
-from ..system import Array
+from ..arrays import Array
+from ..kernels import kernel
 from .elementary import sine_and_cosine
 from .series import sum_of_products
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def bessel_j01(x: float) -> tuple[float, float]:
     """J0 and J1 at x >= 0: Miller's backward recurrence, Hankel's expansion beyond 30 (both to about 1e-15)."""
     if x < 1e-8:
@@ -59,14 +59,14 @@ def bessel_j01(x: float) -> tuple[float, float]:
     return out0, out1
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def sines(scale: float, t: Array, s: Array, c: Array) -> None:
     """s, c (n,) = sin, cos of scale t, as :func:`sine_and_cosine`: in lanes."""
     for i in range(t.size):
         s[i], c[i] = sine_and_cosine(scale * t[i])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _ball(r: float, t: Array, w: Array, s: Array, c: Array) -> tuple[float, float, float]:
     """sum w B_r(t) / (4 pi) and its first two derivatives by r; s, c: sin and cos of r t, which are overwritten."""
     terms = np.empty(t.size)
@@ -84,7 +84,7 @@ def _ball(r: float, t: Array, w: Array, s: Array, c: Array) -> tuple[float, floa
     return sum_of_products(w, terms), sum_of_products(w, s), sum_of_products(w, c)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def balls(r: float, t: Array) -> Array:
     """(n,) transforms B_r(t) of the ball in three dimensions."""
     s = np.empty(t.size)
@@ -99,7 +99,7 @@ def balls(r: float, t: Array) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def ball_sums(r: float, dimension: int, t: Array, w: Array) -> tuple[float, float, float]:
     """sum w B_r(t) and its first two derivatives by r, for the ball, the disc or the interval of radius r."""
     f0 = 0.0
@@ -127,7 +127,7 @@ def ball_sums(r: float, dimension: int, t: Array, w: Array) -> tuple[float, floa
     return scale * f0, scale * f1, scale * f2
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _integral(r: float, t: Array, w: Array, s: Array, c: Array) -> float:
     """s is overwritten."""
     r2 = r * r
@@ -141,7 +141,7 @@ def _integral(r: float, t: Array, w: Array, s: Array, c: Array) -> float:
     return sum_of_products(w, s)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def ball_integral(r: float, t: Array, w: Array) -> float:
     """int_0^r sum w B_x(t) dx in three dimensions: the integral of the probability over the radius."""
     s = np.empty(t.size)

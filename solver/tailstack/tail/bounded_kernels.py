@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from ..system import Array
+from ..arrays import Array
+from ..kernels import kernel
 from .ball import balls
 from .declared_kernels import build, on_principal_axes
 from .quantile import norm_quantile_jit
@@ -39,7 +39,7 @@ def vertex_probabilities(
     return True, _gray_walk(r, m, b, count, t, w, k)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _gray_walk(r: float, m: Array, b: Array, count: int, t: Array, w: Array, k: Array) -> Array:
     """(count,) probabilities at the vertices from one lattice: t (n,), w (n,) of the law without mean, k (n, 3)."""
     q = b.shape[1]
@@ -85,7 +85,7 @@ def _gray_walk(r: float, m: Array, b: Array, count: int, t: Array, w: Array, k: 
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def gaussian_vertices(p: float, mean: Array, covariance: Array, bounded: Array, count: int) -> Array:
     """(count,) p-quantiles of |N(m + B s, S)|, vertices numbered as above; NaN where one did not converge."""
     out = np.empty(count)

@@ -36,10 +36,10 @@ from dataclasses import dataclass
 from math import fabs, sqrt
 
 import numpy as np
-from numba import njit
 
+from ..arrays import Array
+from ..kernels import kernel
 from ..results import Bounds
-from ..system import Array
 from .gaussian import norm_quantile_jit, probability_iv, sound
 from .spectrum import law_iv, principal_axes
 
@@ -59,7 +59,7 @@ class MomentBound:
     t: float  # 1/mm^2
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _best_kappa(odds: float, l: Array, m: Array) -> float:  # noqa: E741
     """Where the derivative ``1 - sum w_i / (l_i + kappa)^2``, w_i = odds l_i m_i^2, vanishes; 0 if nowhere.
 
@@ -86,7 +86,7 @@ def _best_kappa(odds: float, l: Array, m: Array) -> float:  # noqa: E741
     return kappa
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _moment_square(eps: float, l: Array, m: Array) -> tuple[float, float, float]:  # noqa: E741
     """(r^2, kappa, 1/t) of the module's formula."""
     kappa = _best_kappa(1.0 / eps - 1.0, l, m)
@@ -99,7 +99,7 @@ def _moment_square(eps: float, l: Array, m: Array) -> tuple[float, float, float]
     return numerator / eps + rest, kappa, numerator / eps
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _unimodal_square(goal: float, trace: float, b: float) -> float:
     """R^2 with ``1/u^2 + tr S/R^2 = goal``, by bisection to the last digit; b = sqrt(m'S m)."""
     low = trace / goal  # E2 alone already reaches the goal here
@@ -137,7 +137,7 @@ def moment_bound(p: float, mean: Array, covariance: Array) -> MomentBound:
     return MomentBound(sqrt(square), turn @ M @ turn.T, t)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _ladder(p: float, mean: Array, covariance: Array) -> tuple[float, float, float]:
     """Gaussian (NaN: not converged), symmetric-unimodal and moment quantile; nothing is checked."""
     l, m, _ = principal_axes(mean, covariance)  # noqa: E741

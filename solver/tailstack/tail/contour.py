@@ -31,9 +31,9 @@ from __future__ import annotations
 from math import cos, exp, fabs, log, log1p, pi, sin, sqrt
 
 import numpy as np
-from numba import njit
 
-from ..system import Array
+from ..arrays import Array
+from ..kernels import kernel
 from .elementary import exponential, sine_and_cosine
 
 MAX_NODES = 1024
@@ -42,7 +42,7 @@ _SLOPE = 0.85  # of the asymptotes: at 1 a Gaussian factor stops decaying far ou
 EXACT = 3e-8  # two successive steps agree to this: the finer one, twice as many digits, is at rounding
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def cumulant(s: float, l: Array, m: Array) -> tuple[float, float, float, float]:  # noqa: E741
     """k(s) and its first three derivatives at real s < 1 / (2 max l).  l, m: (3,)."""
     k0 = 0.0
@@ -62,7 +62,7 @@ def cumulant(s: float, l: Array, m: Array) -> tuple[float, float, float, float]:
     return k0, k1, k2, k3
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def saddle(d: float, upper: bool, l: Array, m: Array) -> float:  # noqa: E741
     """The real s where ``k'(s) - d - 1/s = 0``: in (0, 1/(2 max l)) for the upper tail, below 0 for the lower.
 
@@ -95,7 +95,7 @@ def saddle(d: float, upper: bool, l: Array, m: Array) -> float:  # noqa: E741
     return s
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _integrands(
     first: int,
     stride: int,
@@ -154,7 +154,7 @@ def _integrands(
         lanes[3 * _LANES + i] = zr * ji + zi * jr
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def tail_nodes(
     d: float,
     upper: bool,
@@ -234,7 +234,7 @@ def tail_nodes(
     return n, k0 - c * d, converged
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def moments_on_nodes(
     delta: float, n: int, sr: Array, si: Array, gr: Array, gi: Array
 ) -> tuple[float, float, float, float]:
@@ -262,7 +262,7 @@ def moments_on_nodes(
     return a0, a1, a2, a3
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def log_tail(
     d: float,
     upper: bool,

@@ -9,9 +9,9 @@ from __future__ import annotations
 from math import fabs, log, sqrt
 
 import numpy as np
-from numba import njit
 
-from ..system import Array
+from ..arrays import Array
+from ..kernels import kernel
 from .ball import ball_integral, ball_sums
 from .contour import cumulant
 from .lattice import box_size, gaussian_extent, lattice_terms, spectral_extent
@@ -24,7 +24,7 @@ _FORGIVEN, _END = 30.0, 1e3  # how much coarser integrals over the radius are: t
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def on_principal_axes(mean: Array, covariance: Array, h: Array) -> tuple[Array, Array, Array, Array, Array, int, float]:
     """(sigma (3,), mean (3,), S (3, 3), h (K, 3), axes (3, 3), dimension, offset^2) on the total covariance's axes.
 
@@ -53,7 +53,7 @@ def on_principal_axes(mean: Array, covariance: Array, h: Array) -> tuple[Array, 
     return sigma, m, S, turned, axes, dimension, offset
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def start_radius(p: float, sigma: Array, m: Array, h: Array) -> float:
     """Pearson's three cumulants of ``approximation.py``, on principal axes; never below a hundredth of the rms."""
     c1 = 0.0
@@ -83,7 +83,7 @@ def start_radius(p: float, sigma: Array, m: Array, h: Array) -> float:
     return sqrt(max(square, 1e-4 * c1))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def reach_of(sigma: Array, S: Array, h: Array, aliasing: float) -> Array:
     """(3,) distance from the mean that each coordinate exceeds with total probability below `aliasing`."""
     c = sqrt(2.0 * log(6.0 / aliasing))
@@ -96,7 +96,7 @@ def reach_of(sigma: Array, S: Array, h: Array, aliasing: float) -> Array:
     return reach
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def build(
     radius: float,
     sigma: Array,
@@ -140,7 +140,7 @@ def build(
     return t[:n], w[:n], k[:n], volume, decade
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def solve_on_axes(
     p: float,
     rho: float,
@@ -219,7 +219,7 @@ def probability(
     return True, min(max(f0, 0.0), 1.0), max(f1, 0.0) * r / rho
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def end_of(sigma: Array, m: Array, reach: Array, probability: float) -> float:
     """A radius on principal axes that |e| exceeds with this probability at most.
 
@@ -244,7 +244,7 @@ def end_of(sigma: Array, m: Array, reach: Array, probability: float) -> float:
     return sqrt(min((m * m).sum() + d, corner))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def excess_integral(low: float, high: float, dimension: int, offset: float, t: Array, w: Array) -> float:
     """int_low^high P(|e| > x) dx from a lattice for radii up to `high`; offset as :func:`on_principal_axes` has it."""
     if dimension == 3:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from math import fabs
 
-from numba import njit
+from ..kernels import kernel
 
 _LEAST = -64.0  # exp is 0 to all purposes below it
 # pi/2 in three parts of 33 bits (Cody and Waite): n times one of the first two is exact for n < 2^20.
@@ -19,7 +19,7 @@ _TWO_OVER_PI = 6.36619772367581382433e-01
 _ROUND = 6755399441055744.0  # 1.5 * 2^52: adding and taking it away rounds to the nearest whole number
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def exponential(x: float) -> float:
     """exp(x) for -64 <= x <= 30, exp(-64) below: relative error 4e-15 for -10 < x < 10, 1e-13 at -30, 2e-10 at -60.
 
@@ -49,7 +49,7 @@ def exponential(x: float) -> float:
     return e
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def sine_and_cosine(x: float) -> tuple[float, float]:
     """sin(x) and cos(x) to 2e-16 absolute for |x| < 1e6; beyond, and to 1e15, off by no more than rounding x itself is.
 

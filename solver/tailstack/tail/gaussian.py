@@ -12,10 +12,10 @@ from __future__ import annotations
 from math import atan2, cos, cosh, exp, expm1, fabs, hypot, log, log1p, pi, sin, sinh, sqrt
 
 import numpy as np
-from numba import njit
 
+from ..arrays import Array
 from ..errors import NotConvergedError, Problem
-from ..system import Array
+from ..kernels import kernel
 from .contour import EXACT, MAX_NODES, log_tail, tail_nodes
 from .quantile import excess_quantile, norm_quantile_jit
 from .spectrum import brought_near, law_iv, principal_axes
@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def norm_law_jit(mean: Array, covariance: Array, r: float) -> tuple[float, float, float]:
     """(P(|e| <= r), P(|e| > r), density at r in 1/mm), each with its own relative accuracy.
 
@@ -42,7 +42,7 @@ def norm_law_jit(mean: Array, covariance: Array, r: float) -> tuple[float, float
     return law_on_axes(variances, m, r)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def law_on_axes(
     l: Array,  # noqa: E741
     m: Array,
@@ -75,7 +75,7 @@ def law_on_axes(
     return probability, 1.0 - probability, density
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def norm_mean_jit(mean: Array, covariance: Array) -> float:
     """E|e| = pi^(-1/2) int_0^inf (1 - E exp(-t^2 |e|^2)) / t^2 dt, by the trapezoidal rule in log t.
 
@@ -87,7 +87,7 @@ def norm_mean_jit(mean: Array, covariance: Array) -> float:
     return _mean_on_axes(l, m)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _mean_on_axes(l: Array, m: Array) -> float:  # noqa: E741
     square = 0.0
     for i in range(3):
@@ -127,7 +127,7 @@ _COEFFICIENTS = _erfcx_coefficients()
 _SCALE = sqrt(40 / sqrt(2.0))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _erfcx(z: complex) -> complex:
     """exp(z^2) erfc(z) for Re z >= 0 (Weideman 1994, SIAM J. Numer. Anal. 31, 1497-1518: w(i z))."""
     denominator = _SCALE + z
@@ -138,7 +138,7 @@ def _erfcx(z: complex) -> complex:
     return 2.0 * acc / (denominator * denominator) + 1.0 / (sqrt(pi) * denominator)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _mean_above(d: float, size: float, l: Array, m: Array) -> tuple[float, bool]:  # noqa: E741
     """(E[(|e| - r)+], converged) with r^2 = size^2 + d above the mean of |e|^2.
 
@@ -160,7 +160,7 @@ def _mean_above(d: float, size: float, l: Array, m: Array) -> tuple[float, bool]
     return 0.5 * sqrt(pi) * exp(b) * total, converged
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _mean_below(p: float, d: float, density: float, size: float, l: Array, m: Array) -> tuple[float, bool]:  # noqa: E741
     """(E[(r - |e|)+], converged) = int_0^r P(|e| <= rho) d rho, r below the mean, by tanh-sinh quadrature.
 
@@ -194,7 +194,7 @@ def _mean_below(p: float, d: float, density: float, size: float, l: Array, m: Ar
     return step * span * total, converged
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def norm_cvar_jit(mean: Array, covariance: Array, p: float) -> tuple[float, float]:
     """(r, E[|e| given |e| >= r]) at the p-quantile r; NaN when something did not converge."""
     l, m, _ = principal_axes(mean, covariance)  # noqa: E741
@@ -214,7 +214,7 @@ def norm_cvar_jit(mean: Array, covariance: Array, p: float) -> tuple[float, floa
     return shift + r, shift + r + above / (1.0 - p)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def norm_gradient_jit(mean: Array, covariance: Array, p: float) -> tuple[float, float, Array, Array]:
     """(r, density at r, dr/dm (3,), dr/dS (3, 3)) at the p-quantile; r is NaN when it did not converge.
 

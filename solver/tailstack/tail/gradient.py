@@ -5,9 +5,9 @@ from __future__ import annotations
 from math import cos, exp, sin, sqrt
 
 import numpy as np
-from numba import njit
 
-from ..system import Array
+from ..arrays import Array
+from ..kernels import kernel
 from .ball import balls
 from .elementary import sine_and_cosine
 from .series import LOG_SINC, fold_small, rows_where, sum_of_products
@@ -16,7 +16,7 @@ from .series import LOG_SINC, fold_small, rows_where, sum_of_products
 _LOG_SLOPE = LOG_SINC * np.arange(LOG_SINC.size)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def lattice_gradient(
     r: float, k: Array, volume: float, m: Array, S: Array, h: Array, threshold: float
 ) -> tuple[Array, Array, Array]:

@@ -19,9 +19,9 @@ from __future__ import annotations
 from math import cos, exp, fabs, log, pi, sin, sqrt
 
 import numpy as np
-from numba import njit
 
-from ..system import Array
+from ..arrays import Array
+from ..kernels import kernel
 from .elementary import exponential
 from .series import along_line, higher_orders, in_plane, inverse_of
 
@@ -29,7 +29,7 @@ _REFUSED = -1  # more points than the caller allows
 _LANES = 8  # lines are computed to a multiple of this, so that no loop ends in single steps
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _ball_envelope(t: float, r: float, dimension: int) -> float:
     """A decreasing bound of |B_r(t)|, t >= 0."""
     if dimension == 1:
@@ -39,7 +39,7 @@ def _ball_envelope(t: float, r: float, dimension: int) -> float:
     return min(4.0 / 3.0 * pi * r * r * r, 4.0 * pi * (1.0 + r * t) / (t * t * t))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _beyond(size: float, quadratic: float, along: Array, r: float, dimension: int, goal: float) -> bool:
     """Whether the envelope of the terms at ``size k``, |k| = 1, is below the goal.
 
@@ -51,7 +51,7 @@ def _beyond(size: float, quadratic: float, along: Array, r: float, dimension: in
     return exp(-0.5 * quadratic * size * size) * _ball_envelope(size, r, dimension) < product
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def spectral_extent(r: float, volume: float, sigma: Array, S: Array, h: Array, threshold: float) -> Array:
     """(3,) largest |k_a| at which a term's envelope reaches the threshold, 1/mm; 0 on an axis with sigma = 0.
 
@@ -136,7 +136,7 @@ def spectral_extent(r: float, volume: float, sigma: Array, S: Array, h: Array, t
     return extent
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def box_size(period: Array, extent: Array) -> float:
     """Number of lattice points in half of the box that holds every term above the threshold."""
     size = 0.5
@@ -146,7 +146,7 @@ def box_size(period: Array, extent: Array) -> float:
     return size
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _tables(angle: Array, half: int, mirrored: bool, room: int) -> tuple[Array, Array]:
     """sin and cos of i angle_j for 0 <= i <= half, or -half <= i <= half where mirrored: two (K, length + room)
     tables, 0 and 1 in the room behind."""
@@ -166,7 +166,7 @@ def _tables(angle: Array, half: int, mirrored: bool, room: int) -> tuple[Array, 
     return sines, cosines
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def gaussian_extent(r: float, volume: float, S: Array, threshold: float) -> Array:
     """(3,) largest |k_a| at which the Gaussian factor alone lets a term pass the threshold; inf if S is singular.
 
@@ -181,7 +181,7 @@ def gaussian_extent(r: float, volume: float, S: Array, threshold: float) -> Arra
     return extent
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def lattice_terms(
     period: Array,
     extent: Array,

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from ..system import Array
+from ..arrays import Array
+from ..kernels import kernel
 from .spectrum import law_iv
 
 UNIFORM, TRIANGULAR = 0, 1
@@ -55,7 +55,7 @@ def linear_law(
     return LinearLaw(mean, covariance, np.ascontiguousarray(columns), kind_array)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def uniform_columns(columns: Array, kinds: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
     """:func:`lattice_columns` of columns (3, k) and their kinds (k,)."""
     count = kinds.size

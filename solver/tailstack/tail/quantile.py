@@ -10,16 +10,16 @@ from __future__ import annotations
 from math import erf, exp, fabs, log, log1p, sqrt
 
 import numpy as np
-from numba import njit
 
-from ..system import Array
+from ..arrays import Array
+from ..kernels import kernel
 from .contour import EXACT, MAX_NODES, cumulant, moments_on_nodes, tail_nodes
 from .spectrum import brought_near, principal_axes
 
 _SQRT2PI = sqrt(2 * 3.141592653589793)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def normal_quantile_jit(p: float) -> float:
     """Standard normal quantile, 0 < p < 1, to 1e-9: Acklam's rational start, one Halley step on erf."""
     q = p if p < 0.5 else 1.0 - p
@@ -47,7 +47,7 @@ def normal_quantile_jit(p: float) -> float:
     return x if p < 0.5 else -x
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _pearson_excess(p: float, l: Array, m: Array) -> float:  # noqa: E741
     """Quantile of d by Pearson's (1959) shifted chi-square on three cumulants, Wilson-Hilferty for the chi-square."""
     c1 = 0.0
@@ -64,7 +64,7 @@ def _pearson_excess(p: float, l: Array, m: Array) -> float:  # noqa: E741
     return c1 + sqrt(c2 * h) * (cube * cube * cube - 1.0)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _lower_start(p: float, l: Array, m: Array) -> float:  # noqa: E741
     """Lower quantile of d from the Lugannani-Rice (1980) formula, solved for its saddle s < 0 and never leaving it.
 
@@ -103,7 +103,7 @@ def _lower_start(p: float, l: Array, m: Array) -> float:  # noqa: E741
     return cumulant(-theta, l, m)[1]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def excess_quantile(
     p: float,
     l: Array,  # noqa: E741
@@ -187,7 +187,7 @@ def excess_quantile(
     return d, np.nan, False
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def quantile_on_axes(p: float, variances: Array, m: Array, agreement: float = EXACT) -> float:
     """:func:`norm_quantile_jit` with the covariance's principal axes known: variances (3,), mean (3,) along them."""
     m, shift = brought_near(variances, m)
@@ -200,7 +200,7 @@ def quantile_on_axes(p: float, variances: Array, m: Array, agreement: float = EX
     return shift + sqrt(max(size * size + d, 0.0))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def norm_quantile_jit(mean: Array, covariance: Array, p: float) -> float:
     """The p-quantile of |e|, mm, from compiled code; NaN when it did not converge.  Nothing is checked."""
     variances, m, _ = principal_axes(mean, covariance)

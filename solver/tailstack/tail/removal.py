@@ -5,11 +5,11 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..geometry.symmetric import eigen_symmetric
-from ..system import Array
+from ..kernels import kernel
 from .declared_kernels import on_principal_axes, solve_on_axes, start_radius
 from .quantile import excess_quantile
 from .series import rows_where
@@ -19,7 +19,7 @@ LATTICE, GAUSSIAN, UNSOLVED, NOT_A_PART = 0, 1, 2, 3
 SLACK, ROUNDING = 1e-9, 1e-13  # of the trace: how negative an eigenvalue may be, and what is 0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def less_block(covariance: Array, block: Array) -> tuple[Array, float]:
     """(covariance - block (3, 3), its smallest eigenvalue over the trace of the covariance).
 
@@ -37,7 +37,7 @@ def less_block(covariance: Array, block: Array) -> tuple[Array, float]:
     return out, least
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _gaussian(p: float, mean: Array, covariance: Array) -> tuple[int, float, float, float]:
     variances, m, _ = principal_axes(mean, covariance)
     size = sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
@@ -48,7 +48,7 @@ def _gaussian(p: float, mean: Array, covariance: Array) -> tuple[int, float, flo
     return (GAUSSIAN if converged else UNSOLVED), r, 2.0 * r * density, 1e-12 * r
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel(nogil=True)
 def quantiles_without(
     p: float,
     mean: Array,

@@ -16,11 +16,11 @@ from functools import lru_cache
 from math import fabs, hypot, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from ..system import Array
+from ..arrays import Array
+from ..kernels import kernel
 from .sobol import scrambled_sobol
 from .spectrum import principal_axes
 
@@ -63,7 +63,7 @@ def sobol_rows(normals: int, uniforms: int, log2_count: int, salt: int = 0) -> t
     return z, u
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def conditional_probability(r: float, x: Array, h: Array, blocks: int) -> Array:
     """(blocks,) mean over each block of P(|x_i + h u| <= r), u uniform on (-1, 1).  x: (n, 3), h: (3,)."""
     out = np.zeros(blocks)
@@ -85,7 +85,7 @@ def conditional_probability(r: float, x: Array, h: Array, blocks: int) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def conditional_excess(r: float, x: Array, h: Array, blocks: int) -> Array:
     """(blocks,) mean over each block of E[(|x_i + h u| - r)+]: 16-point Gauss-Legendre in u beside the kinks."""
     nodes = np.array(
@@ -142,7 +142,7 @@ def conditional_excess(r: float, x: Array, h: Array, blocks: int) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def crossings(r: float, x: Array, h: Array) -> tuple[Array, Array, float]:
     """What moves the sphere's crossings of the lines x_i + u h, |u| < 1: derivatives of P(|x + h u| <= r), negated.
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from ..system import Array
+from ..arrays import Array
+from ..kernels import kernel
 
 _SHARED = 4  # values to a bucket
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _at_rank(values: Array, units: NDArray[np.int64], rank: int) -> int:
     """Which of the units (k,) has this rank among them, from 0; they are reordered.  The range of values is halved."""
     while True:
@@ -37,7 +37,7 @@ def _at_rank(values: Array, units: NDArray[np.int64], rank: int) -> int:
             rank -= below
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def units_at_ranks(values: Array, ranks: NDArray[np.int64]) -> NDArray[np.int64]:
     """The units at these ranks (k,), from 0, of the values (n,) in ascending order.
 
@@ -72,7 +72,7 @@ def units_at_ranks(values: Array, ranks: NDArray[np.int64]) -> NDArray[np.int64]
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def nearest_units(away: Array, count: int) -> NDArray[np.int64]:
     """The `count` units with the smallest values (n,), 1 <= count <= n."""
     near = np.empty(count, np.int64)

@@ -9,10 +9,10 @@ from __future__ import annotations
 from math import comb, log
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from ..system import Array
+from ..arrays import Array
+from ..kernels import kernel
 
 # Coefficients of log(sin x / x) by powers of x, from x^4 on (the x^2 of it is the column's Gaussian part).
 LOG_SINC = np.zeros(13)
@@ -24,7 +24,7 @@ for _m, _i, _l in np.ndindex(_WEIGHTS.shape):
         _WEIGHTS[_m, _i, _l] = LOG_SINC[_m + _i + _l] * comb(_m + _i, _i) * comb(_m + _i + _l, _l)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def inverse_of(S: Array) -> tuple[Array, bool]:
     """(S^-1 (3, 3), whether S is regular enough to have one)."""
     out = np.empty((3, 3))
@@ -42,7 +42,7 @@ def inverse_of(S: Array) -> tuple[Array, bool]:
     return out, True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def rows_where(h: Array, mask: NDArray[np.bool_], wanted: bool) -> Array:
     """The rows of h (K, 3) whose mask is `wanted`; in loops, as indexing by a mask takes seconds to compile."""
     count = 0
@@ -59,7 +59,7 @@ def rows_where(h: Array, mask: NDArray[np.bool_], wanted: bool) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def fold_small(S: Array, h: Array, budget: float) -> tuple[Array, NDArray[np.bool_], int]:
     """(S with the Gaussian part of small columns (3, 3), which ones (K,), degree of their series).
 
@@ -114,13 +114,13 @@ def fold_small(S: Array, h: Array, budget: float) -> tuple[Array, NDArray[np.boo
     return folded, short, degree
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _products(x: Array, y: Array, out: Array) -> None:
     for i in range(x.size):
         out[i] = x[i] * y[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def sum_of_products(x: Array, y: Array) -> float:
     """x'y by eight sums side by side: in lanes, and in an order that is written here.
 
@@ -143,7 +143,7 @@ def sum_of_products(x: Array, y: Array) -> float:
     return ((a + b) + (c + d)) + ((e + f) + (g + h))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def higher_orders(small: Array, degree: int, outer: int, middle: int, inner: int) -> Array:
     """(D, D, D), D = degree + 1: coefficients of ``-sum_j (x^4/180 + ... )``, x = k'h_j, by powers of k_inner, k_outer
     and k_middle: every column at once, so that a line of the lattice costs the same for two columns as for fifty."""
@@ -168,7 +168,7 @@ def higher_orders(small: Array, degree: int, outer: int, middle: int, inner: int
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def in_plane(orders: Array, k: float, out: Array) -> None:
     """Fill out (D, D): the sum over powers of k_outer, which is k."""
     size = orders.shape[0]
@@ -180,7 +180,7 @@ def in_plane(orders: Array, k: float, out: Array) -> None:
             out[m, l] = total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def along_line(plane: Array, k: float, step: float, out: Array) -> None:
     """Fill out (D,): coefficients in n of the polynomial at k_middle = k, k_inner = n step."""
     size = plane.shape[0]

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import scipy
-from numba import njit
 from numpy.typing import NDArray
 
-from ..system import Array
+from ..arrays import Array
+from ..kernels import kernel
 
 BITS = 30
 _NUMBERS = Path(scipy.__file__).parent / "stats" / "_sobol_direction_numbers.npz"
@@ -22,7 +22,7 @@ _NUMBERS = Path(scipy.__file__).parent / "stats" / "_sobol_direction_numbers.npz
 Words = NDArray[np.uint32]
 
 
-@njit(cache=True)
+@kernel()
 def _expanded(poly: NDArray[np.int64], first: NDArray[np.int64]) -> Words:
     """(D, BITS) direction numbers: Bratley and Fox's recurrence over primitive polynomials, most significant first."""
     count = poly.size
@@ -63,7 +63,7 @@ def _direction_numbers(dimension: int) -> Words:
     return np.asarray(_expanded(poly[:dimension], first[:dimension]))
 
 
-@njit(cache=True)
+@kernel()
 def _points(v: Words, rows: NDArray[np.uint32], shift: Words, count: int) -> Array:
     """(count, D) points of scrambled direction numbers, in the order of the Gray code.
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from math import fabs, isfinite, sqrt
 
 import numpy as np
-from numba import njit
 
+from ..arrays import Array
 from ..geometry.symmetric import eigen_symmetric
-from ..system import Array
+from ..kernels import kernel
 
 VANISHING_MM = 1e-30  # a spread below it is none at any length that matters, and its powers leave the floating point
 _EPS = 2.220446049250313e-16
@@ -16,7 +16,7 @@ SYMMETRY_TOLERANCE = 1e-9  # of the largest entry
 PSD_TOLERANCE = 1e-9  # of the largest eigenvalue: what products like J S J^T leave behind, with a margin
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def principal_axes(mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
     """(variances (3,) descending and >= 0, mean (3,) in the eigenbasis, eigenvectors (3, 3) in columns).
 
@@ -34,7 +34,7 @@ def principal_axes(mean: Array, covariance: Array) -> tuple[Array, Array, Array]
     return values, along, vectors
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _law_fault(mean: Array, covariance: Array) -> int:
     largest = 0.0
     for i in range(3):
@@ -86,7 +86,7 @@ def law_iv(mean: Array, covariance: Array) -> tuple[Array, Array]:
 _FAR, _NEAR = 1e8, 1e6  # lengths of the mean, in largest standard deviations
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def brought_near(variances: Array, m: Array) -> tuple[Array, float]:
     """(a mean (3,) in the same direction, by how much it is shorter): where the noise is lost in the digits of |m|.
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 from math import fabs, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from ..system import Array
+from ..arrays import Array
+from ..kernels import kernel
 from .gaussian import law_on_axes
 from .law import UNIFORM
 from .quantile import norm_quantile_jit, normal_quantile_jit, quantile_on_axes
@@ -23,7 +23,7 @@ from .spectrum import principal_axes
 X, Y, Z, SIZE, LOW, HIGH, LEAST, MOST = range(8)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def principal_root(covariance: Array) -> Array:
     """(rank, 3) root of a covariance, a row an axis, the largest first: it gets the evenest of Sobol's coordinates."""
     variances, _, axes = principal_axes(np.zeros(3), covariance)
@@ -37,7 +37,7 @@ def principal_root(covariance: Array) -> Array:
     return root
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _as_gaussian(covariance: Array, columns: Array, kinds: NDArray[np.int64]) -> tuple[Array, bool]:
     """(total covariance, whether taking the columns as Gaussian is felt at all, here by 1e-5 of probability).
 
@@ -63,7 +63,7 @@ def _as_gaussian(covariance: Array, columns: Array, kinds: NDArray[np.int64]) ->
     return total, change > 1e-5
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _add_columns(h: Array, u: SingleArray, x: Array, y: Array, z: Array) -> None:
     """(x, y, z) += h' u, h (k, 3) and u (k, n), in the order of k; four at a time, to read and write the sums less."""
     count = h.shape[0]
@@ -84,7 +84,7 @@ def _add_columns(h: Array, u: SingleArray, x: Array, y: Array, z: Array) -> None
             z[i] = z[i] + a0 * z0 + a1 * z1 + a2 * z2 + a3 * z3
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _survey(
     mean: Array, root: Array, z: SingleArray, h: Array, u: SingleArray, covariance: Array, p: float, normal: float
 ) -> tuple[Array, bool]:
@@ -138,7 +138,7 @@ def _survey(
     return table, square > 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def sampled(
     mean: Array,
     root: Array,
@@ -185,7 +185,7 @@ def sampled(
     return table, covariance, mixed
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _turned(table: Array, unit: int, axes: Array, out: Array) -> None:
     """out = axes' d, as ``principal_axes`` turns a mean."""
     for a in range(3):
@@ -194,7 +194,7 @@ def _turned(table: Array, unit: int, axes: Array, out: Array) -> None:
             out[a] += axes[k, a] * table[k, unit]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def gaussian_quantiles(p: float, table: Array, units: NDArray[np.int64], covariance: Array, agreement: float) -> Array:
     """R of these units (k,), the shot Gaussian; NaN: not converged.  The axes are found once for all."""
     out = np.empty(units.size)
@@ -206,7 +206,7 @@ def gaussian_quantiles(p: float, table: Array, units: NDArray[np.int64], covaria
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def solved_between(
     p: float, table: Array, covariance: Array, first: int, last: int, agreement: float
 ) -> tuple[Array, int]:
@@ -234,7 +234,7 @@ def solved_between(
     return out, solved
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _mean_share(counts: NDArray[np.int64], each: int) -> tuple[float, float]:
     """(mean share, its standard error) from the counts (blocks,) among `each` units; error 0 of a single block."""
     blocks = counts.size
@@ -247,7 +247,7 @@ def _mean_share(counts: NDArray[np.int64], each: int) -> tuple[float, float]:
     return mean / each, sqrt(square / (blocks * max(blocks - 1.0, 1.0))) / each
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def percentile(
     p: float, fraction: float, table: Array, covariance: Array, blocks: int, distance: float, agreement: float
 ) -> tuple[Array, float, int, float, float, int]:
@@ -280,7 +280,7 @@ def percentile(
     return own, value, rank, slope, _mean_share(excess, each)[1], solved
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def distance_like(table: Array, level: float) -> float:
     """The |d| of units with R at the level, by the hundredth of all that is nearest to it; NaN beyond everybody's."""
     n = table.shape[1]
@@ -299,7 +299,7 @@ def distance_like(table: Array, level: float) -> float:
     return y if smallest < y < largest else np.nan
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def share_within(
     p: float, level: float, table: Array, covariance: Array, blocks: int, distance: float, agreement: float
 ) -> tuple[float, float, int]:
@@ -321,7 +321,7 @@ def share_within(
     return share, error, solved
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def rank_average(ranked: Array, position: float, width: int) -> float:
     """Mean of the ascending values (n,) about a position, ranks from 0, weights a triangle of this half-width.
 
@@ -336,7 +336,7 @@ def rank_average(ranked: Array, position: float, width: int) -> float:
     return total / weights
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def position_of(level: float, ranked: Array, width: int) -> float:
     """Where the average over ranks equals the level; the nearest end if nowhere.  By bisection."""
     low = 0.0

@@ -1,0 +1,225 @@
+"""Compiled kernels are those of the sources, versions and processor at hand: real processes, two checkouts, one store.
+
+A checkout here is a copy of the package with two small modules put in: ``tail/caller.py`` compiles a kernel that calls
+one of ``tail/callee.py`` and multiplies by a constant of ``geometry/factor.py``, which holds no kernel at all.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tailstack import kernels, sources
+
+PACKAGE = Path(kernels.__file__).parent
+CALLEE = """
+from ..kernels import kernel
+
+@kernel()
+def add(x):
+    return x + 1.0
+"""
+CALLER = """
+from ..geometry.factor import FACTOR
+from ..kernels import kernel
+from .callee import add
+
+@kernel()
+def answer(x):
+    return FACTOR * add(x)
+"""
+ASK = """
+import json
+from tailstack import kernels
+{before}
+from tailstack.tail.caller import answer
+number = answer(1.0)
+print(json.dumps({{"number": number, "loaded": kernels.TRAFFIC.loaded, "compiled": kernels.TRAFFIC.compiled}}))
+"""
+
+
+@dataclass
+class Checkout:
+    """A copy of the sources, and the folder that its processes keep kernels in."""
+
+    root: Path
+    store: Path
+
+    def write(self, file: str, text: str) -> None:
+        (self.root / "tailstack" / file).write_text(text, encoding="utf-8")
+
+    def run(self, program: str, **variables: str) -> subprocess.CompletedProcess[str]:
+        given = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_CACHE")}
+        given |= {"PYTHONPATH": str(self.root), "NUMBA_CACHE_DIR": str(self.store), **variables}
+        command = [sys.executable, "-c", program]
+        return subprocess.run(
+            command, cwd=self.root, env=given, capture_output=True, text=True, timeout=300, check=False
+        )
+
+    def ask(self, before: str = "", **variables: str) -> dict[str, Any]:
+        """The number that the kernel comes to, and how many kernels were loaded and compiled for it."""
+        done = self.run(ASK.format(before=before), **variables)
+        assert done.returncode == 0, done.stderr
+        said: dict[str, Any] = json.loads(done.stdout)
+        return said | ({"stderr": done.stderr} if done.stderr else {})
+
+
+def checkout(place: Path, store: Path) -> Checkout:
+    made = Checkout(place, store)
+    for name in ("__init__.py", "version.py", *sources.reach("kernels.py")):
+        (place / "tailstack").mkdir(parents=True, exist_ok=True)
+        shutil.copy(PACKAGE / name, place / "tailstack" / name)
+    for folder in ("tail", "geometry"):
+        (place / "tailstack" / folder).mkdir()
+        made.write(f"{folder}/__init__.py", "")
+    made.write("tail/callee.py", CALLEE)
+    made.write("tail/caller.py", CALLER)
+    made.write("geometry/factor.py", "FACTOR = 10.0\n")
+    return made
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the kernels of a checkout were compiled into."""
+    place = tmp_path_factory.mktemp("compiled")
+    made = checkout(place / "checkout", place / "store")
+    assert made.ask() == {"number": 20.0, "loaded": 0, "compiled": 2}
+    return made.store
+
+
+@pytest.fixture
+def first(tmp_path: Path, compiled: Path) -> Checkout:
+    """A checkout whose kernels are compiled."""
+    shutil.copytree(compiled, tmp_path / "store")
+    return checkout(tmp_path / "first", tmp_path / "store")
+
+
+def test_a_change_of_what_a_kernel_calls_in_another_file_shows_at_once(first: Checkout, tmp_path: Path) -> None:
+    second = checkout(tmp_path / "second", first.store)
+    second.write("tail/callee.py", CALLEE.replace("1.0", "2.0"))
+    assert second.ask() == {"number": 30.0, "loaded": 0, "compiled": 2}
+    assert first.ask() == {"number": 20.0, "loaded": 1, "compiled": 0}  # neither drives the other out
+
+
+def test_a_change_of_a_constant_in_a_file_without_kernels_shows_at_once(first: Checkout) -> None:
+    first.write("geometry/factor.py", "FACTOR = 11.0\n")
+    assert first.ask() == {"number": 22.0, "loaded": 1, "compiled": 1}  # what does not reach it is as it was
+
+
+def test_a_change_of_what_no_kernel_reaches_compiles_nothing(first: Checkout) -> None:
+    first.write("version.py", '__version__ = "9.9"\n')
+    assert first.ask() == {"number": 20.0, "loaded": 1, "compiled": 0}
+
+
+def test_kernels_of_other_versions_of_the_compiler_are_not_used(first: Checkout) -> None:
+    for library in ("numba", "llvmlite", "numpy"):
+        assert f"{library} {version(library)}" in kernels.BUILT_WITH
+    before = "kernels.BUILT_WITH = kernels.BUILT_WITH.replace('llvmlite ', 'llvmlite 9')"
+    assert first.ask(before) == {"number": 20.0, "loaded": 0, "compiled": 2}
+
+
+def test_kernels_of_another_processor_are_not_used(first: Checkout) -> None:
+    other = {"NUMBA_CPU_NAME": "x86-64-v2", "NUMBA_CPU_FEATURES": ""}
+    assert first.ask(**other) == {"number": 20.0, "loaded": 0, "compiled": 2}
+    assert first.ask(**other) == {"number": 20.0, "loaded": 1, "compiled": 0}
+
+
+def test_a_damaged_file_is_compiled_again(first: Checkout) -> None:
+    (damaged,) = first.store.glob("tail.caller.answer-*")
+    whole = damaged.read_bytes()
+    for content in (whole[:-1], whole[:100], b"", whole[:-9] + bytes([whole[-9] ^ 1]) + whole[-8:]):
+        damaged.write_bytes(content)
+        assert first.ask() == {"number": 20.0, "loaded": 1, "compiled": 1}
+    assert json.loads(damaged.read_bytes().splitlines()[0]) == json.loads(whole.splitlines()[0])
+
+
+def test_a_process_whose_sources_were_replaced_does_not_mix_them(first: Checkout) -> None:
+    """It has the old callee, and would compile the new caller with it."""
+    change = "path = kernels.sources.ROOT / '{}'; path.write_text(path.read_text().replace('{}', '{}'))"
+    begin = "import tailstack.tail.callee\n"
+    done = first.run(ASK.format(before=begin + change.format("geometry/factor.py", "10.0", "12.0")))
+    assert "SourcesChangedError" in done.stderr
+    assert "geometry/factor.py was changed while this process was running" in done.stderr
+    assert "start the process again" in done.stderr
+    done = first.run(ASK.format(before=begin + change.format("tail/callee.py", "1.0", "5.0")))
+    assert "tail/callee.py was changed while this process was running" in done.stderr
+    assert first.ask() == {"number": 72.0, "loaded": 0, "compiled": 2}
+
+
+def test_what_was_imported_before_a_change_is_kept_under_its_own_name(first: Checkout) -> None:
+    """A process compiles late what it imported early: the old code must not be filed under the new sources."""
+    first.write("tail/callee.py", CALLEE.replace("1.0", "3.0"))
+    program = """
+import tailstack.tail.caller as caller
+from tailstack import kernels
+path = kernels.sources.ROOT / "tail/callee.py"
+path.write_text(path.read_text().replace("3.0", "7.0"))
+print(caller.answer(1.0))
+"""
+    done = first.run(program)
+    assert done.stdout == "40.0\n", done.stderr
+    assert first.ask() == {"number": 80.0, "loaded": 0, "compiled": 2}
+
+
+def test_without_a_place_to_keep_kernels_the_number_comes_and_the_reason_is_said(first: Checkout) -> None:
+    shutil.rmtree(first.store)
+    first.store.touch()
+    said = first.ask()
+    assert said["number"] == 20.0
+    assert said["stderr"].count("cannot be written") == 1
+    assert "NUMBA_CACHE_DIR" in said["stderr"]
+
+
+def test_kernels_that_came_with_the_installation_are_used_and_only_read(first: Checkout) -> None:
+    prebuilt = first.root / "tailstack" / "prebuilt"
+    first.store.rename(prebuilt)
+    prebuilt.chmod(0o500)
+    assert first.ask() == {"number": 20.0, "loaded": 1, "compiled": 0}
+    assert not first.store.exists()
+    first.write("geometry/factor.py", "FACTOR = 13.0\n")
+    assert first.ask() == {"number": 26.0, "loaded": 1, "compiled": 1}
+    assert len(list(first.store.iterdir())) == 1
+
+
+def test_files_that_nobody_loaded_for_a_month_go(first: Checkout) -> None:
+    (old,) = first.store.glob("tail.caller.answer-*")
+    (other,) = first.store.glob("tail.callee.add-*")
+    long_ago = old.stat().st_mtime - 31 * 86_400
+    os.utime(old, (long_ago, long_ago))
+    os.utime(other, (long_ago, long_ago))
+    first.write("geometry/factor.py", "FACTOR = 14.0\n")
+    assert first.ask()["number"] == 28.0
+    assert not old.exists()
+    assert other.stat().st_mtime > long_ago + 86_400  # loaded just now, and so in use
+
+
+def test_two_kernels_cannot_have_one_name(first: Checkout) -> None:
+    first.write("tail/caller.py", CALLER + "\n\n@kernel()\ndef answer(x):\n    return x\n")
+    assert "there is another kernel called tail.caller.answer" in first.run(ASK.format(before="")).stderr
+    closing = "\n\ndef make(y):\n    @kernel()\n    def inner(x):\n        return x + y\n    return inner\nmake(1.0)\n"
+    first.write("tail/caller.py", CALLER + closing)
+    assert "closes over values" in first.run(ASK.format(before="")).stderr
+
+
+def test_processes_that_compile_at_once_leave_whole_files(tmp_path: Path) -> None:
+    """independent: what each wrote is read by numba's own loader in a later process."""
+    made = checkout(tmp_path / "one", tmp_path / "store")
+    program = ASK.format(before="") + "answer(1); answer(1.0 + 0j); print(answer(2), answer(2.0), answer(1j))"
+    given = {**os.environ, "PYTHONPATH": str(made.root), "NUMBA_CACHE_DIR": str(made.store)}
+    command = [sys.executable, "-c", program]
+    started = [subprocess.Popen(command, env=given, stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    said = {process.communicate(timeout=300)[0].splitlines()[-1] for process in started}
+    assert said == {"30.0 30.0 (10+10j)"}
+    done = made.run(program + "; print(kernels.TRAFFIC.compiled)")
+    assert done.stdout.splitlines()[-1] == "30.0 30.0 (10+10j)\n0".splitlines()[-1], done.stderr
+    assert not list(made.store.glob(".*"))
+    assert len(list(made.store.iterdir())) == 6
