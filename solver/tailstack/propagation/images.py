@@ -9,60 +9,6 @@ import numpy as np
 from ..arrays import Array
 from ..kernels import kernel
 from .noise import mean_rows, noise_gains_jit
-<<<<<<< HEAD
-=======
-from .parallax import motion_of_image, parallax_gains
-
-
-@kernel(nogil=True)
-def _images_by_error(projections: Array, points: Array, per_error: Array) -> Array:
-    """(V, N, 2, 3) px per mm: how the image of each point (N, 3) moves with its manufacturing error."""
-    views, count = projections.shape[0], points.shape[0]
-    out = np.zeros((views, count, 2, 3))
-    motion = np.empty((2, 3))
-    for v in range(views):
-        for i in range(count):
-            motion_of_image(projections[v], points[i], motion)
-            for c in range(2):
-                for k in range(3):
-                    for j in range(3):
-                        out[v, i, c, k] += motion[c, j] * per_error[j, k]
-    return out
-
-
-@kernel(nogil=True)
-def _validity_number(perspective: Array, parallax: Array, per_error: Array, std: Array, noises: Array) -> float:
-    """nu: standard deviation of what first order divides by, relative to itself; the largest of two kinds.
-
-    The relative perspective error at the target, ``dw(q)/w(q) - dw(c)/w(c)`` with w the estimated depth and c the
-    fiducials' centroid, of each view: free of gauge.  And the relative error of the firmness with which all rays
-    cross (``parallax.py``).  Manufacturing errors count through their images.  perspective (V, N, 2) and parallax
-    (V, N, 2, 2 V) per px; per_error (V, N, 2, 3) px per mm; std (N, 3) mm; noises (V,) px.
-    """
-    views, count, _, images = parallax.shape
-    crossing = 0.0
-    largest = 0.0
-    for v in range(views):
-        own = 0.0
-        for i in range(count):
-            for c in range(2):
-                own += (noises[v] * perspective[v, i, c]) ** 2
-                for x in range(images):
-                    crossing += (noises[v] * parallax[v, i, c, x]) ** 2
-            for k in range(3):
-                made = perspective[v, i, 0] * per_error[v, i, 0, k] + perspective[v, i, 1] * per_error[v, i, 1, k]
-                own += (made * std[i, k]) ** 2
-        largest = max(largest, own)
-    for i in range(count):
-        for k in range(3):
-            for x in range(images):
-                made = 0.0
-                for v in range(views):
-                    for c in range(2):
-                        made += parallax[v, i, c, x] * per_error[v, i, c, k]
-                crossing += (made * std[i, k]) ** 2
-    return sqrt(max(largest, crossing))
->>>>>>> e3f8c8e (Kernels are kept by the hash of everything they are made of; what this processor cannot run is refused)
 
 
 @kernel(nogil=True)

@@ -60,17 +60,9 @@ def mean_rows(points: Duck) -> Duck:
     return out
 
 
-<<<<<<< HEAD
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def eliminate(projection: Duck, points: Duck, centre: Duck) -> Duck:
     """The normal equations of one view's resection with p1 and p2 eliminated: what every gain of the view takes.
-=======
-@register_jitable
-def view_residual_gains(
-    projection: Duck, points: Duck, centre: Duck, target: Duck, gains: Duck, perspective: Duck
-) -> Duck:
-    """One view: gains of the target's residual by the fiducials' image noise.
->>>>>>> e3f8c8e (Kernels are kept by the hash of everything they are made of; what this processor cannot run is refused)
 
     projection (3, 4) with |p3| = 1; points (N, 3), centre (3,) in mm.  Returns, in coordinates whose origin is the
     centre and whose image origin is the image (u0, v0) of the centre: the projection's rows (3, 4); the images
@@ -140,7 +132,7 @@ def view_residual_gains(
     return head, image, local, d_inv, du, dv, inverse3(s), origin
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def view_residual_gains(
     projection: Duck, points: Duck, centre: Duck, target: Duck, gains: Duck, perspective: Duck
 ) -> Duck:

@@ -42,10 +42,10 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ..arrays import Array
 from ..geometry.symmetric import eigen_symmetric
-from ..system import Array
+from ..kernels import kernel
 from .noise import eliminate, inverse3, mean_rows
 
 
@@ -67,7 +67,7 @@ class Nonlinearity(NamedTuple):
         return max(self)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def motion_of_image(projection: Array, point: Array, out: Array) -> float:
     """Fill out (2, 3), px per mm, with how the image of a point (3,) moves with it; its depth, mm.  P (3, 4)."""
     seen = projection[:, 3].copy()
@@ -80,7 +80,7 @@ def motion_of_image(projection: Array, point: Array, out: Array) -> float:
     return float(seen[2])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def matrix_gains(projection: Array, points: Array, centre: Array) -> Array:
     """(12, N, 2) change of a resected matrix per px of each fiducial's noise (its u and v).
 
@@ -121,7 +121,7 @@ def matrix_gains(projection: Array, points: Array, centre: Array) -> Array:
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def matrix_covariance(projections: Array, points: Array, per_error: Array, std: Array, noises: Array) -> Array:
     """(12 V, 12 V) covariance of the resected matrices, entries as in ``matrix_gains``.
 
@@ -166,7 +166,7 @@ def matrix_covariance(projections: Array, points: Array, per_error: Array, std: 
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _through(left: Array, covariance: Array, views: int, coupled: bool) -> Array:
     """(V k, V k): ``L C L'`` of left (V, k, 12), each of its blocks the functionals of one view, and C (12 V, 12 V)."""
     size = left.shape[1]
@@ -192,7 +192,7 @@ def _through(left: Array, covariance: Array, views: int, coupled: bool) -> Array
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _look(projections: Array, centre: Array, target: Array) -> tuple[Array, Array, Array, Array, Array]:
     """What the views see of the target, in coordinates about the centre and its images.
 
@@ -222,7 +222,7 @@ def _look(projections: Array, centre: Array, target: Array) -> tuple[Array, Arra
     return heads, place, images, depths, rows
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _depth(place: Array, depths: Array, covariance: Array) -> float:
     """The first number, squared."""
     largest = 0.0
@@ -235,7 +235,7 @@ def _depth(place: Array, depths: Array, covariance: Array) -> float:
     return largest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _crossing(
     heads: Array, place: Array, images: Array, depths: Array, rows: Array, covariance: Array, coupled: bool
 ) -> float:
@@ -282,7 +282,7 @@ def _crossing(
     return float(max(variance, 0.0) / squares[2])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _disagreement(
     heads: Array, place: Array, images: Array, depths: Array, rows: Array, covariance: Array, coupled: bool,
     target_noises: Array, origin: Array, unit: float,
@@ -390,7 +390,7 @@ def _disagreement(
     return max(second, 0.0) / first if first > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True)
 def _numbers(
     projections: Array, points: Array, target: Array, covariance: Array, target_noises: Array, published: bool,
     coupled: bool,
