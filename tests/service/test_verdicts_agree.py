@@ -29,6 +29,7 @@ from tailstack_service.rendering.score import score_text
 from tailstack_service.rendering.verification import verification_text
 from tailstack_service.reports import render
 from tailstack_service.reports.assembling import ReportOptions, compute_report
+from tailstack_service.reports.comparing import compute_comparison
 
 YIELDS = (None, 0.5, 0.8, 0.9, 0.95, 0.99)  # None: pooled
 QUANTILES = (0.9, 0.95, 0.99)
@@ -250,6 +251,29 @@ def test_the_gauge_shows_one_distribution(values: dict[tuple[float, float | None
         assert ("mean" in gauge) == beside
         assert f"{values[0.95, fraction]:.3f} mm" in gauge
         assert (f"that {100 * fraction:g} % of units keep" in gauge) if fraction else "units" not in gauge
+
+
+def test_a_comparison_says_what_fails_and_has_one_p95_of_each_target(
+    values: dict[tuple[float, float | None], float],
+) -> None:
+    kept = [requirement(0.95, 0.9, 1.2 * values[0.95, 0.9], "units"), requirement(0.99, None, 3.0, "tail")]
+    missed = [requirement(0.95, 0.9, 0.8 * values[0.95, 0.9], "units"), requirement(0.99, None, 0.3, "tail")]
+    first, second = (load_design(small_design(requirements=entries)) for entries in (kept, missed))
+    for options in (ReportOptions(parts=("score",)), ReportOptions(trials=20_000, seed=2)):
+        found = compute_comparison(first, second, options)
+        page = render("comparison", to_json(found), "html")[0].decode()
+        start = page[page.index("<main") : page.index("<nav")]
+        sentence = re.search(r'<p class="sentence">([^<]*)', start)[1]  # type: ignore[index]
+        assert sentence.startswith("The second design misses ")
+        assert "units" in sentence
+        assert "tail" in sentence
+        reader = Rows()
+        reader.feed(start)
+        said = {(row[1], row[0], row[-1]) for row in reader.rows[1:]}
+        each = (("First", "pass"), ("Second", "fail"))
+        assert said == {(name, *judged) for name in ("units", "tail") for judged in each}
+        shown = {float(number) for number in re.findall(r"P95 ([\d.]+) mm", start)}
+        assert shown == {round(found.differences[0].first_p95_mm, 3)}  # the designs differ in what is asked of them
 
 
 def test_a_gate_says_the_same_in_each_of_its_formats(design: Design, checks: dict[str, dict[str, Any]]) -> None:

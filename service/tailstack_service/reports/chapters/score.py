@@ -64,7 +64,8 @@ def key_numbers(headline: Headline) -> tuple[KeyNumber, ...]:
     """What decides, its limit and the margin, in large type."""
     low, high = headline.interval_mm
     ends = f"{low:.3f} to {'unknown' if high is None else f'{high:.3f}'} mm, {headline.basis}"
-    label = f"{headline.headline} of the error" if headline.min_yield is None else headline.headline
+    error = "the error" if headline.error == "tcp" else f"the {headline.error} error"
+    label = f"{headline.headline} of {error}" if headline.min_yield is None else headline.headline
     numbers = [KeyNumber(label, f"{headline.value_mm:.3f} mm", ends)]
     if headline.limit_mm is None:
         return (*numbers, KeyNumber("Limit", "none", "no requirement is stated"))
@@ -85,9 +86,10 @@ def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEs
     """
     svg = scale_svg(
         headline.target, headline.value_mm, headline.interval_mm, headline.limit_mm, _beside(headline, targets),
-        "headline", headline.headline,
+        "headline", headline.headline, error=headline.error,
     )  # fmt: skip
-    caption = f"Norm of the error at target {headline.target}, {headline.basis}: the bar is the interval."
+    error = headline.error.replace("tcp", "TCP")
+    caption = f"Norm of the {error} error at target {headline.target}, {headline.basis}: the bar is the interval."
     return Figure("headline", svg, caption)
 
 

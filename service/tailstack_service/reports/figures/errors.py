@@ -83,6 +83,7 @@ def scale_svg(
     name: str = "scale",
     quantile: str = "P95",
     reach_mm: float = 0.0,
+    error: str = "tcp",
 ) -> str:
     """The quantile with its interval on one scale with the limit; ``others`` are further numbers, in mm.
 
@@ -91,7 +92,7 @@ def scale_svg(
     known = [p95_mm, interval_mm[1] or 0.0, limit_mm or 0.0, *(value for _, value in others)]
     scale = Scale(0.0, 1.3 * max(*known, reach_mm, 1e-9), 22, RIGHT)
     y, bottom = 56.0, 96.0
-    parts = scale.axis(bottom, "error at the tool, mm")
+    parts = scale.axis(bottom, "error at the tool, mm" if error == "tcp" else f"error of {error}, mm")
     if limit_mm is not None:
         parts.append(box(scale.at(0), y - 16, scale.at(limit_mm), y + 16, 'fill="#e4f1e8"'))
         parts.append(box(scale.at(limit_mm), y - 16, RIGHT, y + 16, 'fill="#f9e4e2"'))
