@@ -26,7 +26,7 @@ import numpy as np
 from ..errors import LimitError, Problem
 from ..system import Array
 from .bounded_kernels import gaussian_vertices, vertex_probabilities
-from .declared import LawQuantile, LinearLaw, lattice_columns, law_cdf, law_quantile
+from .declared import LawQuantile, LinearLaw, lattice_columns, law_cdf, law_quantile, law_quantile_coarse
 from .gaussian import probability_iv
 from .sampling import sample
 
@@ -34,8 +34,9 @@ MOST_BOUNDED = 12
 NEAR = 0.01  # of the quantile: what first order, at its best, claims to know
 MOST_TOGETHER = 4  # vertices that are told apart by sampling
 _THRESHOLD, _ALIASING, _LARGEST_BOX = 1e-7, 1e-8, 2e5
-# Without a lattice for all vertices: so many are asked one by one, more of them from one sample, good to the slack.
-_FEW, _LOG2_POINTS, _SLACK = 4, 9, 2e-4
+# So many vertices are asked one by one; of more than many those that cannot be the worst are left out first; without a
+# lattice for all of them they are asked from one sample, good to the slack.
+_FEW, _MANY, _LOG2_POINTS, _SLACK = 4, 64, 9, 2e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +86,7 @@ def worst_case(law: LinearLaw, bounded: Array, p: float) -> WorstCase:
     if law.columns.any():
         solved = {best}
         while count > 1:
-            probability, slack = _probabilities(law, columns, count, quantile.quantile_mm)
+            probability, slack = _probabilities(law, columns, count, quantile.quantile_mm, p)
             probability[list(solved)] = np.inf
             worst = int(np.argmin(probability))
             if probability[worst] >= p - slack:
@@ -127,16 +128,27 @@ def indistinguishable(law: LinearLaw, bounded: Array, p: float, worst: tuple[int
     return tuple(tuple(int(s) for s in row) for row in full)
 
 
-def _probabilities(law: LinearLaw, bounded: Array, count: int, r: float) -> tuple[Array, float]:
-    """(count,) P(|e| <= r) at each vertex, and how far they may be off."""
-    h, _ = lattice_columns(law)
-    found, value = vertex_probabilities(
-        r, law.mean, law.covariance, h, bounded, count, _THRESHOLD, _ALIASING, _LARGEST_BOX
-    )
-    if found:
-        return np.asarray(value), 0.0
-    if count <= _FEW:
-        return np.array([law_cdf(_at_vertex(law, bounded, v)[1], r) for v in range(count)]), 0.0
+def _probabilities(law: LinearLaw, bounded: Array, count: int, r: float, p: float) -> tuple[Array, float]:
+    """(count,) P(|e| <= r) at each vertex, 1 where it is at least p for sure, and how far they may be off."""
+    out = np.ones(count)
+    asked = np.arange(count)
+    if count > _MANY:
+        # |m + xi| <= |m| + |xi|: a vertex nearer to 0 than r by the p-quantile of |xi| keeps p
+        own = law_quantile_coarse(LinearLaw(np.zeros(3), law.covariance, law.columns, law.kinds), p)
+        signs = 1 - 2 * (asked[:, None] >> np.arange(bounded.shape[1]) & 1)
+        sizes = np.linalg.norm(law.mean + signs @ bounded.T, axis=1)
+        asked = np.flatnonzero(sizes + own.quantile_mm + 4 * own.error_mm > r)
+    if asked.size > _FEW or count <= _MANY:
+        h, _ = lattice_columns(law)
+        found, value = vertex_probabilities(
+            r, law.mean, law.covariance, h, bounded, count, _THRESHOLD, _ALIASING, _LARGEST_BOX
+        )
+        if found:
+            return np.asarray(value), 0.0
+    moved = [_at_vertex(law, bounded, int(vertex))[1] for vertex in asked]
+    if asked.size <= _FEW:
+        out[asked] = [law_cdf(at, r) for at in moved]
+        return out, 0.0
     points = sample(law.mean, law.covariance, h, _LOG2_POINTS)
-    moved = [points.probability_moved(r, _at_vertex(law, bounded, v)[1].mean - law.mean) for v in range(count)]
-    return np.array(moved), _SLACK
+    out[asked] = [points.probability_moved(r, at.mean - law.mean) for at in moved]
+    return out, _SLACK

@@ -26,7 +26,8 @@ from .spectrum import principal_axes
 
 SingleArray = NDArray[np.float32]
 RANDOMISATIONS = 16
-FOLDED = 1e-5  # bound of what taking small columns as Gaussian changes a probability by: less than sampling
+# What taking small columns as Gaussian may change a probability by (less than sampling), with 2^12 points and fewer.
+FOLDED, FOLDED_COARSE, FINE = 1e-5, 1e-4, 12
 MOST_EXPLICIT = 32  # columns that are sampled; beyond, more are taken as Gaussian and the error says so
 _SEED = 20240229
 
@@ -143,31 +144,118 @@ def conditional_excess(r: float, x: Array, h: Array, blocks: int) -> Array:
 
 
 @kernel()
-def crossings(r: float, x: Array, h: Array) -> tuple[Array, Array, float]:
-    """What moves the sphere's crossings of the lines x_i + u h, |u| < 1: derivatives of P(|x + h u| <= r), negated.
+def probability_and_density(r: float, x: Array, h: Array) -> tuple[float, float]:
+    """(P(|x + h u| <= r), its derivative by r) over all points x (n, 3)."""
+    hh = h[0] * h[0] + h[1] * h[1] + h[2] * h[2]
+    inside = 0.0
+    density = 0.0
+    for i in range(x.shape[0]):
+        xh = x[i, 0] * h[0] + x[i, 1] * h[1] + x[i, 2] * h[2]
+        xx = x[i, 0] * x[i, 0] + x[i, 1] * x[i, 1] + x[i, 2] * x[i, 2]
+        room = xh * xh - hh * (xx - r * r)
+        if room > 0.0:
+            root = sqrt(room)
+            low = (-xh - root) / hh
+            high = (-xh + root) / hh
+            if fabs(low) < 1.0:
+                density += 0.5 * r / root
+            if fabs(high) < 1.0:
+                density += 0.5 * r / root
+            inside += 0.5 * max(min(1.0, high) - max(-1.0, low), 0.0)
+    return inside / x.shape[0], density / x.shape[0]
 
-    (v (n, 3), w (n,), density): a displacement d of point i lowers the probability by ``v_i'd / n``, one of ``u d`` by
-    ``w_i`` times d along h over n; density is that by r.  At a crossing e the line goes at e'h / r through the sphere.
+
+@kernel()
+def crossing_sums(r: float, x: Array, h: Array, z: Array, u: Array) -> tuple[Array, Array, Array, float, float]:
+    """Sums over the sphere's crossings of the lines x_i + t h, |t| < 1, weighted by the density that each adds over r.
+
+    (of e (3,), of e z_i' (3, k), of e u_i' (3, K), of e'h t, of r): a displacement d_i of the points moves the quantile
+    by ``sum e'd_i`` over the last.  At a crossing e the line goes at |e'h| / r through the sphere.
     """
-    n = x.shape[0]
-    v = np.zeros((n, 3))
-    w = np.zeros(n)
+    by_mean = np.zeros(3)
+    by_z = np.zeros((3, z.shape[1]))
+    by_u = np.zeros((3, u.shape[1]))
+    by_h = 0.0
     total = 0.0
     hh = h[0] * h[0] + h[1] * h[1] + h[2] * h[2]
-    for i in range(n):
+    e = np.empty(3)
+    for i in range(x.shape[0]):
         xh = x[i, 0] * h[0] + x[i, 1] * h[1] + x[i, 2] * h[2]
         xx = x[i, 0] * x[i, 0] + x[i, 1] * x[i, 1] + x[i, 2] * x[i, 2]
         room = xh * xh - hh * (xx - r * r)
         if room > 0.0:
             root = sqrt(room)
             for side in (-1.0, 1.0):
-                u = (-xh + side * root) / hh
-                if fabs(u) < 1.0:
+                t = (-xh + side * root) / hh
+                if fabs(t) < 1.0:
                     for a in range(3):
-                        v[i, a] += 0.5 * (x[i, a] + u * h[a]) / root
-                    w[i] += 0.5 * side * u
-                    total += 0.5 * r / root
-    return v, w, total / n
+                        e[a] = (x[i, a] + t * h[a]) / root
+                        by_mean[a] += e[a]
+                    for a in range(3):
+                        for k in range(z.shape[1]):
+                            by_z[a, k] += e[a] * z[i, k]
+                        for k in range(u.shape[1]):
+                            by_u[a, k] += e[a] * u[i, k]
+                    by_h += side * t
+                    total += r / root
+    return by_mean, by_z, by_u, by_h, total
+
+
+@kernel()
+def _points_of(mean: Array, z: Array, root: Array, u: Array, rest: Array) -> Array:
+    """(n, 3) mean + z root + u rest, summed in this order whatever the processor."""
+    out = np.empty((z.shape[0], 3))
+    for i in range(out.shape[0]):
+        for a in range(3):
+            total = mean[a]
+            for k in range(z.shape[1]):
+                total += z[i, k] * root[k, a]
+            for k in range(u.shape[1]):
+                total += u[i, k] * rest[k, a]
+            out[i, a] = total
+    return out
+
+
+@kernel()
+def _edgeworth_weights(z: Array, root: Array, small: Array) -> Array:
+    """(n,) ``1/24 sum_j -2/15 ((g_j'z)^4 - 6 g_j'g_j (g_j'z)^2 + 3 (g_j'g_j)^2)``, g_j column j on the deviates z.
+
+    The fourth cumulant of a uniform column h is -2/15 h^4, and a Gaussian density's fourth derivative along it is that
+    Hermite polynomial times the density.  The sums over columns are taken first.
+    """
+    rank = root.shape[0]
+    g = np.zeros((small.shape[0], rank))
+    fourth = np.zeros((rank, rank, rank, rank))
+    second = np.zeros((rank, rank))
+    constant = 0.0
+    for j in range(small.shape[0]):
+        size = 0.0
+        for k in range(rank):
+            length = 0.0
+            for a in range(3):
+                g[j, k] += small[j, a] * root[k, a]
+                length += root[k, a] * root[k, a]
+            g[j, k] /= length
+            size += g[j, k] * g[j, k]
+        constant += 3.0 * size * size
+        for k in range(rank):
+            for l in range(rank):  # noqa: E741
+                second[k, l] -= 6.0 * size * g[j, k] * g[j, l]
+                for m in range(rank):
+                    for n in range(rank):
+                        fourth[k, l, m, n] += g[j, k] * g[j, l] * g[j, m] * g[j, n]
+    out = np.empty(z.shape[0])
+    for i in range(out.shape[0]):
+        total = constant
+        for k in range(rank):
+            for l in range(rank):  # noqa: E741
+                inner = second[k, l]
+                for m in range(rank):
+                    for n in range(rank):
+                        inner += fourth[k, l, m, n] * z[i, m] * z[i, n]
+                total += inner * z[i, k] * z[i, l]
+        out[i] = total * (-2.0 / 15.0 / 24.0)
+    return out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -219,21 +307,18 @@ class Sample:
         ``dr = E[e'de / r]`` over the sphere |e| = r.  A covariance grows along C as its deviates are displaced by
         ``C S^-1 (x - mean) / 2``.  h: (K, 3) all columns of the law.
         """
-        v, w, density = crossings(r, self.x, self.along)
-        scale = 1.0 / (density * len(v))
-        by_mean = scale * v.sum(axis=0)
-        inverse = self.root / np.maximum((self.root**2).sum(axis=1, keepdims=True), 1e-300)
-        by_deviate = scale * (v.T @ self.z) @ inverse if len(self.root) else np.zeros((3, 3))
+        by_mean, by_z, by_u, by_along, total = crossing_sums(r, self.x, self.along, self.z, self.u)
+        by_deviate = by_z @ (self.root / (self.root**2).sum(axis=1, keepdims=True)) / total
         by_covariance = 0.25 * (by_deviate + by_deviate.T)
         own = np.empty(int(self.explicit.sum()))
         others = np.arange(len(own)) != self.left_out
-        own[others] = scale * ((v.T @ self.u).T * self.rest).sum(axis=1)
-        own[self.left_out] = scale * w.sum()
+        own[others] = (by_u.T * self.rest).sum(axis=1) / total
+        own[self.left_out] = by_along / total
         by_column = np.empty(len(h))
         by_column[self.explicit] = own
         small = h[~self.explicit]  # h h' / 3 in the covariance: twice that for a relative change of the length
         by_column[~self.explicit] = 2.0 / 3.0 * np.einsum("ja,ab,jb->j", small, by_covariance, small)
-        return by_mean, by_covariance, by_column
+        return by_mean / total, by_covariance, by_column
 
 
 @lru_cache(maxsize=4)
@@ -250,7 +335,8 @@ def sample(mean: Array, covariance: Array, h: Array, log2_count: int) -> Sample:
 
 
 def _sample(mean: Array, covariance: Array, h: Array, log2_count: int) -> Sample:
-    folded, explicit, bound = fold_many(covariance, h, FOLDED, MOST_EXPLICIT)
+    budget = FOLDED if log2_count >= FINE else FOLDED_COARSE
+    folded, explicit, bound = fold_many(covariance, h, budget, MOST_EXPLICIT)
     kept = h[explicit]
     # The column that crosses the sphere most steeply: near a large mean, the one along it.
     spread = np.trace(covariance) + (h**2).sum() / 3.0
@@ -260,25 +346,10 @@ def _sample(mean: Array, covariance: Array, h: Array, log2_count: int) -> Sample
     root = (axes[:, :rank] * np.sqrt(variances[:rank])).T
     rest = np.delete(kept, along, axis=0)
     z, u = sobol_points(rank, rest.shape[0], log2_count)
-    x = mean + u @ rest + (z @ root if rank else 0.0)
-    weights = _edgeworth_weights(z, root, h[~explicit]) if bound > FOLDED else np.zeros(0)
-    return Sample(
-        np.ascontiguousarray(x), np.ascontiguousarray(kept[along]), z, root, u, rest, along, explicit, bound, weights
-    )
-
-
-def _edgeworth_weights(z: Array, root: Array, small: Array) -> Array:
-    """(n,) ``1/24 sum_j -2/15 ((g_j'z)^4 - 6 g_j'g_j (g_j'z)^2 + 3 (g_j'g_j)^2)``, g_j column j on the deviates z.
-
-    The fourth cumulant of a uniform column h is -2/15 h^4, and a Gaussian density's fourth derivative along it is that
-    Hermite polynomial times the density.  The sums over columns are taken first.
-    """
-    g = small @ (root / (root**2).sum(axis=1, keepdims=True)).T
-    size = (g**2).sum(axis=1)
-    pairs = (g[:, :, None] * g[:, None, :]).reshape(len(g), -1)
-    z2 = (z[:, :, None] * z[:, None, :]).reshape(len(z), -1)
-    quartic = ((z2 @ (pairs.T @ pairs)) * z2).sum(axis=1)
-    return np.asarray(-2 / 15 / 24 * (quartic - 6 * z2 @ (pairs.T @ size) + 3 * float((size**2).sum())))
+    root, rest = np.ascontiguousarray(root), np.ascontiguousarray(rest)
+    x = _points_of(mean, z, root, u, rest)
+    weights = _edgeworth_weights(z, root, h[~explicit]) if bound > budget else np.zeros(0)
+    return Sample(x, np.ascontiguousarray(kept[along]), z, root, u, rest, along, explicit, bound, weights)
 
 
 def fold_many(S: Array, h: Array, budget: float, most: int) -> tuple[Array, NDArray[np.bool_], float]:
@@ -295,7 +366,9 @@ def fold_many(S: Array, h: Array, budget: float, most: int) -> tuple[Array, NDAr
     def taken(count: int) -> tuple[Array, float]:
         small = h[order[:count]]
         folded = S + small.T @ small / 3.0
-        rho2 = np.einsum("ja,ab,jb->j", small, np.linalg.pinv(folded, rcond=1e-12, hermitian=True), small)
+        variances, _, axes = principal_axes(np.zeros(3), folded)
+        rank = int((variances > 0).sum())
+        rho2 = ((small @ axes[:, :rank]) ** 2 / variances[:rank]).sum(axis=1)
         return folded, 3.1e-3 * float((rho2**2).sum())
 
     least = max(len(h) - most, 0)
@@ -309,25 +382,21 @@ def fold_many(S: Array, h: Array, budget: float, most: int) -> tuple[Array, NDAr
 
 
 def sampled_quantile(p: float, x: Array, h: Array) -> tuple[float, float, float]:
-    """(r, density, standard error of r) by bisection and secant steps on the averaged conditional probability."""
-    bound = np.sqrt((x**2).sum(axis=1))
+    """(r, density, standard error of r) by Newton's steps on the averaged conditional probability, in a bracket."""
+    size = np.sqrt((x**2).sum(axis=1))
     reach = sqrt(float(h @ h))
-    low, high = max(float(bound.min()) - reach, 0.0), float(bound.max()) + reach
-    f_low, f_high = -p, 1.0 - p
-    for step in range(200):
-        middle = 0.5 * (low + high)
-        if step % 3:  # regula falsi, kept off the ends
-            secant = low - f_low * (high - low) / (f_high - f_low)
-            middle = min(max(secant, low + 0.02 * (high - low)), high - 0.02 * (high - low))
-        value = float(conditional_probability(middle, x, h, RANDOMISATIONS).mean()) - p
-        if value < 0:
-            low, f_low = middle, value
-        else:
-            high, f_high = middle, value
-        if high - low < 1e-12 * high or fabs(value) < 1e-13:
+    low, high = max(float(size.min()) - reach, 0.0), float(size.max()) + reach
+    r = float(np.quantile(size, p))
+    for _ in range(100):
+        value, density = probability_and_density(r, x, h)
+        low, high = (r, high) if value < p else (low, r)
+        step = r - (value - p) / density if density > 0 else low
+        step = step if low < step < high else 0.5 * (low + high)
+        done = abs(step - r) < 1e-12 * high
+        r = step
+        if done:
             break
-    r = high if high - low < 1e-12 * high else middle
     blocks = conditional_probability(r, x, h, RANDOMISATIONS)
-    _, _, density = crossings(r, x, h)
+    _, density = probability_and_density(r, x, h)
     error = float(blocks.std(ddof=1)) / sqrt(RANDOMISATIONS)
     return r, density, error / density if density > 0 else 0.0
