@@ -75,7 +75,7 @@ def violations(document: Mapping[str, Any]) -> list[str]:
                 found.append(f"{name}: operationId {identity} is also that of {ids[identity]}")
             ids.setdefault(identity, name)
     for name, schema in document.get("components", {}).get("schemas", {}).items():
-        found += [f"schema {name}: {text}" for text in (*_units(schema), *_without_words(schema))]
+        found += [f"schema {name}: {text}" for text in (*_units(schema), *without_words(schema))]
     return found
 
 
@@ -156,11 +156,11 @@ def _units(schema: Any) -> Iterator[str]:
                 yield from _units(child)
 
 
-def _without_words(schema: Any) -> Iterator[str]:
+def without_words(schema: Any) -> Iterator[str]:
     """Properties that nothing is said of, wherever they are."""
     if isinstance(schema, list):
         for part in schema:
-            yield from _without_words(part)
+            yield from without_words(part)
     if not isinstance(schema, dict):
         return
     for name, part in schema.get("properties", {}).items():
@@ -169,7 +169,7 @@ def _without_words(schema: Any) -> Iterator[str]:
     for keyword, part in schema.items():
         for child in part.values() if keyword in ("properties", "$defs") else (part,):
             if keyword not in ("example", "examples", "default", "enum", "const"):
-                yield from _without_words(child)
+                yield from without_words(child)
 
 
 def _is_number(schema: Any) -> bool:

@@ -14,7 +14,9 @@ import pytest
 from jsonschema import Draft202012Validator
 from openapi_scenes import DOCUMENT, OPENAPI, needs_node, operations
 from openapi_spec_validator import OpenAPIV31SpecValidator
-from rules import resolved, violations
+from rules import resolved, violations, without_words
+
+from tailstack_service.documents import json_schema, schema_names
 
 PROBLEM = {"$ref": "#/components/responses/Problem422"}
 TEXT = {"schema": {"type": "string"}, "description": "what it says"}
@@ -180,6 +182,12 @@ def test_each_rule_finds_what_it_is_for(name: str) -> None:
     document = copy.deepcopy(GOOD)
     change(document)
     assert violations(document) == [sentence]
+
+
+@pytest.mark.parametrize("name", schema_names())
+def test_every_property_of_a_published_schema_is_described(name: str) -> None:
+    """Also of the documents that are not spoken of over HTTP: studies, policies, waivers."""
+    assert list(without_words(json_schema(name))) == []
 
 
 COMPUTATIONS = [operation for _, _, operation in operations() if operation["tags"] == ["computations"]]

@@ -313,7 +313,9 @@ class Policy(Record):
     classes: Annotated[list[DesignClass], Field(max_length=100)] = Field(
         default=[], description="Designs with rules of their own; the first class that matches counts."
     )
-    verification: Check = Field(default_factory=Check, description="How Monte Carlo is drawn.")
+    verification: Check = Field(
+        default_factory=Check, description="How Monte Carlo is drawn, in modes verify and auto."
+    )
     guard_band_percent: Percent = Field(
         default=10.0,
         description="Mode auto draws Monte Carlo where a first-order value lies within so much of its limit, or where "

@@ -7,6 +7,7 @@ from typing import Any
 from tailstack.design.schema import without_null
 
 from .policy_document import Policy
+from .rules import RULES
 from .waiver_document import LONGEST_DAYS, Waivers
 
 
@@ -17,7 +18,10 @@ def policy_json_schema() -> dict[str, Any]:
         "description": "What a gate judges by: rules by id with their severity and limits, and classes of designs with "
         "rules of their own. Unknown fields, NaN and infinities are refused.",
     }
-    return {**without_null(Policy.model_json_schema(by_alias=True)), **head}
+    schema = without_null(Policy.model_json_schema(by_alias=True))
+    for name, entry in schema["$defs"]["Rules"]["properties"].items():
+        entry["description"] = f"{RULES[name].title}."
+    return {**schema, **head}
 
 
 def waivers_json_schema() -> dict[str, Any]:
