@@ -89,7 +89,7 @@ def test_the_use_of_a_key_is_noted_once_an_hour_and_address(store: Database, clo
     for _ in range(3):
         for address in ("192.0.2.1", "192.0.2.2"):
             audit.note_use(store, "k", "acme", address)
-        clock.advance(60)
+            clock.advance(60)
     assert [entry.detail for entry in audit.entries(store, limit=9)] == [
         {"address": "192.0.2.1"}, {"address": "192.0.2.2"}
     ]  # fmt: skip

@@ -11,6 +11,7 @@ import httpx
 import pytest
 from service_scenes import client_with, small_design
 from store_scenes import Clock, claim, claim_one, find, finish, record, split, submit, url_of
+from worker_scenes import until
 
 from tailstack_service.cli.main import main
 from tailstack_service.http.server import running_service
@@ -42,6 +43,7 @@ def test_a_changed_result_is_refused_its_job_says_so_and_asked_again_it_is_compu
         running_service(settings, worker=True, worker_log=tmp_path / "worker.log") as (host, port),
         httpx.Client(base_url=f"http://{host}:{port}", timeout=90, trust_env=False) as client,
     ):
+        until(lambda: client.get("/health/ready").status_code == 200, 120)
         first = client.post("/v1/verifications", json=BODY, headers=keyed)
         assert first.status_code == 200, first.text
         result, job = first.headers["content-location"], first.headers["location"]
