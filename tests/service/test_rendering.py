@@ -103,11 +103,22 @@ def test_checks_show_value_interval_limit_and_status() -> None:
 
 
 def test_a_yield_is_shown_against_what_is_required() -> None:
-    failing = check("fail", risk="per_unit", interval_mm=(1.55, 1.6), value_mm=1.57, yield_fraction=0.9, min_yield=0.95)
+    units = {"risk": "per_unit", "yield_fraction": 0.9, "min_yield": 0.95}
+    failing = check("fail", requirement="each", interval_mm=(1.55, 1.6), value_mm=1.57, **units)
     text = checks_table((failing, check("pass")))
     cells = " ".join(text.split("\n")[-2].split())
-    assert cells == "tip entry P95, 95 % of units 1.570 1.550 .. 1.600 1.500 -0.100 90.0 fail"
+    assert cells == "each entry P95, 95 % of units 1.570 1.550 .. 1.600 1.500 -0.100 90.0 fail"
     assert "yield" in text
+
+
+def test_each_requirement_has_one_row_at_the_target_that_decides_it() -> None:
+    text = checks_table((
+        check("pass", target="far", value_mm=1.3, interval_mm=(1.28, 1.32)), check("pass", target="near"),
+        check("pass", requirement="all", target="a"), check("inconclusive", requirement="all", target="b"),
+    ))  # fmt: skip
+    rows = [" ".join(line.split()) for line in text.split("\n")[3:]]
+    assert [row.partition(" P95")[0] for row in rows] == ["all b (worst of 2)", "tip far (worst of 2)"]
+    assert [row.split()[-1] for row in rows] == ["inconclusive", "pass"]
 
 
 def test_the_verdict_comes_last_and_findings_before_it() -> None:

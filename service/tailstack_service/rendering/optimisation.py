@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from tailstack.results import Optimisation, Vector3
 
 from .tables import fixed, number, percent, table, wrapped
-from .verdict import checks_table, findings_text, heading, joined, provenance_text, verdict_line
+from .verdict import checks_table, decided_by, findings_text, heading, joined, provenance_text, verdict_line
 
 MOST_OPTIMA = 5
 
@@ -38,7 +38,9 @@ def others_text(result: Optimisation) -> str:
     """Requirements that the optimiser was not asked to keep, with what became of them."""
     if not result.others:
         return ""
-    listed = "; ".join(f"{check.requirement}, target {check.target}: {check.status}" for check in result.others)
+    listed = "; ".join(
+        f"{worst.requirement}, target {worst.target}: {worst.status}" for worst, _ in decided_by(result.others)
+    )
     words = f"{listed}. The design was optimised without these (optimise.requirement); the verdict is of all."
     return wrapped(words, first="not asked for: ", indent="  ")
 

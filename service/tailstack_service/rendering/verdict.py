@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from tailstack.results import Check, Finding, Provenance, Verdict
 
 from .tables import coloured, fixed, number, percent, shortened, signed, table, wrapped
@@ -17,19 +19,34 @@ def heading(provenance: Provenance, basis: str) -> str:
     return shortened(provenance.design_name, 76) + digest + "\n" + wrapped(how)
 
 
+_ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
+
+
+def urgency(check: Check) -> tuple[int, float]:
+    """Sorts checks: failures before open questions before the rest, then by value over limit, largest first."""
+    return _ORDER[check.status], -check.value_mm / check.limit_mm
+
+
+def decided_by(checks: Sequence[Check]) -> list[tuple[Check, int]]:
+    """For each requirement the check that decides it, and at how many targets it is checked; failures first."""
+    names = dict.fromkeys(check.requirement for check in checks)
+    own = [[check for check in checks if check.requirement == name] for name in names]
+    return sorted(((min(each, key=urgency), len(each)) for each in own), key=lambda entry: urgency(entry[0]))
+
+
 def checks_table(checks: tuple[Check, ...]) -> str:
-    """One row per requirement and target: what it limits, the value and its interval, what is left to the limit."""
+    """Each requirement at the target that decides it: what it limits, the value and its interval, what is left."""
     if not checks:
         return ""
     rows = []
-    for check in checks:
+    for check, count in decided_by(checks):
         low, high = check.interval_mm
         units = "pooled" if check.min_yield is None else f"{100 * check.min_yield:.6g} % of units"
         error = "" if check.error == "tcp" else f" {check.error}"
         rows.append(
             (
                 check.requirement,
-                check.target,
+                check.target + (f" (worst of {count})" if count > 1 else ""),
                 f"P{100 * check.quantile:.6g}{error}, {units}",
                 number(check.value_mm),
                 f"{fixed(low, 3)} .. {fixed(high, 3)}",

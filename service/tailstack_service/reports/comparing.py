@@ -12,9 +12,10 @@ from tailstack.runs import Prepared, Progress, Sampling, prepare
 from tailstack.verifying import verify_prepared
 
 from ..problems import RequestError
+from ..rendering.verdict import urgency
 from .assembling import ReportOptions, assemble, drawing_options, drawn_norms
 from .changes import changes_of
-from .headline import contributor_name, decisive_check, urgency, verdict_sentence
+from .headline import contributor_name, decisive_check, verdict_sentence
 from .paired import FEWEST, SECTIONS, paired_difference
 from .records import Comparison, ComparisonHeadline, Difference, Report
 

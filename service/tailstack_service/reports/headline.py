@@ -10,11 +10,11 @@ from tailstack.results import headline_of as words
 from tailstack.scoring import P95
 
 from ..rendering.score import single_lines
+from ..rendering.verdict import urgency
 from .records import Headline
 
 STATED = ("requirement-failed", "requirement-inconclusive")  # findings that repeat the verdict
 IN_DOCUMENT = {"interface_1": "structure–connector", "interface_2": "connector–flange"}
-_ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
 
 
 def headline_of(score: Score, verification: Verification | None, optimisation: Optimisation | None = None) -> Headline:
@@ -62,11 +62,6 @@ def tightest_check(checks: Sequence[Check], target: str) -> Check | None:
     """The pooled requirement at a target that is nearest to its limit, or furthest beyond it."""
     judged = [check for check in checks if check.target == target and check.risk == "pooled"]
     return max(judged, key=lambda check: check.value_mm / check.limit_mm, default=None)
-
-
-def urgency(check: Check) -> tuple[int, float]:
-    """Sorts checks: failures before open questions before the rest, then by value over limit, largest first."""
-    return _ORDER[check.status], -check.value_mm / check.limit_mm
 
 
 def verdict_sentence(check: Check, who: str = "The design") -> str:

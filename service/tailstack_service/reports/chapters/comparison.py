@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from tailstack.results import Contributor, Score, TargetEstimate, TargetScore
 from tailstack.scoring import P95
 
+from ...rendering.verdict import decided_by
 from ..blocks import (
     Block,
     Bullets,
@@ -35,7 +36,6 @@ from .tables import (
     MARGIN_NOTE,
     REQUIREMENT_COLUMNS,
     checks_table,
-    decided_by,
     findings_table,
     not_included,
     requirement_cells,

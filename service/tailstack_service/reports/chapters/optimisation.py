@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tailstack.results import Optimisation
 
+from ...rendering.verdict import decided_by
 from ..blocks import (
     Block,
     Bullets,
@@ -18,7 +19,6 @@ from ..blocks import (
     Table,
     tone_of,
 )
-from ..headline import urgency
 from .layout import layout_blocks, scored
 from .tables import not_included, provenance_facts, requirements_table
 from .verification import sampling_blocks, verification_blocks
@@ -95,10 +95,7 @@ def others_sentences(found: Optimisation) -> tuple[str, ...]:
     """What became of the requirements that the optimiser was not asked to keep, in one sentence; nothing if none."""
     if not found.others:
         return ()
-    told = []
-    for name in dict.fromkeys(check.requirement for check in found.others):
-        worst = min((check for check in found.others if check.requirement == name), key=urgency)
-        told.append(f"{name} ({worst.status})")
+    told = [f"{worst.requirement} ({worst.status})" for worst, _ in decided_by(found.others)]
     return (f"Not asked for, and judged all the same: {', '.join(told)}.",)
 
 

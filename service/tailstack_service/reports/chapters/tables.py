@@ -21,8 +21,9 @@ from tailstack.results import (
 from tailstack.results import headline_of as words
 
 from ...rendering.score import grouped
+from ...rendering.verdict import decided_by, urgency
 from ..blocks import Bullets, Cell, Column, Facts, Row, Table
-from ..headline import contributor_name, urgency
+from ..headline import contributor_name
 from ..records import Allowance
 
 BUDGET_NOTE = (
@@ -118,13 +119,6 @@ DECIDED = (
 )  # fmt: skip
 REQUIREMENT_COLUMNS = (Column("Requirement"), Column("Target"), Column("What is limited"), *DECIDED)
 MARGIN_NOTE = "Margin: the limit less the upper end of the interval. A requirement passes where it is not negative."
-
-
-def decided_by(checks: Sequence[Check]) -> list[tuple[Check, int]]:
-    """For each requirement the check that decides it, and at how many targets it is checked; failures first."""
-    names = dict.fromkeys(check.requirement for check in checks)
-    own = [[check for check in checks if check.requirement == name] for name in names]
-    return sorted(((min(each, key=urgency), len(each)) for each in own), key=lambda entry: urgency(entry[0]))
 
 
 def requirement_cells(check: Check, count: int) -> tuple[Cell, ...]:
