@@ -177,6 +177,23 @@ def test_per_unit_requirement_asks_for_a_yield():
         assert verdict.checks[0].yield_fraction is not None
 
 
+def test_the_summary_per_unit_is_that_of_the_requirement_on_each_unit():
+    """A tighter pooled limit beside it says nothing of units: 0.684 stood beside the check's 0.970."""
+    installed = mount("interface_2", (0, 0, -145), half_width=[0.1 * DEGREES] * 3 + [0.05] * 3)
+    pooled = Requirement("all", "tcp", 0.95, 0.5, 0.95, ("target",))
+    each = Requirement("each", "tcp", 0.99, 0.8, 0.95, ("target",), "per_unit", 0.9)
+    result = score(cube8_system(interface_2=installed, requirements=(pooled, each)))
+    unit, check = result.targets[0].per_unit, result.verdict.checks[1]
+    assert (unit.limit_mm, unit.quantile, unit.units_fraction) == (0.8, 0.99, 0.9)
+    assert (unit.value_mm, unit.yield_fraction) == (check.value_mm, check.yield_fraction)
+    assert 0.0 < unit.yield_fraction < 1.0
+    assert unit.p95_of_units_mm == score(cube8_system(interface_2=installed)).targets[0].per_unit.p95_of_units_mm
+    assert result.targets[0].limit_mm == 0.5
+    # of all units together nothing is asked by a requirement on each
+    alone = score(cube8_system(interface_2=installed, requirements=(each,))).targets[0]
+    assert (alone.limit_mm, alone.exceedance_probability) == (None, None)
+
+
 def test_block_diagonal_value_is_there_for_comparison():
     """oracle: 0.1 mm beads: 0.39134 with the cross-view covariance, 0.37704 without."""
     result = score(cube8_system(manufacturing_half_width_mm=read_only(np.full((8, 3), 0.1)))).targets[0]
