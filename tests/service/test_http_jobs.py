@@ -467,3 +467,21 @@ def test_a_report_in_an_unknown_format(client: httpx.Client) -> None:
     job = ended(client, done(client, "/v1/verifications", QUICK).headers["location"].rpartition("/")[2])
     response = client.get(f"{job['links']['report']}?format=docx")
     assert check_problem(response, 422, "invalid-request")["errors"][0]["pointer"] == "/format"
+
+
+def test_who_waits_for_a_job_while_the_database_goes_away_is_told_of_the_job(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not 503: whoever sent it again would have it twice."""
+    from tailstack.errors import Problem
+    from tailstack_service.store import jobs as stored
+    from tailstack_service.store.errors import StoreUnavailable
+
+    def away(*_: object) -> None:
+        raise StoreUnavailable(Problem("", "store-unavailable", "it stands still"))
+
+    body = {"design": small_design(), "trials": 1000}
+    with client_with() as client:
+        monkeypatch.setattr(stored, "find", away)
+        waited = client.post("/v1/verifications", json=body, headers={"Prefer": "wait=1"})
+        monkeypatch.undo()
+        assert waited.status_code == 202, waited.text
+        assert client.get(waited.headers["location"]).json()["state"] == "queued"

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import time
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,7 @@ from ..problems import TransportError
 from ..settings import Settings, variable
 from ..store import jobs as stored
 from ..store import results
+from ..store.errors import StoreUnavailable
 from ..store.jobs import Job
 from ..store.usage import cpu_seconds_since
 from ..work.requests import canonical
@@ -165,8 +167,9 @@ async def _awaited(request: Request, service: Service, job: Job, seconds: float)
             if await request.is_disconnected():
                 break
             look = min(1.3 * look, LONGEST_LOOK)
-            seen = await service.storage.run(stored.find, job.tenant, job.id)
-            job = seen or job
+            with suppress(StoreUnavailable):  # what was accepted stays accepted, and its address is known
+                seen = await service.storage.run(stored.find, job.tenant, job.id)
+                job = seen or job
         return job
     finally:
         service.leave(job.tenant)
