@@ -16,7 +16,7 @@ from .contributors import declared_law, mean_at
 from .cores import usable_cores
 from .montecarlo import compile_plan, run_indices
 from .montecarlo.estimators import Goal, planned_looks, quantile_estimate, simulate_to_precision
-from .montecarlo.radial import LinearChain, RadialEstimate, gains_in_plan_order, radial
+from .montecarlo.radial import RANDOMISATIONS, RAYS, LinearChain, RadialEstimate, gains_in_plan_order, radial
 from .montecarlo.simulate import Samples, simulate
 from .precision import PRECISION
 from .sampling import (
@@ -74,6 +74,7 @@ __all__ = [
     "unit_quantiles",
 ]
 
+MOST_DEVIATES = 2**23  # of all rays of a radial estimate: 64 MB
 RADIAL_COMPANION_TRIALS = 2**15  # plain trials beside a radial run: moments, CVaR, worst
 UNITS_PER_BATCH = 32
 
@@ -170,7 +171,7 @@ def _run_radial(
     quantiles = {(name, error, P95) for name, error in ready.vertices}
     quantiles |= {(n, r.error, r.quantile) for r in ready.system.requirements for n in r.targets}
     wanted = [
-        RadialWanted(name, error, quantile, sampling.seed, vertex)
+        RadialWanted(name, error, quantile, sampling.seed, vertex, sampling.precision)
         for name, error, quantile in sorted(quantiles)
         for vertex in ready.vertices[name, error]
     ]
@@ -189,9 +190,12 @@ def _run_radial(
         at_each.setdefault(key, []).append(Quantile(estimate.value_mm, estimate.interval_mm))
     found = {key: largest(several) for key, several in at_each.items()}
     reached = max((one.interval_mm[1] - one.interval_mm[0]) / (2 * one.value_mm) for one in found.values())
+    short = ""
+    if sampling.precision is not None and reached > sampling.precision:
+        short = f", as many as are drawn, short of the ±{100 * sampling.precision:g} % requested"
     stopping = (
         f"Quantiles by radial conditional sampling with {sum(found.evaluations for found in estimates)} evaluations of "
-        f"the chain; moments, CVaR, worst case and exceedance from {trials} plain trials."
+        f"the chain{short}; moments, CVaR, worst case and exceedance from {trials} plain trials."
     )
     return Run(samples, confidence_at_each(ready), stopping, reached, found)
 
@@ -212,10 +216,16 @@ def radial_estimate(ready: Prepared, wanted: RadialWanted) -> RadialEstimate:
         quantile_mm=first.quantile_mm,
         density_per_mm=first.density,
     )
-    return radial(
-        plan, linear, target=place, error=error, quantile=wanted.quantile, seed=wanted.seed,
-        confidence=confidence_at_each(ready),
-    )  # fmt: skip
+    rays, most = RAYS, MOST_DEVIATES // (RANDOMISATIONS * plan.dimension)
+    while True:
+        found = radial(
+            plan, linear, target=place, error=error, quantile=wanted.quantile, seed=wanted.seed,
+            confidence=confidence_at_each(ready), rays=rays,
+        )  # fmt: skip
+        half_width = (found.interval_mm[1] - found.interval_mm[0]) / (2 * found.value_mm)
+        if wanted.precision is None or half_width <= wanted.precision or 4 * rays > most:
+            return found
+        rays *= 4
 
 
 def _unit_quantiles(

@@ -52,6 +52,7 @@ class RadialWanted:
     quantile: float
     seed: int
     vertex: Vertex = ()
+    precision: float | None = None  # relative half-width of its interval; None: that of the fewest rays
 
 
 class Source(Protocol):

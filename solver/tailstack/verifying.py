@@ -67,9 +67,11 @@ def verify(
     ``trials`` draws exactly so many; otherwise trials are drawn until every interval's relative half-width is
     at most ``precision`` (default 0.005) *and* every requirement is decided, up to ``max_trials``.  ``method="radial"``
     takes the quantiles from radial conditional sampling (far fewer evaluations; refused where a ray crosses
-    twice), and the rest from ``trials`` plain ones.  Same seed, same digits, whatever ``threads``.  Bounded components
-    stand at the vertex that the linear model finds worst; where it cannot tell several apart, all of them are run and
-    the largest of what they give is told.  Raises DesignError, IllPosedError, OutOfRangeError.
+    twice) to ``precision``, if given, and the rest from ``trials`` plain ones.  Same seed, same digits, whatever
+    ``threads``.  Bounded components stand at the vertex that the linear model finds worst; where it cannot tell several
+    apart, all of them are run and the largest of what they give is told.
+
+    Raises DesignError, IllPosedError, OutOfRangeError.
     """
     sampling = Sampling(trials, precision, seed, method, max_trials)
     return verify_prepared(prepare(design), sampling, threads=threads, progress=progress)
@@ -88,13 +90,14 @@ def verify_prepared(
     targets = tuple(_target(ready, run, target.name) for target in ready.system.targets)
     worst = max(targets, key=lambda target: target.p95_mm)
     plain = sampling.trials is None and sampling.method == "plain" and not sampling.sequential
+    radial_precision = sampling.precision if sampling.method == "radial" else None
     return Verification(
         schema="tailstack/verification/1",
         seed=sampling.seed,
         trials=max(sample.trials for sample in run.samples.values()),
         method=sampling.method,
         engine="structured resection, eight lanes (numba); trials without a proven solution redone by SVD",
-        precision_requested=sampling.precision or PRECISION if plain else None,
+        precision_requested=sampling.precision or PRECISION if plain else radial_precision,
         max_trials=sampling.max_trials if plain else None,
         precision_reached=run.precision_reached,
         stopping=run.stopping + _vertices_told(ready),

@@ -152,6 +152,18 @@ def test_a_radial_check_draws_the_plain_trials_that_were_asked_for():
     assert verify(system, seed=6, method="radial").trials == 32_768
 
 
+def test_a_radial_check_reaches_the_precision_that_was_asked_for():
+    """sampled: two 95 % intervals fail to overlap in fewer than 1 of 150 seeds."""
+    system = cube8_system()
+    few, many = (verify(system, precision=precision, seed=6, method="radial") for precision in (0.05, 1e-4))
+    assert few.precision_reached > 1e-4 >= many.precision_reached
+    assert (few.precision_requested, many.precision_requested) == (0.05, 1e-4)
+    a, b = few.targets[0].p95_interval_mm, many.targets[0].p95_interval_mm
+    assert a[0] < b[1]
+    assert b[0] < a[1]
+    assert verify(system, seed=6, method="radial").precision_requested is None
+
+
 def test_per_unit_yield_by_nested_sampling_agrees_with_the_score():
     """sampled: 2048 units; 4 standard errors (1 in 16,000)."""
     installed = mount("interface_2", (0, 0, -145), half_width=[0.002] * 3 + [0.05] * 3)

@@ -70,7 +70,9 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     ready, seed = _ready(request), sampling_of(request).seed
     if spec["what"] == "radial":
         vertex = tuple((name, end) for name, end in spec["vertex"])
-        wanted = RadialWanted(spec["target"], spec["error"], spec["quantile"], seed, vertex)
+        wanted = RadialWanted(
+            spec["target"], spec["error"], spec["quantile"], seed, vertex, sampling_of(request).precision
+        )
         return canonical(asdict(radial_estimate(ready, wanted)))
     plan = _plan(canonical(request["design"]), tuple(spec["vertex"]), SHOTS if spec["what"] == "units" else 1)
     if spec["what"] == "units":

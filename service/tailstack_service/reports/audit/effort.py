@@ -54,7 +54,7 @@ def _trials(kind: str, record: Any) -> tuple[str, int]:
         at, trials = _asked("/first/reproduction", record.first.reproduction)
         return at, 2 * trials
     if kind == "verification":
-        fixed = record.precision_requested is None
+        fixed = record.precision_requested is None or record.method == "radial"
         return ("/trials", record.trials) if fixed else ("/max_trials", record.max_trials or MAX_TRIALS)
     if kind == "sweep":
         points = _points(record)

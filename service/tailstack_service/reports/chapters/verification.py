@@ -59,7 +59,10 @@ def verification_document(check: Verification, sha256: str) -> Document:
 def drawn_by(check: Verification) -> str:
     """The options that draw the same trials."""
     if check.method == "radial":
-        return f"--method radial --trials {check.trials} --seed {check.seed}"
+        size = f"--trials {check.trials}"
+        if check.precision_requested is not None:
+            size = f"--precision {check.precision_requested:g}"
+        return f"--method radial {size} --seed {check.seed}"
     if check.precision_requested is not None:
         most = "" if check.max_trials in (None, MAX_TRIALS) else f" --max-trials {check.max_trials}"
         return f"--precision {check.precision_requested:g} --seed {check.seed}{most}"
