@@ -43,9 +43,9 @@ COUNTS = frozenset(
 RATIOS = frozenset(
     {"axis", "beam_direction", "confidence", "coverage_factor", "exceedance_probability", "extrapolation", "factor",
      "first_order", "first_order_ratio", "fraction", "interval", "kkt_residual", "locator_scales", "max_scale",
-     "min_scale", "min_yield", "normal", "nu", "nu_crossing", "nu_depth", "nu_disagreement", "precision",
-     "precision_reached", "precision_requested", "probability", "quantile", "quaternion_wxyz", "rotation", "sampled",
-     "scale", "units_fraction", "up_direction", "variance_share", "worst_ratio", "yield_fraction",
+     "min_scale", "min_yield", "normal", "nu", "nu_crossing", "nu_depth", "nu_disagreement", "nu_gap",
+     "precision", "precision_reached", "precision_requested", "probability", "quantile", "quaternion_wxyz", "rotation",
+     "sampled", "scale", "units_fraction", "up_direction", "variance_share", "worst_ratio", "yield_fraction",
      "yield_standard_error"}
 )  # fmt: skip
 PRICES = frozenset(  # in the unit in which the design states its own prices

@@ -5763,7 +5763,7 @@ export interface components {
             statement: string;
             /**
              * Nu Depth
-             * @description Standard deviation of the relative error of the target's depth, the largest over the views; nu is the largest of three such numbers.
+             * @description Standard deviation of the relative error of the target's depth, the largest over the views; nu is the largest of four such numbers.
              */
             nu_depth: number;
             /**
@@ -5776,6 +5776,11 @@ export interface components {
              * @description What the views' disagreement moves the point by, over what first order does: standard deviations.
              */
             nu_disagreement: number;
+            /**
+             * Nu Gap
+             * @description The smallest singular value of the rows of triangulation, which noise makes, over the next one.
+             */
+            nu_gap: number;
             /**
              * Layout Class
              * @description What decides whether the thresholds were calibrated for a design: views, fiducials, form of triangulation.

@@ -130,7 +130,7 @@ def test_depth_and_crossing_are_what_differences_of_estimates_say(views, azimuth
 
 @pytest.mark.parametrize("form", list(Triangulation))
 @pytest.mark.parametrize(("views", "manufactured"), [(2, False), (2, True), (3, True), (5, False)])
-def test_disagreement_is_what_triangulation_by_svd_does_beyond_the_noise_free_rows(views, manufactured, form):
+def test_disagreement_and_gap_are_what_triangulation_by_svd_does_beyond_the_noise_free_rows(views, manufactured, form):
     """independent and sampled: 3,000 draws of small noise; rows of matrices by plain DLT.  The homogeneous solution by
     SVD against the one that weighs its rows as without noise, which meets depth and crossing but no disagreement.
     Chance: 3 % of the number (one standard deviation); its scale by the noise is exact."""
@@ -154,7 +154,7 @@ def test_disagreement_is_what_triangulation_by_svd_does_beyond_the_noise_free_ro
 
     at_rest = rows(matrices, [seen(m, aim) for m in matrices])[:, :3]
     rest = (aim - origin) / unit
-    first, second = [], []
+    first, second, least = [], [], []
     for _ in range(3000):
         moved = points
         if manufactured:
@@ -167,13 +167,17 @@ def test_disagreement_is_what_triangulation_by_svd_does_beyond_the_noise_free_ro
             )
             images.append(seen(m, aim) + small * 1e-3 * view.target_noise_px * rng.standard_normal(2))
         b = rows(estimates, images)
-        homogeneous = np.linalg.svd(b)[2][-1]
+        _, values, vectors = np.linalg.svd(b)
+        homogeneous = vectors[-1]
+        least.append(values[-1])
         plain = np.linalg.solve(at_rest.T @ b[:, :3], -at_rest.T @ b[:, 3])
         first.append(plain - rest)
         second.append(homogeneous[:3] / homogeneous[3] - plain)
     ratio = np.sqrt((np.array(second) ** 2).sum() / (np.array(first) ** 2).sum()) / small
     found = linearise(system, system.targets[0]).nonlinearity
     assert found.disagreement == pytest.approx(ratio, rel=0.1)
+    size = np.linalg.norm(np.linalg.inv(at_rest.T @ at_rest))
+    assert found.gap == pytest.approx(np.sqrt(np.mean(np.square(least)) * size) / small, rel=0.05)
 
 
 def test_the_weakest_direction_is_the_last_eigenvector():

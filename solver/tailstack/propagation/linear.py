@@ -45,7 +45,7 @@ class LinearModel:
 
     @property
     def nu(self) -> float:
-        """The validity number: the largest of the three relative errors that first order takes for small."""
+        """The validity number: the largest of the relative errors that first order takes for small."""
         return self.nonlinearity.nu
 
     def gain(self, block: Block, error: str) -> Array:

@@ -1,6 +1,6 @@
-"""What first order leaves out, measured against what it keeps: the three numbers whose largest is nu.
+"""What first order leaves out, measured against what it keeps: the four numbers whose largest is nu.
 
-First order takes three things for small.  Each is the standard deviation of a relative error, in one compiled pass.
+First order takes four things for small.  Each is the standard deviation of a relative error, in one compiled pass.
 
 **Depth.**  The estimated depth of the target divides; its error, ``dw(q)/w(q) - dw(c)/w(c)`` with c the fiducials'
 centroid, is free of gauge.  The largest over the views.
@@ -33,6 +33,11 @@ and the mean square of the error grows by the square of this number; its tail gr
 it vanishes.  With two views r is the distance of the rays; each further view adds two rows, and a badly determined one
 among them has the weight of every other.
 
+**Gap.**  In the same equation, with ``|r|^2 / n^2 = s^2``, the step from x solves ``(J'J - s^2) dx = ...``: first order
+takes s, the singular value that noise makes of the zero, for small beside the next one, the smallest of J.  The number
+is the root mean square of s over that; beyond one, another singular vector is the smallest, and the point is anywhere.
+The unit of length decides: in the published form a target at the connector's origin has n = 1 mm.
+
 All of it is a function of the covariance of the estimated matrices, which no target changes: it is computed once.
 """
 
@@ -55,6 +60,7 @@ class Nonlinearity(NamedTuple):
     depth: float
     crossing: float
     disagreement: float
+    gap: float
 
     @property
     def divisor(self) -> float:
@@ -286,8 +292,11 @@ def _crossing(
 def _disagreement(
     heads: Array, place: Array, images: Array, depths: Array, rows: Array, covariance: Array, coupled: bool,
     target_noises: Array, origin: Array, unit: float,
-) -> float:  # fmt: skip
-    """The third number, squared.  origin (3,), from the centre, and unit: mm, the frame of the unit vector."""
+) -> tuple[float, float]:  # fmt: skip
+    """The third number and the fourth, squared.
+
+    origin (3,), from the centre, and unit: mm, of the frame of the unit vector.
+    """
     views = depths.size
     lines = 2 * views
     functionals = np.zeros((views, 8, 12))  # of each row: errors of J (3) with the gauge |p3| = 1, and of rho
@@ -387,14 +396,21 @@ def _disagreement(
         for a in range(lines):
             for b in range(lines):
                 first += to_point[i, a] * rho[a, b] * to_point[i, b]
-    return max(second, 0.0) / first if first > 0.0 else 0.0
+    singular, size = 0.0, 0.0  # of the rows: the mean square that noise makes of the zero; of (J'J)^-1
+    for a in range(lines):
+        singular += residual[a, a] / square
+    for j in range(3):
+        for k in range(3):
+            size += inverse[j, k] ** 2
+    gap = max(singular, 0.0) * sqrt(size)
+    return (max(second, 0.0) / first if first > 0.0 else 0.0), gap
 
 
 @kernel(nogil=True)
 def _numbers(
     projections: Array, points: Array, target: Array, covariance: Array, target_noises: Array, published: bool,
     coupled: bool,
-) -> tuple[float, float, float]:  # fmt: skip
+) -> tuple[float, float, float, float]:  # fmt: skip
     centre = mean_rows(points)
     heads, place, images, depths, rows = _look(projections, centre, target)
     origin = np.zeros(3)
@@ -409,17 +425,17 @@ def _numbers(
         unit = sqrt(square / 3.0)
     depth = _depth(place, depths, covariance)
     crossing = _crossing(heads, place, images, depths, rows, covariance, coupled)
-    disagreement = _disagreement(
+    disagreement, gap = _disagreement(
         heads, place, images, depths, rows, covariance, coupled, target_noises, origin, unit
     )  # fmt: skip
-    return sqrt(max(depth, 0.0)), sqrt(crossing), sqrt(disagreement)
+    return sqrt(max(depth, 0.0)), sqrt(crossing), sqrt(disagreement), sqrt(gap)
 
 
 def nonlinearity(
     projections: Array, points: Array, target: Array, covariance: Array, target_noises: Array, *, published: bool,
     coupled: bool,
 ) -> Nonlinearity:  # fmt: skip
-    """The three numbers at one target.
+    """The four numbers at one target.
 
     projections (V, 3, 4) with |p3| = 1, points (N, 3) and target (3,) mm as the estimator meets them; covariance: see
     ``matrix_covariance``; target_noises (V,) px of the target's images; published: the form of the triangulation;

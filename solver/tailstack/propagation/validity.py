@@ -1,6 +1,6 @@
 """How far first order can be trusted: the validity number nu and what it was calibrated to mean.
 
-nu is the largest of the three numbers of ``nonlinearity.py``: standard deviations of relative errors that first order
+nu is the largest of the four numbers of ``nonlinearity.py``: standard deviations of relative errors that first order
 takes for small.  The thresholds were calibrated by Monte Carlo on thousands of random layouts of each class of
 ``CALIBRATED`` (``benchmarks/validity_calibration.py``; the tables are in ``docs/method.md``, section 4).  What is
 outside these classes is not judged by first order at all.
@@ -39,6 +39,7 @@ PARTS = {
     "depth": "how well the depths are known",
     "crossing": "how firmly the rays cross",
     "disagreement": "by how much the views disagree",
+    "gap": "how well triangulation tells its solution from others",
 }
 
 
@@ -87,6 +88,7 @@ def validity(numbers: Nonlinearity, system: System, rotation_rad: float = 0.0) -
             nu_depth=numbers.depth,
             nu_crossing=numbers.crossing,
             nu_disagreement=numbers.disagreement,
+            nu_gap=numbers.gap,
             layout_class=words,
             calibrated=not uncalibrated,
         )

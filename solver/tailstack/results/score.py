@@ -178,11 +178,13 @@ class Validity:
     """The same as a sentence."""
     nu_depth: float
     """Standard deviation of the relative error of the target's depth, the largest over the views; nu is the largest of
-    three such numbers."""
+    four such numbers."""
     nu_crossing: float
     """The same of the firmness with which the rays cross."""
     nu_disagreement: float
     """What the views' disagreement moves the point by, over what first order does: standard deviations."""
+    nu_gap: float
+    """The smallest singular value of the rows of triangulation, which noise makes, over the next one."""
     layout_class: str
     """What decides whether the thresholds were calibrated for a design: views, fiducials, form of triangulation."""
     calibrated: bool

@@ -27,10 +27,11 @@ class Validity:
             order is not valid.
         statement (str): The same as a sentence.
         nu_depth (float): Standard deviation of the relative error of the target's depth, the largest over the views; nu
-            is the largest of three such numbers.
+            is the largest of four such numbers.
         nu_crossing (float): The same of the firmness with which the rays cross.
         nu_disagreement (float): What the views' disagreement moves the point by, over what first order does: standard
             deviations.
+        nu_gap (float): The smallest singular value of the rows of triangulation, which noise makes, over the next one.
         layout_class (str): What decides whether the thresholds were calibrated for a design: views, fiducials, form of
             triangulation.
         calibrated (bool): Whether they were. If not, first order is not valid, and only Monte Carlo decides a limit.
@@ -43,6 +44,7 @@ class Validity:
     nu_depth: float
     nu_crossing: float
     nu_disagreement: float
+    nu_gap: float
     layout_class: str
     calibrated: bool
 
@@ -62,6 +64,8 @@ class Validity:
 
         nu_disagreement = self.nu_disagreement
 
+        nu_gap = self.nu_gap
+
         layout_class = self.layout_class
 
         calibrated = self.calibrated
@@ -77,6 +81,7 @@ class Validity:
                 "nu_depth": nu_depth,
                 "nu_crossing": nu_crossing,
                 "nu_disagreement": nu_disagreement,
+                "nu_gap": nu_gap,
                 "layout_class": layout_class,
                 "calibrated": calibrated,
             }
@@ -106,6 +111,8 @@ class Validity:
 
         nu_disagreement = d.pop("nu_disagreement")
 
+        nu_gap = d.pop("nu_gap")
+
         layout_class = d.pop("layout_class")
 
         calibrated = d.pop("calibrated")
@@ -118,6 +125,7 @@ class Validity:
             nu_depth=nu_depth,
             nu_crossing=nu_crossing,
             nu_disagreement=nu_disagreement,
+            nu_gap=nu_gap,
             layout_class=layout_class,
             calibrated=calibrated,
         )
