@@ -3,8 +3,10 @@ says so, and everything goes on by itself when it wakes."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 import signal
+import threading
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
@@ -22,7 +24,8 @@ from store_scenes import submit
 from worker_scenes import finished, prepared_database, until, worker_process
 from worker_scenes import submit as submit_strange
 
-from tailstack_service.store import jobs, units, upkeep
+from tailstack_service.http import storage
+from tailstack_service.store import database, jobs, units, upkeep
 from tailstack_service.store.database import open_database
 from tailstack_service.store.errors import StoreUnavailable
 
@@ -135,3 +138,36 @@ def test_a_worker_stops_while_its_database_stands_still(
             worker.send_signal(signal.SIGTERM)
             assert worker.wait(30) == 0
             assert time.monotonic() - begun < 9.0
+
+
+def test_calls_that_cannot_be_ended_are_not_waited_for_and_do_not_pile_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a disk that hangs: the thread stays where it is until the disk answers."""
+    monkeypatch.setattr(database, "BUSY_SECONDS", 0.3)
+    monkeypatch.setattr(storage, "LOOK_SECONDS", 0.2)
+    monkeypatch.setattr(storage, "LATE_SECONDS", 0.1)
+    url, answers = f"sqlite:///{tmp_path / 'a.sqlite3'}", threading.Event()
+    open_database(url, migrate=True).close()
+    begun: list[int] = []
+
+    def hang(_: object, number: int = -1) -> int:
+        begun.append(number)
+        answers.wait(30)
+        return number
+
+    async def story() -> None:
+        kept = storage.Storage(url)
+        before = threading.active_count()
+        looks = [kept.look(hang) for _ in range(5)]
+        calls = [kept.run(hang, number) for number in range(40)] + [kept.write(hang, number) for number in range(40)]
+        told = await asyncio.gather(*looks, *calls, return_exceptions=True)
+        assert {type(each) for each in told} == {StoreUnavailable}
+        assert threading.active_count() - before <= 2 * storage.THREADS + 1
+        assert len(begun) == 2 * storage.THREADS + 1  # what nobody waits for any more is not begun
+        answers.set()
+        assert await kept.look(hang) == -1
+        assert await kept.run(hang, 7) == 7
+        kept.close()
+
+    asyncio.run(story())
