@@ -44,26 +44,6 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
-    "/v1/conversions": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Fiducial files and designs into one another
-         * @description In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
-         */
-        post: operations["create_conversion"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
     "/v1/verifications": {
         parameters: {
             query?: never;
@@ -144,6 +124,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/conversions": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Fiducial files and designs into one another
+         * @description In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
+         */
+        post: operations["create_conversion"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/comparisons": {
         parameters: {
             query?: never;
@@ -184,26 +184,6 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
-    "/v1/jobs": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Jobs, newest first
-         * @description Those of the caller's tenant. The field next and the Link header lead to the next page.
-         */
-        get: operations["list_jobs"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
     "/v1/jobs/{id}": {
         parameters: {
             query?: never;
@@ -224,7 +204,7 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
-    "/v1/jobs/{id}/events": {
+    "/v1/jobs": {
         parameters: {
             query?: never;
             header?: never;
@@ -232,10 +212,10 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * What happens to a job, as server-sent events
-         * @description The schema is that of one event. Events state, progress and recomputed; id counts them from 1, data is one JSON object. The stream begins after Last-Event-ID (or after), heartbeats are comments, and it ends after the final state.
+         * Jobs, newest first
+         * @description Those of the caller's tenant. The field next and the Link header lead to the next page.
          */
-        get: operations["get_job_events"];
+        get: operations["list_jobs"];
         put?: never;
         post?: never;
         delete?: never;
@@ -284,6 +264,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/jobs/{id}/events": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * What happens to a job, as server-sent events
+         * @description The schema is that of one event. Events state, progress and recomputed; id counts them from 1, data is one JSON object. The stream begins after Last-Event-ID (or after), heartbeats are comments, and it ends after the final state.
+         */
+        get: operations["get_job_events"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/results/{sha256}": {
         parameters: {
             query?: never;
@@ -316,66 +316,6 @@ export interface paths {
          * @description Any result, rendered for people: html (one self-contained file), pdf, xlsx; or json, the record itself. Nothing is computed anew, and the record stands in every format.
          */
         get: operations["get_report"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/schemas": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Published schemas
-         * @description Every document that is sent or answered, with the path of its JSON Schema.
-         */
-        get: operations["list_schemas"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/schemas/{name}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * One JSON Schema (draft 2020-12)
-         * @description The same as tailstack schema NAME prints.
-         */
-        get: operations["get_schema"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/problems/{slug}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * What a class of problems means and what cures it
-         * @description Where the field type of a problem leads.
-         */
-        get: operations["get_problem_type"];
         put?: never;
         post?: never;
         delete?: never;
@@ -456,6 +396,66 @@ export interface paths {
          * @description Of the service, and which documents it reads and writes.
          */
         get: operations["get_version"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/schemas": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Published schemas
+         * @description Every document that is sent or answered, with the path of its JSON Schema.
+         */
+        get: operations["list_schemas"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/schemas/{name}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * One JSON Schema (draft 2020-12)
+         * @description The same as tailstack schema NAME prints.
+         */
+        get: operations["get_schema"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/problems/{slug}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * What a class of problems means and what cures it
+         * @description Where the field type of a problem leads.
+         */
+        get: operations["get_problem_type"];
         put?: never;
         post?: never;
         delete?: never;
@@ -6026,7 +6026,7 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description Problem: head-timeout, body-timeout. */
+        /** @description Problem: body-timeout. */
         Problem408: {
             headers: {
                 "X-Request-ID": components["headers"]["RequestId"];
@@ -6257,49 +6257,6 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["Validation"];
-                };
-            };
-            400: components["responses"]["Problem400"];
-            401: components["responses"]["Problem401"];
-            403: components["responses"]["Problem403"];
-            408: components["responses"]["Problem408"];
-            413: components["responses"]["Problem413"];
-            415: components["responses"]["Problem415"];
-            421: components["responses"]["Problem421"];
-            422: components["responses"]["Problem422"];
-            500: components["responses"]["Problem500"];
-            503: components["responses"]["Problem503"];
-        };
-    };
-    create_conversion: {
-        parameters: {
-            query?: {
-                /** @description Not with a JSON body. What the content is; text/csv and YAML say it themselves. */
-                from?: "csv" | "fcsv" | "mrk.json" | "yaml" | "json";
-                /** @description Not with a JSON body. What to make of it. */
-                to?: "csv" | "fcsv" | "mrk.json" | "yaml" | "json";
-            };
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["ConversionRequest"];
-                "application/yaml": components["schemas"]["Design"];
-                "text/csv": string;
-                "text/plain": string;
-            };
-        };
-        responses: {
-            /** @description The converted text. */
-            200: {
-                headers: {
-                    "X-Request-ID": components["headers"]["RequestId"];
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Conversion"];
                 };
             };
             400: components["responses"]["Problem400"];
@@ -6614,6 +6571,49 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
+    create_conversion: {
+        parameters: {
+            query?: {
+                /** @description Not with a JSON body. What the content is; text/csv and YAML say it themselves. */
+                from?: "csv" | "fcsv" | "mrk.json" | "yaml" | "json";
+                /** @description Not with a JSON body. What to make of it. */
+                to?: "csv" | "fcsv" | "mrk.json" | "yaml" | "json";
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ConversionRequest"];
+                "application/yaml": components["schemas"]["Design"];
+                "text/csv": string;
+                "text/plain": string;
+            };
+        };
+        responses: {
+            /** @description The converted text. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Conversion"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            408: components["responses"]["Problem408"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
     create_comparison: {
         parameters: {
             query?: never;
@@ -6763,44 +6763,6 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    list_jobs: {
-        parameters: {
-            query?: {
-                /** @description Jobs a page. */
-                limit?: number;
-                /** @description From the field next, or the Link header, of the page before. */
-                cursor?: string;
-                /** @description Only jobs in this state. */
-                state?: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-                /** @description Only jobs of this kind. */
-                kind?: "verification" | "optimisation" | "sweep" | "gate" | "report" | "comparison";
-            };
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description A page, newest first. */
-            200: {
-                headers: {
-                    "X-Request-ID": components["headers"]["RequestId"];
-                    Link: components["headers"]["Link"];
-                    "Cache-Control": components["headers"]["CacheControl"];
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["JobPage"];
-                };
-            };
-            401: components["responses"]["Problem401"];
-            403: components["responses"]["Problem403"];
-            421: components["responses"]["Problem421"];
-            422: components["responses"]["Problem422"];
-            500: components["responses"]["Problem500"];
-            503: components["responses"]["Problem503"];
-        };
-    };
     get_job: {
         parameters: {
             query?: never;
@@ -6852,53 +6814,40 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_job_events: {
+    list_jobs: {
         parameters: {
             query?: {
-                /** @description The same as Last-Event-ID, for clients that cannot set headers. */
-                after?: components["parameters"]["After"];
+                /** @description Jobs a page. */
+                limit?: number;
+                /** @description From the field next, or the Link header, of the page before. */
+                cursor?: string;
+                /** @description Only jobs in this state. */
+                state?: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+                /** @description Only jobs of this kind. */
+                kind?: "verification" | "optimisation" | "sweep" | "gate" | "report" | "comparison";
             };
-            header?: {
-                /** @description Id of the last event that was read; the stream goes on after it. Empty: none was. */
-                "Last-Event-ID"?: components["parameters"]["LastEventID"];
-            };
-            path: {
-                /**
-                 * @description Id of a job.
-                 * @example 01k4z8t5r2w7x3y9v6n1m0q8pc
-                 */
-                id: components["parameters"]["JobId"];
-            };
+            header?: never;
+            path?: never;
             cookie?: never;
         };
         requestBody?: never;
         responses: {
-            /** @description The stream. */
+            /** @description A page, newest first. */
             200: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
+                    Link: components["headers"]["Link"];
                     "Cache-Control": components["headers"]["CacheControl"];
-                    "X-Accel-Buffering": components["headers"]["Unbuffered"];
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/event-stream": components["schemas"]["JobEvent"];
+                    "application/json": components["schemas"]["JobPage"];
                 };
-            };
-            /** @description The job has ended and the client has seen everything: stop asking. */
-            204: {
-                headers: {
-                    "X-Request-ID": components["headers"]["RequestId"];
-                    [name: string]: unknown;
-                };
-                content?: never;
             };
             401: components["responses"]["Problem401"];
             403: components["responses"]["Problem403"];
-            404: components["responses"]["Problem404"];
             421: components["responses"]["Problem421"];
             422: components["responses"]["Problem422"];
-            429: components["responses"]["Problem429"];
             500: components["responses"]["Problem500"];
             503: components["responses"]["Problem503"];
         };
@@ -6970,6 +6919,57 @@ export interface operations {
             409: components["responses"]["Problem409"];
             421: components["responses"]["Problem421"];
             422: components["responses"]["Problem422"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    get_job_events: {
+        parameters: {
+            query?: {
+                /** @description The same as Last-Event-ID, for clients that cannot set headers. */
+                after?: components["parameters"]["After"];
+            };
+            header?: {
+                /** @description Id of the last event that was read; the stream goes on after it. Empty: none was. */
+                "Last-Event-ID"?: components["parameters"]["LastEventID"];
+            };
+            path: {
+                /**
+                 * @description Id of a job.
+                 * @example 01k4z8t5r2w7x3y9v6n1m0q8pc
+                 */
+                id: components["parameters"]["JobId"];
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The stream. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    "X-Accel-Buffering": components["headers"]["Unbuffered"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/event-stream": components["schemas"]["JobEvent"];
+                };
+            };
+            /** @description The job has ended and the client has seen everything: stop asking. */
+            204: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
             500: components["responses"]["Problem500"];
             503: components["responses"]["Problem503"];
         };
@@ -7087,89 +7087,6 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    list_schemas: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Published schemas. */
-            200: {
-                headers: {
-                    "X-Request-ID": components["headers"]["RequestId"];
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["SchemaList"];
-                };
-            };
-            421: components["responses"]["Problem421"];
-            500: components["responses"]["Problem500"];
-        };
-    };
-    get_schema: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                /**
-                 * @description Name of a published schema.
-                 * @example design
-                 */
-                name: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description One JSON Schema (draft 2020-12). */
-            200: {
-                headers: {
-                    "X-Request-ID": components["headers"]["RequestId"];
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/schema+json": Record<string, never>;
-                };
-            };
-            404: components["responses"]["Problem404"];
-            421: components["responses"]["Problem421"];
-            500: components["responses"]["Problem500"];
-        };
-    };
-    get_problem_type: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                /**
-                 * @description Last part of the type of a problem.
-                 * @example invalid-design
-                 */
-                slug: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description What a class of problems means and what cures it. */
-            200: {
-                headers: {
-                    "X-Request-ID": components["headers"]["RequestId"];
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ProblemType"];
-                };
-            };
-            404: components["responses"]["Problem404"];
-            421: components["responses"]["Problem421"];
-            500: components["responses"]["Problem500"];
-        };
-    };
     get_liveness: {
         parameters: {
             query?: never;
@@ -7273,6 +7190,89 @@ export interface operations {
                     "application/json": components["schemas"]["Version"];
                 };
             };
+            421: components["responses"]["Problem421"];
+            500: components["responses"]["Problem500"];
+        };
+    };
+    list_schemas: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Published schemas. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["SchemaList"];
+                };
+            };
+            421: components["responses"]["Problem421"];
+            500: components["responses"]["Problem500"];
+        };
+    };
+    get_schema: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /**
+                 * @description Name of a published schema.
+                 * @example design
+                 */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description One JSON Schema (draft 2020-12). */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/schema+json": Record<string, never>;
+                };
+            };
+            404: components["responses"]["Problem404"];
+            421: components["responses"]["Problem421"];
+            500: components["responses"]["Problem500"];
+        };
+    };
+    get_problem_type: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /**
+                 * @description Last part of the type of a problem.
+                 * @example invalid-design
+                 */
+                slug: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description What a class of problems means and what cures it. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProblemType"];
+                };
+            };
+            404: components["responses"]["Problem404"];
             421: components["responses"]["Problem421"];
             500: components["responses"]["Problem500"];
         };

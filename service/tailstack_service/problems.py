@@ -156,13 +156,6 @@ CATALOGUE: dict[str, ProblemType] = {
             "The Allow header lists the methods that it answers to.",
         ),
         ProblemType(
-            "head-timeout",
-            "The head of the request did not arrive in time",
-            408,
-            "A request was begun, and its request line and headers were not complete in time.",
-            "Send the request again, its head in one piece.",
-        ),
-        ProblemType(
             "body-timeout",
             "The body did not arrive in time",
             408,
@@ -171,7 +164,7 @@ CATALOGUE: dict[str, ProblemType] = {
         ),
         ProblemType(
             "busy",
-            "All places for this kind of computation are taken",
+            "All places to compute or to wait are taken",
             503,
             "The service bounds how much it computes at once, how much may wait, and how many event streams are open.",
             "Send the request again after the time in the Retry-After header.",

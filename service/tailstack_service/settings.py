@@ -37,9 +37,7 @@ class Settings:
 
     # What one request may ask for
     max_body_bytes: int = _setting(1_000_000, "bytes of a request body", 1_000, 100_000_000)
-    head_seconds: float = _setting(10.0, "seconds for the request line and the headers to arrive", 0.1, 3_600)
     body_seconds: float = _setting(20.0, "seconds for a body to arrive", 0.1, 3_600)
-    answer_seconds: float = _setting(60.0, "seconds for which a client may take nothing of a long answer", 0.1, 3_600)
     max_fiducials: int = _setting(200, "fiducials of a design", 6, 1000)
     max_targets: int = _setting(50, "targets of a design, regions expanded", 1, 200)
     max_views: int = _setting(8, "views of a design", 2, 16)
@@ -52,10 +50,8 @@ class Settings:
     max_seconds: float = _setting(60.0, "seconds of one computation that is answered at once", 0.1, 86_400)
     warm_up_seconds: float = _setting(5.0, "seconds that a request waits for the kernels to be compiled", 0, 600)
     max_wait_seconds: float = _setting(60.0, "seconds that `Prefer: wait` may ask for", 0, 600)
-    short_workers: int = _setting(
-        2, "threads for scores, validations and the like that take long, per API process", 1, 256
-    )
-    max_waiting: int = _setting(64, "scores, validations and the like that may wait, per API process", 0, 100_000)
+    short_workers: int = _setting(2, "processes that compute what is answered at once, per API process", 1, 256)
+    max_waiting: int = _setting(64, "computations that may wait for one of them, per API process", 0, 100_000)
     max_streams: int = _setting(100, "event streams open at once, per API process", 1, 10_000)
     max_tenant_streams: int = _setting(
         25, "event streams of one tenant open at once, per API process, where callers are told apart", 1, 10_000
@@ -146,7 +142,16 @@ def _is_anothers(name: str, value: str) -> bool:
     return name.endswith("_PORT") and _KUBERNETES_ADDRESS.fullmatch(value) is not None
 
 
+# What was a setting once: where it is said now
+GONE = {
+    "TAILSTACK_HEAD_SECONDS": "client_header_timeout of the proxy in front says it: docs/deploy.md, Slow clients",
+    "TAILSTACK_ANSWER_SECONDS": "send_timeout of the proxy in front says it: docs/deploy.md, Slow clients",
+}
+
+
 def _unknown(name: str, known: list[str]) -> Problem:
+    if name in GONE:
+        return Problem("", "unknown-setting", f"the environment sets {name}, which is no setting any more", GONE[name])
     close = difflib.get_close_matches(name.removeprefix(PREFIX), [each.removeprefix(PREFIX) for each in known], 1)
     meant = f"did you mean {PREFIX}{close[0]}? " if close else ""
     if name in (PREFIX + "PORT", PREFIX + "HOST"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass, field
 from math import inf, isinf
 
@@ -216,21 +215,7 @@ def score(design: Design | System, *, second_order: bool = False) -> Score:
     where it does not).  Raises DesignError for a document that breaks its rules and IllPosedError for a
     geometry that does not determine the answer.
     """
-    steps = score_steps(design, second_order=second_order)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as done:
-            return done.value  # type: ignore[no-any-return]
-
-
-def score_steps(design: Design | System, *, second_order: bool = False) -> Generator[None, None, Score]:
-    """:func:`score` for who has something else to do in between: it rests after each of its parts.
-
-    A step takes a millisecond for most designs; one that needs a large lattice or samples, some hundred.
-    """
     system, findings, views = checked_system(design)
-    yield
     models = linearise_all(system)
     trust = trust_of(system, models)
     targets = []
@@ -238,7 +223,6 @@ def score_steps(design: Design | System, *, second_order: bool = False) -> Gener
     for index, (name, model) in enumerate(models.items()):
         metrics, quantiles = {}, {}
         for error in FRAMES:
-            yield
             at = error_law(model, error, P95)
             limit = tightest_limit(system, name, error)
             found = law_summary(at.law, P95, limit, relaxed=1.0 if error == "tcp" or limit is not None else BESIDE)
@@ -246,9 +230,7 @@ def score_steps(design: Design | System, *, second_order: bool = False) -> Gener
             quantiles[error] = found.quantile
             known[name, error] = _Known(model, at, found.quantile.quantile_mm)
         metric, at = metrics["tcp"], known[name, "tcp"].at
-        yield
         contributors = budget(model, at, quantiles["tcp"])
-        yield
         targets.append(
             TargetScore(
                 name=name,
@@ -264,7 +246,6 @@ def score_steps(design: Design | System, *, second_order: bool = False) -> Gener
                 extrapolation=model.extrapolation,
             )
         )
-    yield
     return Score(
         schema="tailstack/score/1",
         targets=tuple(targets),

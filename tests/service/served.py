@@ -30,6 +30,11 @@ class Served:
     url: str
     environment: dict[str, str]
     log: Path
+    process: subprocess.Popen[str]
+
+    @property
+    def pid(self) -> int:
+        return self.process.pid
 
     def run(self, *arguments: str) -> str:
         """Standard output of another tailstack command on the same database."""
@@ -61,7 +66,7 @@ def served(directory: Path, **changes: str) -> Iterator[Served]:
         found = re.match(r"serving on (http://\S+)", line)
         assert found, line + log.read_text()
         _await_ready(found.group(1), process, log)
-        yield Served(found.group(1), variables, log)
+        yield Served(found.group(1), variables, log, process)
     finally:
         _end(process)
 

@@ -9,9 +9,11 @@ import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import httpx
+from starlette.requests import Request
 
 from tailstack_service.documents import json_schema
 from tailstack_service.http.example import EXAMPLE_DESIGN
@@ -62,6 +64,20 @@ def client_with(settings: Settings | None = None, *, worker: bool = False) -> It
         httpx.Client(base_url=f"http://{host}:{port}", timeout=120.0, trust_env=False) as client,
     ):
         yield client
+
+
+class Caller:
+    """Stands for the request of a client that stays, or leaves."""
+
+    def __init__(self, tenant: str = "a", gone: bool = False) -> None:
+        self.gone = gone
+        self.state = SimpleNamespace(caller=SimpleNamespace(tenant=tenant))
+
+    async def is_disconnected(self) -> bool:
+        return self.gone
+
+    def request(self) -> Request:
+        return cast(Request, self)
 
 
 def read_answer(connection: socket.socket) -> tuple[bytes, bytes]:

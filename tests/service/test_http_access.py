@@ -214,6 +214,29 @@ def test_tokens_that_are_not_accepted(guarded: Guarded, changes: dict[str, Any])
     check_problem(response, 401, "unauthenticated")
 
 
+def test_what_a_stranger_wrote_into_a_token_is_not_said_again(guarded: Guarded) -> None:
+    """The parser's own words may hold it: claims, header, where it stopped."""
+    import base64
+
+    mark = "zzz-a-strangers-words-zzz"
+
+    def part(data: str) -> str:
+        return base64.urlsafe_b64encode(data.encode()).decode().rstrip("=")
+
+    strange = json.dumps({"alg": mark, "typ": mark, "kid": mark, "crit": [mark]})
+    tokens = [
+        guarded.token(aud=mark), guarded.token(iss=mark), guarded.token(exp=mark), guarded.token(nbf=mark),
+        guarded.token(iat=mark), mark, f"{mark}.{mark}.{mark}",
+        f"{part(mark)}.{part(mark)}.{part(mark)}",
+        f"{part(strange)}.{part(json.dumps({'aud': mark}))}.x",
+        f"{part(json.dumps({'alg': 'RS256', 'crit': [mark], mark: 1}))}.{part('{}')}.x",
+    ]  # fmt: skip
+    for token in tokens:
+        response = guarded.client.get("/v1/jobs", headers=bearer(token))
+        check_problem(response, 401, "unauthenticated")
+        assert mark not in response.text + str(response.headers)
+
+
 def test_only_the_one_algorithm_and_the_one_key(guarded: Guarded, tmp_path: Path) -> None:
     other, _ = pem_of(rsa.generate_private_key(65537, 2048))
     _, public = pem_of(serialization.load_pem_private_key(guarded.private_key.encode(), None))
@@ -299,8 +322,14 @@ def client() -> Iterator[httpx.Client]:
         yield client
 
 
-@pytest.mark.parametrize("host", ["evil.example.org", "127.0.0.1.evil.example.org", "192.0.2.1:8321", "", "[::2]",
-                                  "a b", "localhost.evil", "[", "0.0.0.0"])  # fmt: skip
+@pytest.mark.parametrize(
+    "host",
+    [
+        "x@127.0.0.1", "127.0.0.1#.evil", "127.0.0.1:99999", "127.0.0.1:8321/x", "[::1", "::1", "127.0.0.1?x",
+        "127.0.0.1, 127.0.0.1", "user:secret@localhost:8321", "localhost:-1", "evil.example.org",
+        "127.0.0.1.evil.example.org", "192.0.2.1:8321", "", "[::2]", "a b", "localhost.evil", "[", "0.0.0.0",
+    ],
+)  # fmt: skip
 def test_a_name_that_is_not_this_machine_is_refused(client: httpx.Client, host: str) -> None:
     for method, path in (("GET", "/v1/jobs"), ("GET", "/version"), ("POST", "/v1/scores"), ("GET", "/nowhere")):
         check_problem(client.request(method, path, headers={"Host": host}), 421, "wrong-host")
@@ -332,6 +361,15 @@ def test_pages_of_other_sites_change_nothing(client: httpx.Client) -> None:
             client.get("/v1/jobs", headers={b"Origin": origin.encode("latin-1")}).status_code == 200
         )  # which no page can read: no CORS
     assert client.post("/v1/scores", json=BODY, headers={"Origin": own}).status_code == 200
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site", "anything else"])
+def test_a_browser_that_says_whose_page_it_is_is_believed(client: httpx.Client, site: str) -> None:
+    refused = client.post("/v1/scores", json=BODY, headers={"Sec-Fetch-Site": site})
+    assert "Sec-Fetch-Site" in check_problem(refused, 403, "forbidden")["errors"][0]["detail"]
+    assert client.get("/v1/jobs", headers={"Sec-Fetch-Site": site}).status_code == 200
+    for own in ("same-origin", "none"):
+        assert client.post("/v1/scores", json=BODY, headers={"Sec-Fetch-Site": own}).status_code == 200
 
 
 def test_a_credential_that_is_not_needed_is_not_looked_at(client: httpx.Client) -> None:

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
-import json
 import socket
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import cast
 
 import httpx
 import pytest
-from jsonschema import Draft202012Validator
 from service_scenes import check_problem, client_with, read_answer
 
-from tailstack_service.documents import json_schema
-from tailstack_service.http.connections import GRACE_SECONDS, Gathering
 from tailstack_service.settings import Settings
 
 HEAD = b"POST %b HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
-ANSWER = b"HTTP/1.1 200 OK\r\ncontent-length: 4\r\n\r\n"
-QUICK = replace(Settings(), head_seconds=0.4, body_seconds=0.3, answer_seconds=0.5, max_body_bytes=50_000)
+QUICK = replace(Settings(), body_seconds=0.3, max_body_bytes=50_000)
 
 
 @pytest.fixture(scope="module")
@@ -62,61 +55,16 @@ def seconds_until_closed(connection: socket.socket, drip: bytes = b"") -> tuple[
     return time.monotonic() - began, received
 
 
-@pytest.mark.parametrize(
-    ("begun", "drip"),
-    [
-        (b"G", b""),
-        (b"GET /health/live HT", b""),
-        (b"GET /health/live HTTP/1.1\r\nHost: localhost\r\n", b""),
-        (b"GET /health/live HTTP/1.1\r\n", b"x-a: b\r\n"),
-    ],
-)
-def test_a_head_that_never_ends_is_408(client: httpx.Client, begun: bytes, drip: bytes) -> None:
+def test_a_body_that_drips_is_408_in_the_same_time(client: httpx.Client) -> None:
     with connect(client) as connection:
-        connection.sendall(begun)
-        took, received = seconds_until_closed(connection, drip)
-    assert 0.3 < took < 3
-    head, _, body = received.rpartition(b"\r\n\r\n")
-    assert b"HTTP/1.1 408 Request Timeout" in head
-    assert b"connection: close" in head.lower()
-    document = json.loads(body)
-    Draft202012Validator(json_schema("problem")).validate(document)
-    assert document["type"] == "/v1/problems/head-timeout"
-    assert "TAILSTACK_HEAD_SECONDS" in document["errors"][0]["hint"]
-    assert f"x-request-id: {document['request_id']}".encode() in head.lower()
-
-
-def test_a_connection_that_says_nothing_is_closed_without_a_word(client: httpx.Client) -> None:
-    with connect(client) as connection:
-        took, received = seconds_until_closed(connection)
-    assert (0.3 < took < 3, received) == (True, b"")
-
-
-@pytest.mark.parametrize("path", [b"/v1/scores", b"/health/live", b"/nowhere"])
-def test_a_body_that_drips_for_ever_is_cut_off_even_where_none_is_read(client: httpx.Client, path: bytes) -> None:
-    with connect(client) as connection:
-        connection.sendall(HEAD % path + b"Content-Length: 100000\r\n\r\n")
+        connection.sendall(HEAD % b"/v1/scores" + b"Content-Length: 100000\r\n\r\n")
         took, received = seconds_until_closed(connection, b" ")
-    assert took < 0.3 + GRACE_SECONDS + 2
-    assert received.startswith(b"HTTP/1.1 4")
-
-
-def test_an_answer_that_nobody_takes_is_cut_off(client: httpx.Client) -> None:
-    """Many large answers asked for at once, none of them read: more than what fits on the way."""
-    ask = b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n"
-    with socket.socket() as connection:
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        connection.settimeout(20)
-        connection.connect((client.base_url.host, client.base_url.port or 80))
-        connection.sendall(ask * 100)
-        time.sleep(3)
-        _, received = seconds_until_closed(connection)
-    assert received.count(b"HTTP/1.1 200 OK") < 100
-    assert client.get("/health/live").status_code == 200
+    assert took < 5
+    assert received.startswith(b"HTTP/1.1 408")
 
 
 def test_a_kept_connection_serves_one_request_after_another(client: httpx.Client) -> None:
-    """Longer in all than a head may take, and a body in two pieces."""
+    """Each body in two pieces."""
     with connect(client) as connection:
         for _ in range(4):
             connection.sendall(HEAD % b"/v1/scores" + b"Content-Length: 2\r\n\r\n{")
@@ -151,6 +99,25 @@ def test_what_is_not_http_is_refused(client: httpx.Client, head: bytes) -> None:
     assert client.get("/health/live").status_code == 200
 
 
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("path", [b"/v1/scores", b"/nowhere", b"/health/live"])
+def test_what_stops_being_http_is_told_in_a_line_and_no_traceback(
+    client: httpx.Client, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture, path: bytes, late: bool
+) -> None:
+    """A stranger without a key could otherwise fill the disk: two kilobytes of log for seventy bytes."""
+    with connect(client) as connection:
+        connection.sendall(HEAD % path + b"Transfer-Encoding: chunked\r\n\r\n")
+        if late:  # what is answered without the body has its answer by then
+            time.sleep(0.1)
+        connection.sendall(b"ZZZ\r\n\r\n")
+        _, received = seconds_until_closed(connection)
+    assert received.startswith(b"HTTP/1.1 ")
+    assert client.get("/health/live").status_code == 200
+    assert not any(record.exc_info for record in caplog.records)
+    assert sum(len(record.getMessage()) for record in caplog.records) < 300
+    assert "Traceback" not in capfd.readouterr().err
+
+
 def test_a_request_with_two_lengths_ends_its_connection(client: httpx.Client) -> None:
     """What a proxy would take for the next request is not answered as one."""
     for path in (b"/v1/scores", b"/nowhere"):
@@ -168,46 +135,3 @@ def test_a_long_body_is_read_off_so_that_its_refusal_arrives(client: httpx.Clien
     body = b" " * 5_000_000
     response = client.post("/v1/scores", content=body, headers={"Content-Type": "application/json"})
     check_problem(response, 413, "limit-exceeded")
-
-
-class Wire:
-    """Stands for a transport; keeps what was written, packet by packet."""
-
-    def __init__(self) -> None:
-        self.packets: list[bytes] = []
-        self.closed_after = -1
-
-    def write(self, data: bytes) -> None:
-        if data:
-            self.packets.append(data)
-
-    def close(self) -> None:
-        self.closed_after = len(self.packets)
-
-    def is_closing(self) -> bool:
-        return self.closed_after >= 0
-
-
-def test_the_head_of_an_answer_waits_for_its_body_but_not_for_long() -> None:
-    async def story() -> None:
-        wire = Wire()
-        gathering = Gathering(cast(asyncio.Transport, wire), asyncio.get_running_loop())
-        gathering.write(ANSWER)
-        gathering.write(b"body")
-        gathering.write(b"")
-        assert wire.packets == [ANSWER + b"body"]
-        gathering.write(ANSWER)
-        assert len(wire.packets) == 1
-        await asyncio.sleep(0)
-        assert wire.packets[1:] == [ANSWER]
-        gathering.write(b"event")
-        assert wire.packets[2:] == [b"event"]
-        gathering.write(ANSWER)
-        gathering.close()
-        assert wire.packets[3:] == [ANSWER]
-        assert wire.closed_after == 4
-        assert gathering.is_closing()
-        await asyncio.sleep(0)
-        assert len(wire.packets) == 4
-
-    asyncio.run(story())

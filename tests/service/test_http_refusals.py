@@ -222,6 +222,19 @@ def test_other_content_types_are_415(client: httpx.Client, path: str, headers: d
     check_problem(client.post(path, content=b"{}", headers=headers), 415, "unsupported-media-type")
 
 
+@pytest.mark.parametrize("encodings", [("identity", "gzip"), ("gzip", "identity"), ("", "br"), ("gzip", "gzip")])
+def test_the_second_of_two_encodings_counts_too(client: httpx.Client, encodings: tuple[str, str]) -> None:
+    headers = [("Content-Type", "application/json"), *(("Content-Encoding", one) for one in encodings)]
+    refused = client.post("/v1/scores", content=json.dumps({"design": small_design()}), headers=headers)
+    assert "Content-Encoding" in check_problem(refused, 415, "unsupported-media-type")["errors"][0]["detail"]
+
+
+def test_two_content_types_are_none(client: httpx.Client) -> None:
+    headers = [("Content-Type", "application/json"), ("Content-Type", "application/yaml")]
+    refused = client.post("/v1/scores", content=json.dumps({"design": small_design()}), headers=headers)
+    check_problem(refused, 415, "unsupported-media-type")
+
+
 def test_problems_of_a_yaml_design_carry_line_and_column(client: httpx.Client) -> None:
     text = b"schema: tailstack/design/1\nname: x\nviews: 3\nfiducials: {points: []}\ntargets: []\n"
     document = check_problem(client.post("/v1/validations", content=text, headers=YAML), 422, "invalid-design")

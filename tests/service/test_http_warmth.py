@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import os
+import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Awaitable, Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-from service_scenes import check_problem, small_design
+from service_scenes import Caller, check_problem, small_design
 
+from tailstack_service.compute.engine import Died
 from tailstack_service.http.app import create_app
+from tailstack_service.http.places import Places
 from tailstack_service.http.service import Service
-from tailstack_service.http.warmth import Warming
 from tailstack_service.settings import Settings
 from tailstack_service.store.database import open_database
 
@@ -33,18 +36,18 @@ def told(tmp_path: Path, seconds: float, story: Callable[[httpx.AsyncClient, Ser
     open_database(url, migrate=True).close()
     app = create_app(Settings(database=url, warm_up_seconds=seconds), warm_up=False)
     service: Service = app.state.service
-    service.warmth = "warming up"
+    service.places.warmth = "warming up"
 
     async def tell() -> None:
         transport = httpx.ASGITransport(app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://localhost", timeout=60) as client:
-            await story(client, service)
+        try:
+            async with httpx.AsyncClient(transport=transport, base_url="http://localhost", timeout=60) as client:
+                await story(client, service)
+        finally:
+            await service.places.close()
+            service.storage.close()
 
-    try:
-        asyncio.run(tell())
-    finally:
-        for part in (service.short, service.reports, service.storage):
-            part.close()
+    asyncio.run(tell())
 
 
 @pytest.mark.parametrize(
@@ -75,7 +78,7 @@ def test_who_comes_shortly_before_is_answered(tmp_path: Path) -> None:
         asking = asyncio.create_task(client.post("/v1/scores", json=BODY))
         await asyncio.sleep(0.2)
         assert not asking.done()
-        service.warmth = "ready"
+        service.places.warmth = "ready"
         assert (await asking).status_code == 200
 
     told(tmp_path, 60.0, story)
@@ -91,51 +94,6 @@ def test_a_service_that_stops_meanwhile_says_so(tmp_path: Path) -> None:
     told(tmp_path, 60.0, story)
 
 
-def test_second_order_waits_for_its_own_kernels_and_nobody_else_does(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """They are compiled once, however many ask, and who waits is told so or answered."""
-    from tailstack_service.http import warmth
-
-    enough, begun = threading.Event(), []
-
-    def compiling(service: Service) -> None:
-        begun.append(1)
-        enough.wait(60.0)
-        service.second_order = "ready"
-
-    monkeypatch.setattr(warmth, "_warm_second_order", compiling)
-
-    async def story(client: httpx.AsyncClient, service: Service) -> None:
-        service.warmth, service.second_order = "ready", "not asked for"
-        asked = {**BODY, "second_order": True}
-        assert (await client.post("/v1/scores", json=BODY)).status_code == 200
-        assert begun == []
-        entry = check_problem(await client.post("/v1/scores", json=asked), 503, "warming-up")["errors"][0]
-        assert "but for those of second order" in entry["hint"]
-        assert (await client.post("/v1/scores", json=BODY)).status_code == 200
-        service.settings = replace(service.settings, warm_up_seconds=60.0)
-        asking = asyncio.create_task(client.post("/v1/scores", json=asked))
-        await asyncio.sleep(0.1)
-        assert not asking.done()
-        enough.set()
-        answer = await asking
-        assert answer.json()["targets"][0]["second_order"]["status"] == "applied"
-        assert begun == [1]
-
-    told(tmp_path, 0.3, story)
-
-
-def test_second_order_warms_up_by_itself(tmp_path: Path) -> None:
-    async def story(client: httpx.AsyncClient, service: Service) -> None:
-        service.warmth, service.second_order = "ready", "not asked for"
-        answer = await client.post("/v1/scores", json={**BODY, "second_order": True})
-        assert answer.json()["targets"][0]["second_order"]["status"] == "applied"
-        assert service.second_order == "ready"
-
-    told(tmp_path, 300.0, story)
-
-
 def test_what_needs_no_kernels_is_answered_at_once(tmp_path: Path) -> None:
     async def story(client: httpx.AsyncClient, service: Service) -> None:
         begun = time.monotonic()
@@ -148,37 +106,39 @@ def test_what_needs_no_kernels_is_answered_at_once(tmp_path: Path) -> None:
     told(tmp_path, 0.0, story)
 
 
-def test_a_warm_up_is_not_waited_for() -> None:
-    enough = threading.Event()
-    warming = Warming(lambda: enough.wait(60.0) or None)
-    warming.start()
-    began = time.monotonic()
-    warming.end()
-    assert time.monotonic() - began < 5
-    assert warming.is_alive()
-    enough.set()
-    warming.end()
-    assert not warming.is_alive()
+def test_the_first_process_compiles_and_the_others_follow(tmp_path: Path) -> None:
+    """What needs no kernels is computed meanwhile, and a process that was used before it was warm is warmed then."""
+
+    async def story() -> None:
+        places = Places(2, 8, 60.0, threading.Event(), warm=True)
+        places.begin()
+        try:
+            request = Caller().request()
+            assert places.warmth == "warming up"
+            cold = await places.run(request, os.getpid, 0.0)
+            assert cold != min(places.pids())
+            deadline = time.monotonic() + 300
+            while places.warmth == "warming up" or len(places._idle) < 2:
+                assert time.monotonic() < deadline
+                await asyncio.sleep(0.05)
+            assert (places.warmth, [process.warm for process in places._idle]) == ("ready", [True, True])
+            assert cold in places.pids()
+            os.kill(cold, signal.SIGKILL)
+            with contextlib.suppress(Died):
+                while cold in places.pids():
+                    await places.run(request, os.getpid, 0.0)
+            while len(places._idle) < 2:
+                assert time.monotonic() < deadline
+                await asyncio.sleep(0.05)
+            assert [process.warm for process in places._idle] == [True, True]
+        finally:
+            await places.close()
+
+    asyncio.run(story())
 
 
-LEAVING = """
-import threading, time
-from tailstack_service.http.warmth import Warming, leave_if_compiling
-leave_if_compiling(3)
-print("nothing is compiled", flush=True)
-Warming(lambda: time.sleep(60)).start()
-print("left", end="")
-leave_if_compiling(130)
-"""
-
-
-def test_a_process_that_compiles_ends_where_it_is() -> None:
-    done = subprocess.run([sys.executable, "-c", LEAVING], capture_output=True, text=True, timeout=30)
-    assert (done.returncode, done.stdout, done.stderr) == (130, "nothing is compiled\nleft", "")
-
-
-def test_after_the_example_and_its_variants_no_score_has_a_kernel_compiled() -> None:
-    """Scores are computed on the event loop: a kernel compiled there would keep everybody waiting for seconds."""
+def test_after_the_warm_up_no_score_has_a_kernel_compiled() -> None:
+    """A kernel that is compiled in front of a client makes it wait for seconds."""
     program = """
 import sys
 from pathlib import Path
@@ -186,7 +146,7 @@ from numba.core.dispatcher import Dispatcher
 from tailstack.design import load_design
 from tailstack.errors import TailstackError
 from tailstack.scoring import score
-from tailstack_service.http.example import EXAMPLE_DESIGN, variants
+from tailstack_service.http.computations import warm_up
 
 def compiled():
     return {
@@ -196,8 +156,7 @@ def compiled():
         for signature in value.overloads
     }
 
-for design in (EXAMPLE_DESIGN, *variants()):
-    score(load_design(design))
+warm_up()
 known = compiled()
 scored = 0
 for file in sorted(Path("examples").rglob("*.yaml")):

@@ -118,11 +118,7 @@ def _speak_utf8_where_possible() -> None:
 def command() -> NoReturn:
     """The program: ``main``, and the end of the process with its code."""
     gc.set_threshold(10_000)  # the usual 700 searches a start, which makes a quarter of a million objects, 330 times
-    code = main()
-    warmth = sys.modules.get("tailstack_service.http.warmth")
-    if warmth is not None:  # only who served can still be compiling
-        warmth.leave_if_compiling(code)
-    sys.exit(code)
+    sys.exit(main())
 
 
 if __name__ == "__main__":

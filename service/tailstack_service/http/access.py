@@ -10,6 +10,7 @@ import hashlib
 import ipaddress
 import json
 import logging
+import re
 import time
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
@@ -36,6 +37,9 @@ CLOCK_SECONDS = 10  # by which the clock of who issues tokens may be off
 LONGEST_CREDENTIAL = 8_000
 LEAST_SECRET_BYTES = 32  # RFC 7518, 3.2: a key of HS256 has at least the size of the hash
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+OWN_SITES = frozenset({b"same-origin", b"none"})  # none: the person themselves, or a program that says nothing
+LARGEST_PORT = 65_535
+_HOST = re.compile(r"(?:(?P<name>[A-Za-z0-9._-]+)|\[(?P<address>[0-9A-Fa-f:.]+)\])(?::(?P<port>[0-9]{0,5}))?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,21 +72,26 @@ class Access:
         self._tokens = check_settings(settings)
         self._known: dict[bytes, tuple[float, Caller]] = {}
 
-    def check_address(self, method: str, host: bytes | None, origin: bytes | None) -> None:
+    def check_address(self, method: str, headers: Mapping[bytes, bytes]) -> None:
         """Refuse what a web page could have sent to a service without authentication.
 
         A page can make a browser call loopback under a name of its own (DNS rebinding), which shows in Host, or
-        from its own origin, which shows in Origin.  Raises TransportError 421 and 403.
+        from its own origin, which shows in Origin and in Sec-Fetch-Site.  Raises TransportError 421 and 403.
         """
         if self.required:
             return
+        host, origin = headers.get(b"host"), headers.get(b"origin")
         if host is not None and not self._is_ours(host):
             detail = f"the Host header says {host.decode('latin-1')[:80]!r}, and that is not this machine"
             hint = f"use 127.0.0.1 or localhost, or add the name to {variable('allowed_hosts')}"
             raise TransportError("wrong-host", Problem("", "wrong-host", detail, hint))
-        if origin is not None and method not in SAFE_METHODS and not _same_place(origin, host or b""):
-            detail = f"a page of {origin.decode('latin-1')[:80]!r} may not change anything here"
-            raise TransportError("forbidden", Problem("", "foreign-origin", detail, "call the service from a program"))
+        if method in SAFE_METHODS:
+            return
+        if origin is not None and not _same_place(origin, host or b""):
+            raise _foreign(f"a page of {origin.decode('latin-1')[:80]!r}")
+        site = headers.get(b"sec-fetch-site", b"none").strip().lower()
+        if site not in OWN_SITES:
+            raise _foreign(f"a page (Sec-Fetch-Site: {site.decode('latin-1')[:20]})")
 
     async def admit(self, request: Request, scope: str) -> Caller:
         """The caller, who has the scope.  Raises TransportError 401 (who?) and 403 (not that)."""
@@ -154,12 +163,17 @@ class Access:
 
 
 def _is_one_of(hosts: frozenset[str], host: bytes) -> bool:
-    """Whether a Host header names this machine, or one of these."""
-    try:
-        name = (urlsplit(f"//{host.decode('latin-1')}").hostname or "").rstrip(".")
-    except ValueError:
+    """Whether a Host header (RFC 9110, 7.2: name or address, perhaps a port) names this machine, or one of these."""
+    found = _HOST.fullmatch(host.decode("latin-1"))
+    if found is None or int(found["port"] or 0) > LARGEST_PORT:
         return False
+    name = (found["name"] or found["address"]).lower().rstrip(".")
     return is_loopback(name) or name in hosts
+
+
+def _foreign(who: str) -> TransportError:
+    detail = f"{who} may not change anything here"
+    return TransportError("forbidden", Problem("", "foreign-origin", detail, "call the service from a program"))
 
 
 def _same_place(origin: bytes, host: bytes) -> bool:
@@ -167,6 +181,10 @@ def _same_place(origin: bytes, host: bytes) -> bool:
         return urlsplit(origin.decode("latin-1")).netloc.lower() == host.decode("latin-1").lower() != ""
     except ValueError:
         return False
+
+
+class UnknownKey(Exception):
+    """A token names a key that is not in the file."""
 
 
 class Tokens:
@@ -194,9 +212,8 @@ class Tokens:
                 token, self._key(header.get("kid")), algorithms=[self.algorithm], audience=self.audience,
                 issuer=self.issuer, leeway=CLOCK_SECONDS, options={"require": ["iss", "aud", "exp"]},
             )  # fmt: skip
-        except jwt.PyJWTError as error:
-            # PyJWT's own words say what is wrong ("Signature has expired") and never repeat the token
-            raise unauthenticated(f"the JSON Web Token is not accepted: {error}") from None
+        except (jwt.PyJWTError, UnknownKey) as error:
+            raise unauthenticated(f"the JSON Web Token is not accepted: {_reason(error)}") from None
         tenant = claims.get("tenant", claims.get("sub"))
         if not isinstance(tenant, str) or not 1 <= len(tenant) <= 128 or not tenant.isprintable():
             raise unauthenticated("the JSON Web Token names no tenant: it needs the claim tenant, or sub")
@@ -204,13 +221,28 @@ class Tokens:
 
     def _key(self, wanted: object) -> Any:
         """The key that the token names; one that is alone needs no name."""
-        import jwt
-
         if len(self._keys) == 1 and (wanted is None or None in self._keys):
             return next(iter(self._keys.values()))
         if wanted not in self._keys:
-            raise jwt.InvalidTokenError("it was signed with a key that is not in the file")
+            raise UnknownKey
         return self._keys[wanted]
+
+
+def _reason(error: Exception) -> str:
+    """What is wrong with a token, in our words: the parser's may repeat what a stranger wrote into it."""
+    import jwt
+
+    reasons: dict[type[Exception], str] = {
+        jwt.ExpiredSignatureError: "it has expired (exp)",
+        jwt.ImmatureSignatureError: "it is not yet valid (nbf, iat)",
+        jwt.InvalidAudienceError: "it is meant for another service (aud)",
+        jwt.InvalidIssuerError: "another issuer made it (iss)",
+        jwt.MissingRequiredClaimError: "it lacks one of iss, aud and exp",
+        jwt.InvalidAlgorithmError: "it was signed by another algorithm (alg)",
+        jwt.InvalidSignatureError: "the signature is not that of its issuer's key",
+        UnknownKey: "it was signed with a key that is not in the file (kid)",
+    }
+    return next((reason for kind, reason in reasons.items() if isinstance(error, kind)), "it cannot be read")
 
 
 def check_settings(settings: Settings) -> Tokens | None:

@@ -1,12 +1,11 @@
-"""A request for one design: the design and the options beside it, from a JSON body or from YAML and the query."""
+"""What was sent with a request: the design and the options beside it, from a JSON body or from YAML and the query."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
-
-from starlette.requests import Request
 
 from tailstack.design import Design
 from tailstack.design.refusals import pointer
@@ -14,12 +13,22 @@ from tailstack.errors import Problem
 
 from ..problems import RequestError
 from ..settings import Settings
-from .bodies import content_kind, design_of, loaded, parse_json, read_body
+from .bodies import design_of, loaded, parse_json
 from .options import Options, options_of
 
-QUICK_BYTES = 50_000  # of JSON; 500 fiducials take some 5 ms to be checked
-
 O = TypeVar("O", bound=Options)  # noqa: E741
+
+
+Query = Sequence[tuple[str, str]]  # names and values, in the order in which they were sent
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """A body that has arrived, not yet looked into, and the query beside it."""
+
+    form: str  # json, yaml, or the media type of something else that the operation takes
+    body: bytes
+    query: Query = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,16 +38,10 @@ class Asked(Generic[O]):
     source: dict[str, Any] | bytes  # the JSON body, or the YAML text of a design
     options: O
     prefix: str  # pointer to the design in what was sent
-    length: int  # bytes of the body
 
     @property
     def bare_design(self) -> bool:
         return isinstance(self.source, bytes)
-
-    @property
-    def quick_to_read(self) -> bool:
-        """Whether :meth:`design` takes milliseconds: YAML is read twenty times more slowly than JSON."""
-        return self.length <= QUICK_BYTES and not self.bare_design
 
     def design(self, settings: Settings) -> Design:
         """The checked design.  Raises Placed, RequestError, MalformedError."""
@@ -52,47 +55,43 @@ class Asked(Generic[O]):
         return data
 
 
-async def read_asked(request: Request, kind: type[O]) -> Asked[O]:
-    """Read body and options.  Raises TransportError, MalformedError, RequestError, LimitError."""
-    settings: Settings = request.app.state.service.settings
-    form = content_kind(request, yaml=True)
-    body = await read_body(request, settings)
-    if form == "json":
-        refuse_query(request, (), "options go into the body, beside the design")
-        data = parse_json(body, settings)
-        return Asked(data, options_of(kind, data), "/design", len(body))
-    return Asked(body, _query_options(kind, request), "", len(body))
+def read_asked(sent: Sent, kind: type[O], settings: Settings) -> Asked[O]:
+    """Read the options, and the body if it is JSON.  Raises MalformedError, RequestError, LimitError."""
+    if sent.form == "json":
+        data = parse_json(sent.body, settings)
+        return Asked(data, options_of(kind, data), "/design")
+    return Asked(sent.body, _query_options(kind, sent.query), "")
 
 
-def refuse_query(request: Request, known: tuple[str, ...], hint: str = "") -> None:
+def refuse_query(query: Query, known: tuple[str, ...], hint: str = "") -> None:
     """Refuse query parameters that mean nothing here, each with a pointer to its name.  Raises RequestError."""
-    if not request.scope["query_string"]:
-        return
-    for name in request.query_params:
+    for name, _ in query:
         if name not in known:
             hint = hint or (f"known: {', '.join(known)}" if known else "this operation takes none")
             detail = f"there is no query parameter {name[:60]!r}"
             raise RequestError(Problem(pointer([name[:60]]), "unknown-parameter", detail, hint))
 
 
-def _query_options(kind: type[O], request: Request) -> O:
+def single(query: Query, name: str) -> str | None:
+    """A query parameter that may be given once.  Raises RequestError."""
+    given = [value for key, value in query if key == name]
+    if len(given) > 1:
+        raise RequestError(Problem(f"/{name}", "bad-parameter", f"{name} is given {len(given)} times; once is enough"))
+    return given[0] if given else None
+
+
+def _query_options(kind: type[O], query: Query) -> O:
     """Options from the query.  Text becomes what the option takes; what cannot is refused like in JSON."""
     known = {name: name for name in kind.model_fields} | kind.in_query()
-    refuse_query(request, tuple(known))
+    refuse_query(query, tuple(known))
     schema = kind.model_json_schema().get("properties", {})
     data: dict[str, Any] = {}
     for name, option in known.items():
-        given = request.query_params.getlist(name)
-        if not given:
-            continue
         if name in kind.in_query():
-            data[option] = kind.from_query(option, given)
-        elif len(given) > 1:
-            raise RequestError(
-                Problem(f"/{name}", "bad-parameter", f"{name} is given {len(given)} times; once is enough")
-            )
-        else:
-            data[option] = from_text(given[0], schema[name])
+            if given := [value for key, value in query if key == name]:
+                data[option] = kind.from_query(option, given)
+        elif (text := single(query, name)) is not None:
+            data[option] = from_text(text, schema[name])
     return options_of(kind, data)
 
 

@@ -6,8 +6,8 @@ import asyncio
 import time
 from collections.abc import AsyncIterator
 
-from starlette.requests import Request
-from starlette.responses import Response, StreamingResponse
+from fastapi import APIRouter, Depends, Request, Response
+from fastapi.responses import StreamingResponse
 
 from tailstack.errors import Problem, TailstackError
 from tailstack.json_text import write_json
@@ -19,8 +19,10 @@ from ..settings import variable
 from ..store import jobs as stored
 from ..store.events import Event, events_after
 from ..store.jobs import Job
-from .jobs import found, single
-from .service import Seat, Service, service_of
+from .asked import single
+from .dependencies import Needs, TheService, query
+from .jobs import found
+from .service import Seat, Service
 
 EVENT_STREAM = "text/event-stream"
 AT_ONCE = 200  # rows read in one look
@@ -30,12 +32,16 @@ RETRY_MS = 1000
 SEAT_SECONDS = 5  # after which a place may be free
 
 
-async def get_events(request: Request) -> Response:
+router = APIRouter(tags=["jobs"], dependencies=[Depends(Needs("read"))])
+
+
+@router.get("/v1/jobs/{id}/events", operation_id="get_job_events", dependencies=[Depends(query("after"))])
+async def get_events(request: Request, service: TheService) -> Response:
     """A stream of what happened after the last event that the client saw, until the job ends.
 
     204 when the job has ended and the client has seen all: that tells an EventSource to stop asking.
     """
-    service, after = service_of(request), _last_seen(request)
+    after = _last_seen(request)
     job = await found(request)
     if job.finished and job.last_event <= after:
         return Response(b"", 204)
@@ -74,7 +80,10 @@ class _Seated(StreamingResponse):
 
 def _last_seen(request: Request) -> int:
     """Sequence of the last event the client saw: Last-Event-ID, or ?after= for what cannot set headers."""
-    header, parameter = request.headers.get("last-event-id", "").strip(), single(request, "after")
+    header, parameter = (
+        request.headers.get("last-event-id", "").strip(),
+        single(request.query_params.multi_items(), "after"),
+    )
     texts = ([header] if header else []) + ([] if parameter is None else [parameter])
     for text in texts:
         if not (text.isascii() and text.isdigit() and len(text) < 16):

@@ -6,10 +6,10 @@ import asyncio
 import logging
 import platform
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Literal
 
-from starlette.requests import Request
-from starlette.responses import Response
+from fastapi import APIRouter, Depends, Response
 
 from tailstack import __version__
 from tailstack.errors import Problem, TailstackError
@@ -18,11 +18,13 @@ from tailstack.json_text import write_json
 from ..documents import RECORDS, json_schema, schema_names
 from ..problems import CATALOGUE, ProblemType, TransportError
 from ..store.readiness import look
-from .answers import record_response
+from .answers import JSON, record_response
+from .dependencies import Needs, TheService
 from .metrics import CONTENT_TYPE, FRESH_SECONDS
-from .service import Warmth, service_of
+from .places import Warmth
 
 log = logging.getLogger("tailstack.service")
+router = APIRouter(tags=["information"])
 DOCUMENTS = tuple(f"tailstack/{name}/1" for name in ("design", *RECORDS) if name != "problem")
 
 
@@ -72,25 +74,26 @@ class Version:
     """Value of the field `schema` of each document that this version reads and writes."""
 
 
-async def liveness(request: Request) -> Response:
+@router.get("/health/live", operation_id="get_liveness")
+async def liveness() -> Response:
     return record_response(Health("alive"))
 
 
-async def readiness(request: Request) -> Response:
+@router.get("/health/ready", operation_id="get_readiness")
+async def readiness(service: TheService) -> Response:
     """200 once the kernels are compiled and the database can be used, until the service is told to stop.
 
     A service without a worker is ready: it scores, and accepts jobs that run as soon as a worker comes.  The answer
     takes no longer than a look at the database may, whatever became of that.
     """
-    service = service_of(request)
     try:
         workers: int | None = await service.storage.look(lambda database: look(database, fresh_seconds=FRESH_SECONDS))
     except TailstackError as error:
         log.warning("%s", error, extra={"action": "database-not-ready"})
         workers = None
     document = Readiness(
-        status="stopping" if service.stopping.is_set() else service.warmth,
-        kernels=service.warmth,
+        status="stopping" if service.stopping.is_set() else service.places.warmth,
+        kernels=service.places.warmth,
         database="not ready" if workers is None else "ready",
         workers=workers or 0,
     )
@@ -101,9 +104,9 @@ async def readiness(request: Request) -> Response:
     return record_response(document, 200 if ready else 503, headers)
 
 
-async def metrics(request: Request) -> Response:
+@router.get("/metrics", operation_id="get_metrics", dependencies=[Depends(Needs("metrics"))])
+async def metrics(service: TheService) -> Response:
     """Counters of the API; jobs and workers too while the database answers."""
-    service = service_of(request)
     try:
         page = await service.storage.run(service.metrics.page)
     except TailstackError:
@@ -111,29 +114,44 @@ async def metrics(request: Request) -> Response:
     return Response(page, media_type=CONTENT_TYPE)
 
 
-async def version(request: Request) -> Response:
+@router.get("/version", operation_id="get_version")
+async def version() -> Response:
     return record_response(Version(__version__, platform.python_version(), DOCUMENTS))
 
 
-async def schemas(request: Request) -> Response:
+@router.get("/v1/schemas", operation_id="list_schemas")
+async def schemas() -> Response:
     entries = (SchemaEntry(name, title, f"/v1/schemas/{name}") for name, title in schema_names().items())
     return record_response(SchemaList(tuple(entries)))
 
 
-async def schema(request: Request) -> Response:
-    name = request.path_params["name"]
+@router.get("/v1/schemas/{name}", operation_id="get_schema")
+async def schema(name: str) -> Response:
     if name not in schema_names():
         raise _nothing(f"no schema is called {name[:60]!r}", f"one of {', '.join(schema_names())}")
     body = await asyncio.to_thread(lambda: write_json(json_schema(name)))
     return Response(body, media_type="application/schema+json")
 
 
-async def problem_type(request: Request) -> Response:
-    slug = request.path_params["slug"]
+@router.get("/v1/problems/{slug}", operation_id="get_problem_type")
+async def problem_type(slug: str) -> Response:
     if slug not in CATALOGUE:
         raise _nothing(f"no class of problems is called {slug[:60]!r}", f"one of {', '.join(CATALOGUE)}")
     entry: ProblemType = CATALOGUE[slug]
     return record_response(entry)
+
+
+@router.get("/openapi.json", operation_id="get_openapi")
+async def openapi() -> Response:
+    # putting it together takes seconds, which nobody else has to wait for
+    return Response(await asyncio.to_thread(_document), media_type=JSON)
+
+
+@cache
+def _document() -> bytes:
+    from .openapi import document
+
+    return write_json(document()).encode()
 
 
 def _nothing(detail: str, hint: str) -> TransportError:

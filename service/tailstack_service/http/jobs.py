@@ -8,8 +8,7 @@ from dataclasses import replace
 from typing import Any
 from urllib.parse import urlencode
 
-from starlette.requests import Request
-from starlette.responses import Response
+from fastapi import APIRouter, Depends, Request, Response
 
 from tailstack.errors import Problem
 
@@ -23,11 +22,16 @@ from ..store.jobs import Job
 from ..store.tables import STATES
 from ..work.kinds import KINDS
 from .answers import JSON, path_of, record_response, stated_problem, tagged_response
+from .asked import single
+from .dependencies import Needs, query
 from .service import service_of
 
 PAGE, LARGEST_PAGE = 50, 200
 LONGEST_RETRY = 30  # seconds
 REVALIDATE = {"Cache-Control": "private, no-cache"}
+
+router = APIRouter(tags=["jobs"])
+READ, COMPUTE = Depends(Needs("read")), Depends(Needs("compute"))
 
 
 def nothing(what: str, name: str) -> TransportError:
@@ -55,6 +59,7 @@ def accepted(job: Job, **headers: str) -> Response:
     return record_response(job_document(job), 202, {**REVALIDATE, **waiting, **headers})
 
 
+@router.get("/v1/jobs/{id}", operation_id="get_job", dependencies=[READ, Depends(query())])
 async def get_job(request: Request) -> Response:
     """The record.  Its time to the end is that of the last event, so that equal versions are equal bytes."""
     job_id = request.path_params["id"]
@@ -73,18 +78,21 @@ def _with_eta(db: Database, tenant: str, job_id: str) -> tuple[Job | None, float
     return job, last[0].data.get("eta_seconds") if last else None
 
 
+@router.get(
+    "/v1/jobs", operation_id="list_jobs", dependencies=[READ, Depends(query("limit", "cursor", "state", "kind"))]
+)
 async def list_jobs(request: Request) -> Response:
-    query = _page_query(request)
+    wanted = _page_query(request)
     try:
         page = await service_of(request).storage.run(
-            stored.page, request.state.caller.tenant, state=query.get("state"), kind=query.get("kind"),
-            after=query.get("cursor"), limit=query["limit"],
+            stored.page, request.state.caller.tenant, state=wanted.get("state"), kind=wanted.get("kind"),
+            after=wanted.get("cursor"), limit=wanted["limit"],
         )  # fmt: skip
     except ValueError:
         detail = "the cursor is not one that this service gave"
         hint = "take it from the field next, or from the Link header"
         raise RequestError(Problem("/cursor", "bad-parameter", detail, hint)) from None
-    following = "/v1/jobs?" + urlencode({**query, "cursor": page.next}) if page.next else None
+    following = "/v1/jobs?" + urlencode({**wanted, "cursor": page.next}) if page.next else None
     now = time.time()
     documents = tuple(
         job_document(job, eta_seconds(job.started_at, job.units_done, job.units_expected, now)) for job in page.jobs
@@ -94,16 +102,16 @@ async def list_jobs(request: Request) -> Response:
 
 
 def _page_query(request: Request) -> dict[str, Any]:
-    query: dict[str, Any] = {"limit": PAGE}
+    wanted: dict[str, Any] = {"limit": PAGE}
     for name, known in (("state", tuple(STATES)), ("kind", tuple(KINDS)), ("cursor", None), ("limit", None)):
-        value = single(request, name)
+        value = single(request.query_params.multi_items(), name)
         if value is None:
             continue
         if known is not None and value not in known:
             detail = f"{name} is one of {', '.join(known)}; got {value[:40]!r}"
             raise RequestError(Problem(f"/{name}", "unknown-value", detail))
-        query[name] = _limit(value) if name == "limit" else value
-    return query
+        wanted[name] = _limit(value) if name == "limit" else value
+    return wanted
 
 
 def _limit(text: str) -> int:
@@ -113,14 +121,7 @@ def _limit(text: str) -> int:
     return int(text)
 
 
-def single(request: Request, name: str) -> str | None:
-    """A query parameter that may be given once.  Raises RequestError."""
-    given = request.query_params.getlist(name)
-    if len(given) > 1:
-        raise RequestError(Problem(f"/{name}", "bad-parameter", f"{name} is given {len(given)} times; once is enough"))
-    return given[0] if given else None
-
-
+@router.post("/v1/jobs/{id}/cancel", operation_id="cancel_job", dependencies=[COMPUTE, Depends(query())])
 async def cancel_job(request: Request) -> Response:
     """202 once nothing of the job can be recorded any more; again 202 if it was cancelled before."""
     job_id = request.path_params["id"]
@@ -133,6 +134,7 @@ async def cancel_job(request: Request) -> Response:
     return accepted(job)
 
 
+@router.get("/v1/jobs/{id}/result", operation_id="get_job_result", dependencies=[READ, Depends(query())])
 async def get_job_result(request: Request) -> Response:
     """303 to the result; the job's own problem if it failed."""
     job = await found(request)

@@ -1,4 +1,4 @@
-"""Processes that a service keeps alive: its worker, and its API processes where there are several."""
+"""A process that a service keeps alive: its worker."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from collections.abc import Callable
 log = logging.getLogger("tailstack.service")
 FIRST_PAUSE, LONGEST_PAUSE = 0.2, 10.0  # seconds before a process that ended is started again
 GOOD_SECONDS = 30.0  # a process that lived so long did not fail at its start
-STOP_SECONDS = 15.0  # for a process to end by itself when told to
+STOP_SECONDS = 9.0  # for a process to end by itself when told to
 
 
 class Kept:
@@ -26,6 +26,7 @@ class Kept:
         self._changing = threading.Lock()
         self._stopping = threading.Event()
         self._process = start()
+        self._told_at: float | None = None
         self._thread = threading.Thread(target=self._keep, name=f"tailstack-keep-{name}", daemon=True)
         self._thread.start()
 
@@ -62,6 +63,7 @@ class Kept:
     def tell(self) -> None:
         """Ask the process to end, and start no other.  Returns at once; may be called more than once."""
         self._stopping.set()
+        self._told_at = self._told_at or time.monotonic()
         with self._changing:
             if self._process.poll() is None:
                 self._process.terminate()
@@ -69,8 +71,9 @@ class Kept:
     def stop(self) -> None:
         """Return when the process has ended, killed if it takes too long."""
         self.tell()
+        assert self._told_at is not None
         try:
-            self._process.wait(STOP_SECONDS)
+            self._process.wait(max(self._told_at + STOP_SECONDS - time.monotonic(), 0.1))
         except subprocess.TimeoutExpired:
             log.warning("", extra={"action": "child-killed", "kind": self.name, "pid": self.pid})
             self._process.kill()

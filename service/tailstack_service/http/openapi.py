@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from typing import Any
 
+from fastapi.routing import APIRoute
+
 from tailstack import __version__
 from tailstack.json_text import write_json
 
 from . import openapi_components as components
+from .app import ROUTERS
 from .openapi_operations import operation_of
-from .routes import ROUTES
 
 DESCRIPTION = (
     "Where does the tool end up, how bad is the worst 5 %, which tolerance is to blame, and what is the cheapest "
@@ -40,8 +42,9 @@ BEARER = {
 def document() -> dict[str, Any]:
     """The document as plain data."""
     paths: dict[str, dict[str, Any]] = {}
-    for route in ROUTES:
-        paths.setdefault(route.path, {})[route.method.lower()] = operation_of(route)
+    for route in (route for router in ROUTERS for route in router.routes if isinstance(route, APIRoute)):
+        for method in route.methods or ():
+            paths.setdefault(route.path, {})[method.lower()] = operation_of(route)
     return {
         "openapi": "3.1.0",
         "info": {

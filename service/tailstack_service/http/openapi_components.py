@@ -11,12 +11,10 @@ from pydantic import BaseModel
 from ..documents import json_schema, record_json_schema
 from ..problems import CATALOGUE, ProblemType
 from .answers import PROBLEM
-from .comparisons import ComparisonOptions
-from .conversions import ConversionOptions
 from .example import EXAMPLE_DESIGN
 from .information import Health, Readiness, SchemaList, Version
-from .operations import OPERATIONS
-from .posting import JOB_OPERATIONS
+from .operations import JOB_OPERATIONS, OPERATIONS
+from .options import ComparisonOptions, ConversionOptions
 
 # Names in the document, and so of the classes of generated clients, by the name of the published schema
 COMPONENT = {

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from .conversions import FORMATS, RAW
-from .gates import IN_QUERY
+from .computations import CONVERSION_FORMATS, GATE_QUERY
 from .openapi_components import COMPONENT, reference, request_name
 from .openapi_objects import JSON, YAML, job_links, media_types, only_with, parameter, query_parameter, response_of
-from .operations import Operation
+from .operations import JobOperation, Operation
 from .options import Options
-from .posting import JobOperation
+from .posting import RAW
 
 BODY_PROBLEMS = (400, 408, 413, 415, 422, 503)
 
@@ -136,7 +135,7 @@ def gate() -> dict[str, Any]:
 
     properties = GateRequest.model_json_schema()["properties"]
     options = []
-    for name in IN_QUERY:
+    for name in GATE_QUERY:
         kept = {key: value for key, value in properties[name].items() if key not in ("title", "description")}
         words = f"Only with a YAML body. {properties[name].get('description', '')}"
         options.append(query_parameter(name, _without_null(kept), words))
@@ -155,7 +154,7 @@ def gate() -> dict[str, Any]:
 
 def conversion() -> dict[str, Any]:
     """Fiducial files and designs."""
-    formats = {"type": "string", "enum": list(FORMATS)}
+    formats = {"type": "string", "enum": list(CONVERSION_FORMATS)}
     body = media_types(JSON, reference("schemas", "ConversionRequest"), "ConversionRequest")
     body |= media_types(YAML, reference("schemas", "Design"), "DesignAsYaml")
     for media in RAW:

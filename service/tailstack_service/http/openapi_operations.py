@@ -6,24 +6,26 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from fastapi.routing import APIRoute
+
 from . import openapi_computations, openapi_jobs
+from .dependencies import Needs
 from .openapi_components import ANSWERED, reference
 from .openapi_objects import JSON, media_types, response_of
-from .operations import OPERATIONS
-from .posting import JOB_OPERATIONS
-from .routes import Route
+from .operations import JOB_OPERATIONS, OPERATIONS
 
 REQUEST_ID = {"X-Request-ID": reference("headers", "RequestId")}
 
 
-def operation_of(route: Route) -> dict[str, Any]:
+def operation_of(route: APIRoute) -> dict[str, Any]:
     """The operation object of a route."""
-    described = _DESCRIBED[route.operation_id]()
-    statuses = {421, 500, *described.pop("problems", ()), *((401, 403) if route.scope else ())}
-    if route.method == "POST":
+    described = _DESCRIBED[str(route.operation_id)]()
+    scope = next((one.dependency.scope for one in route.dependencies if isinstance(one.dependency, Needs)), None)
+    statuses = {421, 500, *described.pop("problems", ()), *((401, 403) if scope else ())}
+    if "POST" in (route.methods or ()):
         statuses.add(403)  # a page of another site, where there is no authentication
     responses = described["responses"]
-    _show_answer(route.operation_id, responses.get("200", {}).get("content", {}).get(JSON))
+    _show_answer(str(route.operation_id), responses.get("200", {}).get("content", {}).get(JSON))
     for status in sorted(statuses):
         responses[str(status)] = reference("responses", f"Problem{status}")
     for response in responses.values():
@@ -33,7 +35,7 @@ def operation_of(route: Route) -> dict[str, Any]:
     return {
         "operationId": route.operation_id,
         **described,
-        "security": [{"bearer": [route.scope]}] if route.scope else [],
+        "security": [{"bearer": [scope]}] if scope else [],
     }
 
 

@@ -148,6 +148,7 @@ def _axis(text: str) -> dict[str, Any]:
 
 
 Part = Literal["score", "verification", "optimisation"]
+SIDES = ("first", "second")  # the designs of a comparison
 
 
 class ReportOptions(CheckOptions):
@@ -171,6 +172,27 @@ class ReportOptions(CheckOptions):
     @classmethod
     def from_query(cls, option: str, given: list[str]) -> Any:
         return given
+
+
+class ComparisonOptions(CheckOptions):
+    """How both designs are checked."""
+
+    parts: Annotated[list[Literal["score", "verification"]], Field(min_length=1, max_length=2)] = Field(
+        ["score", "verification"], description="What is computed of both; score alone: to first order."
+    )
+
+
+ConversionFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json"]
+
+
+class ConversionOptions(Options):
+    """The content and what to make of it."""
+
+    format: ConversionFormat = Field(description="What the content is; yaml and json are designs.")
+    content: Annotated[str, Field(min_length=1)] = Field(
+        description="The text of the file.", examples=["label,x_mm,y_mm,z_mm\nF1,0,0,0\n"]
+    )
+    to: ConversionFormat = Field("yaml", description="What to make of it; a design becomes a design, or its fiducials.")
 
 
 O = TypeVar("O", bound=Options)  # noqa: E741

@@ -1,4 +1,4 @@
-"""What becomes a job: checked strictly first, then written down, then waited for as long as the caller likes."""
+"""Computations over HTTP: what is answered at once, and what becomes a job and is perhaps waited for."""
 
 from __future__ import annotations
 
@@ -7,103 +7,127 @@ import logging
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Annotated, TypeVar
 
-from starlette.requests import Request
-from starlette.responses import Response
+from fastapi import APIRouter, Depends, Request, Response
 
 from tailstack import __version__
-from tailstack.design import Design
 from tailstack.errors import Problem
 
 from ..problems import TransportError
-from ..settings import Settings, variable
+from ..settings import variable
 from ..store import jobs as stored
 from ..store import results
 from ..store.errors import StoreUnavailable
 from ..store.jobs import Job
 from ..store.usage import cpu_seconds_since
-from ..work.requests import canonical
-from . import checks
-from .asked import Asked, read_asked
+from . import computations, effort
+from .answers import JSON
+from .asked import Sent
+from .auditing import note_policy
+from .body import strict_body
+from .computations import JobRequest
+from .dependencies import Needs, TheService
 from .jobs import accepted, unsuccessful
-from .operations import in_short_lane
-from .options import OptimisationOptions, Options, ReportOptions, SweepOptions, VerificationOptions
+from .operations import JOB_OPERATIONS, OPERATIONS, SCORES, JobOperation, Operation
 from .preferences import idempotency_key, wait_seconds
 from .results import result_response
 from .service import Service, service_of
+from .warmth import warmed
+
+T = TypeVar("T")
 
 log = logging.getLogger("tailstack.service")
 HOUR = 3600.0
 BUDGET_RETRY_SECONDS = 60  # what was used leaves the last hour minute by minute
 FIRST_LOOK, LONGEST_LOOK = 0.01, 0.25  # seconds between looks at a job that somebody waits for
+RAW = ("text/csv", "text/plain")  # what a conversion reads besides
+
+router = APIRouter(tags=["computations"], dependencies=[Depends(Needs("compute"))])
+DesignSent = Annotated[Sent, Depends(strict_body())]
+DesignsSent = Annotated[Sent, Depends(strict_body(yaml=False, hint="options go into the body, beside the designs"))]
+GateSent = Annotated[Sent, Depends(strict_body(hint="options go into the body, beside the designs"))]
+FileSent = Annotated[Sent, Depends(strict_body(raw=RAW, hint="format and to go into the body, beside the content"))]
 
 
-@dataclass(frozen=True, slots=True)
-class Posted:
-    """A request that was checked and can become a job."""
+async def computed(request: Request, call: Callable[[], T], expected_seconds: float, *, kernels: bool = True) -> T:
+    """What the call returns, computed in a process of its own.  Raises what ``Places.run`` does.
 
-    kind: str
-    request: bytes  # canonical JSON; what each kind holds is said in tailstack_service.work
-    design_name: str
-    bare_design: bool = False  # the body was the design itself
-
-
-@dataclass(frozen=True, slots=True)
-class JobOperation:
-    """One computation of one design that becomes a job."""
-
-    path: str
-    kind: str
-    summary: str
-    options: type[Options]
-    check: Callable[[Asked[Any], Design, Settings], None]  # raises Placed, RequestError, LimitError
-    kept: Callable[[Any, Design], dict[str, Any]] = lambda options, design: options.model_dump()
-    limits: tuple[str, ...] = ()  # settings that workers have to know, because they shape the answer
+    ``kernels``: it needs them, and so waits a little while they are being compiled (TransportError 503 if longer).
+    """
+    service = service_of(request)
+    if kernels and service.places.warmth == "warming up":
+        await warmed(service)
+    return await service.places.run(request, call, expected_seconds)
 
 
-JOB_OPERATIONS = (
-    JobOperation(
-        "/v1/verifications", "verification", "Monte Carlo check", VerificationOptions, checks.check_verification,
-        limits=("max_trials",),
-    ),
-    JobOperation(
-        "/v1/optimisations", "optimisation", "Optimise placement and tolerances", OptimisationOptions,
-        checks.check_optimisation,
-    ),
-    JobOperation(
-        "/v1/sweeps", "sweep", "Many designs", SweepOptions, checks.check_sweep, checks.sweep_options, ("max_trials",)
-    ),
-    JobOperation(
-        "/v1/reports", "report", "One record of score, check and optimisation", ReportOptions, checks.check_report,
-        limits=("max_trials",),
-    ),
-)  # fmt: skip
+def _answering(operation: Operation) -> Callable[[Request, Service, Sent], Awaitable[Response]]:
+    """The endpoint of a computation that is answered at once."""
+
+    async def create(request: Request, service: TheService, sent: DesignSent) -> Response:
+        seconds = effort.reading_seconds(sent)
+        if operation is SCORES:
+            sizes = effort.sizes_of(sent)
+            second_order = effort.asks_second_order(sent)
+            seconds += effort.LONG if sizes is None else effort.score_seconds(sizes, second_order=second_order)
+        call = partial(computations.answer, operation.path, sent, service.settings)
+        return Response(await computed(request, call, seconds), media_type=JSON)
+
+    return create
 
 
-def posting(operation: JobOperation) -> Callable[[Request], Awaitable[Response]]:
-    """The endpoint of an operation."""
+def _submitting(operation: JobOperation) -> Callable[[Request, Service, Sent], Awaitable[Response]]:
+    """The endpoint of a computation of one design that becomes a job."""
 
-    async def endpoint(request: Request) -> Response:
-        asked = await read_asked(request, operation.options)
-        settings = service_of(request).settings
-
-        def prepare() -> Posted:
-            design = asked.design(settings)
-            operation.check(asked, design, settings)
-            options = operation.kept(asked.options, design)
-            limits = {name: getattr(settings, name) for name in operation.limits}
-            content = {"design": asked.data(design), **options, **limits}
-            return Posted(operation.kind, canonical(content), design.name, asked.bare_design)
-
+    async def create(request: Request, service: TheService, sent: DesignSent) -> Response:
         key = idempotency_key(request)
-        return await submitted(request, await in_short_lane(request, prepare), key)
+        call = partial(computations.job_request, operation.kind, sent, service.settings)
+        return await submitted(request, await computed(request, call, effort.admission_seconds(sent)), key)
 
-    return endpoint
+    return create
 
 
-async def submitted(request: Request, posted: Posted, key: str | None) -> Response:
+for _operation in OPERATIONS:
+    router.add_api_route(
+        _operation.path, _answering(_operation), methods=["POST"], operation_id=f"create_{_operation.answer}",
+        summary=_operation.summary,
+    )  # fmt: skip
+for _job in JOB_OPERATIONS:
+    router.add_api_route(
+        _job.path, _submitting(_job), methods=["POST"], operation_id=f"create_{_job.kind}", summary=_job.summary
+    )
+
+
+@router.post("/v1/conversions", operation_id="create_conversion", summary="Convert a fiducial file or a design")
+async def create_conversion(request: Request, service: TheService, sent: FileSent) -> Response:
+    """Nothing is read from disk or fetched."""
+    call = partial(computations.conversion, sent, service.settings)
+    body = await computed(request, call, effort.reading_seconds(sent), kernels=False)
+    return Response(body, media_type=JSON)
+
+
+@router.post("/v1/comparisons", operation_id="create_comparison", summary="Compare two designs")
+async def create_comparison(request: Request, service: TheService, sent: DesignsSent) -> Response:
+    """Two designs checked alike, with one seed, and what sets them apart; always a job."""
+    key = idempotency_key(request)
+    call = partial(computations.comparison_request, sent, service.settings)
+    return await submitted(request, await computed(request, call, effort.admission_seconds(sent)), key)
+
+
+@router.post("/v1/gates", operation_id="create_gate", summary="Hold designs to a policy")
+async def create_gate(request: Request, service: TheService, sent: GateSent) -> Response:
+    """First order at once, Monte Carlo as a job."""
+    key = idempotency_key(request)
+    call = partial(computations.gate, sent, service.settings)
+    terms, found = await computed(request, call, effort.gate_seconds(sent))
+    await note_policy(request, terms)
+    if isinstance(found, JobRequest):
+        return await submitted(request, found, key)
+    return Response(found, media_type=JSON)
+
+
+async def submitted(request: Request, posted: JobRequest, key: str | None) -> Response:
     """The answer to a request that was checked: its job, or with Prefer: wait perhaps already its result.
 
     Raises TransportError (cpu-budget), QueueFull, IdempotencyConflict, StoreUnavailable.

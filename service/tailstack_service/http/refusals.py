@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
+from typing import Any
 
-from starlette.requests import Request
-from starlette.responses import Response
+from fastapi import Request, Response
+from starlette.exceptions import HTTPException
 
 from tailstack.errors import Problem, TailstackError
 
 from ..problems import TransportError
 from ..store.errors import DamagedStore, StoreError, StoreUnavailable
 from .answers import path_of, problem_response
-from .bodies import BodyTooLarge, Placed
+from .bodies import Placed
+from .body import BodyTooLarge
+from .places import CallerLeft
 
 log = logging.getLogger("tailstack.service")
 STORE_RETRY_SECONDS = 2
+LONGEST_TOLD = 120  # characters of a path that is unknown
+CLIENT_LEFT = 499  # for the log: nobody reads the answer
 
 
 def refused(request: Request, error: TailstackError | Placed) -> Response:
@@ -44,3 +50,30 @@ def _without_its_address(request_id: str, error: TailstackError) -> TransportErr
     log.warning("%s", error, extra={"action": error.slug, "request": request_id})
     detail = "the database does not answer" if error.slug == "store-unavailable" else "the database cannot be used"
     return TransportError(error.slug, Problem("", error.slug, detail, "the log says why, under the id of the request"))
+
+
+async def _refused(request: Request, error: Any) -> Response:
+    return refused(request, error)
+
+
+async def _left(request: Request, error: Any) -> Response:
+    return Response(b"", CLIENT_LEFT)
+
+
+async def _not_routed(request: Request, error: Any) -> Response:
+    """What the router says: 404, or 405 with the methods that are there."""
+    told = path_of(request)[:LONGEST_TOLD]
+    if error.status_code != 405:
+        problem = Problem("", "not-found", f"there is nothing at {told}", "GET /openapi.json lists every path")
+        return refused(request, TransportError("not-found", problem))
+    allowed = error.headers["Allow"]
+    problem = Problem("", "method-not-allowed", f"{told} does not answer to {request.method}", f"use {allowed}")
+    return refused(request, TransportError("method-not-allowed", problem, {"Allow": allowed}))
+
+
+HANDLERS: dict[int | type[Exception], Callable[[Request, Any], Any]] = {
+    TailstackError: _refused,
+    Placed: _refused,
+    CallerLeft: _left,
+    HTTPException: _not_routed,
+}

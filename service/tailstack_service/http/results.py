@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from starlette.requests import Request
-from starlette.responses import Response
+from functools import partial
+
+from fastapi import APIRouter, Depends, Request, Response
 
 from tailstack.errors import Problem
 
 from ..problems import RequestError
 from ..store import results as stored
 from ..store.results import Result
+from . import computations, effort
 from .answers import JSON, tagged_response
-from .computing import Watch
-from .jobs import nothing, single
+from .asked import single
+from .dependencies import Needs, TheService, query
+from .jobs import nothing
 from .service import service_of
 
 FORMATS = ("html", "pdf", "xlsx", "json")
 # private: whoever may read a result is decided by the credential, which a shared cache does not look at
+router = APIRouter(tags=["results"], dependencies=[Depends(Needs("read"))])
 FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable", "Vary": "Authorization"}
 
 
@@ -34,25 +38,21 @@ def result_response(request: Request, result: Result, headers: dict[str, str] | 
     return tagged_response(request, result.body, JSON, {**FOR_EVER, **(headers or {})}, result.sha256)
 
 
+@router.get("/v1/results/{sha256}", operation_id="get_result", dependencies=[Depends(query())])
 async def get_result(request: Request) -> Response:
     return result_response(request, await _found(request))
 
 
-async def get_report(request: Request) -> Response:
-    form = single(request, "format")
+@router.get("/v1/results/{sha256}/report", operation_id="get_report", dependencies=[Depends(query("format"))])
+async def get_report(request: Request, service: TheService) -> Response:
+    form = single(request.query_params.multi_items(), "format")
     form = "html" if form is None else form
     if form not in FORMATS:
         detail = f"format is one of {', '.join(FORMATS)}; got {form[:40]!r}"
         raise RequestError(Problem("/format", "unknown-value", detail))
-    service, result = service_of(request), await _found(request)
-
-    def render() -> tuple[bytes, str]:
-        from ..reports import render
-
-        return render(result.schema_name, result.body, form)
-
-    watch = Watch(service.settings.max_seconds, service.stopping)
-    body, media_type = await service.reports.run(request, watch, render)
+    result = await _found(request)
+    call = partial(computations.report, result.schema_name, result.body, form)
+    body, media_type = await service.places.run(request, call, effort.LONG if form != "json" else 0.0)
     headers = {
         "Cache-Control": "private, no-cache",
         "Content-Disposition": f'inline; filename="tailstack-{result.sha256[:12]}.{form}"',

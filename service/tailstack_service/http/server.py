@@ -2,36 +2,38 @@
 
 from __future__ import annotations
 
-import asyncio
+import os
 import signal
 import socket
-import subprocess
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 import uvicorn
+from uvicorn.supervisors.multiprocess import SIGNALS, Multiprocess
 
 from tailstack.errors import Problem
 
-from ..compute.interpreter import command, environment
+from ..logs import log_to_stderr
 from ..problems import RequestError
-from ..settings import Settings, told_to_child, variable
+from ..settings import Settings, variable
 from ..store.database import open_database
-from .accepting import Taking
 from .access import check_settings, is_loopback
 from .keeping import Kept
 
+if TYPE_CHECKING:
+    from fastapi import FastAPI
+
 DEFAULT_PORT = 8321
 BACKLOG = 1024
-LOOK_SECONDS = 0.1  # between looks whether a signal came
-GRACE_SECONDS = 10  # for answers that are being written when the service is told to stop
+GRACE_SECONDS = 6  # for answers that are being written when the service is told to stop; in all it takes 10
 SHARED_COUNTERS = "PROMETHEUS_MULTIPROC_DIR"  # prometheus_client reads it when it is imported
 
 
@@ -75,57 +77,6 @@ def address_of(bound: socket.socket) -> str:
     return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
 
-class Server(uvicorn.Server):
-    """Tells everything that waits to stop as soon as the signal comes, not when it is done."""
-
-    def __init__(self, settings: Settings, *, warm_up: bool = True, on_stop: Callable[[], None] | None = None) -> None:
-        from .app import create_app  # the web framework takes a third of a second: the worker starts meanwhile
-        from .connections import connections
-
-        app = create_app(settings, warm_up=warm_up)
-        super().__init__(
-            uvicorn.Config(
-                app,
-                log_config=None,
-                access_log=False,
-                lifespan="on",
-                http=connections(settings),
-                timeout_graceful_shutdown=GRACE_SECONDS,
-                server_header=False,
-                proxy_headers=False,  # nothing here depends on who the client is, or how he came
-                ws="none",
-                backlog=BACKLOG,
-            )
-        )
-        self.service = app.state.service
-        self._on_stop = on_stop
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        if self.service.settings.api_processes == 1 or not sockets:
-            await super().startup(sockets)
-            return
-        await super().startup([])
-
-        def connection() -> asyncio.Protocol:
-            kind: Callable[..., asyncio.Protocol] = self.config.http_protocol_class
-            return kind(config=self.config, server_state=self.server_state, app_state=self.lifespan.state)
-
-        count = lambda: len(self.server_state.connections)  # noqa: E731
-        self.servers = [Taking(bound, connection, count) for bound in sockets]  # type: ignore[misc]
-
-    def tell(self) -> None:
-        """Begin to stop: no new connections, and whatever waits ends.  From any thread, and from a signal handler."""
-        if not self.service.stopping.is_set():
-            self.service.stopping.set()
-        self.should_exit = True
-        if self._on_stop is not None:
-            self._on_stop()
-
-    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        super().handle_exit(sig, frame)  # first: it takes a stop that is under way for a second Ctrl-C
-        self.tell()
-
-
 def serve(
     bound: socket.socket, settings: Settings, *, worker: bool = True, announce: Callable[[], None] | None = None
 ) -> None:
@@ -136,12 +87,29 @@ def serve(
     """
     check_settings(settings)
     open_database(settings.database_url, migrate=True).close()
-    kept = _Family(settings, worker)
+    family = _Family(settings, worker)
     run = _serve_with_several if settings.api_processes > 1 else _serve_here
     try:
-        run(bound, settings, kept, announce or (lambda: None))
+        run(bound, settings, family, announce or (lambda: None))
     finally:
-        kept.stop()
+        family.stop()
+
+
+def _config(app: Callable[[], FastAPI], settings: Settings) -> uvicorn.Config:
+    return uvicorn.Config(
+        app,
+        factory=True,
+        http="h11",  # strict; httptools takes two Host headers and endless heads, and loses a body beside an upgrade
+        ws="none",
+        lifespan="on",
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,  # nothing here depends on who the client is, or how he came
+        timeout_graceful_shutdown=GRACE_SECONDS,
+        backlog=BACKLOG,
+        workers=settings.api_processes,
+    )
 
 
 class _Family:
@@ -154,6 +122,15 @@ class _Family:
 
             self.children.append(Kept("worker", lambda: start_worker_process(settings, log)))
 
+    def stop_with(self, stopping: threading.Event) -> None:
+        """Tell them to end as soon as the event is set, while this process is still busy ending itself."""
+
+        def tell() -> None:
+            stopping.wait()
+            self.tell()
+
+        threading.Thread(target=tell, name="tailstack-family", daemon=True).start()
+
     def tell(self) -> None:
         for child in self.children:
             child.tell()
@@ -164,59 +141,72 @@ class _Family:
             child.stop()
 
 
-def _serve_here(bound: socket.socket, settings: Settings, kept: _Family, announce: Callable[[], None]) -> None:
+def _serve_here(bound: socket.socket, settings: Settings, family: _Family, announce: Callable[[], None]) -> None:
     stopped: list[int] = []
-    servers: list[Server] = []
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
         """Before uvicorn listens to signals, which is seconds later; and once more when it has stopped, for nothing."""
         stopped.append(number)
-        for server in servers:
-            server.tell()
 
     previous = signal.signal(signal.SIGTERM, on_signal)
     try:
         announce()  # whoever reads it may send a signal at once
-        servers.append(Server(settings, on_stop=kept.tell))
+        from .app import create_app  # the web framework takes a second: the worker starts meanwhile
+
+        app = create_app(settings)
+        family.stop_with(app.state.service.stopping)
+        server = uvicorn.Server(_config(lambda: app, settings))
         if not stopped:
-            servers[0].run(sockets=[bound])
+            server.run(sockets=[bound])
     finally:
         signal.signal(signal.SIGTERM, previous)
 
 
-def _serve_with_several(bound: socket.socket, settings: Settings, kept: _Family, announce: Callable[[], None]) -> None:
+def _serve_with_several(
+    bound: socket.socket, settings: Settings, family: _Family, announce: Callable[[], None]
+) -> None:
     stopped: list[int] = []  # not an Event: a signal could interrupt this thread while it holds its lock
-
-    def on_signal(number: int, _frame: FrameType | None) -> None:
-        stopped.append(number)
-
-    previous = {number: signal.signal(number, on_signal) for number in (signal.SIGTERM, signal.SIGINT)}
+    handlers = {number: signal.getsignal(number) for number in SIGNALS}
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda number, _frame: stopped.append(number))
     try:
         announce()
         with tempfile.TemporaryDirectory(prefix="tailstack-counters-") as counters:
-            for number in range(settings.api_processes):
-                start = lambda: _start_api_process(bound, settings, counters)  # noqa: E731
-                kept.children.append(Kept(f"api-{number + 1}", start))
-            while not stopped:
-                time.sleep(LOOK_SECONDS)
-            kept.stop()
-            bound.close()
+            os.environ[SHARED_COUNTERS] = counters
+            supervisor = _Supervisor(_config(partial(_app_of_child, settings), settings), [bound])
+            supervisor.signal_queue += stopped
+            family.stop_with(supervisor.should_exit)
+            supervisor.run()
     finally:
-        for number, handler in previous.items():
+        os.environ.pop(SHARED_COUNTERS, None)
+        for number, handler in handlers.items():
             signal.signal(number, handler)
-    if signal.SIGINT in stopped:
+    if supervisor.told == signal.SIGINT:
         raise KeyboardInterrupt
+    if supervisor.told is None:
+        raise RequestError(Problem("", "cannot-serve", "an API process did not start", "stderr says why"))
 
 
-def _start_api_process(bound: socket.socket, settings: Settings, counters: str) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
-        command("tailstack_service.http.child", str(bound.fileno())),
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        pass_fds=(bound.fileno(),),
-        process_group=0,  # a Ctrl-C in a terminal is for this process to act on
-        env={**told_to_child(settings, environment()), SHARED_COUNTERS: counters},
-    )
+class _Supervisor(Multiprocess):
+    """uvicorn's own, which says which signal ended it."""
+
+    told: signal.Signals | None = None
+
+    def handle_int(self) -> None:
+        self.told = signal.SIGINT
+        super().handle_int()
+
+    def handle_term(self) -> None:
+        self.told = self.told or signal.SIGTERM
+        super().handle_term()
+
+
+def _app_of_child(settings: Settings) -> FastAPI:
+    """The application of one of several API processes, in that process."""
+    log_to_stderr(settings.log_format)
+    from .app import create_app
+
+    return create_app(settings)
 
 
 @contextmanager
@@ -239,11 +229,20 @@ def running_service(
         family = _Family(settings, worker, log)
         stack.callback(family.stop)
         bound = bind("127.0.0.1", 0, settings)
-        server = Server(replace(settings, api_processes=1), warm_up=warm_up, on_stop=family.tell)
+        from .app import create_app
+
+        app = create_app(settings, warm_up=warm_up)
+        server = uvicorn.Server(_config(lambda: app, replace(settings, api_processes=1)))
         thread = threading.Thread(target=server.run, args=([bound],), name="tailstack-service", daemon=True)
         thread.start()
         stack.callback(thread.join)
-        stack.callback(server.tell)
+
+        def stop() -> None:
+            family.tell()
+            app.state.service.stopping.set()
+            server.should_exit = True
+
+        stack.callback(stop)
         while not server.started:
             if not thread.is_alive():
                 raise RequestError(Problem("", "cannot-serve", "the embedded service did not start"))

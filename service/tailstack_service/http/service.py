@@ -1,4 +1,4 @@
-"""What every request shares: settings, lanes, the database, who may ask, what is counted."""
+"""What every request shares: settings, places to compute, the database, who may ask, what is counted."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from starlette.requests import Request
 
 from ..settings import Settings
 from .access import Access
-from .computing import Lane
 from .metrics import Metrics
+from .places import Places
 from .storage import Storage
 
-Warmth = Literal["warming up", "ready", "failed"]
 Seat = Literal["seated", "share taken", "all taken"]
 
 
@@ -28,11 +27,7 @@ class Service:
     storage: Storage
     access: Access
     metrics: Metrics
-    short: Lane  # scores, validations, conversions, checks of what becomes a job
-    reports: Lane  # renderings
-    warmth: Warmth  # of the kernels
-    second_order: Warmth | Literal["not asked for"]  # of those that only second order runs
-    settled: bool  # every kernel that a score can need has run: none will be compiled in front of a client
+    places: Places  # for what is computed while the caller waits
     seated: Counter[str] = field(default_factory=Counter)  # streams and waits by tenant; the event loop's own
 
     def seat(self, tenant: str) -> Seat:

@@ -1,0 +1,118 @@
+"""The body of a request: of a kind that the operation reads, bounded in size and in time."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+from starlette.requests import Request
+
+from tailstack.errors import LimitError, Problem, TailstackError
+
+from ..problems import MalformedError, TransportError
+from ..settings import Settings, variable
+from .asked import Sent, refuse_query
+from .service import service_of
+
+JSON = "application/json"
+YAML = ("application/yaml", "application/x-yaml", "text/yaml", "text/x-yaml")
+DRAINED = 8_000_000  # bytes of an over-long body that are read and dropped, so that the refusal reaches its sender
+
+
+def strict_body(
+    *, yaml: bool = True, raw: tuple[str, ...] = (), hint: str = "options go into the body, beside the design"
+) -> Callable[[Request], Awaitable[Sent]]:
+    """The dependency of an operation that reads a body: JSON, and YAML or ``raw`` where it takes them.
+
+    ``hint``: what to do about a query parameter beside a JSON body, where there are none.
+    """
+
+    async def sent(request: Request) -> Sent:
+        form = _form(request, yaml=yaml, raw=raw)
+        body = await _read(request)
+        query = tuple(request.query_params.multi_items())
+        if form == "json":
+            refuse_query(query, (), hint)
+        return Sent(form, body, query)
+
+    return sent
+
+
+def _form(request: Request, *, yaml: bool, raw: tuple[str, ...]) -> str:
+    """``json``, ``yaml`` or one of ``raw`` by the content type.  Raises TransportError 415."""
+    header = ", ".join(request.headers.getlist("content-type"))  # of two, neither counts
+    kind, _, parameters = header.partition(";")
+    kind = kind.strip().lower()
+    encodings = [one.strip().lower() for one in ",".join(request.headers.getlist("content-encoding")).split(",")]
+    encoding = ", ".join(one for one in encodings if one not in ("", "identity"))
+    charset = next(
+        (p.split("=")[1].strip(' "').lower() for p in parameters.split(";") if "charset=" in p.lower()), "utf-8"
+    )
+    if encoding:
+        refused = f"the body is sent with Content-Encoding: {encoding[:40]}"
+    elif charset not in ("utf-8", "utf8", "us-ascii"):
+        refused = f"the body is sent as charset={charset[:40]}"
+    elif kind == JSON or (kind.startswith("application/") and kind.endswith("+json")):
+        return "json"
+    elif yaml and kind in YAML:
+        return "yaml"
+    elif kind in raw:
+        return kind
+    else:
+        refused = f"Content-Type: {header[:80]}" if header else "no Content-Type"
+    accepted = ", ".join([JSON, *(YAML[:1] if yaml else ()), *raw])
+    problem = Problem("", "content-type", f"this operation reads {accepted}; UTF-8, not compressed; got {refused}")
+    raise TransportError("unsupported-media-type", problem)
+
+
+async def _read(request: Request) -> bytes:
+    """The body.  Raises LimitError (too long), TransportError 408 (too slow), MalformedError (empty)."""
+    settings = service_of(request).settings
+    announced = request.headers.get("content-length", "")
+    if announced.isdigit() and len(announced) < 19 and int(announced) > DRAINED + settings.max_body_bytes:
+        raise _too_long(f"{int(announced)} bytes were announced", settings)
+    chunks: list[bytes] = []
+    size, more = 0, True
+    try:
+        async with asyncio.timeout(settings.body_seconds):
+            while more:
+                message = await request.receive()
+                if message["type"] == "http.disconnect":
+                    detail = f"the body broke off after {size} bytes"
+                    raise MalformedError(Problem("", "incomplete-body", detail))
+                chunk, more = message.get("body", b""), message.get("more_body", False)
+                size += len(chunk)
+                if size <= settings.max_body_bytes:
+                    chunks.append(chunk)
+                elif size > DRAINED + settings.max_body_bytes:
+                    raise _too_long(f"more than {size} bytes arrived", settings)
+    except TimeoutError:
+        raise TransportError(
+            "body-timeout",
+            Problem(
+                "",
+                "too-slow",
+                f"the body was not complete after {settings.body_seconds:g} s; {size} bytes arrived",
+                f"send it faster, or start the service with a higher {variable('body_seconds')}",
+            ),
+            {"Connection": "close"},
+        ) from None
+    if size > settings.max_body_bytes:
+        raise _too_long(f"{size} bytes arrived", settings)
+    return b"".join(chunks)
+
+
+def _too_long(arrived: str, settings: Settings) -> TailstackError:
+    error = LimitError(
+        Problem(
+            "",
+            "too-large",
+            f"a request body may hold {settings.max_body_bytes} bytes; {arrived}",
+            f"send less, or start the service with a higher {variable('max_body_bytes')}",
+        )
+    )
+    return BodyTooLarge(error.problems)
+
+
+class BodyTooLarge(LimitError):
+    """The body itself is over the limit: 413 rather than 422."""
