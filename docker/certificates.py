@@ -2,9 +2,10 @@
 
 usage: certificates.py DIRECTORY [DAYS]
 
-Writes ca.pem, certificate.pem and key.pem into DIRECTORY; what is there and good for another month is kept.  Who has
-the pair may run code on the cluster, and who has not may not even connect.  The key of the authority is forgotten, so
-nobody can make a further pair: to replace it, delete the files, run this again and restart the cluster.
+Writes ca.pem, certificate.pem and key.pem into DIRECTORY, which is made if it is not there; what is in it and good for
+another month is kept.  Who has the pair may run code on the cluster, and who has not may not even connect.  The key of
+the authority is forgotten, so nobody can make a further pair: to replace it, delete the files, run this again and
+restart the cluster.
 """
 
 from __future__ import annotations
@@ -92,6 +93,7 @@ def main(arguments: list[str]) -> int:
         print(__doc__, file=sys.stderr)
         return 2
     directory, days = Path(arguments[0]), float(arguments[1]) if len(arguments) > 1 else DAYS
+    directory.mkdir(mode=0o700, parents=True, exist_ok=True)
     left = days_left(directory)
     if left > LEFT_DAYS:
         print(f"{directory}: good for another {left:.0f} days")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ def call(capsys: pytest.CaptureFixture[str]) -> Any:
     def run(*arguments: str) -> Captured:
         code = main(arguments)
         captured = capsys.readouterr()
-        assert "Traceback" not in captured.err
+        assert os.environ.get("TAILSTACK_TRACEBACK") or "Traceback" not in captured.err
         return code, captured.out, captured.err
 
     return run
@@ -361,8 +362,27 @@ def test_a_defect_is_one_paragraph_and_3(call: Any, monkeypatch: pytest.MonkeyPa
     assert "TAILSTACK_TRACEBACK=1" in err
     assert json.loads(call("score", DEMO, "--json")[2])["type"] == "/v1/problems/internal-error"
     monkeypatch.setenv("TAILSTACK_TRACEBACK", "1")
-    with pytest.raises(ZeroDivisionError):
-        main(["score", DEMO])
+    code, out, err = call("score", DEMO)
+    assert (code, out) == (3, "")
+    assert "Traceback" in err
+    assert "ZeroDivisionError: somewhere" in err
+
+
+def test_a_traceback_that_is_asked_for_changes_no_exit_code(
+    call: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Above all not a gate's: a policy that cannot be read is 2, and 1 would say that the design fails."""
+    policy = tmp_path / "policy.yaml"
+    policy.write_text("rules: 3\n", encoding="utf-8")
+    flat = str(write_json(tmp_path / "flat.json", coplanar_design()))
+    nowhere = str(tmp_path / "nowhere.yaml")
+    calls = (("gate", DEMO, "--policy", str(policy)), ("score", flat), ("score", nowhere))
+    plain = [call(*arguments)[0] for arguments in calls]
+    monkeypatch.setenv("TAILSTACK_TRACEBACK", "1")
+    for arguments, code in zip(calls, plain, strict=True):
+        again, _, err = call(*arguments)
+        assert (again, "Traceback" in err) == (code, True)
+    assert plain[:2] == [2, 3]
 
 
 def test_an_interrupt_is_130(call: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -307,7 +307,9 @@ def certificates(directory: Path, *arguments: str) -> str:
 
 def test_certificates_are_made_once_and_again_in_time(tmp_path: Path) -> None:
     pytest.importorskip("cryptography")
+    tmp_path = tmp_path / "not" / "there"
     assert "made, good for 10 days" in certificates(tmp_path, "10")
+    assert tmp_path.stat().st_mode & 0o777 == 0o700
     first = (tmp_path / "certificate.pem").read_bytes()
     assert "made, good for 365 days" in certificates(tmp_path)  # less than a month was left
     second = (tmp_path / "certificate.pem").read_bytes()

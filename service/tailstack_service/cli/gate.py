@@ -167,15 +167,11 @@ def _record(
         print("tailstack: interrupted", file=sys.stderr)
         return known(files, (INTERRUPTED,), INTERRUPTED_CODE), outputs
     except (TailstackError, OSError) as error:
-        if os.environ.get("TAILSTACK_TRACEBACK"):
-            raise
         code = report_error(error, arguments)
         problems = error.problems if isinstance(error, TailstackError) else (Problem("", "os-error", str(error)),)
         problems = tuple(p if p.file is None else replace(p, file=_shown(p.file)) for p in problems)
         return known(files, problems, code if code == BAD_INPUT else NOT_EVALUATED), outputs
     except Exception as error:
-        if os.environ.get("TAILSTACK_TRACEBACK"):
-            raise
         report_failure(error, arguments)
         problem = Problem("", "internal-error", f"internal error, {type(error).__name__}: {error}")
         return known(files, (problem,), NOT_EVALUATED), outputs

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
-from ..names import TRACEBACK
 from .answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
 from .answer import write_out as _write
 from .verbs import VERBS, program, typed
@@ -91,12 +90,8 @@ def _guarded(arguments: argparse.Namespace) -> int:
     except BrokenPipeError:
         return _reader_left(answer.exit_code)
     except (TailstackError, OSError) as error:
-        if os.environ.get(TRACEBACK):
-            raise
         return report_error(error, arguments)
     except Exception as error:
-        if os.environ.get(TRACEBACK):
-            raise
         return report_failure(error, arguments)
     return int(answer.exit_code)
 

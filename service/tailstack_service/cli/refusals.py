@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+import traceback
 from dataclasses import replace
 
 from tailstack.errors import Problem, TailstackError
 
+from ..names import TRACEBACK
 from .answer import BAD_INPUT, NOT_EVALUATED
 from .verbs import program, typed
 
@@ -53,6 +56,7 @@ def next_command(slug: str, arguments: argparse.Namespace) -> str:
 
 def report_error(error: TailstackError | OSError, arguments: argparse.Namespace) -> int:
     """Write a refusal to stderr, as a problem document with --json.  Returns the exit code."""
+    _show_traceback()
     if isinstance(error, OSError):
         name = f"{error.filename}: " if error.filename else ""
         problem = Problem("", "os-error", f"{name}{error.strerror or error}")
@@ -87,6 +91,7 @@ def _report(error: TailstackError, arguments: argparse.Namespace, code: int) -> 
 
 def report_failure(error: Exception, arguments: argparse.Namespace) -> int:
     """A defect of ours: one paragraph, no traceback unless asked for."""
+    _show_traceback()
     if getattr(arguments, "json", False):
         from ..problems import TransportError
 
@@ -100,3 +105,9 @@ def report_failure(error: Exception, arguments: argparse.Namespace) -> int:
         file=sys.stderr,
     )
     return NOT_EVALUATED
+
+
+def _show_traceback() -> None:
+    """Where it happened, for who asked; what the command leaves with does not depend on that."""
+    if os.environ.get(TRACEBACK):
+        traceback.print_exc()

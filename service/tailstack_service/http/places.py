@@ -27,9 +27,9 @@ from starlette.requests import Request
 from tailstack.errors import LimitError, Problem, TailstackError
 
 from ..compute import frames
-from ..compute.child import BEGUN
-from ..compute.engine import Defect, Died
-from ..compute.interpreter import command, environment
+from ..compute.child import BEGUN, OTHER_CODE
+from ..compute.engine import Defect, Died, OutOfDate
+from ..compute.interpreter import code_digest, command, environment
 from ..compute.processes import describe_ending
 from ..problems import TransportError
 from .bodies import Placed
@@ -180,6 +180,9 @@ class Places:
             seconds = OVERRUN_SECONDS if may_overrun else self.seconds
             try:
                 return await process.compute(computation.call, computation.begin, seconds)
+            except OutOfDate as error:
+                self.warmth = "failed"  # readiness says so, and a supervisor or an operator can act
+                raise _out_of_date(error) from None
             except TimeoutError:
                 log.info("", extra={"action": "computation-killed", "pid": process.pid, "seconds": seconds})
                 if not may_overrun:
@@ -280,7 +283,7 @@ class Places:
         try:
             await process.compute(warm_up)
             process.warm = True
-        except (Defect, Died) as error:
+        except (Defect, Died, OutOfDate) as error:
             if not self._stopping.is_set():
                 log.error("%s", error, extra={"action": "warm-up-failed"})
         finally:
@@ -305,7 +308,7 @@ class _Process:
         ours, theirs = socket.socketpair()
         with theirs:
             self._popen: subprocess.Popen[bytes] = subprocess.Popen(
-                command("tailstack_service.compute.child", PERFORM, str(os.getpid())),
+                command("tailstack_service.compute.child", PERFORM, str(os.getpid()), code_digest()),
                 stdin=theirs.fileno(),
                 stdout=theirs.fileno(),
                 env=environment(),
@@ -321,7 +324,7 @@ class _Process:
     ) -> Any:
         """What the call returned.  ``begin`` is called when it begins, and it may take ``seconds`` from then on.
 
-        Raises Died, Defect, TimeoutError.  Whatever ends the wait but an outcome ends the process.
+        Raises Died, Defect, OutOfDate, TimeoutError.  Whatever ends the wait but an outcome ends the process.
         """
         try:
             if self._streams is None:
@@ -330,7 +333,10 @@ class _Process:
             return await self._exchange(call, begin, seconds)
         except (EOFError, ConnectionError):  # not every OSError: a TimeoutError is one
             self.kill()
-            raise Died(f"the computing process ended with {describe_ending(self._popen.wait())}") from None
+            code = self._popen.wait()
+            if code == OTHER_CODE:
+                raise OutOfDate("the files of tailstack were replaced since this process was started") from None
+            raise Died(f"the computing process ended with {describe_ending(code)}") from None
         except Defect:
             raise
         except BaseException:
@@ -371,6 +377,11 @@ def _too_long(seconds: float) -> LimitError:
     detail = f"the computation did not finish within the limit of {seconds:g} s"
     hint = "ask for fewer trials, targets or designs, or start the service with a higher TAILSTACK_MAX_SECONDS"
     return LimitError(Problem("", "too-long", detail, hint))
+
+
+def _out_of_date(error: OutOfDate) -> TransportError:
+    problem = Problem("", "sources-changed", str(error), "the operator restarts the service")
+    return TransportError("stopping", problem, {"Retry-After": "10"})
 
 
 def stopping_error() -> TransportError:
