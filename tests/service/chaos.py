@@ -5,7 +5,8 @@
 A service (``tailstack serve``) and a worker beside it share one database.  What ends is started again, as a service
 manager would.  Jobs come in until all kills are done, then everything is waited for.  Not all is killed: workers and
 the database are frozen, the file of SQLite is deleted (and put back), a worker whose clock is an hour ahead takes units
-and dies.  Where the state of the service changes with that, readiness has to say so within three seconds.
+and dies; large gates are asked for and left.  Where the state of the service changes with that, readiness has to say so
+within three seconds.
 ``test_chaos.py`` does the same with few kills.
 """
 
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import os
 import random
 import signal
@@ -40,6 +42,7 @@ from worker_scenes import end
 from optimise_documents import BOX, document
 from tailstack.version import __version__
 from tailstack_service.compute.interpreter import command, environment
+from tailstack_service.http.example import EXAMPLE_DESIGN
 from tailstack_service.store import jobs, results, tables, units
 from tailstack_service.store.database import Database, open_database, reading
 from tailstack_service.store.errors import StoreError, StoreUnavailable
@@ -70,6 +73,8 @@ SETTINGS = {
 }
 
 
+GATES, GATE_DESIGNS = 3, 25  # abandoned at a time, each of designs at the limits of size
+ANSWERED_WITHIN_SECONDS = 10.0  # a small score, after large gates were abandoned
 AHEAD = f"""
 import os, time
 from functools import partial
@@ -137,6 +142,23 @@ def undisturbed(request: Request) -> Expected:
             assert found is not None
             recorded.append(UnitResult(number, spec, found))
         index += len(seen.more) + 1
+
+
+@cache
+def large_gate() -> bytes:
+    """An analytic gate of designs with as many fiducials and targets as are admitted."""
+    draw = random.Random(1)
+    points = [[draw.uniform(-40, 40), draw.uniform(-40, 40), draw.uniform(-80, 5)] for _ in range(200)]
+    targets = [[draw.uniform(-5, 5), draw.uniform(-5, 5), 70.0] for _ in range(50)]
+    design = {
+        **EXAMPLE_DESIGN,
+        "fiducials": {**EXAMPLE_DESIGN["fiducials"], "points": [{"position_mm": point} for point in points]},
+        "targets": [{"name": f"t{k}", "position_mm": point} for k, point in enumerate(targets)],
+        "requirements": [{"name": "all", "limit_mm": 1.5}],
+    }
+    design.pop("optimise", None)
+    designs = [{"file": f"{k}.yaml", "design": {**design, "name": f"design {k}"}} for k in range(GATE_DESIGNS)]
+    return json.dumps({"designs": designs, "mode": "analytic"}).encode()
 
 
 # --- who computes it ------------------------------------------------------------------------------
@@ -275,7 +297,7 @@ class Chaos:
             "frozen worker": self._freeze_worker,
         }
         if "serve" in fleet.processes:
-            every["server"] = self._kill_server
+            every |= {"server": self._kill_server, "abandoned gates": self._abandon_gates}
         if cluster is None:
             every["computing process"] = self._kill_child
         else:
@@ -492,6 +514,33 @@ class Chaos:
             raise
         end(ahead)
         return None
+
+    def _abandon_gates(self) -> tuple[Units, Callable[[], None]] | None:
+        """Callers ask for much and hang up; others are answered, and the jobs of everybody go on."""
+        assert self.fleet.url is not None
+        url, body = self.fleet.url, large_gate()
+
+        def ask_and_leave() -> None:
+            host, _, port = url.removeprefix("http://").partition(":")
+            head = f"POST /v1/gates HTTP/1.1\r\nHost: {host}\r\nContent-Type: application/json\r\n"
+            head += f"Content-Length: {len(body)}\r\n\r\n"
+            with ExitStack() as stack:
+                for _ in range(GATES):
+                    connection = stack.enter_context(socket.create_connection((host, int(port)), timeout=60))
+                    connection.sendall(head.encode() + body)
+                time.sleep(self.random.uniform(1.0, 2.0))
+            begun = time.monotonic()
+            self._expect(200, "large gates were abandoned")
+            try:
+                small = httpx.post(f"{url}/v1/scores", json={"design": EXAMPLE_DESIGN}, timeout=60.0, trust_env=False)
+                told = f"{small.status_code} after {time.monotonic() - begun:.1f} s"
+                answered = small.status_code == 200 and time.monotonic() - begun < ANSWERED_WITHIN_SECONDS
+            except httpx.HTTPError as error:
+                told, answered = repr(error), False
+            if not answered:
+                self.report.untrue.append(f"a small score beside abandoned gates: {told}")
+
+        return ({}, ask_and_leave) if self._ready() == 200 else None
 
     # --- readiness ----------------------------------------------------------------------------------
 

@@ -25,11 +25,11 @@ def check(report: Report, kinds: set[str]) -> None:
 @pytest.mark.xdist_group("chaos")
 def test_a_service_and_a_worker_on_sqlite(tmp_path: Path) -> None:
     """A check, a sweep, a search from several starts."""
-    kinds = {"worker", "frozen worker", "server", "computing process", "deleted file", "clock jump"}
+    kinds = {"worker", "frozen worker", "server", "computing process", "deleted file", "clock jump", "abandoned gates"}
     url = f"sqlite:///{tmp_path / 'chaos.sqlite3'}"
-    report = run_chaos("sqlite", url, tmp_path, kills=6, seed=SEED, asked=requests(3))
+    report = run_chaos("sqlite", url, tmp_path, kills=7, seed=SEED, asked=requests(3))
     check(report, kinds)
-    assert len(report.looks) == 2
+    assert len(report.looks) == 3
 
 
 @pytest.mark.xdist_group("chaos")
