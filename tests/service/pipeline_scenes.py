@@ -64,12 +64,14 @@ def git(folder: Path, *arguments: str) -> str:
 
 def environment(**changes: str) -> dict[str, str]:
     """Without what this machine knows of pipelines, and without network for pip; tailstack is that of the checkout,
-    whose kernels are compiled."""
+    whose kernels are compiled, and kept where a cache of a pipeline would have them."""
     kept = {
         name: value
         for name, value in os.environ.items()
         if not name.startswith(("TAILSTACK_", "GITHUB_", "CI_", "GATE_", "PIP_", "GIT_"))
     }
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    kept.setdefault("NUMBA_CACHE_DIR", str(Path(base) / "tailstack" / "kernels"))
     return {**kept, "PYTHONPATH": SOURCES, "PIP_NO_INDEX": "1", "PIP_CONFIG_FILE": os.devnull, **changes}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import signal
@@ -9,13 +10,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 import httpx
 import psutil
 from service_scenes import ROOT
+
+from tailstack_service.cli.main import main
 
 COMMAND = [sys.executable, "-m", "tailstack_service.cli.main"]
 PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
@@ -37,12 +41,15 @@ class Served:
         return self.process.pid
 
     def run(self, *arguments: str) -> str:
-        """Standard output of another tailstack command on the same database."""
-        done = subprocess.run(
-            [*COMMAND, *arguments], env=self.environment, capture_output=True, text=True, timeout=180, check=False
-        )
-        assert done.returncode == 0, done.stderr
-        return done.stdout
+        """Standard output of another tailstack command on the same database.
+
+        In this process, since starting one takes longer than most commands: test_processes.py starts them.
+        """
+        out, err = io.StringIO(), io.StringIO()
+        with patch.dict(os.environ, self.environment, clear=True), redirect_stdout(out), redirect_stderr(err):
+            code = main(arguments)
+        assert code == 0, err.getvalue()
+        return out.getvalue()
 
 
 def environment(directory: Path, **changes: str) -> dict[str, str]:
