@@ -95,6 +95,19 @@ def test_a_process_that_dies_under_a_call_is_replaced() -> None:
     tell(story)
 
 
+def test_files_that_were_replaced_under_the_service_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is computed with some of the old sources and some of the new."""
+    monkeypatch.setattr(places, "code_digest", lambda: "of other sources")
+
+    async def story() -> None:
+        async with some(1) as computing:
+            with pytest.raises(TransportError, match="were replaced") as refused:
+                await computing.run(request(), os.getpid, QUICK)
+            assert (refused.value.slug, computing.warmth) == ("stopping", "failed")
+
+    tell(story)
+
+
 def test_what_takes_longer_than_the_limit_is_killed(impatient: None) -> None:
     async def story() -> None:
         async with some(1, seconds=0.5) as computing:

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 DEFAULT_PORT = 8321
 BACKLOG = 1024
+ANSWER_SECONDS = 8  # for an API process to say that it lives; one that has just been started is busy importing
 GRACE_SECONDS = 6  # for answers that are being written when the service is told to stop; in all it takes 10
 SHARED_COUNTERS = "PROMETHEUS_MULTIPROC_DIR"  # prometheus_client reads it when it is imported
 
@@ -108,6 +109,7 @@ def _config(app: Callable[[], FastAPI], settings: Settings) -> uvicorn.Config:
         proxy_headers=False,  # nothing here depends on who the client is, or how he came
         timeout_graceful_shutdown=GRACE_SECONDS,
         backlog=BACKLOG,
+        timeout_worker_healthcheck=ANSWER_SECONDS,
         workers=settings.api_processes,
     )
 
