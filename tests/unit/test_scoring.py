@@ -358,3 +358,18 @@ def test_a_known_bias_of_a_hundred_spreads_is_scored_from_a_few_samples(monkeypa
     spread = 4 * np.sqrt(0.95 * 0.05 * len(ordered))
     low, high = (ordered[int(0.95 * len(ordered) + s * spread)] for s in (-1, 1))
     assert low < found.p95_mm < high
+
+
+@pytest.mark.parametrize(("quantile", "times"), [(0.5, 1.0), (0.95, 1.0), (0.96, 2.5), (0.99, 2.5), (0.995, 6.0)])
+def test_intervals_above_p95_are_wider_as_tails_err_more(quantile, times):
+    """closed form: the calibrated error of P95 times what was calibrated for the quantile."""
+    requirement = Requirement("r", "tcp", quantile, 10.0, 0.95, ("target",))
+    result = score(cube8_system(requirements=(requirement,)))
+    low, high = result.verdict.checks[0].interval_mm
+    assert result.validity.status == "good to 1 %"
+    assert high / low == pytest.approx((1 + times / 100) ** 2, rel=1e-9)
+
+
+def test_beyond_p999_first_order_decides_nothing():
+    requirement = Requirement("r", "tcp", 0.9995, 1e6, 0.95, ("target",))
+    assert score(cube8_system(requirements=(requirement,))).verdict.status == "inconclusive"

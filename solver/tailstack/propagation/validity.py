@@ -30,7 +30,7 @@ LEVELS: tuple[tuple[float, Level, float], ...] = (
 ROTATION_LIMITS_RAD = (0.1, 0.22, 0.45)  # 0.7 times their squares: 0.7, 3.4 and 14 %
 COUNTED = {6: 5.0, 7: 2.0, 8: 2.0}  # how often nu counts with so many fiducials
 # (quantile up to, how many times the error of P95 its error may be)
-QUANTILES = ((0.95, 1.0), (0.99, 2.0), (0.999, 4.0))
+QUANTILES = ((0.95, 1.0), (0.99, 2.5), (0.999, 6.0))
 CALIBRATED_VIEWS = (2, 8)
 CALIBRATED_FIDUCIALS = (6, 40)
 SECOND_ORDER_LIMIT = 0.05  # second order is offered below; at nu = 0.10 it errs by +26 % and -41 %
