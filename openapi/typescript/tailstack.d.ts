@@ -6819,7 +6819,7 @@ export interface operations {
             query?: {
                 /** @description Jobs a page. */
                 limit?: number;
-                /** @description From the field next, or the Link header, of the page before. */
+                /** @description From the field next, or the Link header, of the page before; empty: the first page. */
                 cursor?: string;
                 /** @description Only jobs in this state. */
                 state?: "queued" | "running" | "succeeded" | "failed" | "cancelled";

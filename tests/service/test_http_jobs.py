@@ -333,6 +333,14 @@ def test_pages_lead_to_every_job_once(idle: httpx.Client) -> None:
     assert idle.get("/v1/jobs?kind=optimisation").json() == {"schema": "tailstack/jobs/1", "jobs": [], "next": None}
 
 
+def test_an_empty_cursor_is_the_first_page(idle: httpx.Client) -> None:
+    idle.post("/v1/verifications", json={"design": small_design(), "trials": 1000})
+    first, empty = (idle.get(f"/v1/jobs?limit=1{cursor}").json() for cursor in ("", "&cursor="))
+    assert len(first["jobs"]) == 1
+    assert empty["jobs"][0]["id"] == first["jobs"][0]["id"]
+    assert empty["next"] == first["next"]
+
+
 @pytest.mark.parametrize(
     ("query", "pointer"),
     [

@@ -14,12 +14,12 @@ from fastapi import FastAPI
 from ..settings import Settings, settings_from
 from . import events, information, jobs, posting, results
 from .access import Access
-from .ending import heard
 from .metrics import Metrics
 from .middleware import RequestLog
 from .places import Places
 from .refusals import HANDLERS
 from .service import Service
+from .signals import listen
 from .storage import Storage
 
 ROUTERS = (posting.router, jobs.router, events.router, results.router, information.router)
@@ -77,7 +77,7 @@ class _Application(FastAPI):
 @asynccontextmanager
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     service: Service = app.state.service
-    with heard(service.stopping):
+    with listen(service.stopping):
         service.places.begin()
         try:
             yield

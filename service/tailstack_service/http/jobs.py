@@ -105,7 +105,7 @@ def _page_query(request: Request) -> dict[str, Any]:
     wanted: dict[str, Any] = {"limit": PAGE}
     for name, known in (("state", tuple(STATES)), ("kind", tuple(KINDS)), ("cursor", None), ("limit", None)):
         value = single(request.query_params.multi_items(), name)
-        if value is None:
+        if value is None or (name == "cursor" and not value):  # an empty cursor is the first page
             continue
         if known is not None and value not in known:
             detail = f"{name} is one of {', '.join(known)}; got {value[:40]!r}"

@@ -35,7 +35,9 @@ def list_jobs() -> dict[str, Any]:
                 "limit", {"type": "integer", "minimum": 1, "maximum": LARGEST_PAGE, "default": PAGE}, "Jobs a page."
             ),
             query_parameter(
-                "cursor", {"type": "string"}, "From the field next, or the Link header, of the page before."
+                "cursor",
+                {"type": "string"},
+                "From the field next, or the Link header, of the page before; empty: the first page.",
             ),
             query_parameter("state", {"type": "string", "enum": list(STATES)}, "Only jobs in this state."),
             query_parameter("kind", {"type": "string", "enum": list(KINDS)}, "Only jobs of this kind."),

@@ -20,7 +20,7 @@ SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
 @contextmanager
-def heard(stopping: threading.Event) -> Iterator[None]:
+def listen(stopping: threading.Event) -> Iterator[None]:
     """Set ``stopping`` as soon as a signal tells the server to stop, not when it has stopped.
 
     uvicorn tells an application only when every connection is closed, and those that wait or stream would wait for
