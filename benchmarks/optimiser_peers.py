@@ -27,8 +27,8 @@ import numpy as np
 from scipy.optimize import Bounds, differential_evolution, minimize
 
 from placement_model import Answer, Task, constraints, evaluate, evaluate_all, quantile_mm, random_layout, rules, slopes
+from tailstack.arrays import Array
 from tailstack.optimisation.terms import terms_of
-from tailstack.system import Array
 
 MEMBERS = 40
 STRATEGY = {"strategy": "currenttobest1bin", "mutation": (0.3, 0.8), "recombination": 0.7}

@@ -16,16 +16,16 @@ from optimiser_peers import PEERS, least_cost, slsqp, time_to
 from placement_model import Answer, Task, is_feasible, task_of
 from scenes import target
 from tailstack import load_design, optimise
+from tailstack.arrays import Array
 from tailstack.optimisation import PlacementProblem, allocation
+from tailstack.optimisation.exact_law import image_parts, promise
 from tailstack.optimisation.grades import choose_grades
 from tailstack.optimisation.placement import settle
 from tailstack.optimisation.prices import Grade, of_grades
 from tailstack.optimisation.problem import present_choice
-from tailstack.optimisation.promise import image_parts, promise
 from tailstack.optimisation.search import search
 from tailstack.optimisation.terms import terms_of
 from tailstack.propagation.linear import linearise
-from tailstack.system import Array
 
 DEMO = Path(__file__).resolve().parents[1] / "examples" / "demo.yaml"
 LONGEST_S = 12.0  # a peer's longer time, so that the whole table stays near three minutes

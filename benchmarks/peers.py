@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tailstack.system import Array, System
+from tailstack.arrays import Array
+from tailstack.system import System
 
 DEVIATES = 64
 

@@ -12,15 +12,15 @@ import numpy as np
 from numba import njit
 from scipy.special import ndtri
 
+from tailstack.arrays import Array
 from tailstack.optimisation import PlacementProblem
-from tailstack.optimisation.moments import closed_form_mm
+from tailstack.optimisation.exact_law import closed_form_mm, image_parts
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice
-from tailstack.optimisation.promise import image_parts
 from tailstack.optimisation.regions import Box
 from tailstack.optimisation.terms import DemandTerms, estimator_of, mechanics_of, terms_of
 from tailstack.propagation.linear import linearise
 from tailstack.propagation.noise import noise_gains_jit
-from tailstack.system import Array, Law
+from tailstack.system import Law
 
 FEASIBLE = 1e-6  # relative (mm on the box): by how much an answer may miss a limit or a rule
 PIXEL = 1e-3  # likewise in the images

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from scenes import cube_fiducials, mount, random_system, read_only, system_of, with_noise
+from tailstack.arrays import Array
 from tailstack.design.locators import torsor_from_locators
 from tailstack.optimisation import FreeHalfWidth, Place, PlacementProblem
 from tailstack.optimisation.prices import Price, reciprocal
@@ -18,7 +19,7 @@ from tailstack.optimisation.problem import Choice, FreePivot, FreeSpacing, apply
 from tailstack.optimisation.regions import Box
 from tailstack.propagation.linear import linearise
 from tailstack.scoring import score
-from tailstack.system import Array, Law, Mount, Requirement, Sources
+from tailstack.system import Law, Mount, Requirement, Sources
 
 ORACLE = json.loads((Path(__file__).parent / "data" / "oracles" / "placement_best_known.json").read_text())
 BOX_MM = np.array([[-50.0, -50.0, -90.0], [50.0, 50.0, 10.0]])

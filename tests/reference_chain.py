@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from tailstack.arrays import Array
 from tailstack.estimation.resection import project, resect
 from tailstack.estimation.triangulation import triangulate
-from tailstack.system import Array, Reading, RotationForm, System, Target
+from tailstack.system import Reading, RotationForm, System, Target
 
 
 def rotation(angles: Array, form: RotationForm) -> Array:

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from tailstack.system import Array, Law, Mount, Sources, System, Target, View, no_sources
+from tailstack.arrays import Array
+from tailstack.system import Law, Mount, Sources, System, Target, View, no_sources
 
 TORSOR = ("rx", "ry", "rz", "tx", "ty", "tz")
 FOCAL_PX = 1020.0 / 0.194

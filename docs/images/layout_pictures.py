@@ -11,7 +11,7 @@ from line_charts import WIDTH, begin, mark
 from numpy.typing import NDArray
 from study_scenes import TARGET_MM, Costs, Layouts
 
-from tailstack.system import Array
+from tailstack.arrays import Array
 from tailstack_service.rendering.layout_picture import RIGHT, UP
 from tailstack_service.rendering.svg import BLUE, FAINT, INK, MUTED, VERMILION, box, line, rounded, text
 

@@ -11,19 +11,20 @@ from typing import Any
 
 import numpy as np
 
+from tailstack.arrays import Array
 from tailstack.design import load_design
 from tailstack.errors import InfeasibleError
-from tailstack.optimisation.comparison import placement_value
+from tailstack.optimisation.alternatives import placement_value
+from tailstack.optimisation.exact_law import ExactQuantile, exact_quantile, image_parts
 from tailstack.optimisation.placement import settle
 from tailstack.optimisation.problem import PlacementProblem, apply_choice, present_choice
-from tailstack.optimisation.promise import ExactQuantile, exact_quantile, image_parts
 from tailstack.optimisation.request import read_request
-from tailstack.optimisation.search import Search, farthest, for_people, search
+from tailstack.optimisation.search import Search, farthest, objective_for_people, search
 from tailstack.optimisation.starts import careless_layouts, textbook_layout
 from tailstack.propagation.linear import LinearModel, linearise
 from tailstack.propagation.validity import validity
 from tailstack.results import LocalOptimum
-from tailstack.system import Array, System
+from tailstack.system import System
 
 SEED = 1
 CARELESS = 30
@@ -206,7 +207,7 @@ def least_cost(scene: Scene, starts: int = 8) -> Costs:
 
 def costs_of(found: Search, seed: int) -> Costs:
     """What a search came to, and the comparison."""
-    best = for_people(found.program, found.found[0].point.objective)
+    best = objective_for_people(found.program, found.found[0].point.objective)
     value = placement_value(found, best, seed)
     assert value is not None  # there are free fiducials
     exact = settle(found, np.ones(1))

@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Array
 from .propagation.linear import Block, LinearModel
-from .system import Array, Law
+from .system import Law
 from .tail.bounded import indistinguishable
 from .tail.bounded import worst_case as worst_vertex
 from .tail.declared import LinearLaw

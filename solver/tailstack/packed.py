@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from .arrays import Array
 from .json_text import write_json
-from .system import Array
 
 
 def pack(head: dict[str, Any], arrays: Sequence[Array]) -> bytes:

@@ -14,9 +14,9 @@ from typing import Any, Literal
 from .design import Design, compile_design, load_design
 from .errors import Problem, TailstackError
 from .results import Provenance, TargetEstimate, TargetScore
+from .results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
 from .runs import MAX_TRIALS
 from .scoring import NOT_INCLUDED, provenance, score
-from .sweep_results import Sweep, SweepAxis, SweepPoint, SweepTarget
 from .verifying import NOT_IN_A_CHECK, verify
 
 MOST_AXES, MOST_POINTS = 6, 1_000_000

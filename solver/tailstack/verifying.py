@@ -6,6 +6,7 @@ from math import ceil, inf
 
 import numpy as np
 
+from .arrays import Array
 from .contributors import declared_law
 from .design import Design
 from .montecarlo.estimators import (
@@ -43,7 +44,7 @@ from .runs import (
     run_all,
 )
 from .scoring import FRAMES, NOT_INCLUDED, P95, provenance, tightest_limit, vector3
-from .system import Array, Requirement, System
+from .system import Requirement, System
 from .tail.declared import law_quantile
 from .verdict import conclude, judge
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from scenes import execution_sources, mount, random_rigid, random_system, read_only
 from tailstack import score, verify
-from tailstack.system import Array, Law, Mount, System
+from tailstack.arrays import Array
+from tailstack.system import Law, Mount, System
 
 seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

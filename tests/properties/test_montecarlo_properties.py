@@ -20,7 +20,7 @@ from scenes import (
     with_noise,
 )
 from tailstack.montecarlo import Samples, compile_plan, draw, evaluate, quantile_estimate, simulate
-from tailstack.montecarlo.full_svd import errors_by_svd
+from tailstack.montecarlo.chain import errors_by_svd
 from tailstack.system import Reading, System, Triangulation
 
 

@@ -19,15 +19,16 @@ from optimise_scenes import (
     score_mm,
 )
 from scenes import TORSOR, cube_fiducials, mount, random_rigid, read_only, target
+from tailstack.arrays import Array
 from tailstack.optimisation import PlacementProblem, PlacementSolution, solve_placement
 from tailstack.optimisation.placement import settle
 from tailstack.optimisation.prices import reciprocal
 from tailstack.optimisation.problem import FreeHalfWidth, Place
 from tailstack.optimisation.program import build_program
 from tailstack.optimisation.regions import Box, KeepOut, mirror
-from tailstack.optimisation.search import Search, explore, for_people, search
+from tailstack.optimisation.search import Search, explore, objective_for_people, search
 from tailstack.optimisation.terms import estimator_of, terms_of
-from tailstack.system import Array, Law, Mount
+from tailstack.system import Law, Mount
 
 LIMIT_MM = 0.7
 FREE = oracle_problem(8, LIMIT_MM)
@@ -48,7 +49,7 @@ def _from_layout(problem: PlacementProblem, layout: Array) -> PlacementSolution:
 @cache
 def _best(problem: PlacementProblem, starts: int = 2, seed: int = 4) -> float:
     found = search(problem, starts=starts, seed=seed, threads=1)
-    return for_people(found.program, found.found[0].point.objective)
+    return objective_for_people(found.program, found.found[0].point.objective)
 
 
 def test_the_currency_does_not_matter() -> None:
@@ -155,7 +156,7 @@ def test_more_starts_never_cost_more_and_each_start_is_its_own() -> None:
     """property: start k depends on the seed and on k, not on how many there are."""
     problem = replace(_small(limit_mm=1.0), places=places_in_box((1, 4)))
     searches = [search(problem, starts=starts, seed=11, threads=1) for starts in (1, 2, 4)]
-    costs = [for_people(found.program, found.found[0].point.objective) for found in searches]
+    costs = [objective_for_people(found.program, found.found[0].point.objective) for found in searches]
     assert costs[2] <= costs[1] * (1 + 1e-9)
     assert costs[1] <= costs[0] * (1 + 1e-9)
     # the optima that the first two starts ended at are among those of all four

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from service_scenes import EXAMPLES
 
+from tailstack.arrays import Array
 from tailstack.design import compile_design, load_design
-from tailstack.system import Array, System, Target, no_sources
+from tailstack.system import System, Target, no_sources
 from tailstack_service.rendering.label_places import MarkedPoint, label_places
 from tailstack_service.rendering.layout_picture import layout_svg
 

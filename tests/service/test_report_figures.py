@@ -17,8 +17,8 @@ from scipy.stats import chi2
 from service_scenes import EXAMPLES, small_design
 
 from tailstack import Design, load_design, score
+from tailstack.arrays import Array
 from tailstack.sweeping import axis_pointer, read_axes, sweep
-from tailstack.system import Array
 from tailstack_service.reports.figures.budget import waterfall_svg, without_svg
 from tailstack_service.reports.figures.comparison import budgets_svg, differences_svg, distributions_svg
 from tailstack_service.reports.figures.errors import convergence_svg, distribution_svg, scale_svg

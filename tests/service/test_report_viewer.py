@@ -11,7 +11,7 @@ from browsing import browser, look, page_of
 from service_scenes import EXAMPLES
 
 from tailstack import load_design, score
-from tailstack.system import Array
+from tailstack.arrays import Array
 from tailstack_service import reports
 from tailstack_service.reports.figures.scene import Scene, scene_json, scene_of
 from tailstack_service.reports.figures.scene_picture import scene_svg

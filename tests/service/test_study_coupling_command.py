@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import jsonschema
 import pytest
 
-from tailstack.studies.coupling_words import decimals_of
+from tailstack.studies.coupling import decimals_of
 from tailstack_service.cli.main import main
 from tailstack_service.documents import from_plain, json_schema
 from tailstack_service.rendering.studies.coupling import COMPARISONS, coupling_svg, coupling_text

@@ -26,7 +26,7 @@ from scenes import (
 )
 from tailstack.errors import OutOfRangeError
 from tailstack.montecarlo import bounded_names, compile_plan, draw, evaluate, quantile_estimate, run_indices, simulate
-from tailstack.montecarlo.full_svd import errors_by_svd
+from tailstack.montecarlo.chain import errors_by_svd
 from tailstack.system import Law, Reading, RotationForm, System, Triangulation, View
 
 ORACLES = Path(__file__).parents[1] / "data" / "oracles"

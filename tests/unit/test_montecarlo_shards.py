@@ -12,7 +12,7 @@ import pytest
 from scenes import cube8_system, mount, system_of, target, with_noise
 from tailstack import verify
 from tailstack.montecarlo import Samples, compile_plan, quantile_estimate, run_indices, simulate
-from tailstack.montecarlo.shards import (
+from tailstack.montecarlo.simulate import (
     BLOCK,
     LARGEST_SHARD,
     Pending,

@@ -13,8 +13,7 @@ from scenes import cios_system, cube8_system, execution_sources, mount, read_onl
 from tailstack.errors import OutOfRangeError
 from tailstack.montecarlo import compile_plan, draw
 from tailstack.montecarlo.chain import standard_normals
-from tailstack.montecarlo.elementary import tabulate
-from tailstack.montecarlo.streams import stream_key
+from tailstack.montecarlo.streams import stream_key, tabulate
 from tailstack.system import Law
 
 TRIALS = 40_000

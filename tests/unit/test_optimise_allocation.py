@@ -14,9 +14,15 @@ from scipy.stats import chi2
 
 from tailstack import InfeasibleError
 from tailstack.optimisation import allocation
-from tailstack.optimisation.allocation import allocate, allocate_by_trace, gaussian_bracket
+from tailstack.optimisation.allocation import (
+    allocate,
+    allocate_by_trace,
+    frobenius_constant,
+    frobenius_excess,
+    gaussian_bracket,
+    squared_bound,
+)
 from tailstack.optimisation.prices import Price, cost_of, reciprocal
-from tailstack.optimisation.tail_bounds import frobenius_constant, frobenius_excess, squared_bound
 from tailstack.tail.gaussian import norm_quantile
 
 CASE = json.loads((Path(__file__).parents[1] / "data" / "oracles" / "convex_allocation.json").read_text())

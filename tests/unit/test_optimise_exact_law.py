@@ -20,17 +20,18 @@ from optimise_scenes import (
     score_mm,
 )
 from scenes import cube_fiducials, mount
+from tailstack.arrays import Array
 from tailstack.contributors import declared_law
 from tailstack.optimisation import PlacementProblem, PlacementSolution, solve_placement
 from tailstack.optimisation.certificate import kkt_residual
+from tailstack.optimisation.exact_law import correction_at, promise
 from tailstack.optimisation.placement import settle
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice
 from tailstack.optimisation.program import Parameters, build_program
-from tailstack.optimisation.promise import correction_at, promise
 from tailstack.optimisation.search import search
 from tailstack.optimisation.terms import estimator_of, terms_of
 from tailstack.propagation.linear import linearise
-from tailstack.system import Array, Law, Reading
+from tailstack.system import Law, Reading
 from tailstack.tail.declared import law_quantile
 
 

@@ -26,16 +26,16 @@ from optimise_scenes import (
     silent_problem,
 )
 from scenes import cube_fiducials, mount, target, with_noise
+from tailstack.arrays import Array
 from tailstack.contributors import declared_law
 from tailstack.design.locators import torsor_from_locators
 from tailstack.optimisation import FreeHalfWidth, Place, PlacementProblem, PlacementSolution, solve_placement
-from tailstack.optimisation.certificate import binding
+from tailstack.optimisation.certificate import binding, shadow_prices
 from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import present_choice
 from tailstack.optimisation.regions import Ball, Box, Cylinder, KeepOut
-from tailstack.optimisation.shadow_prices import shadow_prices
 from tailstack.propagation.linear import linearise
-from tailstack.system import Array, Law
+from tailstack.system import Law
 from tailstack.tail.declared import law_budget, law_quantile
 
 LEVERS_MM = np.array([165.0, 215.0])

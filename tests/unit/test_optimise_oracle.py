@@ -13,11 +13,11 @@ from optimise_scenes import (
     oracle_p95_mm,
     oracle_problem,
 )
-from tailstack.optimisation.moments import closed_form_mm
-from tailstack.optimisation.search import for_people, search
+from tailstack.arrays import Array
+from tailstack.optimisation.exact_law import closed_form_mm
+from tailstack.optimisation.search import objective_for_people, search
 from tailstack.optimisation.symbols import plain
 from tailstack.optimisation.terms import Mechanics, estimator_of, image_covariances, terms_of
-from tailstack.system import Array
 
 
 def test_the_recorded_optimum_is_reproduced() -> None:
@@ -62,7 +62,9 @@ def test_best_known_cost_is_met(fiducials: int, limit_mm: float, best_known: flo
     # A violation of the limit would be a discount.
     assert oracle_p95_mm(image, oracle_levers_mm(), tau) <= limit_mm * (1 + 1e-6)
     assert float((1 / tau).sum()) <= best_known * 1.002
-    assert for_people(found.program, found.found[0].point.objective) == pytest.approx((1 / tau).sum(), rel=1e-12)
+    assert objective_for_people(found.program, found.found[0].point.objective) == pytest.approx(
+        (1 / tau).sum(), rel=1e-12
+    )
     assert tau.max() <= np.deg2rad(3.0) * (1 + 1e-12)
     assert (layout >= BOX_MM[0] - 1e-9).all()
     assert (layout <= BOX_MM[1] + 1e-9).all()

@@ -20,19 +20,19 @@ from optimise_scenes import (
     requirement,
 )
 from scenes import cube_fiducials, mount
+from tailstack.arrays import Array
 from tailstack.contributors import declared_law
 from tailstack.design.locators import torsor_from_locators
 from tailstack.geometry.rotation import torsor_transform
 from tailstack.optimisation import Place, PlacementProblem
-from tailstack.optimisation.moments import closed_form_mm
+from tailstack.optimisation.exact_law import Correction, closed_form_mm, image_parts
 from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice
 from tailstack.optimisation.program import Parameters, Program, build_program
-from tailstack.optimisation.promise import Correction, image_parts
 from tailstack.optimisation.regions import Ball, Box, Cylinder, KeepOut, mirror, turns
 from tailstack.optimisation.terms import Mechanics, estimator_of, mechanics_of, terms_of
 from tailstack.propagation.linear import LinearModel, covariance, linearise
-from tailstack.system import Array, Law, Reading, RotationForm
+from tailstack.system import Law, Reading, RotationForm
 
 UP = np.array([0.0, 0.0, 1.0])
 LOOSE = Box(np.array([-60.0] * 3), np.array([50.0] * 3))

@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from tailstack.arrays import Array
 from tailstack.optimisation import regions
 from tailstack.optimisation.regions import Ball, Box, Cylinder, Isometry, KeepOut, Shape
 from tailstack.optimisation.symbols import elements
-from tailstack.system import Array
 
 TILTED = np.array([2.0, -1.0, 2.0]) / 3
 BASE_MM = np.array([5.0, -10.0, -40.0])

@@ -22,10 +22,10 @@ from optimise_documents import (
     optimised,
     positions,
 )
+from tailstack.arrays import Array
 from tailstack.design import design_to_data, load_design
 from tailstack.results import Optimisation
 from tailstack.scoring import score
-from tailstack.system import Array
 
 LOCATORS = Path(__file__).parents[2] / "examples" / "locators_321.yaml"
 WRITTEN_MM = 2e-6  # positions on curved surfaces and copies of a symmetry are written to 1e-6 mm

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import tailstack.optimisation.shadow_prices as module
+import tailstack.optimisation.certificate as module
 from optimise_scenes import (
     ORACLE,
     fixed_layout,
@@ -25,12 +25,11 @@ from optimise_scenes import (
 )
 from scenes import cube_fiducials
 from tailstack.optimisation import FreeHalfWidth, PlacementProblem, PlacementSolution, solve_placement
-from tailstack.optimisation.certificate import binding
+from tailstack.optimisation.certificate import binding, shadow_prices
 from tailstack.optimisation.placement import settle
 from tailstack.optimisation.prices import reciprocal
 from tailstack.optimisation.program import build_program
 from tailstack.optimisation.search import Search
-from tailstack.optimisation.shadow_prices import shadow_prices
 from tailstack.optimisation.terms import estimator_of, terms_of
 from tailstack.system import Law
 

@@ -11,12 +11,12 @@ import pytest
 
 from optimise_scenes import BOX_MM, oracle_problem
 from scenes import mount, target
+from tailstack.arrays import Array
 from tailstack.optimisation.problem import Place, PlacementProblem
 from tailstack.optimisation.regions import Ball, Box, Cylinder, KeepOut, Shape, contains, mirror, turns
 from tailstack.optimisation.starts import careless_layouts, starting_layouts, textbook_layout
 from tailstack.optimisation.terms import estimator_of, terms_of
 from tailstack.propagation.linear import linearise
-from tailstack.system import Array
 
 BOX = Box(BOX_MM[0], BOX_MM[1])
 UP = np.array([0.0, 0.0, 1.0])

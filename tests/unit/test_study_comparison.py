@@ -14,15 +14,15 @@ from scipy.stats import chi2, kstest, wishart
 
 import reference_chain
 from scenes import broken_system, cube8_system, mount
+from tailstack.arrays import Array
 from tailstack.errors import LimitError, OutOfRangeError
 from tailstack.montecarlo import compile_plan, draw
 from tailstack.propagation.linear import covariance, linearise
-from tailstack.studies import comparison_levels
+from tailstack.studies import comparison_bench
 from tailstack.studies.comparison import study_comparison
 from tailstack.studies.comparison_bench import ONCE, benches_for, expected, least_benches, shared, simulated
-from tailstack.studies.comparison_explaining import explanations
+from tailstack.studies.comparison_explain import Scene, explanations, sampled_law
 from tailstack.studies.comparison_file import Group, Measurements
-from tailstack.studies.comparison_linear import Scene, sampled_law
 from tailstack.studies.comparison_records import Explanation, StudyComparison
 from tailstack.studies.comparison_statistics import (
     NormsAlong,
@@ -34,7 +34,7 @@ from tailstack.studies.comparison_statistics import (
     pooled_sd,
     tail_mean,
 )
-from tailstack.system import Array, Law, System
+from tailstack.system import Law, System
 
 HALF = np.array([np.deg2rad(0.1)] * 3 + [0.05] * 3)
 SIZES = (4, 4, 4)
@@ -177,8 +177,8 @@ def plain_bench(system: System, rng: np.random.Generator, sizes: tuple[int, ...]
 def p_values_of(system: System, values: Array, many: Array) -> dict[str, float]:
     """p-value of every test of one bench against simulated ones."""
     read = measured(values, SIZES)
-    bench = comparison_levels.bench_of(system, read, read.groups[0], "tcp", 0.0)
-    found = comparison_levels.tests_of(bench, many, np.linalg.norm(many, axis=2))
+    bench = comparison_bench.bench_of(system, read, read.groups[0], "tcp", 0.0)
+    found = comparison_bench.tests_of(bench, many, np.linalg.norm(many, axis=2))
     return {test.test: test.p_value for test in found}
 
 

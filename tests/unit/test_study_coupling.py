@@ -15,10 +15,20 @@ import pytest
 import reference_chain
 from scenes import broken_system, cube8_system, mount, projection_looking, system_of
 from tailstack.errors import LimitError, OutOfRangeError
-from tailstack.studies.coupling import TRIALS_BEYOND, mean_about, quantile_of, sectioned, study_coupling
-from tailstack.studies.coupling_cases import level_torsor
+from tailstack.studies.coupling import (
+    TRIALS_BEYOND,
+    among,
+    conclusions,
+    level_torsor,
+    mean_about,
+    per_cent,
+    quantile_of,
+    sectioned,
+    seen,
+    side,
+    study_coupling,
+)
 from tailstack.studies.coupling_records import SECTIONS, CouplingCase, Ratio, StudyCoupling
-from tailstack.studies.coupling_words import among, conclusions, per_cent, seen, side
 from tailstack.studies.refusals import StudyError
 from tailstack.system import Law, RotationForm
 

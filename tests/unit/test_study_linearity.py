@@ -12,8 +12,17 @@ from test_oracle_paper_scenario import SCENARIO, scene
 from scenes import broken_system, cube8_system, mount, with_noise
 from tailstack import score, verify
 from tailstack.propagation.linear import linearise
-from tailstack.studies.linearity import calibration, default_counts, sentences, study_linearity
-from tailstack.studies.linearity_point import Place, changed, classified, examined, far_apart
+from tailstack.studies.linearity import (
+    Place,
+    calibration,
+    changed,
+    classified,
+    default_counts,
+    examined,
+    far_apart,
+    sentences,
+    study_linearity,
+)
 from tailstack.studies.refusals import StudyError
 from tailstack.system import Law, Sources, Triangulation
 

@@ -23,10 +23,7 @@ from tailstack.geometry.camera import depths
 from tailstack.montecarlo import compile_plan, evaluate
 from tailstack.propagation.linear import linearise
 from tailstack.propagation.second_order import second_order_moments
-from tailstack.studies.paper import Case, paper_study
-from tailstack.studies.paper_cells import sampled, statistic
-from tailstack.studies.paper_factor import ways
-from tailstack.studies.paper_levels import level_ratios
+from tailstack.studies.paper import Case, level_ratios, paper_study, sampled, statistic, ways
 from tailstack.studies.paper_records import StudyPaper
 from tailstack.studies.published import CELLS, LEVELS, S3_ANALYTIC, TRIALS, Setting
 from tailstack.studies.refusals import StudyError
@@ -224,7 +221,7 @@ def test_scatter_of_a_statistic_over_experiments_of_the_papers_size(quantity):
 def test_z_counts_one_percent_of_true_cells_as_outside():
     """sampled: 3,000 printed means of the chi law, three decimals of its unit; 30 expected beyond the 99 % band, and
     14 to 48 with probability 0.998."""
-    from tailstack.studies.paper_cells import cell
+    from tailstack.studies.paper import cell
     from tailstack.studies.published import Printed
 
     setting = Setting(0.0, 0.0, 0.5)

@@ -15,7 +15,6 @@ from scipy.special import j0, j1
 from scipy.stats import norm
 
 from tail_references import average
-from tailstack.tail.ball import ball_integral, ball_sums, bessel_j01
 from tailstack.tail.declared import (
     GAUSSIAN_METHOD,
     LATTICE_METHOD,
@@ -37,6 +36,7 @@ from tailstack.tail.declared import (
 )
 from tailstack.tail.declared_kernels import on_principal_axes, probability, solve_on_axes, start_radius
 from tailstack.tail.gaussian import norm_cdf, norm_mean, norm_quantile, norm_quantile_gradient
+from tailstack.tail.lattice import ball_integral, ball_sums, bessel_j01
 from tailstack.tail.sampling import _edgeworth_weights, sample, sobol_points
 
 CUBE = json.loads((Path(__file__).parents[1] / "data/oracles/noise_covariance_cube8.json").read_text())

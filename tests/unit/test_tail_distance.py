@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tailstack.tail.declared import law_cdf, law_quantile, linear_law
-from tailstack.tail.distance import quantile_and_probabilities
+from tailstack.tail.per_unit import quantile_and_probabilities
 
 NOISE = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]]) / 10
 COLUMNS = np.array([[0.7, 0.0, 0.1, 0.3], [0.0, 0.6, 0.2, -0.2], [0.1, 0.0, 0.3, 0.2]])

@@ -10,11 +10,10 @@ from scipy.integrate import quad
 
 from scenes import random_system
 from tail_references import average
-from tailstack.budget import budget, lines_of
 from tailstack.contributors import error_law
 from tailstack.propagation.linear import linearise
+from tailstack.scoring import budget, lines_of
 from tailstack.system import Law
-from tailstack.tail.ball import sines
 from tailstack.tail.declared import (
     GAUSSIAN_METHOD,
     SAMPLED_METHOD,
@@ -28,6 +27,7 @@ from tailstack.tail.declared import (
 )
 from tailstack.tail.declared_kernels import end_of
 from tailstack.tail.gaussian import norm_cdf, norm_cvar, norm_mean, norm_quantile, norm_sf
+from tailstack.tail.lattice import sines
 from tailstack.tail.series import LOG_SINC, along_line, fold_small, higher_orders, in_plane
 
 NOISE = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]])

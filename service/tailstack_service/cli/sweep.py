@@ -16,7 +16,7 @@ from .progress import Progress
 
 if TYPE_CHECKING:
     from tailstack.design import Design
-    from tailstack.sweep_results import Sweep
+    from tailstack.results.sweep import Sweep
 
 HELP = "score or check many designs: numbers of one varied over a grid"
 

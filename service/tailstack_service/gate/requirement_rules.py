@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tailstack.design.revision import FIELD
+from tailstack.design.loading import FIELD
 from tailstack.results import Score, headline_of
 
 from ..rendering.score import single_lines

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tailstack.design.schema import without_null
+from tailstack.design.document import without_null
 
 from .policy_document import Policy
 from .rules import RULES

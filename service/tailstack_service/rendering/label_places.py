@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tailstack.system import Array
+from tailstack.arrays import Array
 
 from .tables import columns
 

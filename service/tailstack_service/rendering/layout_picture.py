@@ -13,8 +13,9 @@ from typing import Literal
 
 import numpy as np
 
+from tailstack.arrays import Array
 from tailstack.geometry.camera import depths
-from tailstack.system import Array, Mount, System, View
+from tailstack.system import Mount, System, View
 
 from .label_places import MarkedPoint, label_places
 from .panels import MARGIN, PLOT, ROW_HEIGHT, ROW_TOP, Panel, around, fitted, image_corners, round_step

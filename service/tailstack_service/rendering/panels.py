@@ -7,7 +7,7 @@ from math import floor, log10
 
 import numpy as np
 
-from tailstack.system import Array
+from tailstack.arrays import Array
 
 MARGIN, CELL, PLOT = 15, 390, 340  # outer margin; width of a column; side of the square that a panel is drawn in
 INDENT, ROW_TOP, ROW_HEIGHT = 42, 52, 418  # room for tick labels; first row; from row to row

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tailstack.sweep_results import Sweep, SweepAxis
+from tailstack.results.sweep import Sweep, SweepAxis
 
 from .rows import csv_text, plain_text, reasons_text
 from .tables import coloured, fixed, shortened, table, wrapped

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import isclose
 
 from tailstack.errors import Problem
-from tailstack.sweep_results import Sweep, SweepAxis, SweepPoint
+from tailstack.results.sweep import Sweep, SweepAxis, SweepPoint
 
 from ..problems import RequestError
 from .studies.chart import COLOURS, Curve, Mark, drawn, fitted, mark

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tailstack.arrays import Array
 from tailstack.contributors import declared_law
 from tailstack.design import Design, design_to_data
 from tailstack.errors import Problem
@@ -18,7 +19,6 @@ from tailstack.precision import PRECISION
 from tailstack.results import Optimisation, Score, TargetScore, Verification
 from tailstack.runs import MAX_TRIALS, Prepared, Progress, prepare
 from tailstack.scoring import score as score_design
-from tailstack.system import Array
 from tailstack.tail.declared import law_exceedance
 
 from ..problems import RequestError

@@ -13,7 +13,7 @@ from math import ceil, sqrt
 import numpy as np
 from scipy.special import stdtrit
 
-from tailstack.system import Array
+from tailstack.arrays import Array
 
 SECTIONS = 32
 FEWEST = 64 * SECTIONS  # trials: below, the P95 of a section hangs on three of them

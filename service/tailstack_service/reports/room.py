@@ -9,12 +9,12 @@ from typing import Literal
 
 import numpy as np
 
-from tailstack.budget import Line, lines_of
 from tailstack.contributors import error_law, unit_for_people
 from tailstack.design import Design
 from tailstack.errors import NotConvergedError, Problem
 from tailstack.propagation.linear import LinearModel
 from tailstack.results import Check
+from tailstack.scoring import Line, lines_of
 from tailstack.system import System
 from tailstack.tail.declared import law_quantile
 

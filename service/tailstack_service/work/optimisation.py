@@ -14,8 +14,8 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from tailstack.errors import InfeasibleError, NotConvergedError, TailstackError
-from tailstack.montecarlo.shards import Pending
-from tailstack.optimisation.front import front_factors, front_point, without_dominated
+from tailstack.montecarlo.simulate import Pending
+from tailstack.optimisation.alternatives import front_factors, front_point, without_dominated
 from tailstack.optimisation.optimising import Asked, ask, finish
 from tailstack.optimisation.program import Point
 from tailstack.optimisation.search import Found, Prepared, Search, conclude, prepare_search, solve_start

@@ -10,9 +10,9 @@ from pydantic import TypeAdapter
 
 from tailstack.design import compile_design
 from tailstack.montecarlo import compile_plan
-from tailstack.montecarlo.shards import shard_trials
+from tailstack.montecarlo.simulate import shard_trials
+from tailstack.results.sweep import SweepPoint
 from tailstack.runs import MAX_TRIALS
-from tailstack.sweep_results import SweepPoint
 from tailstack.sweeping import Axis, SweepError, assembled, read_axes, size_of, sweep_points
 
 from ..documents import to_json

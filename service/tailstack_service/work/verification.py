@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from tailstack.arrays import Array
 from tailstack.montecarlo import ChainPlan, RadialEstimate, compile_plan
-from tailstack.montecarlo.shards import (
+from tailstack.montecarlo.simulate import (
     Pending,
     Shard,
     Wanted,
@@ -39,7 +40,6 @@ from tailstack.runs import (
     radial_estimate,
     unit_quantiles,
 )
-from tailstack.system import Array
 from tailstack.verifying import verify_prepared
 
 from ..documents import to_json

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from .checked import check_design
-from .compile import compile_design
+from .compile import check_design, compile_design
 from .conversion import Conversion, convert, convert_file
-from .loading import Design, design_to_data, design_to_json, design_to_yaml, load_design
+from .document import design_json_schema
+from .loading import (
+    CONTRIBUTOR,
+    FIELD,
+    Design,
+    Revision,
+    design_to_data,
+    design_to_json,
+    design_to_yaml,
+    load_design,
+    revise_design,
+)
 from .presets import list_presets
 from .reading import DEFAULT_LIMITS, Limits
-from .revision import CONTRIBUTOR, FIELD, Revision, revise_design
-from .schema import design_json_schema
 
 __all__ = [
     "CONTRIBUTOR",

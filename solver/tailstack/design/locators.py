@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import IllPosedError, Problem
 from ..geometry.naming import direction_name, point_name
-from ..system import Array
 
 SINGULAR = 1e-9  # smallest over largest singular value, rotations measured at the contacts' own radius
 

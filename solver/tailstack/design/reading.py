@@ -2,23 +2,31 @@
 
 A design arrives from strangers, so the reader is small and closed: text is decoded strictly, duplicate
 keys and tags are refused, nesting, values and bytes are bounded, and every refusal has a line.
+
+YAML becomes plain data, with the place of every value, from libyaml's *events* and without recursion.  Building the
+tree here is what makes a bomb of nesting or aliases an error message instead of a crash: depth and values are counted
+on the way, an alias at the size of what it stands for.
+
+Plain scalars follow the core schema of YAML 1.2: ``yes``, ``no``, ``on``, ``off``, ``1:30`` and ``1_000``
+are text, ``1e3`` is a number.  Integers with leading zeros mean different numbers in YAML 1.1 and 1.2,
+so they stay text and a field that wants a number refuses them.
 """
 
 from __future__ import annotations
 
 import codecs
 import json
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import yaml
 
 from ..errors import DesignError, LimitError, Problem
 from ..json_text import write_json
-from .wording import DEFAULT_LIMITS, Limits, Vast, problem, shown, size_problem
-from .yaml_tree import LONGEST_KEY, Place, integer, read_yaml
 
 __all__ = [
     "DEFAULT_LIMITS",
@@ -287,3 +295,255 @@ def _duplicate(key: str, text: str, file: str | None) -> Problem:
     at = text.rfind(write_json(key))
     line = text.count("\n", 0, at) + 1 if at >= 0 else None
     return Problem("", "duplicate-key", f"the field {key[:60]!r} is given twice", "keep one of them", file, line, None)
+
+
+LONGEST_KEY = 100  # characters; keys end up in pointers
+_INTEGER = re.compile(r"[-+]?(0|[1-9][0-9]*)\Z")
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?\Z")
+_OTHER = {
+    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+    **dict.fromkeys((".nan", ".NaN", ".NAN"), float("nan")),
+    **{sign + word: float(sign + "inf") for sign in ("", "+", "-") for word in (".inf", ".Inf", ".INF")},
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a value stands in its file (1-based), and where its children do."""
+
+    line: int
+    column: int
+    children: dict[str, tuple[Place, Place]] | list[Place] | None = None  # mapping: key, value
+
+    def find(self, path: Iterable[str | int], *, key: bool = False) -> Place:
+        """The place of a path of keys and indices, or of its nearest ancestor; ``key``: of the key itself."""
+        here = self
+        at_key = self
+        for step in path:
+            if isinstance(here.children, dict) and str(step) in here.children:
+                at_key, here = here.children[str(step)]
+            elif isinstance(here.children, list) and isinstance(step, int) and step < len(here.children):
+                at_key = here = here.children[step]
+            else:
+                return here
+        return at_key if key else here
+
+
+def integer(text: str) -> int | float:
+    """An integer of the document; JSON's and YAML's alike."""
+    return int(text) if len(text) < 20 else Vast(text)
+
+
+def scalar(text: str) -> Any:
+    """A plain scalar by the core schema of YAML 1.2, integers with leading zeros excepted."""
+    if text in _OTHER:
+        return _OTHER[text]
+    if _INTEGER.match(text):
+        return integer(text)
+    if _FLOAT.match(text):
+        return float(text)
+    return text
+
+
+def _loader(text: str) -> Any:
+    return yaml.CSafeLoader(text) if yaml.__with_libyaml__ else yaml.SafeLoader(text)
+
+
+class _Open:
+    """A collection whose end has not been read yet."""
+
+    __slots__ = ("anchor", "children", "data", "key", "mark", "start")
+
+    def __init__(self, data: Any, children: Any, mark: Any, anchor: str | None, start: int) -> None:
+        self.data, self.children, self.mark, self.anchor, self.start = data, children, mark, anchor, start
+        self.key: tuple[str, Place] | None = None
+
+
+def read_yaml(text: str, file: str | None, limits: Limits) -> tuple[Any, Place]:
+    """Data and places of one YAML document.  Raises DesignError, LimitError."""
+    try:
+        loader = _loader(text)
+        try:
+            return _build(loader, file, limits)
+        finally:
+            loader.dispose()
+    except yaml.MarkedYAMLError as error:
+        detail = ", ".join(part for part in (error.context, error.problem) if part)
+        mark = error.problem_mark or error.context_mark
+        hint = "indent with spaces, not tabs" if mark and _at_tab(text, mark.line, mark.column) else ""
+        raise DesignError(problem("yaml-syntax", f"this is not YAML: {detail}", hint, file=file, mark=mark)) from None
+    except (yaml.YAMLError, RecursionError) as error:
+        detail = str(error).split("\n")[0][:120]
+        raise DesignError(problem("yaml-syntax", f"this is not YAML: {detail}", file=file)) from None
+
+
+def _at_tab(text: str, line: int, column: int) -> bool:
+    lines = text.splitlines()
+    return line < len(lines) and lines[line][: column + 1].strip(" ").startswith("\t")
+
+
+def _build(loader: Any, file: str | None, limits: Limits) -> tuple[Any, Place]:
+    stack: list[_Open] = []
+    anchors: dict[str, tuple[Any, Place, int]] = {}
+    root: tuple[Any, Place] | None = None
+    count = 0
+
+    def refuse(code: str, detail: str, hint: str, mark: Any) -> DesignError:
+        return DesignError(problem(code, detail, hint, file=file, mark=mark))
+
+    def add(value: Any, place: Place, mark: Any) -> None:
+        nonlocal root
+        if not stack:
+            if root is not None:
+                raise refuse("several-documents", "the file holds more than one YAML document", "split it", mark)
+            root = (value, place)
+            return
+        top = stack[-1]
+        if isinstance(top.data, list):
+            top.data.append(value)
+            top.children.append(place)
+        elif top.key is None:
+            if not isinstance(value, str):
+                raise refuse("bad-key", f"keys are texts; got {shown(value)}", "put it in quotes", mark)
+            if len(value) > LONGEST_KEY:
+                raise refuse("bad-key", f"no field has a name of {len(value)} characters", "", mark)
+            if value in top.data:
+                first = top.children[value][0]
+                raise refuse(
+                    "duplicate-key",
+                    f"the field {value[:60]!r} is given twice (first in line {first.line})",
+                    "keep one of them",
+                    mark,
+                )
+            top.key = (value, place)
+        else:
+            name, at_key = top.key
+            top.data[name] = value
+            top.children[name] = (at_key, place)
+            top.key = None
+
+    while True:
+        event = loader.get_event()
+        mark = event.start_mark
+        if isinstance(event, yaml.StreamEndEvent):
+            break
+        if isinstance(event, yaml.ScalarEvent | yaml.CollectionStartEvent | yaml.AliasEvent):
+            count += 1
+            if count > limits.nodes or len(stack) > limits.depth:
+                raise LimitError(size_problem(limits, file, mark))
+            tag = getattr(event, "tag", None)
+            if tag is not None:
+                raise refuse("yaml-tag", f"YAML tags are not accepted; got {tag[:60]!r}", "remove the tag", mark)
+        if isinstance(event, yaml.ScalarEvent):
+            # implicit[0] is true for plain scalars only: quoted and block scalars are text whatever they hold
+            value = scalar(event.value) if event.implicit[0] else event.value
+            place = Place(mark.line + 1, mark.column + 1)
+            if event.anchor:
+                anchors[event.anchor] = (value, place, 1)
+            add(value, place, mark)
+        elif isinstance(event, yaml.AliasEvent):
+            alias = event.anchor or ""
+            if alias not in anchors:
+                raise refuse("yaml-alias", f"no finished value is called {alias[:60]!r}", "", mark)
+            value, target, size = anchors[alias]
+            count += size
+            if count > limits.nodes:
+                raise LimitError(size_problem(limits, file, mark))
+            add(value, target, mark)
+        elif isinstance(event, yaml.MappingStartEvent):
+            stack.append(_Open({}, {}, mark, event.anchor, count))
+        elif isinstance(event, yaml.SequenceStartEvent):
+            stack.append(_Open([], [], mark, event.anchor, count))
+        elif isinstance(event, yaml.CollectionEndEvent):
+            done = stack.pop()
+            place = Place(done.mark.line + 1, done.mark.column + 1, done.children)
+            if done.anchor:
+                anchors[done.anchor] = (done.data, place, count - done.start + 1)
+            add(done.data, place, done.mark)
+    if root is None:
+        raise DesignError(
+            problem("empty-document", "the document is empty", "start from examples/demo.yaml", file=file)
+        )
+    return root
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Bounds on what is read.  Everything beyond them is refused, and the refusal states them."""
+
+    document_bytes: int = 1_000_000
+    fiducial_file_bytes: int = 1_000_000
+    nodes: int = 50_000
+    depth: int = 24
+    fiducials: int = 1000
+    targets: int = 200
+    views: int = 16
+    problems: int = 25  # how many problems are listed before "and more"
+
+
+DEFAULT_LIMITS = Limits()
+
+
+class Vast(float):
+    """A whole number beyond any field's range: infinite, so that it is refused where it stands, but told as it came."""
+
+    __slots__ = ("written",)
+    written: str
+
+    def __new__(cls, written: str) -> Vast:
+        made = super().__new__(cls, "-inf" if written.startswith("-") else "inf")
+        made.written = written
+        return made
+
+
+def problem(code: str, detail: str, hint: str = "", *, file: str | None = None, mark: Any = None) -> Problem:
+    """A problem of the document as a whole, at a YAML mark if there is one."""
+    line = None if mark is None else mark.line + 1
+    column = None if mark is None else mark.column + 1
+    return Problem("", code, detail, hint, file, line, column)
+
+
+def shown(value: Any, length: int = 60) -> str:
+    """What arrived, short enough for a message."""
+    if isinstance(value, str):
+        body = value if len(value) <= length else value[: length - 3] + "..."
+        return "the text " + write_json(body)
+    if value is None:
+        return "nothing (null)"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Vast):
+        digits = value.written.lstrip("+-")
+        if not digits:
+            return "an integer of more than 4300 digits"
+        cut = digits if len(digits) <= length // 2 else f"{digits[:24]}... ({len(digits)} digits)"
+        return "-" * (value < 0) + cut
+    if isinstance(value, int | float):
+        try:
+            text = repr(value)
+        except ValueError:  # an integer of more digits than Python prints
+            text = "an integer of more than 4300 digits"
+        return text if len(text) <= length else text[: length - 3] + "..."
+    if isinstance(value, Mapping):
+        names = ", ".join([str(key)[:20] for key in list(value)[:4]] + (["..."] if len(value) > 4 else []))
+        return f"a mapping with {len(value)} field(s)" + (f" ({names})" if names else "")
+    if isinstance(value, list | tuple):
+        if not value:
+            return "an empty list"
+        scalars = all(isinstance(item, int | float | str) and len(str(item)) < 20 for item in value[:7])
+        body = f" {list(value)!r}" if scalars and len(value) <= 6 else ""
+        return f"a list of {len(value)}" + body
+    return f"a {type(value).__name__}"
+
+
+def size_problem(limits: Limits, file: str | None, mark: Any) -> Problem:
+    """Too many values, or nested too deep."""
+    return problem(
+        "too-complex",
+        f"the document has more than {limits.nodes} values (aliases counted where they are used) "
+        f"or is nested deeper than {limits.depth}",
+        file=file,
+        mark=mark,
+    )

@@ -13,12 +13,13 @@ from math import asin, degrees, sqrt
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import IllPosedError, Problem
 from ..geometry.camera import camera_centre
 from ..geometry.naming import direction_name
 from ..geometry.rotation import displacement
 from ..results import Finding, ViewCheck
-from ..system import Array, Reading, System, View
+from ..system import Reading, System, View
 from .resection import design_matrix, hartley_similarity, homogeneous
 from .sighting import look, sines_between_rays, spread
 

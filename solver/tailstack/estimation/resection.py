@@ -16,7 +16,7 @@ from math import sqrt
 
 import numpy as np
 
-from ..system import Array
+from ..arrays import Array
 
 
 def hartley_similarity(points: Array) -> Array:

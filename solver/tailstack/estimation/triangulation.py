@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..system import Array, Triangulation
+from ..arrays import Array
+from ..system import Triangulation
 from .resection import hartley_similarity, homogeneous
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..system import Array
+from ..arrays import Array
 from .rotation import cross, rigid_transform, unit
 
 

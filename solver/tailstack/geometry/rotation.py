@@ -12,7 +12,8 @@ from math import cos, sin, sqrt
 
 import numpy as np
 
-from ..system import Array, RotationForm
+from ..arrays import Array
+from ..system import RotationForm
 
 
 def cross(a: Array, b: Array) -> Array:

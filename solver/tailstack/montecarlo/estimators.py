@@ -14,11 +14,11 @@ from math import ceil, fsum, inf, log, sqrt
 import numpy as np
 from scipy.special import bdtr, betaincinv, ndtri
 
+from ..arrays import Array
 from ..errors import OutOfRangeError, Problem
-from ..system import Array, System
+from ..system import System
 from .plan import ChainPlan, compile_plan
-from .shards import ShardSource
-from .simulate import ErrorSample, Progress, Samples, deepened, simulate
+from .simulate import ErrorSample, Progress, Samples, ShardSource, deepened, simulate
 
 FIRST_LOOK = 2**14
 TYPICAL = 3.3  # trials times squared relative half-width: what P95 of most errors takes

@@ -14,10 +14,23 @@ A lane that fails a proof, does not converge or is not finite is flagged; the ca
 # mypy: ignore-errors
 from __future__ import annotations
 
-from .lane_algebra import dot3, factor3, solve3
 from .lane_motion import image_fiducials, move_error, place_points, rotate, write_mount
 from .lane_resection import resect, squared_reprojection
-from .lanes import absolute, any_lane, fma, lane_entry, lane_jit, load, select, splat, square_root, store
+from .lanes import (
+    absolute,
+    any_lane,
+    dot3,
+    factor3,
+    fma,
+    lane_entry,
+    lane_jit,
+    load,
+    select,
+    solve3,
+    splat,
+    square_root,
+    store,
+)
 from .streams import fill_deviates
 
 STEP = 1e-12  # last step of the triangulation, relative

@@ -3,10 +3,9 @@
 # mypy: ignore-errors
 from __future__ import annotations
 
-from .elementary import sine_cosine
-from .lane_algebra import dot3
 from .lane_resection import moments
-from .lanes import fma, lane_jit, load, splat, store
+from .lanes import dot3, fma, lane_jit, load, splat, store
+from .streams import sine_cosine
 
 
 @lane_jit

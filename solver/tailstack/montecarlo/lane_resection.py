@@ -29,8 +29,22 @@ diagonal less one dyad, and its inverse exact (Sherman and Morrison).  ``metric`
 # mypy: ignore-errors
 from __future__ import annotations
 
-from .lane_algebra import dot3, factor3, reciprocal_shifted, sandwich, solve3, symmetric_times
-from .lanes import absolute, any_lane, fma, lane_jit, load, select, splat, store
+from .lanes import (
+    absolute,
+    any_lane,
+    dot3,
+    factor3,
+    fma,
+    lane_jit,
+    load,
+    reciprocal_shifted,
+    sandwich,
+    select,
+    solve3,
+    splat,
+    store,
+    symmetric_times,
+)
 
 # Steps stop when the last one is below this (relative to 1, the scale of the unknowns).  The next one would be
 # smaller by the rate of convergence: 1e-6 to 1e-4 on good layouts, and never slow if it got here in so few steps.

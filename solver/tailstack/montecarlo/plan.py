@@ -29,9 +29,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import OutOfRangeError, Problem
 from ..estimation.resection import homogeneous
-from ..system import STD_PER_HALF_WIDTH, Array, Law, Mount, Reading, RotationForm, Sources, System, Triangulation
+from ..system import STD_PER_HALF_WIDTH, Law, Mount, Reading, RotationForm, Sources, System, Triangulation
 
 LAW_CODE = {Law.NORMAL: 0, Law.UNIFORM: 1, Law.TRIANGULAR: 2}
 INSTALLATION, SHOT = 0, 1

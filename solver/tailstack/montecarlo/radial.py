@@ -27,8 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfc, ndtr, stdtrit
 
+from ..arrays import Array
 from ..errors import OutOfRangeError, Problem
-from ..system import Array, Law
+from ..system import Law
 from .chain import evaluate, standard_normals
 from .plan import ChainPlan
 from .simulate import ERRORS

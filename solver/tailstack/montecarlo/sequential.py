@@ -24,12 +24,11 @@ from statistics import NormalDist
 import numpy as np
 from scipy.special import gammaln
 
+from ..arrays import Array
 from ..errors import OutOfRangeError, Problem
-from ..system import Array
 from .estimators import between_ranks
 from .plan import ChainPlan
-from .shards import BLOCK, ShardSource
-from .simulate import Progress, Samples, simulate
+from .simulate import BLOCK, Progress, Samples, ShardSource, simulate
 
 SURE = 0.64  # of the trials that a look says are needed: what is asked for ahead where that can be done side by side
 _SPREAD = 10.0  # standard deviations of a binomial that are kept: 1e-23 is left out

@@ -3,35 +3,34 @@
 Trial i depends on (seed, i) alone and reductions run over fixed blocks of ``BLOCK`` trials, so neither
 the number of threads nor the size of a batch reaches a digit of the result.  Of each norm only the
 largest are kept: enough for the quantiles asked for; ``deepened`` repeats the run when more are wanted.
-"""
+
+A run may be put together from parts that are kept elsewhere.  Blocks of ``BLOCK`` trials are the unit of summation
+and a shard holds whole blocks, each with its own moments: merging them one by one in the order of their indices gives
+the digits of an undivided run, wherever it was cut. Of the norms a shard holds the largest; merged, the tail is
+complete down to the highest of the shards' floors.
+
+Norms and moments of one block are summed in eight partial sums: lane k sums trials k, k + 8, ...; the lanes are then
+added in order, and what does not fill eight last.  That is one fixed order of summation on every machine."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from math import inf
-from typing import Any
+from math import ceil, inf, sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..arrays import Array
 from ..cores import usable_cores
 from ..errors import OutOfRangeError, Problem
-from ..system import Array, System
+from ..packed import pack, unpack
+from ..system import System
+from .chain import run_indices
+from .lanes import fma, lane_entry, lane_jit, load, splat, square_root, store
 from .plan import ChainPlan, compile_plan
-from .shards import (
-    BLOCK,
-    REPROJECTION_TRIALS,
-    Moments,
-    Shard,
-    ShardSource,
-    Wanted,
-    block_arguments,
-    block_shard,
-    largest,
-    tail_size,
-)
 
 ERRORS = ("tcp", "localisation")
 Progress = Callable[[int, int], None]
@@ -245,3 +244,239 @@ def deepened(samples: Samples, keep: int) -> Samples:
         batch=samples.batch,
         reprojection=samples.reprojection is not None,
     )
+
+
+BLOCK = 8192
+REPROJECTION_TRIALS = 16384
+LARGEST_SHARD = 2**18
+SHARD_MICROSECONDS = 60_000.0  # of one core: a hundred times what it costs to hand a shard out and take it back
+PILOT = 256  # trials that tell how many are redone by SVD
+
+
+class Moments(NamedTuple):
+    """Of m error metrics over some trials; mm, mm^2."""
+
+    trials: int
+    mean: Array  # (m, 3)
+    scatter: Array  # (m, 3, 3) sums of products about the mean
+    norm_mean: Array  # (m,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shard:
+    """What is kept of consecutive trials: target by target, the TCP and then the localisation error."""
+
+    moments: tuple[Moments, ...]  # of each block, in order
+    tails: Sequence[Array]  # of each metric, its largest norms, mm, in any order
+    floors: Sequence[float]  # of each metric: every norm above it is in the tail
+    above: tuple[int, ...]  # of each metric: norms beyond its limit
+    redone: int  # trials redone by SVD because the structured solution was not proven
+    reprojection: Array | None  # px, of the trials before ``REPROJECTION_TRIALS``
+
+    @property
+    def trials(self) -> int:
+        return sum(block.trials for block in self.moments)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wanted:
+    """Trials ``first`` ... ``stop - 1`` of a plan and seed, and what is to be kept of them."""
+
+    plan: ChainPlan
+    seed: int
+    first: int  # a multiple of BLOCK
+    stop: int
+    quantile: float  # lowest that will be asked for: the tail above it is kept
+    reprojection: bool
+    limits: tuple[float, ...]  # mm, one for each metric; inf: none
+    then: tuple[tuple[int, int], ...] = ()  # ranges that will almost certainly be wanted next
+    expected: int = 0  # trials with which the run will end, as far as is known
+
+
+ShardSource = Callable[[Wanted], Iterable[Shard]]  # shards that cover the range, in order; may raise Pending
+
+
+class Pending(Exception):
+    """What a source raises that does not hold a part yet: what it wants computed, and how much may follow."""
+
+    def __init__(self, wanted: Sequence[Any], remaining: int = 0) -> None:
+        super().__init__(f"{len(wanted)} parts are not there yet")
+        self.wanted, self.remaining = tuple(wanted), remaining
+
+
+def tail_size(trials: int, quantile: float) -> int:
+    """How many of the largest norms to keep for this quantile: its interval at any usual confidence, and slack."""
+    beyond = trials * (1 - quantile)
+    return min(trials, ceil(beyond + 8 * sqrt(beyond + 1)) + 16)
+
+
+def largest(values: Array, count: int) -> Array:
+    """The ``count`` largest, in any order."""
+    return values if len(values) <= count else np.partition(values, len(values) - count)[-count:]
+
+
+def block_shard(
+    plan: ChainPlan, seed: int, first: int, count: int, reprojection: bool, limits: tuple[float, ...]
+) -> Shard:
+    """One block with all of its norms."""
+    outcome = run_indices(plan, seed, first, count, reprojection=reprojection)
+    errors = np.ascontiguousarray(outcome.errors).reshape(-1, 3, count)
+    metrics = len(errors)
+    norms, norm_mean = np.empty((metrics, count)), np.empty(metrics)
+    mean, scatter = np.empty((metrics, 3)), np.empty((metrics, 3, 3))
+    reduce_block(errors.reshape(-1), count, norms.reshape(-1), mean, scatter, norm_mean, np.empty(48))
+    norms[np.isnan(norms)] = np.inf  # a trial without an answer is beyond any limit, not outside the count
+    above = tuple(
+        0 if limit == inf else int(np.count_nonzero(own > limit)) for own, limit in zip(norms, limits, strict=True)
+    )
+    moments = (Moments(count, mean, scatter, norm_mean),)
+    return Shard(moments, tuple(norms), (-inf,) * metrics, above, outcome.redone, outcome.reprojection)
+
+
+def block_arguments(wanted: Wanted) -> list[tuple[ChainPlan, int, int, int, bool, tuple[float, ...]]]:
+    """Arguments of :func:`block_shard` for every block of a range."""
+    return [
+        (
+            wanted.plan, wanted.seed, first, min(BLOCK, wanted.stop - first),
+            wanted.reprojection and first < REPROJECTION_TRIALS, wanted.limits,
+        )
+        for first in range(wanted.first, wanted.stop, BLOCK)
+    ]  # fmt: skip
+
+
+def compute_shard(wanted: Wanted) -> Shard:
+    """The whole range as one shard, its tails cut to what its quantile needs, ascending.  Nothing else is read."""
+    blocks = [block_shard(*arguments) for arguments in block_arguments(wanted)]
+    keep = tail_size(wanted.stop - wanted.first, wanted.quantile)
+    tails, floors = [], []
+    for k in range(len(wanted.limits)):
+        norms = np.concatenate([block.tails[k] for block in blocks])
+        tail = np.sort(largest(norms, keep))
+        tails.append(tail)
+        floors.append(-inf if len(tail) == len(norms) else float(tail[0]))
+    shots = [block.reprojection for block in blocks if block.reprojection is not None]
+    return Shard(
+        moments=tuple(moments for block in blocks for moments in block.moments),
+        tails=tails,
+        floors=floors,
+        above=tuple(sum(counts) for counts in zip(*(block.above for block in blocks), strict=True)),
+        redone=sum(block.redone for block in blocks),
+        reprojection=np.concatenate(shots) if shots else None,
+    )
+
+
+def shard_trials(plan: ChainPlan, seed: int) -> int:
+    """Trials, a power of two, that take one core some fifty milliseconds; at least one block.
+
+    By the counts of the plan (fitted to 6 ... 100 fiducials, 2 ... 8 views, 1 ... 50 targets) and by how many of the
+    first trials are redone, each of which costs as much as a thousand others.
+    """
+    share = run_indices(plan, seed, 0, PILOT).redone / PILOT
+    views, targets = len(plan.system.views), len(plan.system.targets)
+    microseconds = 0.0011 * plan.dimension + 0.03 * (views + targets) + 140 * share
+    size = LARGEST_SHARD
+    while size > BLOCK and size * microseconds > SHARD_MICROSECONDS:
+        size //= 2
+    return size
+
+
+def spans(first: int, stop: int, size: int) -> Iterator[tuple[int, int]]:
+    """A range cut at the multiples of ``size``."""
+    while first < stop:
+        end = min(stop, (first // size + 1) * size)
+        yield first, end
+        first = end
+
+
+def shard_to_bytes(shard: Shard) -> bytes:
+    """A shard as bytes that :func:`shard_from_bytes` reads back exactly."""
+    head = {"trials": [block.trials for block in shard.moments], "above": shard.above, "redone": shard.redone}
+    arrays = [
+        np.array([block.mean for block in shard.moments]),
+        np.array([block.scatter for block in shard.moments]),
+        np.array([block.norm_mean for block in shard.moments]),
+        np.array(shard.floors),
+        *shard.tails,
+    ]
+    return pack(head, arrays if shard.reprojection is None else [*arrays, shard.reprojection])
+
+
+def shard_from_bytes(content: bytes) -> Shard:
+    """Raises ValueError for bytes that are not a shard."""
+    head, arrays = unpack(content)
+    mean, scatter, norm_mean, floors = arrays[:4]
+    metrics = len(floors)
+    blocks = zip(head["trials"], mean, scatter, norm_mean, strict=True)
+    return Shard(
+        moments=tuple(Moments(*block) for block in blocks),
+        tails=arrays[4 : 4 + metrics],
+        floors=[float(floor) for floor in floors],
+        above=tuple(head["above"]),
+        redone=head["redone"],
+        reprojection=arrays[4 + metrics] if len(arrays) > 4 + metrics else None,
+    )
+
+
+# mypy: ignore-errors
+
+
+@lane_jit
+def lane_sum(lanes, row):
+    total = 0.0
+    for k in range(8):
+        total += lanes[8 * row + k]
+    return total
+
+
+@lane_entry
+def reduce_block(errors, n, norms, mean, scatter, norm_mean, lanes):
+    """Norms (flat m n), mean (m, 3), scatter about it (m, 3, 3) and mean norm (m,) of flat (m, 3, n) errors, mm.
+
+    lanes: scratch of 48.  The norm is written without fused operations so that the last, incomplete eight have the
+    digits they would have in a longer run.
+    """
+    zero = splat(0.0)
+    whole = n - n % 8
+    for m in range(norm_mean.size):
+        at = 3 * m * n
+        sx, sy, sz, sn = zero, zero, zero, zero
+        for i in range(0, whole, 8):
+            x, y, z = load(errors, at + i), load(errors, at + n + i), load(errors, at + 2 * n + i)
+            norm = square_root(x * x + y * y + z * z)
+            store(norms, m * n + i, norm)
+            sx, sy, sz, sn = sx + x, sy + y, sz + z, sn + norm
+        store(lanes, 0, sx)
+        store(lanes, 8, sy)
+        store(lanes, 16, sz)
+        store(lanes, 24, sn)
+        tx, ty, tz, tn = lane_sum(lanes, 0), lane_sum(lanes, 1), lane_sum(lanes, 2), lane_sum(lanes, 3)
+        for i in range(whole, n):
+            x, y, z = errors[at + i], errors[at + n + i], errors[at + 2 * n + i]
+            norms[m * n + i] = sqrt(x * x + y * y + z * z)
+            tx, ty, tz, tn = tx + x, ty + y, tz + z, tn + norms[m * n + i]
+        ax, ay, az = tx / n, ty / n, tz / n
+        mean[m, 0], mean[m, 1], mean[m, 2], norm_mean[m] = ax, ay, az, tn / n
+
+        xx, xy, xz, yy, yz, zz = zero, zero, zero, zero, zero, zero
+        for i in range(0, whole, 8):
+            x = load(errors, at + i) - splat(ax)
+            y = load(errors, at + n + i) - splat(ay)
+            z = load(errors, at + 2 * n + i) - splat(az)
+            xx, xy, xz = fma(x, x, xx), fma(x, y, xy), fma(x, z, xz)
+            yy, yz, zz = fma(y, y, yy), fma(y, z, yz), fma(z, z, zz)
+        store(lanes, 0, xx)
+        store(lanes, 8, xy)
+        store(lanes, 16, xz)
+        store(lanes, 24, yy)
+        store(lanes, 32, yz)
+        store(lanes, 40, zz)
+        cxx, cxy, cxz = lane_sum(lanes, 0), lane_sum(lanes, 1), lane_sum(lanes, 2)
+        cyy, cyz, czz = lane_sum(lanes, 3), lane_sum(lanes, 4), lane_sum(lanes, 5)
+        for i in range(whole, n):
+            x, y, z = errors[at + i] - ax, errors[at + n + i] - ay, errors[at + 2 * n + i] - az
+            cxx, cxy, cxz = cxx + x * x, cxy + x * y, cxz + x * z
+            cyy, cyz, czz = cyy + y * y, cyz + y * z, czz + z * z
+        scatter[m, 0, 0], scatter[m, 1, 1], scatter[m, 2, 2] = cxx, cyy, czz
+        scatter[m, 0, 1] = scatter[m, 1, 0] = cxy
+        scatter[m, 0, 2] = scatter[m, 2, 0] = cxz
+        scatter[m, 1, 2] = scatter[m, 2, 1] = cyz

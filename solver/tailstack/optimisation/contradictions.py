@@ -1,17 +1,25 @@
-"""Requests that no design can meet, found before anything is solved, with the field at fault."""
+"""Requests that no design can meet, found before anything is solved, with the field at fault.
+
+Among them are regions that have no room for their fiducials, shown without solving: each test refuses only what is
+impossible."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import combinations
+from math import pi, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
 
+from ..arrays import Array
 from ..errors import DesignError, Problem
 from ..geometry.naming import direction_name
-from .problem import MOST_FIDUCIALS, PlacementProblem, for_people, in_words, label_of, present_choice
-from .regions import bounding_box, corners
-from .room import refuse_regions
-from .terms import estimator_of
+from ..system import View
+from .problem import MOST_FIDUCIALS, Place, PlacementProblem, for_people, in_words, label_of, present_choice
+from .regions import Ball, Box, Cylinder, KeepOut, Shape, bounding_box, corners, diameter_mm, distinct, furthest_mm
+from .terms import Estimator, estimator_of
 
 FLAT = 1e-6  # thickness over width of a region that is a plane
 ROUNDING_MM = 1e-3  # fixed positions may have been rounded by who wrote them
@@ -200,3 +208,221 @@ def _fixed_pairs(problem: PlacementProblem) -> list[Problem]:
                 )
             )
     return found[:5]
+
+
+INSIDE_MM = 1e-6  # positions this far outside count as inside
+DENSEST_SPHERES = pi / sqrt(18)  # Kepler: no packing of equal spheres fills more (Hales 2005)
+DENSEST_DISCS = pi / sqrt(12)  # Thue (Fejes Toth 1940)
+
+
+def refuse_regions(problem: PlacementProblem, estimator: Estimator) -> list[Problem]:
+    """The first contradiction of each different region."""
+    tests: tuple[Callable[[PlacementProblem, Estimator, Place], list[Problem]], ...] = (
+        _empty, _behind, _field, _kept_out, _asymmetric, _packing,
+    )  # fmt: skip
+    regions, which = distinct(place.region for place in problem.places)
+    found = []
+    for k in range(len(regions)):
+        place = problem.places[which.index(k)]
+        found += next((problems for test in tests if (problems := test(problem, estimator, place))), [])
+    return found
+
+
+def _word(region: Shape) -> str:
+    return type(region).__name__.lower()
+
+
+def _empty(problem: PlacementProblem, estimator: Estimator, place: Place) -> list[Problem]:
+    region = place.region
+    if isinstance(region, Box):
+        if (region.low_mm <= region.high_mm).all():
+            return []
+        axis = int(np.argmax(region.low_mm > region.high_mm))
+        detail = (
+            f"the lowest corner is above the highest along {'xyz'[axis]}: {region.low_mm[axis]:g} > "
+            f"{region.high_mm[axis]:g} mm"
+        )
+        return [Problem(place.pointer, "empty-box", detail, "swap the two numbers")]
+    if isinstance(region, Cylinder) and region.height_mm < 0:
+        detail = f"the height of the cylinder is negative: {region.height_mm:g} mm"
+        return [Problem(place.pointer, "empty-region", detail, "turn the axis round and give a positive height")]
+    if region.inner_radius_mm <= region.radius_mm:
+        return []
+    detail = f"the inner radius is above the outer: {region.inner_radius_mm:g} > {region.radius_mm:g} mm"
+    return [Problem(place.pointer, "empty-region", detail, "make inner_radius_mm the smaller one")]
+
+
+def _behind(problem: PlacementProblem, estimator: Estimator, place: Place) -> list[Problem]:
+    for view, projection in zip(problem.system.views, estimator.projections, strict=True):
+        row = projection[2, :3] @ estimator.told
+        depth = -furthest_mm(place.region, -row) + float(projection[2, :3] @ estimator.told_shift_mm + projection[2, 3])
+        if depth <= 0:
+            return [
+                Problem(
+                    place.pointer,
+                    "behind-source",
+                    f"the {_word(place.region)} reaches {-depth:.4g} mm behind the source of view {view.name}",
+                    "make it smaller, or move the source back",
+                )
+            ]
+    return []
+
+
+def _image_rows(problem: PlacementProblem, estimator: Estimator, view: View, v: int) -> tuple[Array, Array]:
+    """``a x <= b`` for a position x to lie inside the image of one view: linear, as the depth is positive."""
+    assert view.image_size_px is not None
+    rows, limits = [], []
+    projection = estimator.projections[v]
+    for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        edge = problem.image_margin_px if sign > 0 else view.image_size_px[axis] - 1 - problem.image_margin_px
+        row = -sign * (projection[axis] - edge * projection[2])
+        rows.append(row[:3] @ estimator.told)
+        limits.append(-(row[:3] @ estimator.told_shift_mm + row[3]))
+    scale = np.linalg.norm(rows, axis=1)
+    return np.array(rows) / scale[:, None], np.array(limits) / scale
+
+
+def _field(problem: PlacementProblem, estimator: Estimator, place: Place) -> list[Problem]:
+    """Whether any point of the bounding box lies in every image; the views one by one first."""
+    sized = [(v, view) for v, view in enumerate(problem.system.views) if view.image_size_px is not None]
+    parts = [_image_rows(problem, estimator, view, v) for v, view in sized]
+    for (_, view), (rows, limits) in zip(sized, parts, strict=True):
+        if not _meets(place.region, rows, limits):
+            return [_outside(problem, place, f"the image of view {view.name}")]
+    if parts and not _meets(place.region, np.vstack([a for a, _ in parts]), np.concatenate([b for _, b in parts])):
+        return [_outside(problem, place, "the images of all views at once")]
+    return []
+
+
+def _meets(region: Shape, rows: Array, limits: Array) -> bool:
+    """Whether a point of the region's bounding box meets ``rows @ x <= limits``, by linear programming."""
+    answer = linprog(np.zeros(3), A_ub=rows, b_ub=limits, bounds=bounding_box(region).T, method="highs")
+    return bool(answer.status != 2)
+
+
+def _outside(problem: PlacementProblem, place: Place, where: str) -> Problem:
+    word = _word(place.region)
+    return Problem(
+        place.pointer,
+        "outside-view",
+        f"no point of the {word} is inside {where} with a margin of {problem.image_margin_px:g} px",
+        f"move the {word}, or reduce image_margin_px",
+    )
+
+
+def _kept_out(problem: PlacementProblem, estimator: Estimator, place: Place) -> list[Problem]:
+    for zone in problem.keep_out:
+        if _swallows(zone, place.region):
+            gap = f" and the {zone.clearance_mm:g} mm around it" if zone.clearance_mm else ""
+            return [
+                Problem(
+                    place.pointer,
+                    "kept-out",
+                    f"the whole {_word(place.region)} lies inside the keep-out zone {zone.name!r}{gap}",
+                    f"make the zone ({zone.pointer}) smaller, or the region larger",
+                )
+            ]
+    return []
+
+
+def _swallows(zone: KeepOut, region: Shape) -> bool:
+    """Whether every point of the region is certainly too near the zone."""
+    shape, gap = zone.shape, zone.clearance_mm - INSIDE_MM
+    if isinstance(shape, Box):
+        low, high = bounding_box(region)
+        return bool((low > shape.low_mm - gap).all() and (high < shape.high_mm + gap).all())
+    if isinstance(shape, Cylinder):
+        start = float(shape.axis @ shape.base_mm)
+        if furthest_mm(region, shape.axis) >= start + shape.height_mm + gap:
+            return False
+        if -furthest_mm(region, -shape.axis) <= start - gap:
+            return False
+    nearest, furthest = _distances_mm(region, shape)
+    hollow = shape.inner_radius_mm - gap if shape.inner_radius_mm > zone.clearance_mm else 0.0
+    return furthest < shape.radius_mm + gap and (hollow == 0 or nearest > hollow)
+
+
+def _distances_mm(region: Shape, shape: Cylinder | Ball) -> tuple[float, float]:
+    """Bounds on how far points of the region are from the axis of a cylinder, or from the centre of a ball."""
+
+    def across(points: Array) -> NDArray[np.float64]:
+        if isinstance(shape, Ball):
+            return np.asarray(np.linalg.norm(points - shape.centre_mm, axis=1))
+        return np.asarray(np.linalg.norm(np.cross(points - shape.base_mm, shape.axis), axis=1))
+
+    if isinstance(region, Ball):
+        apart = float(across(region.centre_mm[None])[0])
+        inside = region.inner_radius_mm - apart if isinstance(shape, Ball) else 0.0
+        return max(apart - region.radius_mm, inside, 0.0), apart + region.radius_mm
+    if isinstance(region, Cylinder) and isinstance(shape, Cylinder) and abs(region.axis @ shape.axis) > 1 - 1e-12:
+        apart = float(across(region.base_mm[None])[0])
+        return max(apart - region.radius_mm, region.inner_radius_mm - apart, 0.0), apart + region.radius_mm
+    return 0.0, float(across(corners(bounding_box(region))).max())
+
+
+def _asymmetric(problem: PlacementProblem, estimator: Estimator, place: Place) -> list[Problem]:
+    """Whether any point of the bounding box has all its copies there too."""
+    if not problem.symmetry:
+        return []
+    low, high = bounding_box(place.region)
+    rows = np.vstack([sign * isometry.rotation for isometry in problem.symmetry for sign in (1, -1)])
+    limits = np.concatenate([
+        bound for isometry in problem.symmetry
+        for bound in (high - isometry.shift_mm + INSIDE_MM, isometry.shift_mm - low + INSIDE_MM)
+    ])  # fmt: skip
+    if _meets(place.region, rows, limits):
+        return []
+    word = _word(place.region)
+    return [
+        Problem(
+            place.pointer,
+            "outside-symmetry",
+            f"no point of the {word} has its copies under the symmetry in the {word} too",
+            f"make the {word} symmetric itself, or move the plane or axis of the symmetry (/optimise/symmetry)",
+        )
+    ]
+
+
+def _packing(problem: PlacementProblem, estimator: Estimator, place: Place) -> list[Problem]:
+    """Balls of diameter d about the fiducials lie in the bounding box grown by d/2 and cannot fill more than Kepler's
+    share of it (copies of a box tile space); likewise discs in the rectangle about the box's image."""
+    region, word = place.region, _word(place.region)
+    _, which = distinct(other.region for other in (place, *problem.places))
+    count = sum(len(other.fiducials) for other, k in zip(problem.places, which[1:], strict=True) if k == 0)
+    if count < 2:
+        return []
+    d = problem.min_spacing_mm
+    box = bounding_box(region)
+    if d > diameter_mm(region) + 1e-9 or _too_many(count, d, box[1] - box[0]):
+        return [_crowded("/optimise/min_spacing_mm", count, f"{d:g} mm", f"the {word}", word)]
+    told = corners(box) @ estimator.told.T + estimator.told_shift_mm
+    d = problem.min_projected_spacing_px
+    for view, projection in zip(problem.system.views, estimator.projections, strict=True):
+        image = told @ projection[:, :3].T + projection[:, 3]
+        if image[:, 2].min() <= 0:
+            continue
+        image = image[:, :2] / image[:, 2:]
+        low, high = image.min(axis=0), image.max(axis=0)
+        if view.image_size_px is not None:
+            low = np.maximum(low, problem.image_margin_px)
+            high = np.minimum(high, np.array(view.image_size_px) - 1 - problem.image_margin_px)
+        size = np.maximum(high - low, 0.0)
+        if d > float(np.linalg.norm(size)) + 1e-6 or _too_many(count, d, size):
+            where = f"what view {view.name} sees of the {word} ({size[0]:.0f} x {size[1]:.0f} px)"
+            return [_crowded("/optimise/min_projected_spacing_px", count, f"{d:g} px", where, word)]
+    return []
+
+
+def _too_many(count: int, apart: float, sides: Array) -> bool:
+    """Whether points this far apart in a box or rectangle would be balls or discs denser than any packing."""
+    ball, densest = (pi / 6, DENSEST_SPHERES) if len(sides) == 3 else (pi / 4, DENSEST_DISCS)
+    return bool(count * ball * apart ** len(sides) > densest * float(np.prod(sides + apart)))
+
+
+def _crowded(pointer: str, count: int, apart: str, where: str, word: str) -> Problem:
+    return Problem(
+        pointer,
+        "does-not-fit",
+        f"{count} free fiducials cannot be {apart} apart in {where}: no packing is that dense",
+        f"reduce the spacing, the number of free fiducials, or enlarge the {word}",
+    )

@@ -12,15 +12,14 @@ from ..design import Design
 from ..design.refusals import place
 from ..errors import InfeasibleError, NotConvergedError, TailstackError
 from ..results import CountTried, Finding, FrontPoint, Optimisation
-from .comparison import placement_value
+from .alternatives import front_of, placement_value
 from .contradictions import refuse_contradictions
-from .front import front_of
-from .influencing import influence_of, refuse_incurable
+from .explain import influence_of, refuse_incurable
 from .placement import PlacementSolution, settle
 from .problem import PlacementProblem
 from .reporting import Outcome, report
 from .request import Request, counts_of, read_request, with_count
-from .search import Progress, Search, Stop, for_people, search
+from .search import Progress, Search, Stop, objective_for_people, search
 from .verified import Verified, verified
 
 TIE = 1e-4  # relative: a count must be better by that to be preferred to a smaller one
@@ -112,7 +111,7 @@ def finish(
             front = fronted(asked.counts.index(chosen), found)
         elif request.wanted.wanted == "pareto":
             front = front_of(request, found, seed=seed, threads=threads, progress=progress, stop=stop)
-        best = for_people(found.program, found.found[0].point.objective)
+        best = objective_for_people(found.program, found.found[0].point.objective)
         value = None
         if not request.graded:
             value = placement_value(found, best, seed, stop)
@@ -189,7 +188,7 @@ def _search_counts(
             refused = refused or error
             tried.append(CountTried(count, None, None, error.problems[0].detail))
             continue
-        objective = for_people(found.program, found.found[0].point.objective)
+        objective = objective_for_people(found.program, found.found[0].point.objective)
         priced = problem.objective != "quantile"
         total = objective + each * count if priced else objective
         note = f"{found.converged} of {found.starts} starts converged"

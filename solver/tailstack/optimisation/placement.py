@@ -6,15 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import NotConvergedError, Problem
-from ..system import Array
-from .begin import begin
 from .certificate import kkt_residual
-from .infeasible import explain_infeasible
+from .exact_law import Promise, correction_at, exact_ratios
+from .explain import explain_infeasible
 from .problem import Choice, PlacementProblem
 from .program import Parameters, Point, Program, solve
-from .promise import Promise, correction_at, exact_ratios
-from .search import Found, Progress, Search, Stop, least_quantile, promised, search, with_demands, worst_ratio
+from .search import Found, Progress, Search, Stop, begin, least_quantile, promised, search, with_demands, worst_ratio
 
 AT_AIM = 4e-6  # relative: how near below its aim the largest exact quantile is brought
 KNOWN = 3.0  # numerical errors of the exact law that a window is wide, where that is more

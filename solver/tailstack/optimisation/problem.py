@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..system import Array, Mount, Requirement, System, Target
+from ..arrays import Array
+from ..system import Mount, Requirement, System, Target
 from .prices import Price, cost_of
 from .regions import Isometry, KeepOut, Shape
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..system import Array
+from ..arrays import Array
 from .symbols import Duck, plain
 
 ROUNDING = 1e-9  # of a scaled piece: a point on the border of a keep-out zone is clear

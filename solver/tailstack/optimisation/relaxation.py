@@ -10,8 +10,8 @@ from ..errors import InfeasibleError, NotConvergedError
 from ..results import Relaxation
 from ..system import Law
 from .allocation import gaussian_bracket
+from .exact_law import image_parts, promise
 from .problem import Choice, PlacementProblem
-from .promise import image_parts, promise
 from .search import Search
 from .terms import free_laws
 from .verified import Settled

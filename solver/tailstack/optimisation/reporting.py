@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays import Array
 from ..design import design_to_data
 from ..errors import IllPosedError
 from ..estimation.checks import check_geometry
@@ -24,17 +25,15 @@ from ..results import (
     ShadowPrice,
 )
 from ..scoring import vector3
-from ..system import Array, System
-from .certificate import binding
+from ..system import System
+from .certificate import binding, shadow_prices
+from .exact_law import exact_quantile
 from .placement import PlacementSolution
 from .prices import cost_of
 from .problem import Choice, Demand, PlacementProblem, for_people, in_words, label_of, present_choice
-from .promise import exact_quantile
 from .relaxation import relaxation_of
 from .request import Request, read_request
-from .search import Search
-from .search import for_people as objective_for_people
-from .shadow_prices import shadow_prices
+from .search import Search, objective_for_people
 from .terms import DemandTerms, mechanics_of
 from .verified import Verified
 

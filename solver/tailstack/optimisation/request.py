@@ -7,19 +7,23 @@ from math import degrees, floor, radians
 
 import numpy as np
 
+from ..arrays import Array
 from ..design import CONTRIBUTOR, Design, Revision, compile_design, revise_design
+from ..design.consistency import ROTATIONS, TRANSLATIONS, declared
 from ..design.locators import torsor_from_locators
-from ..design.optimise_consistency import ROTATIONS, TRANSLATIONS, declared
 from ..design.optimise_document import (
     CostCurve,
     FreeTolerance,
     Optimise,
     RotationBounds,
+    SearchBall,
+    SearchBox,
+    SearchCylinder,
+    Symmetry,
     TranslationBounds,
 )
-from ..design.region_document import SearchBall, SearchBox, SearchCylinder, Symmetry
 from ..errors import DesignError, Problem
-from ..system import Array, Requirement, System
+from ..system import Requirement, System
 from .prices import Grade, Price, of_grades, reciprocal
 from .problem import MOST_FIDUCIALS, Choice, FreeHalfWidth, FreePivot, FreeSpacing, Place, PlacementProblem, unit_of
 from .regions import Ball, Box, Cylinder, Isometry, KeepOut, Shape, bounding_box, mirror, turns

@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..propagation.linear import LinearModel, estimator_geometry, linearise
 from ..propagation.noise import noise_gains
-from ..system import STD_PER_HALF_WIDTH, Array, Law, System
+from ..system import STD_PER_HALF_WIDTH, Law, System
 from .problem import Choice, Demand, PlacementProblem, apply_choice, mount_named, present_choice
 from .regions import bounding_box
 from .symbols import Duck, plain, times

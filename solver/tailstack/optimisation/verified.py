@@ -8,17 +8,18 @@ from statistics import NormalDist
 
 import numpy as np
 
+from ..arrays import Array
 from ..design import Design, compile_design
 from ..errors import InfeasibleError, NotConvergedError, Problem
 from ..results import Check, Verification
 from ..runs import UNITS
-from ..system import Array, System
+from ..system import System
 from ..verdict import conclude
 from ..verifying import verify
-from .grading import Graded, settle_grades
+from .exact_law import Promise, promise
+from .grades import Graded, settle_grades
 from .placement import PlacementSolution, settle
 from .problem import Choice, Demand, PlacementProblem
-from .promise import Promise, promise
 from .request import Request, revise
 from .search import Progress, Search, Stop
 

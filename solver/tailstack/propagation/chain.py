@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..arrays import Array
 from ..geometry.rotation import Displacement, displacement
-from ..system import Array, Law, Reading, System
+from ..system import Law, Reading, System
 from .nonlinearity import matrix_covariance
 
 

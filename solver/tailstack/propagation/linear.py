@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import IllPosedError, Problem
-from ..system import Array, Law, Reading, System, Target, Triangulation
+from ..system import Law, Reading, System, Target, Triangulation
 from .chain import Block, Chain, chain_of, estimator_geometry
 from .images import image_gains
 from .nonlinearity import Nonlinearity, nonlinearity

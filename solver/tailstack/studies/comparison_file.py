@@ -1,28 +1,25 @@
-"""Files of bench measurements: the trials of every level at every target, and what a file may not say."""
+"""Files of bench measurements: the trials of every level at every target, and what a file may not say.
+
+The table is CSV whose column names state units, read strictly.  It has four forms, told apart by their header:
+measured points, error vectors, error norms, and summary statistics by level. Whatever cannot be what it claims to be
+is refused with its line."""
 
 from __future__ import annotations
 
+import csv
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
+from math import isfinite
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from ..system import Array
-from .comparison_table import (
-    LEAST_TRIALS,
-    MM,
-    MOST_BYTES,
-    MOST_TRIALS,
-    Form,
-    MeasurementError,
-    Row,
-    Table,
-    refusal,
-    shown,
-    text_of,
-)
+from ..arrays import Array
+from ..errors import Problem, TailstackError
+from ..system import TORSOR_COMPONENTS
 
 __all__ = ["Group", "MeasurementError", "Measurements", "Summary", "read_measurements"]
 
@@ -195,3 +192,268 @@ def _notes(table: Table, rows: Sequence[Row]) -> tuple[str, ...]:
                 "measured twice alike, or copied?"
             )
     return tuple(notes)
+
+
+Form = Literal["points", "vectors", "norms", "summary"]
+
+MM = {"um": 1e-3, "\u00b5m": 1e-3, "\u03bcm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}  # micro sign, Greek mu
+UNITS = "um, mm, cm, m"
+MOST_BYTES, MOST_TRIALS, LEAST_TRIALS = 20_000_000, 2_000, 3  # the last two: of one level at one target
+MOST_LINES = 20_000
+FARTHEST_MM = 1e5
+AXES: dict[Form, tuple[str, ...]] = {
+    "points": ("x", "y", "z"),
+    "vectors": ("error_x", "error_y", "error_z"),
+    "norms": ("error",),
+    "summary": ("mean",),
+}
+EXAMPLES: dict[Form, str] = {
+    "points": "level,installation,trial,target,x_mm,y_mm,z_mm",
+    "vectors": "level,installation,trial,target,error_x_mm,error_y_mm,error_z_mm",
+    "norms": "level,installation,trial,target,error_mm",
+    "summary": "level,target,n,mean_mm,sd_mm,p95_mm,reprojection_px",
+}
+LABELS: dict[Form, tuple[str, ...]] = {
+    **dict.fromkeys(("points", "vectors", "norms"), ("level", "installation", "trial", "target")),
+    "summary": ("level", "target"),
+}
+ROTATIONS, TRANSLATIONS = TORSOR_COMPONENTS[:3], TORSOR_COMPONENTS[3:]
+
+
+class MeasurementError(TailstackError):
+    """The measurement file does not say what it must, or says what cannot be."""
+
+    slug = "invalid-request"
+    title = "The measurements are not valid"
+    exit_code = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    line: int
+    labels: dict[str, str]
+    values: tuple[float, ...]  # mm
+    deliberate: tuple[float, ...] | None  # rad, mm
+    n: int | None  # of a summary, and the next three
+    sd: float | None  # mm
+    p95: float | None  # mm
+    reprojection_px: float | None
+
+
+def refusal(name: str, line: int | None, code: str, detail: str, hint: str = "", column: str = "") -> MeasurementError:
+    at = None if line is None else 1
+    return MeasurementError(Problem(f"/{column}" if column else "", code, detail, hint, name, line, at))
+
+
+def shown(text: str) -> str:
+    clean = "".join(c if c.isprintable() else "?" for c in text)
+    return repr(clean if len(clean) <= 60 else clean[:57] + "...")
+
+
+def text_of(name: str, content: bytes) -> str:
+    """UTF-8, with or without a byte order mark."""
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        detail = f"byte {error.start + 1} is not UTF-8"
+        raise refusal(name, line, "encoding", detail, "save the file as CSV UTF-8") from None
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise refusal(name, line, "encoding", "the file holds NUL characters", "save the file as CSV UTF-8")
+    return text
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    name: str
+    header_line: int
+    delimiter: str
+    columns: dict[str, int]  # name without unit -> place
+    heads: dict[str, str]  # and as it is written
+    form: Form
+    unit: str
+    body: tuple[tuple[int, str], ...]
+
+    @classmethod
+    def of(cls, name: str, text: str) -> Table:
+        lines = [
+            (number, line)
+            for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1)
+            if line.strip() and not line.lstrip().startswith("#")
+        ]
+        if not lines:
+            raise refusal(name, None, "empty-document", "the file holds no line", f"for example {EXAMPLES['points']}")
+        at, header = lines[0]
+        delimiter = next((mark for mark in ("\t", ";") if mark in header), ",")
+        said = [cell.strip().lower() for cell in _cells(name, at, header, delimiter)]
+        form = _form(name, at, header, said)
+        columns, unit = _columns(name, at, said, form)
+        if len(lines) == 1:
+            raise refusal(name, at, "empty-document", "there is a header, and no measurement below it")
+        if len(lines) > MOST_LINES + 1:
+            detail = f"{len(lines) - 1:,} lines of measurements; at most {MOST_LINES:,} are read"
+            raise refusal(name, lines[MOST_LINES + 1][0], "too-many", detail, "several files are compared one by one")
+        heads = {stem: said[place] for stem, place in columns.items()}
+        return cls(name, at, delimiter, columns, heads, form, unit, tuple(lines[1:]))
+
+    def rows(self) -> list[Row]:
+        return [self._row(line, text) for line, text in self.body]
+
+    def _row(self, line: int, text: str) -> Row:
+        cells = [cell.strip() for cell in _cells(self.name, line, text, self.delimiter)]
+        if len(cells) != len(self.columns):
+            detail = f"{len(cells)} cells in a table of {len(self.columns)} columns"
+            hint = "decimals are written with a point" if len(cells) > len(self.columns) else ""
+            if len(cells) == len(self.columns) + 1 and not cells[-1]:
+                hint = "the line ends with a delimiter: leave it out"
+            raise refusal(self.name, line, "csv-row", detail, hint)
+        scale = MM[self.unit]
+        values = tuple(scale * self._number(cells, line, axis) for axis in AXES[self.form])
+        labels = {name: cells[self.columns[name]] for name in LABELS[self.form] if name in self.columns}
+        for label, said in labels.items():
+            if not said or len(said) > 120 or not said.isprintable():
+                detail = f"{label} is a name of at most 120 printable characters; got {shown(said)}"
+                raise refusal(self.name, line, "wrong-type", detail, column=label)
+        if max(map(abs, values)) > FARTHEST_MM:
+            detail = f"a length of more than {FARTHEST_MM / 1000:g} m: {max(values, key=abs):g} mm"
+            raise refusal(self.name, line, "out-of-range", detail, "is the unit in the header the right one?")
+        signed = self.form in ("points", "vectors")
+        if not signed and min(values) < 0:
+            axis = self.heads[AXES[self.form][int(np.argmin(values))]]
+            raise refusal(self.name, line, "out-of-range", f"{axis} cannot be negative", column=axis)
+        sd, p95 = (self._optional_length(cells, line, column) for column in ("sd", "p95"))
+        px = self._optional(cells, line, "reprojection")
+        return Row(line, labels, values, self._deliberate(cells, line), self._n(cells, line), sd, p95, px)
+
+    def _number(self, cells: Sequence[str], line: int, column: str) -> float:
+        said, column = cells[self.columns[column]], self.heads[column]
+        if not said:
+            raise refusal(
+                self.name, line, "missing-value", f"{column} is empty", "leave out what was not measured", column
+            )
+        if not re.fullmatch(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?", said):
+            if re.fullmatch(r"[-+]?(nan|inf|infinity|#n/a|n/a|na)", said.lower()):
+                detail, hint = f"{column} is not a finite number: {shown(said)}", "leave out what was not measured"
+            else:
+                detail = f"{column} is a number; got {shown(said)}"
+                hint = "write decimals with a point" if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", said) else ""
+            raise refusal(self.name, line, "wrong-type", detail, hint, column)
+        value = float(said)
+        if not isfinite(value):
+            raise refusal(self.name, line, "out-of-range", f"{column} is too large: {shown(said)}", "", column)
+        return value
+
+    def _deliberate(self, cells: Sequence[str], line: int) -> tuple[float, ...] | None:
+        if not any(component in self.columns for component in TORSOR_COMPONENTS):
+            return None
+        found = []
+        for component in TORSOR_COMPONENTS:
+            value = self._number(cells, line, component) if component in self.columns else 0.0
+            factor = np.pi / 180 if component in ROTATIONS else MM[self.unit]
+            if component in ROTATIONS and abs(value) > 45:
+                head = self.heads[component]
+                raise refusal(self.name, line, "out-of-range", f"{head} is beyond 45 deg: {value:g}", "", head)
+            if component in TRANSLATIONS and abs(value * factor) > FARTHEST_MM:
+                head = self.heads[component]
+                hint = "is the unit in the header the right one?"
+                raise refusal(self.name, line, "out-of-range", f"{head} is more than 100 m: {value:g}", hint, head)
+            found.append(float(value * factor))
+        return tuple(found)
+
+    def _n(self, cells: Sequence[str], line: int) -> int | None:
+        if "n" not in self.columns or self.form != "summary":
+            return None
+        said = cells[self.columns["n"]]
+        if not re.fullmatch(r"[0-9]{1,9}", said) or not 2 <= int(said) <= MOST_TRIALS:
+            detail = f"n is a whole number from 2 to {MOST_TRIALS:,}; got {shown(said)}"
+            code = "too-few-trials" if said in ("0", "1") else "out-of-range"
+            hint = "leave the column out where the number is not known" if not said else ""
+            raise refusal(self.name, line, code, detail, hint, "n")
+        return int(said)
+
+    def _optional_length(self, cells: Sequence[str], line: int, column: str) -> float | None:
+        """A length that may be absent, mm."""
+        value = self._optional(cells, line, column)
+        if value is None:
+            return None
+        if MM[self.unit] * value > FARTHEST_MM:
+            hint = "is the unit in the header the right one?"
+            raise refusal(self.name, line, "out-of-range", f"{self.heads[column]} is more than 100 m", hint)
+        return MM[self.unit] * value
+
+    def _optional(self, cells: Sequence[str], line: int, column: str) -> float | None:
+        if column not in self.columns:
+            return None
+        value = self._number(cells, line, column)
+        if value < 0:
+            raise refusal(
+                self.name, line, "out-of-range", f"{self.heads[column]} cannot be negative", "", self.heads[column]
+            )
+        return value
+
+
+def _cells(name: str, line: int, text: str, delimiter: str) -> list[str]:
+    try:
+        return next(csv.reader([text], delimiter=delimiter, strict=True))
+    except (csv.Error, StopIteration) as error:
+        raise refusal(name, line, "csv-syntax", f"this line is not CSV: {error}") from None
+
+
+def _form(name: str, line: int, header: str, said: Sequence[str]) -> Form:
+    """Which form the header names; a number without a unit is told so."""
+    stems = {cell.rpartition("_")[0] for cell in said}
+    fits = [form for form, axes in AXES.items() if set(axes) <= stems]
+    if len(fits) == 1:
+        return fits[0]
+    known = "; ".join(EXAMPLES.values())
+    if len(fits) > 1:
+        detail = f"the header fits several forms ({', '.join(fits)})"
+        raise refusal(name, line, "csv-header", detail, f"one of: {known}")
+    bare = [cell for cell in said if any(cell in axes for axes in AXES.values())]
+    if bare:
+        detail = f"column {shown(bare[0])} states no unit"
+        raise refusal(name, line, "csv-header", detail, f"for example {bare[0]}_mm; units: {UNITS}")
+    partial = [(form, axes) for form, axes in AXES.items() if set(axes) & stems]
+    if partial:
+        form, axes = partial[0]
+        missing = [f"{axis}_mm" for axis in axes if axis not in stems]
+        raise refusal(name, line, "csv-header", f"column {missing[0]} is missing", f"for example {EXAMPLES[form]}")
+    raise refusal(
+        name, line, "csv-header", f"this header names no measured quantity: {shown(header)}", f"one of: {known}"
+    )
+
+
+def _columns(name: str, line: int, said: Sequence[str], form: Form) -> tuple[dict[str, int], str]:
+    """Place of every column by its name without unit, and the one unit of all lengths."""
+    columns: dict[str, int] = {}
+    units: dict[str, str] = {}
+    allowed = {*LABELS[form], *(("n",) if form == "summary" else ())}
+    for place, cell in enumerate(said):
+        stem, _, unit = cell.rpartition("_")
+        if cell in allowed:
+            stem, unit = cell, ""
+        elif stem in ROTATIONS:
+            if unit != "deg":
+                raise refusal(name, line, "csv-header", f"rotations are in degrees: {stem}_deg; got {shown(cell)}")
+        elif stem == "reprojection" and form == "summary":
+            if unit != "px":
+                raise refusal(name, line, "csv-header", f"reprojection is in px: reprojection_px; got {shown(cell)}")
+        elif stem in AXES[form] or stem in TRANSLATIONS or (stem in ("sd", "p95") and form == "summary"):
+            if unit not in MM:
+                detail = f"column {shown(cell)} has no known unit of length"
+                raise refusal(name, line, "csv-header", detail, f"for example {stem}_mm; units: {UNITS}")
+            units[cell] = unit
+        else:
+            detail, hint = f"unknown column {shown(cell)}", f"known here: {EXAMPLES[form]}, rx_deg ... tz_mm"
+            if not cell:
+                detail, hint = f"column {place + 1} has no name", "leave it out, with the delimiter before it"
+            raise refusal(name, line, "csv-header", detail, hint)
+        if stem in columns:
+            raise refusal(name, line, "csv-header", f"column {shown(stem)} is there twice")
+        columns[stem] = place
+    if len(set(units.values())) > 1:
+        listed = ", ".join(units)
+        detail = f"the columns have different units: {listed}"
+        raise refusal(name, line, "mixed-units", detail, "give all lengths of a file in one unit")
+    return columns, next(iter(units.values()))

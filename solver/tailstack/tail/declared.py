@@ -18,10 +18,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import NotConvergedError, Problem
-from ..system import Array
-from .declared_kernels import build, mean_excess, on_principal_axes, probability, solve, summary
+from ..geometry.symmetric import eigen_symmetric
+from ..kernels import kernel
+from .declared_kernels import (
+    build,
+    lattice_gradient,
+    mean_excess,
+    on_principal_axes,
+    probability,
+    solve,
+    solve_on_axes,
+    start_radius,
+    summary,
+)
 from .gaussian import (
+    excess_quantile,
     norm_cdf,
     norm_cvar,
     norm_gradient_jit,
@@ -30,10 +43,91 @@ from .gaussian import (
     norm_sf,
     probability_iv,
 )
-from .gradient import lattice_gradient
-from .law import TRIANGULAR, UNIFORM, LinearLaw, lattice_columns, linear_law
-from .removal import GAUSSIAN, LATTICE, SLACK, less_block, quantiles_without
 from .sampling import sample
+from .series import rows_where
+from .spectrum import law_iv, principal_axes
+
+UNIFORM, TRIANGULAR = 0, 1
+_VARIANCES = np.array([1 / 3, 1 / 6])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearLaw:
+    """e = mean + N(0, covariance) + columns @ u, in mm; any frame, the same for all three.
+
+    columns are already multiplied by the half-widths: column j is the displacement at u_j = 1.
+    """
+
+    mean: Array  # (3,) mm
+    covariance: Array  # (3, 3) mm^2: the Gaussian part only
+    columns: Array  # (3, k) mm
+    kinds: NDArray[np.int64]  # (k,) UNIFORM or TRIANGULAR
+
+    @property
+    def total_covariance(self) -> Array:
+        """(3, 3) mm^2, bounded sources included."""
+        return np.asarray(self.covariance + (self.columns * _VARIANCES[self.kinds]) @ self.columns.T)
+
+
+def linear_law(
+    mean: Array, covariance: Array, columns: Array | None = None, kinds: Sequence[int] | None = None
+) -> LinearLaw:
+    """A checked :class:`LinearLaw`; columns (3, k) mm and kinds (k,) default to none and to uniform.
+
+    Raises ValueError for wrong shapes, values that are not finite, or a covariance that is not one.
+    """
+    mean, covariance = law_iv(mean, covariance)
+    columns = np.zeros((3, 0)) if columns is None else np.asarray(columns, dtype=np.float64)
+    if columns.ndim != 2 or columns.shape[0] != 3:
+        raise ValueError(f"columns must have shape (3, k), got {columns.shape}")
+    if not np.isfinite(columns).all():
+        raise ValueError("columns must be finite")
+    kind_array = np.zeros(columns.shape[1], dtype=np.int64) if kinds is None else np.asarray(kinds, dtype=np.int64)
+    if kind_array.shape != (columns.shape[1],):
+        raise ValueError(f"kinds must have shape ({columns.shape[1]},), got {kind_array.shape}")
+    if not np.isin(kind_array, (UNIFORM, TRIANGULAR)).all():
+        raise ValueError(f"kinds are {UNIFORM} (uniform) or {TRIANGULAR} (triangular), got {kind_array.tolist()}")
+    return LinearLaw(mean, covariance, np.ascontiguousarray(columns), kind_array)
+
+
+@kernel()
+def uniform_columns(columns: Array, kinds: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """:func:`lattice_columns` of columns (3, k) and their kinds (k,)."""
+    count = kinds.size
+    kept = 0
+    split = 0
+    for j in range(count):
+        if columns[0, j] != 0.0 or columns[1, j] != 0.0 or columns[2, j] != 0.0:
+            kept += 1
+            if kinds[j] == TRIANGULAR:
+                split += 1
+    h = np.empty((kept + split, 3))
+    source = np.empty(kept + split, dtype=np.int64)
+    one = 0
+    two = kept
+    for j in range(count):
+        if columns[0, j] != 0.0 or columns[1, j] != 0.0 or columns[2, j] != 0.0:
+            scale = 0.5 if kinds[j] == TRIANGULAR else 1.0
+            for a in range(3):
+                h[one, a] = columns[a, j] * scale
+            source[one] = j
+            one += 1
+            if kinds[j] == TRIANGULAR:
+                for a in range(3):
+                    h[two, a] = columns[a, j] * scale
+                source[two] = j
+                two += 1
+    return h, source
+
+
+def lattice_columns(law: LinearLaw) -> tuple[Array, NDArray[np.int64]]:
+    """((K, 3) uniform columns, (K,) source of each): a triangular source is the sum of two uniform ones of half width.
+
+    Columns of length zero are dropped.
+    """
+    h, source = uniform_columns(law.columns, law.kinds)
+    return h, source
+
 
 __all__ = [
     "GAUSSIAN_METHOD",
@@ -386,3 +480,89 @@ def _without(
 def norm_quantile_of(law: LinearLaw, p: float) -> float:
     """The p-quantile of the Gaussian law with the same mean and covariance, mm."""
     return float(norm_quantile_jit(law.mean, law.total_covariance, probability_iv(p)))
+
+
+LATTICE, GAUSSIAN, UNSOLVED, NOT_A_PART = 0, 1, 2, 3
+SLACK, ROUNDING = 1e-9, 1e-13  # of the trace: how negative an eigenvalue may be, and what is 0
+
+
+@kernel()
+def less_block(covariance: Array, block: Array) -> tuple[Array, float]:
+    """(covariance - block (3, 3), its smallest eigenvalue over the trace of the covariance).
+
+    What rounding leaves of a direction that was removed altogether is 0.
+    """
+    scale = covariance[0, 0] + covariance[1, 1] + covariance[2, 2]
+    values, vectors, _ = eigen_symmetric(covariance - block)
+    least = values[2] / scale if scale > 0.0 else values[2]
+    out = np.zeros((3, 3))
+    for i in range(3):
+        if values[i] >= ROUNDING * scale:
+            for a in range(3):
+                for b in range(3):
+                    out[a, b] += values[i] * vectors[a, i] * vectors[b, i]
+    return out, least
+
+
+@kernel()
+def _gaussian(p: float, mean: Array, covariance: Array) -> tuple[int, float, float, float]:
+    variances, m, _ = principal_axes(mean, covariance)
+    size = sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
+    if variances[0] == 0.0:
+        return GAUSSIAN, size, 0.0, 0.0
+    d, density, converged = excess_quantile(p, variances, m)
+    r = sqrt(max(size * size + d, 0.0))
+    return (GAUSSIAN if converged else UNSOLVED), r, 2.0 * r * density, 1e-12 * r
+
+
+@kernel(nogil=True)
+def quantiles_without(
+    p: float,
+    mean: Array,
+    covariance: Array,
+    h: Array,
+    blocks: Array,
+    gone: NDArray[np.bool_],
+    at: float,
+    threshold: float,
+    aliasing: float,
+    largest_box: float,
+) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    """(how (G,), p-quantile (G,), density (G,), error of the quantile (G,)) of the law without each of G groups.
+
+    h: (K, 3); blocks (G, 3, 3): Gaussian covariance to remove, zeros for none; gone (G, K): columns to remove; at: the
+    quantile of the whole law, or 0 if unknown: it calibrates the starts.  how: LATTICE or GAUSSIAN, UNSOLVED (too
+    large a lattice, or not converged), NOT_A_PART (a block that is no part of the covariance).
+    """
+    count = blocks.shape[0]
+    how = np.empty(count, dtype=np.int64)
+    r = np.zeros(count)
+    density = np.zeros(count)
+    error = np.zeros(count)
+    ratio = 1.0
+    if at > 0.0 and h.shape[0] > 0:
+        sigma, m, S, turned, _, dimension, offset = on_principal_axes(mean, covariance, h)
+        if at * at > offset:
+            ratio = sqrt(at * at - offset) / start_radius(p, sigma, m, turned)
+    for g in range(count):
+        rest = covariance
+        if blocks[g].any():
+            rest, least = less_block(covariance, blocks[g])
+            if least < -SLACK:
+                how[g] = NOT_A_PART
+                continue
+        kept = rows_where(h, gone[g], False)
+        if kept.shape[0] == 0:
+            how[g], r[g], density[g], error[g] = _gaussian(p, mean, rest)
+            continue
+        sigma, m, S, turned, _, dimension, offset = on_principal_axes(mean, rest, kept)
+        start = ratio * start_radius(p, sigma, m, turned)
+        found, rho, slope, doubt, _, _, _ = solve_on_axes(
+            p, start, sigma, m, S, turned, dimension, threshold, aliasing, largest_box
+        )
+        how[g] = LATTICE if found else UNSOLVED
+        if found:
+            r[g] = sqrt(rho * rho + offset)
+            density[g] = slope * r[g] / rho
+            error[g] = doubt / density[g]
+    return how, r, density, error

@@ -27,19 +27,21 @@ are fixed, the Gaussian part has its symmetric root (eigenvectors jump where eig
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from math import hypot, sqrt
+from math import hypot, isnan, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from ..system import Array
+from ..arrays import Array
 from .contour import EXACT
-from .declared import LinearLaw, lattice_columns, law_quantile_coarse
-from .distance import quantile_and_probabilities
+from .declared import LinearLaw, lattice_columns, law_cdf_coarse, law_quantile_coarse, tolerances
+from .declared_kernels import on_principal_axes, solve_on_axes, start_radius
 from .gaussian import probability_iv
+from .lattice import ball_sums
 from .sampling import RANDOMISATIONS, sobol_rows
 from .spectrum import principal_axes
 from .unit_kernels import (
@@ -282,3 +284,29 @@ def _percentile(shot: LinearLaw, units: _Units, fraction: float, distance: float
         near = _spread(np.argsort(own)[max(rank - 40, 0) : rank + 40])
         shift, error = _correction(units.p, shot, units.d[:, near], own[near])
     return value + shift, hypot(error, share_error * slope, slope / own.size), solved
+
+
+def quantile_and_probabilities(law: LinearLaw, p: float, radii: Sequence[float]) -> tuple[float, list[float]]:
+    """(p-quantile of |e|, P(|e| <= r) for each of the radii, 0 where that is NaN); mm.
+
+    As good as ``law_quantile_coarse`` and ``law_cdf_coarse``.  The lattice of the quantile serves radii up to some 8 %
+    above it; beyond, and for laws that have no lattice, it is those two.
+    """
+    h, _ = lattice_columns(law)
+    found = False
+    if h.shape[0]:
+        sigma, m, S, turned, _, dimension, offset = on_principal_axes(law.mean, law.covariance, h)
+        start = start_radius(p, sigma, m, turned)
+        found, rho, _, _, largest, t, w = solve_on_axes(p, start, sigma, m, S, turned, dimension, *tolerances(p, False))
+
+    def probability(r: float) -> float:
+        if isnan(r):
+            return 0.0
+        if not found or r * r - offset > largest * largest:
+            return law_cdf_coarse(law, r)
+        if r * r <= offset:
+            return 0.0
+        return min(max(float(ball_sums(sqrt(r * r - offset), dimension, t, w)[0]), 0.0), 1.0)
+
+    quantile = sqrt(rho * rho + offset) if found else law_quantile_coarse(law, p).quantile_mm
+    return quantile, [probability(r) for r in radii]

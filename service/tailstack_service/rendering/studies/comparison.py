@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tailstack.results import Interval
+from tailstack.studies.comparison import interval_text
 from tailstack.studies.comparison_records import Explanation, LevelCompared, QuantilePoint, StudyComparison
-from tailstack.studies.comparison_words import interval_text
 
 from ..tables import coloured, number, percent, shortened, table, wrapped
 from ..verdict import findings_text, joined, provenance_text

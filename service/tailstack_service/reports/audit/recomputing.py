@@ -9,9 +9,9 @@ from typing import Any
 from tailstack.design import Design, load_design
 from tailstack.errors import Problem
 from tailstack.results import Optimisation, Score, Verification
+from tailstack.results.sweep import Sweep
 from tailstack.runs import Progress
 from tailstack.scoring import score
-from tailstack.sweep_results import Sweep
 
 from ...documents import plain
 from ...problems import RequestError

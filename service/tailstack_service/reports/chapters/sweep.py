@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tailstack.sweep_results import Sweep, SweepAxis
+from tailstack.results.sweep import Sweep, SweepAxis
 
 from ..blocks import Block, Bullets, Column, Document, Figure, KeyNumber, Listing, Paragraph, Row, Section, Table
 from ..figures.sweep import curve_svg

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tailstack.arrays import Array
 from tailstack.design import Design
 from tailstack.design.presets import PRESETS
 from tailstack.design.view_document import DistanceView, PresetView
 from tailstack.geometry.camera import camera_centre, depths, principal_ray
 from tailstack.geometry.rotation import cross, unit
-from tailstack.system import Array, System, View
+from tailstack.system import System, View
 
 BEYOND = 1.3  # a detector at an unknown distance is drawn so much farther than what it images
 

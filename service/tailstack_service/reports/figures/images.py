@@ -9,10 +9,11 @@ from math import ceil, floor
 
 import numpy as np
 
+from tailstack.arrays import Array
 from tailstack.design import Design, compile_design
 from tailstack.estimation.checks import OVERLAP_PX, imaged_fiducials
 from tailstack.geometry.camera import depths
-from tailstack.system import Array, System
+from tailstack.system import System
 
 from ...rendering.label_places import MarkedPoint, label_places
 from ...rendering.panels import SMALL_PART, round_step

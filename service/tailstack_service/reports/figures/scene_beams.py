@@ -7,7 +7,8 @@ from math import cos, radians, sin
 
 import numpy as np
 
-from tailstack.system import Array, System
+from tailstack.arrays import Array
+from tailstack.system import System
 
 from ...rendering.svg import printable
 from .beams import Beam

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tailstack.arrays import Array
 from tailstack.results import Score
-from tailstack.system import Array, System
+from tailstack.system import System
 
 from ...rendering.panels import round_step
 from ...rendering.svg import printable

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from tailstack.arrays import Array
 from tailstack.design import Design
-from tailstack.system import Array, System
+from tailstack.system import System
 
 from ...rendering.layout_picture import turns
 from ...rendering.svg import printable

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from tailstack.arrays import Array
 from tailstack.geometry.rotation import cross
-from tailstack.system import Array
 
 from ...rendering.label_places import MarkedPoint, label_places
 from ...rendering.panels import round_step

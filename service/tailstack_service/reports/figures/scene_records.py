@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from tailstack.system import Array
+from tailstack.arrays import Array
 
 Point3 = tuple[float, float, float]
 Kind = Literal["mark", "line", "face", "ellipsoid", "arrow"]

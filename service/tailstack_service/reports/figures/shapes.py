@@ -7,9 +7,9 @@ from math import sqrt
 
 import numpy as np
 
-from tailstack.design.region_document import SearchBox, SearchCylinder, Shaped
+from tailstack.arrays import Array
+from tailstack.design.optimise_document import SearchBox, SearchCylinder, Shaped
 from tailstack.geometry.rotation import cross, unit
-from tailstack.system import Array
 
 CIRCLE = 36  # pieces of a circle
 P95_GAUSSIAN = sqrt(7.814727903251179)  # radius of the ball that holds 95 % of a standard Gaussian in three dimensions

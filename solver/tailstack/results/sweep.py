@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from .results import Interval, Provenance
+from . import Interval, Provenance
 
 
 @dataclass(frozen=True, slots=True)
