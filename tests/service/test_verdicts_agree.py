@@ -309,7 +309,7 @@ def test_a_gate_says_the_same_in_each_of_its_formats(design: Design, checks: dic
         assert (cases[name].find("failure") is None) == (check["status"] == "pass")
         if name in sarif:
             low, high = check["interval_mm"]
-            expected = f"is {check['value_mm']:.4g} mm [{low:.4g}, {high:.4g}] mm, limit {check['limit_mm']:g} mm"
+            expected = f"is {check['value_mm']:.4g} mm [{low:.4g}, {high:.4g}], limit {check['limit_mm']:g} mm"
             for words in (sarif[name], cases[name].find("failure").get("message")):  # type: ignore[union-attr]
                 assert expected in words
                 assert words_of(check) in words.replace(" of the tcp error", "")

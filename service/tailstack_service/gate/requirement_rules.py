@@ -5,7 +5,7 @@ from __future__ import annotations
 from tailstack.design.loading import FIELD
 from tailstack.results import Score, headline_of
 
-from ..rendering.score import single_lines
+from ..rendering.score import shares_of
 from .case import Case, Remark
 from .numbers import yield_floor
 from .records import GateNumber
@@ -76,7 +76,7 @@ def _failed(case: Case, rule: str) -> list[Remark]:
 def _remark(case: Case, number: GateNumber, hint: str) -> Remark:
     what = _in_words(case, number)
     message = f"{number.requirement}, target {number.target}: {what}" + (f"; {hint}" if hint else "")
-    if not hint and (blame := to_blame(case.score, number.target)):
+    if not hint and (blame := to_blame(case.score, number.target, _limited(case, number)[1])):
         message += f"; the largest share is {blame}"
     bound, unbounded = _bound(case, number)
     return Remark(
@@ -94,13 +94,10 @@ def _remark(case: Case, number: GateNumber, hint: str) -> Remark:
 def _in_words(case: Case, number: GateNumber) -> str:
     assert number.value_mm is not None  # or it would be of an earlier version's record
     low, high = number.interval_mm or (number.value_mm, None)
-    ends = f"[{low:.4g}, {'unknown' if high is None else f'{high:.4g}'}] mm"
+    ends = f"[{low:.4g}, {'unknown' if high is None else f'{high:.4g}'}]"
     if number.rule == "cvar":
         return f"CVaR95 of the tcp error is {number.value:.4g} mm {ends}, limit {number.limit:g} mm"
-    quantile, error = 0.95, "tcp"
-    for requirement in case.design.document.requirements:
-        if requirement.name == number.requirement and number.requirement not in _FIELDS:
-            quantile, error = requirement.quantile, requirement.error
+    quantile, error = _limited(case, number)
     if number.unit == "fraction":
         value = headline_of(quantile, number.limit, f"the {error} error")
         good = f"{number.value:.2%} of installed units are good, {number.limit:.2%} required"
@@ -112,6 +109,14 @@ def _in_words(case: Case, number: GateNumber) -> str:
             f"P{100 * quantile:g} is {number.value:.4g} mm {ends}"
         )
     return f"P{100 * quantile:g} of the {error} error is {number.value:.4g} mm {ends}, limit {number.limit:g} mm"
+
+
+def _limited(case: Case, number: GateNumber) -> tuple[float, str]:
+    """Quantile and error that a number is of: those of its requirement; limits of the policy are of P95 at the tool."""
+    for requirement in case.design.document.requirements:
+        if requirement.name == number.requirement and number.requirement not in _FIELDS:
+            return requirement.quantile, requirement.error
+    return 0.95, "tcp"
 
 
 def _bound(case: Case, number: GateNumber) -> tuple[float | None, bool]:
@@ -141,13 +146,13 @@ def target_pointer(case: Case, index: int) -> str:
     return "/targets"
 
 
-def to_blame(score: Score, target: str) -> str:
-    """The component with the largest share of the variance at a target, in words; "" when nothing varies."""
+def to_blame(score: Score, target: str, error: str) -> str:
+    """The component with the largest share of an error's variance at a target, in words; "" when nothing varies."""
     found = next((entry for entry in score.targets if entry.name == target), None)
-    lines = [] if found is None else single_lines(found.contributors)
-    if not lines or lines[0].variance_share <= 0:
+    shares = [] if found is None else shares_of(found, error)
+    if not shares or shares[0][1] <= 0:
         return ""
-    first = lines[0]
+    first, share = shares[0]
     component = "" if first.component == "all" else f".{first.component}"
     width = "" if first.half_width is None else f" (half-width {first.half_width:.3g} {first.unit})"
-    return f"{FIELD.get(first.name, first.name)}{component}{width}, {first.variance_share:.0%} of the variance"
+    return f"{FIELD.get(first.name, first.name)}{component}{width}, {share:.0%} of the variance"

@@ -11,6 +11,8 @@ from .verdict import heading, joined, provenance_text, verdict_text
 
 SMALL_SHARE = 5e-4  # components below 0.05 % of the variance are summed into one line of the table
 
+BEHIND_LOCALISATION = ("interface_2", "hand_eye", "execution")  # contributors that act on the TCP error alone
+
 
 def score_text(score: Score, *, target: str | None = None, colour: bool = False) -> str:
     """The whole score.  ``target`` names the target whose budget is shown; default the one with the largest P95."""
@@ -130,6 +132,20 @@ def single_lines(contributors: Sequence[Contributor]) -> list[Contributor]:
         counts[entry.name] = counts.get(entry.name, 0) + 1
     kept = [entry for entry in contributors if entry.component != "all" or counts[entry.name] == 1]
     return sorted(kept, key=lambda entry: entry.variance_share, reverse=True)
+
+
+def shares_of(target: TargetScore, error: str) -> list[tuple[Contributor, float]]:
+    """Single lines with their shares of the variance of ``error`` (tcp or localisation), largest share first.
+
+    The budget is of the TCP error.  Only rigid motions lie between the target as localised and the tool: they keep the
+    trace of a covariance, so what acts before them adds the same mm^2 to both errors, and what acts behind them (the
+    second interface, hand-eye, execution) adds nothing to the error of localisation.
+    """
+    lines = single_lines(target.contributors)
+    if error == "tcp":
+        return [(line, line.variance_share) for line in lines]
+    ratio = sum(std**2 for std in target.std_mm) / (sum(std**2 for std in target.localisation.std_mm) or 1.0)
+    return [(line, line.variance_share * ratio) for line in lines if line.name not in BEHIND_LOCALISATION]
 
 
 def _line(entry: Contributor, label: str) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from tailstack.results import Check, Contributor, Finding, Optimisation, Score, 
 from tailstack.results import headline_of as words
 from tailstack.scoring import P95
 
-from ..rendering.score import single_lines
+from ..rendering.score import shares_of
 from ..rendering.verdict import urgency
 from .records import Headline
 
@@ -104,18 +104,24 @@ def what_matters(
     """At most three sentences: what dominates, what the margin is worth, what to be careful about."""
     found = next((entry for entry in score.targets if entry.name == target), score.targets[0])
     sentences = []
-    lines = single_lines(found.contributors)
-    if lines and lines[0].variance_share > 0:
-        sentences.append(_dominant(lines[0], found))
+    error = "tcp" if decisive is None else decisive.error
+    shares = shares_of(found, error)
+    if shares and shares[0][1] > 0:
+        sentences.append(_dominant(*shares[0], found, error))
     if decisive is not None:
-        sentences.append(_margin(decisive, lines))
+        sentences.append(_margin(decisive, [line for line, _ in shares]))
     if optimisation is not None:
         sentences.append(_optimised(optimisation))
     sentences.append(_caution(score, verification))
     return sentences[:3]
 
 
-def _dominant(line: Contributor, target: TargetScore) -> str:
+def _dominant(line: Contributor, share: float, target: TargetScore, error: str) -> str:
+    if error != "tcp":
+        return (
+            f"The largest contributor to the error of localisation at {target.name} is {named(line)}, with {share:.0%} "
+            "of its variance (first order); what acts behind it (second interface, hand-eye, execution) does not count."
+        )
     return (
         f"The largest contributor is {named(line)}, with {line.variance_share:.0%} of the variance; were it perfect, "
         f"P95 at {target.name} would be {line.p95_without_mm:.3f} mm instead of {target.p95_mm:.3f} mm (first order)."
@@ -132,6 +138,8 @@ def _margin(check: Check, lines: Sequence[Contributor]) -> str:
         first = (
             f"{what} has to come down by {-spare:.3f} mm ({-spare / check.value_mm:.0%}) to be within, interval and all"
         )
+    if check.error != "tcp":  # the budget's slopes are of the error at the tool
+        return first + "."
     steps = [
         (line.dp95_per_unit * line.half_width / 10, line)
         for line in lines

@@ -1,0 +1,56 @@
+"""Advice about a limit on the error of localisation names what moves that error, and nothing behind it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from tailstack import load_design, score, verify
+from tailstack.results import Score
+from tailstack_service.gate.requirement_rules import to_blame
+from tailstack_service.rendering.score import shares_of
+from tailstack_service.reports.headline import headline_of
+
+ROOT = Path(__file__).parents[2]
+
+
+def demo() -> dict[str, Any]:
+    document: dict[str, Any] = yaml.safe_load((ROOT / "examples" / "demo.yaml").read_text())
+    del document["optimise"]
+    return document
+
+
+@pytest.fixture(scope="module")
+def scored() -> Score:
+    return score(load_design(demo()))
+
+
+def test_shares_of_localisation_are_those_of_the_structure_alone(scored: Score) -> None:
+    """independent: the same design with nothing behind the structure: its error at the tool is that of localisation"""
+    document = demo()
+    document["interfaces"]["connector_flange"].pop("tolerances")
+    document.pop("execution")
+    bare = score(load_design(document)).targets[0]
+    expected = {(line.name, line.component): line.variance_share for line in bare.contributors}
+    shares = shares_of(scored.targets[0], "localisation")
+    assert sum(share for _, share in shares) == pytest.approx(1, abs=1e-9)
+    for line, share in shares:
+        assert share == pytest.approx(expected[line.name, line.component], abs=1e-9)
+
+
+def test_a_missed_limit_on_localisation_is_not_blamed_on_the_flange(scored: Score) -> None:
+    """The flange has the largest share of the error at the tool, and none of the error of localisation."""
+    assert to_blame(scored, "tip", "tcp").startswith("connector_flange.r")
+    assert to_blame(scored, "tip", "localisation").startswith("structure_connector.r")
+    document = demo()
+    document["requirements"].append(
+        {"name": "navigation", "error": "localisation", "quantile": 0.99, "limit_mm": 0.3, "targets": "all"}
+    )
+    document["requirements"][0]["limit_mm"] = 3.0
+    design = load_design(document)
+    said = " ".join(headline_of(score(design), verify(design, trials=8192)).matters)
+    assert "structure–connector" in said
+    assert "connector–flange" not in said
