@@ -55,7 +55,11 @@ class Served:
 def environment(directory: Path, **changes: str) -> dict[str, str]:
     """Nothing of the caller's settings, and a SQLite file below ``directory``."""
     kept = {key: value for key, value in os.environ.items() if not key.startswith("TAILSTACK_")}
-    own = {"TAILSTACK_DATABASE": f"sqlite:///{directory / 'jobs.sqlite3'}", "TAILSTACK_WORKER_PROCESSES": "1"}
+    own = {
+        "TAILSTACK_DATABASE": f"sqlite:///{directory / 'jobs.sqlite3'}",
+        "TAILSTACK_WORKER_PROCESSES": "1",  # every process more is two seconds of a core before the first request
+        "TAILSTACK_SHORT_WORKERS": "1",
+    }
     return {**kept, "PYTHONPATH": PATH, "OMP_NUM_THREADS": "1", **own, **changes}
 
 

@@ -91,7 +91,7 @@ def large_gate() -> bytes:
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     folder = tmp_path_factory.mktemp("load")
-    with served(folder, TAILSTACK_AUTH="required", TAILSTACK_MAX_TARGETS="200") as service:
+    with served(folder, TAILSTACK_AUTH="required", TAILSTACK_MAX_TARGETS="200", TAILSTACK_SHORT_WORKERS="2") as service:
         keys = {
             tenant: service.run("keys", "create", "--tenant", tenant, "--name", "test", "--scope", "compute").strip()
             for tenant in ("greedy", "modest")

@@ -87,12 +87,13 @@ def test_no_address_is_followed(tmp_path: Path) -> None:
                             sent += 1
                             assert response.status_code < 500, response.text
                             if response.status_code == 202:
-                                jobs.append(response.json())
+                                jobs.append({**response.json(), "is_markup": "<img" in bait})
                 sent += _in_parameters(client, bird, path, method, operation)
             sent += _in_yaml(client, bird)
             accepted = len(jobs)
-            for result in _results(client, jobs):
-                for form in FORMATS:
+            for result, is_markup in _results(client, jobs).items():
+                # a text that is nothing but an address can be followed by a page; the slow forms are for what is markup
+                for form in FORMATS if is_markup else ("html",):
                     report = client.get(f"{result}/report", params={"format": form})
                     assert report.status_code in (200, 501), report.text
                     sent += 1
@@ -150,22 +151,25 @@ def _in_yaml(client: httpx.Client, bird: Canary) -> int:
     return 2 * (len(posts) + 1) * len(documents)
 
 
-def _results(client: httpx.Client, jobs: list[dict[str, Any]], seconds: float = 400.0) -> list[str]:
-    """Paths of the results of the jobs, once each has ended."""
+def _results(client: httpx.Client, jobs: list[dict[str, Any]], seconds: float = 400.0) -> dict[str, bool]:
+    """Paths of the results of the jobs, once each has ended, and whether markup was sent."""
     slow = [job for job in jobs if job["kind"] == "optimisation"][KEPT_OPTIMISATIONS:]
     for job in slow:
         assert client.post(job["links"]["cancel"]).status_code in (202, 409)
     deadline = time.monotonic() + seconds
-    found: dict[str, str] = {}
+    found: dict[str, bool] = {}
+    is_markup = {job["links"]["self"]: job["is_markup"] for job in jobs}
     waiting = [job["links"]["self"] for job in jobs]
     while waiting:
-        job = client.get(waiting[0]).json()
+        place = waiting[0]
+        job = client.get(place).json()
         if job["state"] in ("queued", "running"):
             assert time.monotonic() < deadline, job
             time.sleep(0.1)
             continue
         waiting.pop(0)
         if job["state"] == "succeeded":
-            found[job["result_sha256"]] = job["links"]["result"]
+            path = job["links"]["result"]
+            found[path] = found.get(path, False) or is_markup[place]
     assert found
-    return list(found.values())
+    return found
