@@ -31,6 +31,8 @@ const CANVAS = `(() => [...document.querySelectorAll(".viewer canvas")].map((can
   return {width: canvas.width, height: canvas.height, colours: seen.size, drawn: 1 - 4 * ground / data.length, hash};
 }))()`;
 
+const FRAMES = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))";
+
 async function looked(browser, job) {
   const context = await browser.newContext({
     viewport: { width: job.width ?? 1280, height: job.height ?? 900 }, colorScheme: job.scheme ?? "light",
@@ -61,11 +63,12 @@ async function looked(browser, job) {
       found.title = await ask("document.title");
       for (const expression of job.ask ?? []) (found.answers ??= []).push(await ask(expression));
       if (job.viewer) {
+        await ask(FRAMES); // a page is loaded before its first frame is drawn
         found.canvases.push(await ask(CANVAS));
         for (const key of found.canvases[0].length ? job.keys ?? [] : []) {
           await page.locator(".viewer canvas").first().focus();
           await page.keyboard.press(key);
-          await ask("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))");
+          await ask(FRAMES);
           found.canvases.push(await ask(CANVAS));
         }
       }
