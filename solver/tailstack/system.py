@@ -14,7 +14,7 @@ from math import sqrt
 
 import numpy as np
 
-from .arrays import Array as Array
+from .arrays import Array
 
 TORSOR_COMPONENTS = ("rx", "ry", "rz", "tx", "ty", "tz")
 

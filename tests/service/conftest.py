@@ -9,10 +9,11 @@ import pytest
 from dask_cluster import dask_cluster
 from openapi_scenes import node_tools
 from postgres import database_url, postgres_server, postgres_url
-from store_scenes import clock, migrated_database, migrated_file, store
+from store_scenes import clock, command, migrated_database, migrated_file, store
 
 __all__ = [
     "clock",
+    "command",
     "dask_cluster",
     "database_url",
     "migrated_database",

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from postgres import Server
 
+from tailstack_service.cli.main import main
 from tailstack_service.store import jobs, units
 from tailstack_service.store.database import Database, open_database, writing
 from tailstack_service.store.jobs import Job
@@ -150,3 +151,18 @@ def finish(db: Database, answer: bytes = b'{"answer":1}') -> None:
             assert record(db, one, result=b"result of " + one.spec)
         else:
             assert record(db, one, answer=answer)
+
+
+@pytest.fixture
+def command(
+    store: Database, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """A tailstack command on the database of ``store``: exit code, standard output, standard error."""
+    monkeypatch.setenv("TAILSTACK_DATABASE", url_of(store))
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        code = main(arguments)
+        found = capsys.readouterr()
+        return code, found.out, found.err
+
+    return call

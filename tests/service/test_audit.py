@@ -13,10 +13,9 @@ from typing import Any
 import httpx
 import pytest
 from service_scenes import client_with, limited
-from store_scenes import Clock, url_of
+from store_scenes import Clock
 from worker_scenes import until
 
-from tailstack_service.cli.main import main
 from tailstack_service.settings import Settings
 from tailstack_service.store import audit, upkeep
 from tailstack_service.store.database import Database, open_database
@@ -30,20 +29,6 @@ TERMS = {"policy_sha256": "a" * 64, "policy_name": "p", "fail_level": "error"}
 
 def seen(db: Database, **choice: Any) -> list[tuple[str, str, str]]:
     return [(e.action, e.tenant, e.subject) for e in audit.entries(db, limit=10_000, **choice)]
-
-
-@pytest.fixture
-def command(
-    store: Database, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., tuple[int, str, str]]:
-    monkeypatch.setenv("TAILSTACK_DATABASE", url_of(store))
-
-    def call(*arguments: str) -> tuple[int, str, str]:
-        code = main(arguments)
-        found = capsys.readouterr()
-        return code, found.out, found.err
-
-    return call
 
 
 def test_an_operator_who_makes_and_revokes_keys_is_named(

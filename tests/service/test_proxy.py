@@ -14,12 +14,15 @@ from pathlib import Path
 import httpx
 import psutil
 import pytest
+from postgres import required
 from service_scenes import ROOT, check_problem, client_with, small_design
 
 from tailstack_service.settings import Settings
 
 NGINX = shutil.which("nginx") or "/usr/sbin/nginx"
-pytestmark = pytest.mark.skipif(not Path(NGINX).exists(), reason="nginx is not installed")
+pytestmark = pytest.mark.skipif(
+    not Path(NGINX).exists() and not required("nginx"), reason="NOT TESTED: nginx is not installed"
+)
 HEAD = b"POST /v1/scores HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
 
 

@@ -9,9 +9,8 @@ from collections.abc import Callable
 
 import pytest
 import sqlalchemy as sa
-from store_scenes import Clock, url_of
+from store_scenes import Clock
 
-from tailstack_service.cli.main import main
 from tailstack_service.problems import RequestError
 from tailstack_service.store import tables
 from tailstack_service.store.database import Database, reading
@@ -112,20 +111,6 @@ def test_a_key_that_cannot_be_is_refused(store: Database, changes: dict[str, obj
         make(store, **changes)
     assert [problem.pointer for problem in caught.value.problems] == pointers
     assert list_keys(store) == []
-
-
-@pytest.fixture
-def command(
-    store: Database, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., tuple[int, str, str]]:
-    monkeypatch.setenv("TAILSTACK_DATABASE", url_of(store))
-
-    def call(*arguments: str) -> tuple[int, str, str]:
-        code = main(arguments)
-        found = capsys.readouterr()
-        return code, found.out, found.err
-
-    return call
 
 
 def test_the_life_of_a_key_on_the_command_line(
