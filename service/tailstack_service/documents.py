@@ -32,7 +32,7 @@ from tailstack.studies.paper_records import StudyPaper
 from .gate.records import GateRecord
 from .job_document import JobDocument, JobPage
 from .problems import ProblemDocument
-from .reports.records import Comparison, Report
+from .report.records import Comparison, Report
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 

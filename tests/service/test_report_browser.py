@@ -15,9 +15,9 @@ from service_scenes import client_with, limited
 from tailstack import load_design, score, verify
 from tailstack_service.documents import to_json
 from tailstack_service.gate.request import admitted, evaluate
-from tailstack_service.reports import render
-from tailstack_service.reports.assembling import ReportOptions, compute_report
-from tailstack_service.reports.comparing import compute_comparison
+from tailstack_service.report import render
+from tailstack_service.report.assembling import ReportOptions, compute_report
+from tailstack_service.report.comparing import compute_comparison
 
 __all__ = ["browser"]
 

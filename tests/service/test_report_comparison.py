@@ -19,13 +19,13 @@ from work_driver import run_job
 from tailstack import load_design, verify
 from tailstack_service.documents import json_schema, to_json
 from tailstack_service.problems import RequestError
-from tailstack_service.reports import render
-from tailstack_service.reports.assembling import ReportOptions, compute_report
-from tailstack_service.reports.changes import MOST, changes_of
-from tailstack_service.reports.comparing import compute_comparison
-from tailstack_service.reports.paired import FEWEST, paired_difference
-from tailstack_service.reports.records import Comparison
-from tailstack_service.reports.rendering import document_of
+from tailstack_service.report import render
+from tailstack_service.report.assembling import ReportOptions, compute_report
+from tailstack_service.report.changes import MOST, changes_of
+from tailstack_service.report.comparing import compute_comparison
+from tailstack_service.report.paired import FEWEST, paired_difference
+from tailstack_service.report.records import Comparison
+from tailstack_service.report.rendering import document_of
 
 TRIALS = 20_000
 
@@ -160,7 +160,7 @@ def test_both_scales_have_the_same_axis(uneven: tuple[list[dict[str, Any]], Comp
 
 
 def test_of_long_checks_the_interval_is_that_of_the_first_trials(monkeypatch: pytest.MonkeyPatch) -> None:
-    from tailstack_service.reports import comparing
+    from tailstack_service.report import comparing
 
     pair = [load_design(data) for data in (limited(0.9), quieter())]
     whole = compute_comparison(pair[0], pair[1], ReportOptions(trials=TRIALS, seed=3))

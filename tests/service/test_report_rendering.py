@@ -26,11 +26,11 @@ from tailstack.results import Score
 from tailstack.sweeping import read_axes, sweep
 from tailstack_service.documents import json_schema, to_json
 from tailstack_service.gate.request import admitted, evaluate
-from tailstack_service.reports import html as html_module
-from tailstack_service.reports import render
-from tailstack_service.reports.assembling import ReportOptions, compute_report
-from tailstack_service.reports.errors import PdfUnavailable
-from tailstack_service.reports.records import Report
+from tailstack_service.report import html as html_module
+from tailstack_service.report import render
+from tailstack_service.report.assembling import ReportOptions, compute_report
+from tailstack_service.report.errors import PdfUnavailable
+from tailstack_service.report.records import Report
 
 HOSTILE = "<script>alert(1)</script>\"&'"
 FORMULA = '=HYPERLINK("http://127.0.0.1","x")'

@@ -11,9 +11,9 @@ from service_scenes import EXAMPLES, limited, small_design
 
 from tailstack import load_design, score
 from tailstack.design import design_to_data
-from tailstack_service.reports.assembling import ReportOptions, compute_report
-from tailstack_service.reports.chapters.score import what_binds
-from tailstack_service.reports.records import Allowance, Report
+from tailstack_service.report.assembling import ReportOptions, compute_report
+from tailstack_service.report.chapters.score import what_binds
+from tailstack_service.report.records import Allowance, Report
 
 SEAT = "structure_connector"
 

@@ -21,12 +21,12 @@ from tailstack.design.loading import data_to_yaml
 from tailstack.sweeping import read_axes, sweep
 from tailstack_service.cli.main import main
 from tailstack_service.documents import from_plain, to_json
-from tailstack_service.reports import FORMATS, render
-from tailstack_service.reports.assembling import ReportOptions, compute_report
-from tailstack_service.reports.audit import Audit, Effort, audit
-from tailstack_service.reports.comparing import compute_comparison
-from tailstack_service.reports.html import html_report
-from tailstack_service.reports.rendering import document_of
+from tailstack_service.report import FORMATS, render
+from tailstack_service.report.assembling import ReportOptions, compute_report
+from tailstack_service.report.audit import Audit, Effort, audit
+from tailstack_service.report.comparing import compute_comparison
+from tailstack_service.report.html import html_report
+from tailstack_service.report.rendering import document_of
 
 TRIALS = 4_000
 DESIGN = limited(0.9)
@@ -143,7 +143,7 @@ def test_a_record_that_asks_for_too_much_is_refused_at_once(
     made: str, change: dict[str, Any], words: str, enough: list[Any],
 ) -> None:  # fmt: skip
     """The refusal says what to type; typed, it is computed (which is not waited for here)."""
-    from tailstack_service.reports.audit import auditing
+    from tailstack_service.report.audit import auditing
 
     def update(data: dict[str, Any], new: dict[str, Any]) -> None:
         for key, value in new.items():

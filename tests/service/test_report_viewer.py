@@ -12,15 +12,15 @@ from service_scenes import EXAMPLES
 
 from tailstack import load_design, score
 from tailstack.arrays import Array
-from tailstack_service import reports
-from tailstack_service.reports.figures.scene import Scene, scene_json, scene_of
-from tailstack_service.reports.figures.scene_picture import scene_svg
+from tailstack_service import report
+from tailstack_service.report.figures.scene import Scene, scene_json, scene_of
+from tailstack_service.report.figures.scene_picture import scene_svg
 
 __all__ = ["browser"]
 
 Seen = tuple[list[dict[str, Any]], Scene, Array]  # what each page did, the scene, (N, 3) fiducials
 
-TEMPLATES = Path(reports.__file__).parent / "templates"
+TEMPLATES = Path(report.__file__).parent / "templates"
 HOSTILE = "</script><img src=x>"
 RECORDER = """
 window.drawn = [];

@@ -27,9 +27,9 @@ from tailstack_service.gate.formats import FORMATS
 from tailstack_service.gate.request import admitted, evaluate
 from tailstack_service.rendering.score import score_text
 from tailstack_service.rendering.verification import verification_text
-from tailstack_service.reports import render
-from tailstack_service.reports.assembling import ReportOptions, compute_report
-from tailstack_service.reports.comparing import compute_comparison
+from tailstack_service.report import render
+from tailstack_service.report.assembling import ReportOptions, compute_report
+from tailstack_service.report.comparing import compute_comparison
 
 YIELDS = (None, 0.5, 0.8, 0.9, 0.95, 0.99)  # None: pooled
 QUANTILES = (0.9, 0.95, 0.99)

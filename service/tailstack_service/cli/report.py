@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from tailstack.design import Design
 
-    from ..reports.assembling import ReportOptions
-    from ..reports.reading import ReadResult
+    from ..report.assembling import ReportOptions
+    from ..report.reading import ReadResult
 
 HELP = "tolerance-budget report: HTML, PDF, spreadsheet, JSON"
 
@@ -109,7 +109,7 @@ def _stem(name: str) -> str:
 
 
 def _rendered(kind: str, body: bytes, forms: Sequence[str]) -> list[tuple[str, bytes]]:
-    from ..reports.rendering import rendered_all
+    from ..report.rendering import rendered_all
 
     with Progress("report"):
         return rendered_all(kind, body, forms)
@@ -118,8 +118,8 @@ def _rendered(kind: str, body: bytes, forms: Sequence[str]) -> list[tuple[str, b
 def _read(name: str) -> ReadResult | bytes | Path:
     """A result, or where a design is to be loaded from.  Raises RequestError, LimitError."""
     from ..gate.reading import LIMITS
-    from ..reports.audit.holding import held
-    from ..reports.reading import ReadResult, read_document
+    from ..report.audit.holding import held
+    from ..report.reading import ReadResult, read_document
 
     given = sys.stdin.buffer.read(LIMITS.document_bytes + 1) if name == "-" else Path(name)
     file = "<stdin>" if name == "-" else name
@@ -131,7 +131,7 @@ def _read(name: str) -> ReadResult | bytes | Path:
 
 def _page(given: bytes | Path) -> bytes | None:
     """The content of a report that is not JSON: its record is rendered again."""
-    from ..reports.audit.holding import form_of
+    from ..report.audit.holding import form_of
 
     if isinstance(given, Path):
         try:
@@ -144,7 +144,7 @@ def _page(given: bytes | Path) -> bytes | None:
 
 
 def _options(arguments: argparse.Namespace) -> ReportOptions:
-    from ..reports.assembling import options_of
+    from ..report.assembling import options_of
 
     return options_of({name: getattr(arguments, name) for name in OF_A_DESIGN})
 
@@ -158,7 +158,7 @@ def _design(given: bytes | Path) -> Design:
 def _computed(arguments: argparse.Namespace, given: bytes | Path) -> bytes:
     """The report of a design, computed here."""
     from ..documents import to_json
-    from ..reports.assembling import compute_report
+    from ..report.assembling import compute_report
 
     design, options = _design(given), _options(arguments)
     with Progress("report") as progress:
@@ -168,7 +168,7 @@ def _computed(arguments: argparse.Namespace, given: bytes | Path) -> bytes:
 def _compared(arguments: argparse.Namespace, given: Sequence[ReadResult | bytes | Path]) -> bytes:
     """The comparison of two designs, computed here; a result that holds its design stands for that."""
     from ..documents import to_json
-    from ..reports.comparing import compute_comparison
+    from ..report.comparing import compute_comparison
 
     designs = [
         _design(one) if isinstance(one, bytes | Path) else _held_design(one, name)
@@ -190,8 +190,8 @@ def _held_design(result: ReadResult, file: str) -> Design:
 
 def _verified(arguments: argparse.Namespace) -> Answer:
     """Exit code 0 when everything is the same, 1 when something differs, 3 when it could not be compared."""
-    from ..reports.audit import Effort, audit
-    from ..reports.audit.findings import audit_text
+    from ..report.audit import Effort, audit
+    from ..report.audit.findings import audit_text
 
     refused = ("format", "output", *(name for name in OF_A_DESIGN if name not in BOUNDS))
     _no_options(arguments, refused, "a report is verified as it is", "leave it out")

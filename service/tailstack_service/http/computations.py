@@ -223,6 +223,6 @@ def _vector(values: list[float]) -> tuple[float, float, float]:
 
 def report(schema_name: str, body: bytes, form: str) -> tuple[bytes, str]:
     """A result as a document, and its media type.  Raises PdfUnavailable."""
-    from ..reports import render
+    from ..report import render
 
     return render(schema_name, body, form)

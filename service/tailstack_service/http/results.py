@@ -69,6 +69,6 @@ def _policy(form: str) -> dict[str, str]:
     """
     if form == "pdf":
         return {}
-    from ..reports.html import content_policy
+    from ..report.html import content_policy
 
     return {"Content-Security-Policy": content_policy(served=True)}

@@ -23,8 +23,8 @@ SIDES = ("first", "second")
 
 def advance(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
     """More units for the checks that are not finished, or the comparison."""
-    from ..reports.assembling import assemble, options_of
-    from ..reports.comparing import check_parts, compare, drawn_alike
+    from ..report.assembling import assemble, options_of
+    from ..report.comparing import check_parts, compare, drawn_alike
 
     try:
         options = options_of(request)

@@ -14,7 +14,7 @@ from .task import UnitResult
 
 def advance(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
     """More units for the parts that are not finished, or the report."""
-    from ..reports.assembling import assemble, options_of
+    from ..report.assembling import assemble, options_of
 
     try:
         options = options_of(request)

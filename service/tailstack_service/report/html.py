@@ -86,7 +86,7 @@ def _hashed(content: str) -> str:
 @cache
 def _environment() -> Environment:
     made = Environment(
-        loader=PackageLoader("tailstack_service.reports", "templates"),
+        loader=PackageLoader("tailstack_service.report", "templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -19,7 +19,7 @@ CHAPTERS = ("score", "verification", "optimisation", "sweep", "gate", "report", 
 
 
 def rendered(name: str, body: bytes, form: str) -> tuple[bytes, str]:
-    """See :func:`tailstack_service.reports.render`."""
+    """See :func:`tailstack_service.report.render`."""
     if form not in MEDIA_TYPES:
         raise ValueError(f"no format is called {form!r}; there are {', '.join(MEDIA_TYPES)}")
     return rendered_all(name, body, (form,))[0][1], MEDIA_TYPES[form]
