@@ -13,7 +13,7 @@ from study_scenes import TARGET_MM, Costs, Layouts
 
 from tailstack.arrays import Array
 from tailstack_service.rendering.layout_picture import RIGHT, UP
-from tailstack_service.rendering.svg import BLUE, FAINT, INK, MUTED, VERMILION, box, line, rounded, text
+from tailstack_service.report.svg import BLUE, FAINT, INK, MUTED, VERMILION, box, line, rounded, text
 
 ON = 1.0  # mm: that near a face is on it
 NEAR, FAR, ELSEWHERE = "face towards the target", "far face", "elsewhere"

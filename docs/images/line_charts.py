@@ -11,7 +11,7 @@ from html import escape
 from math import log10
 from typing import Literal
 
-from tailstack_service.rendering.svg import FAINT, INK, MUTED, PALE, box, line, rounded, text
+from tailstack_service.report.svg import FAINT, INK, MUTED, PALE, box, line, rounded, text
 
 WIDTH = 900
 SIZE = 13  # of all text but titles

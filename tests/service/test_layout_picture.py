@@ -14,8 +14,8 @@ from service_scenes import EXAMPLES
 from tailstack.arrays import Array
 from tailstack.design import compile_design, load_design
 from tailstack.system import System, Target, no_sources
-from tailstack_service.rendering.label_places import MarkedPoint, label_places
 from tailstack_service.rendering.layout_picture import layout_svg
+from tailstack_service.report.svg import MarkedPoint, label_places
 
 BEFORE = compile_design(load_design(Path(EXAMPLES / "demo.yaml")))
 SVG = "{http://www.w3.org/2000/svg}"

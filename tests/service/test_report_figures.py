@@ -22,15 +22,13 @@ from tailstack.sweeping import axis_pointer, read_axes, sweep
 from tailstack_service.report.figures.budget import waterfall_svg, without_svg
 from tailstack_service.report.figures.comparison import budgets_svg, differences_svg, distributions_svg
 from tailstack_service.report.figures.errors import convergence_svg, distribution_svg, scale_svg
-from tailstack_service.report.figures.images import images_svg
-from tailstack_service.report.figures.scene import Scene, scene_json, scene_of
-from tailstack_service.report.figures.scene_picture import scene_svg
-from tailstack_service.report.figures.scene_records import Item
-from tailstack_service.report.figures.shapes import semi_axes
 from tailstack_service.report.figures.sweep import curve_svg
 from tailstack_service.report.figures.tolerance_curves import ToleranceCurves, tolerance_curves
 from tailstack_service.report.figures.tolerances import curves_svg
+from tailstack_service.report.images import images_svg
 from tailstack_service.report.records import Convergence, ConvergencePoint, Difference, ErrorDistribution
+from tailstack_service.report.scene import Item, Scene, scene_json, scene_of, semi_axes
+from tailstack_service.report.scene_picture import scene_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 ROUNDING = 0.051  # the page has one decimal

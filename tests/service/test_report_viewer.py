@@ -13,8 +13,8 @@ from service_scenes import EXAMPLES
 from tailstack import load_design, score
 from tailstack.arrays import Array
 from tailstack_service import report
-from tailstack_service.report.figures.scene import Scene, scene_json, scene_of
-from tailstack_service.report.figures.scene_picture import scene_svg
+from tailstack_service.report.scene import Scene, scene_json, scene_of
+from tailstack_service.report.scene_picture import scene_svg
 
 __all__ = ["browser"]
 

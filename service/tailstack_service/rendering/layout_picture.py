@@ -17,9 +17,24 @@ from tailstack.arrays import Array
 from tailstack.geometry.camera import depths
 from tailstack.system import Mount, System, View
 
-from .label_places import MarkedPoint, label_places
+from ..report.svg import (
+    FAINT,
+    FONT,
+    INK,
+    LABEL_COLOUR,
+    MUTED,
+    PALE,
+    Kind,
+    MarkedPoint,
+    box,
+    label_places,
+    line,
+    printable,
+    rounded,
+    shape,
+    text,
+)
 from .panels import MARGIN, PLOT, ROW_HEIGHT, ROW_TOP, Panel, around, fitted, image_corners, round_step
-from .svg import FAINT, FONT, INK, LABEL_COLOUR, MUTED, PALE, Kind, box, line, printable, rounded, shape, text
 
 WIDTH, HEIGHT = 1200, 932
 STRIP = 14  # kept from the oblique view for its axes and scale bar

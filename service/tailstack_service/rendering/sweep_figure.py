@@ -9,9 +9,9 @@ from tailstack.errors import Problem
 from tailstack.results.sweep import Sweep, SweepAxis, SweepPoint
 
 from ..problems import RequestError
+from ..report.svg import FAINT, INK, MUTED, box, line, printable, text
 from .studies.chart import COLOURS, Curve, Mark, drawn, fitted, mark
 from .studies.page import page
-from .svg import FAINT, INK, MUTED, box, line, printable, text
 from .tables import number
 
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 900.0, 70.0, 660.0, 120.0, 370.0

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ..svg import BLUE, FAINT, GREEN, INK, PURPLE, VERMILION, line, printable, rounded, text
+from ...report.svg import BLUE, FAINT, GREEN, INK, PURPLE, VERMILION, line, printable, rounded, text
 from .page import Scale, around, bottom_axis, left_axis
 
 COLOURS = (BLUE, VERMILION, GREEN, PURPLE, "#8a6d00", "#5b9bc8")

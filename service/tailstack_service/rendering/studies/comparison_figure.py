@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from tailstack.studies.comparison_records import LevelCompared, StudyComparison
 
-from ..svg import BLUE, FAINT, MUTED, VERMILION, box, line, printable, rounded, text
+from ...report.svg import BLUE, FAINT, MUTED, VERMILION, box, line, printable, rounded, text
 from .page import around, bottom_axis, left_axis, page
 
 PANEL, GAP, LEFT, TOP = 300, 84, 70, 92

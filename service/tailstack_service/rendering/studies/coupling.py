@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from tailstack.studies.coupling import decimals_of, per_cent
 from tailstack.studies.coupling_records import CouplingCase, Ratio, StudyCoupling
 
-from ..svg import BLUE, FAINT, INK, MUTED, VERMILION, box, line, printable, rounded, text
+from ...report.svg import BLUE, FAINT, INK, MUTED, VERMILION, box, line, printable, rounded, text
 from ..tables import number, percent, shortened, table, wrapped
 from ..verdict import joined, provenance_text
 from .page import around, bottom_axis, page

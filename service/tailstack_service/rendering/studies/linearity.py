@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from tailstack.studies.linearity_records import LinearityPoint, StudyLinearity, Within
 
+from ...report.svg import FAINT, INK, MUTED, box, printable, text
 from ..rows import csv_text, reasons_text
-from ..svg import FAINT, INK, MUTED, box, printable, text
 from ..tables import number, percent, shortened, table, wrapped
 from ..verdict import joined, provenance_text
 from .page import page

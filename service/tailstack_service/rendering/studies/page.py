@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from html import escape
 from math import ceil, floor
 
+from ...report.svg import FAINT, FONT, INK, MUTED, line, printable, text
 from ..panels import round_step
-from ..svg import FAINT, FONT, INK, MUTED, line, printable, text
 
 GRID = "#e3e3e3"
 LETTER = 9.0  # of a title: few names are wider

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from tailstack.studies.paper_records import Geometry, PaperCell, StudyPaper
 
-from ..svg import FAINT, INK, MUTED, box, line, printable, text
+from ...report.svg import FAINT, INK, MUTED, box, line, printable, text
 from .chart import COLOURS, Curve, Mark, drawn, fitted, mark
 from .page import around, left_axis, page
 

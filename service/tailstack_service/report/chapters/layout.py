@@ -7,9 +7,9 @@ from tailstack.errors import IllPosedError
 from tailstack.results import Score
 
 from ..blocks import Block, Figure
-from ..figures.images import images_svg
-from ..figures.scene import scene_json, scene_of
-from ..figures.scene_picture import scene_svg
+from ..images import images_svg
+from ..scene import scene_json, scene_of
+from ..scene_picture import scene_svg
 
 Known = tuple[dict[str, object], Score]  # a design document and what was computed of it
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from tailstack.results import Contributor
 
 from ...rendering.score import single_lines
-from ...rendering.svg import INK, MUTED, box, line, printable, text
 from ...rendering.tables import fixed, percent
 from ..headline import named
+from ..svg import INK, MUTED, box, line, printable, text
 from .frame import BAR, BAR_PALE, LIMIT_COLOUR, ROW, VALUE_COLOUR, WIDTH, Scale, marker, picture, sides
 
 MOST = 12

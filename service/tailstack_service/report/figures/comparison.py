@@ -8,10 +8,10 @@ from math import sqrt
 from tailstack.results import TargetScore
 
 from ...rendering.score import single_lines
-from ...rendering.svg import FAINT, INK, MUTED, box, line, printable, rounded, text
 from ...rendering.tables import fixed
 from ..headline import contributor_name
 from ..records import Difference, ErrorDistribution
+from ..svg import FAINT, INK, MUTED, box, line, printable, rounded, text
 from .frame import BAR, LIMIT_COLOUR, ROW, VALUE_COLOUR, WIDTH, Scale, density_axis, picture
 
 FIRST, SECOND = "#6b7780", VALUE_COLOUR  # lines and words

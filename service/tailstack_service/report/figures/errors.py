@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import log2
 
-from ...rendering.svg import FAINT, FONT, INK, MUTED, box, line, rounded, text
 from ..records import Convergence, ErrorDistribution
+from ..svg import FAINT, FONT, INK, MUTED, box, line, rounded, text
 from .frame import (
     BAR,
     BAR_PALE,

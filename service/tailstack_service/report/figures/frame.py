@@ -7,7 +7,7 @@ from html import escape
 from math import ceil, floor
 
 from ...rendering.panels import round_step
-from ...rendering.svg import FAINT, FONT, INK, MUTED, line, printable, text
+from ..svg import FAINT, FONT, INK, MUTED, line, printable, text
 
 WIDTH = 720
 LIMIT_COLOUR, VALUE_COLOUR = "#b3261e", "#0072b2"

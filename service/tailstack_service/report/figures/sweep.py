@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...rendering.svg import FAINT, INK, MUTED, line, printable, rounded, text
+from ..svg import FAINT, INK, MUTED, line, printable, rounded, text
 from .frame import BAR, LAW_COLOUR, VALUE_COLOUR, WIDTH, Scale, picture
 
 LEFT, RIGHT, TOP, BOTTOM = 70, WIDTH - 130, 24, 250

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from math import ceil, floor
 
 from ...rendering.panels import round_step
-from ...rendering.svg import FAINT, INK, MUTED, box, line, printable, rounded, text
 from ..headline import contributor_name
+from ..svg import FAINT, INK, MUTED, box, line, printable, rounded, text
 from .frame import LIMIT_COLOUR, VALUE_COLOUR, WIDTH, picture
 from .tolerance_curves import ToleranceCurve, ToleranceCurves
 

@@ -15,11 +15,24 @@ from tailstack.estimation.checks import OVERLAP_PX, imaged_fiducials
 from tailstack.geometry.camera import depths
 from tailstack.system import System
 
-from ...rendering.label_places import MarkedPoint, label_places
-from ...rendering.panels import SMALL_PART, round_step
-from ...rendering.svg import FAINT, FONT, INK, LABEL_COLOUR, MUTED, box, line, printable, rounded, shape, text
+from ..rendering.panels import SMALL_PART, round_step
 from .beams import Beam, beams_of
-from .frame import LIMIT_COLOUR, WIDTH, picture
+from .figures.frame import LIMIT_COLOUR, WIDTH, picture
+from .svg import (
+    FAINT,
+    FONT,
+    INK,
+    LABEL_COLOUR,
+    MUTED,
+    MarkedPoint,
+    box,
+    label_places,
+    line,
+    printable,
+    rounded,
+    shape,
+    text,
+)
 
 CELL, LEFT, PLOT = WIDTH // 2, 44, 296  # width of a column; room for tick labels; side of a plot
 HEAD = 54  # above a plot: its name, its size, the axes of con

@@ -1,0 +1,558 @@
+"""The layout in space as data: what the viewer turns and what the picture on paper shows, from one list of items.
+
+A scene is items in con, mm: fiducials, targets, interfaces, frames, zones, beams and errors, in layers that are shown
+or hidden, and cameras to look from.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from math import cos, radians, sin, sqrt
+from typing import Any, Literal
+
+import numpy as np
+
+from tailstack.arrays import Array
+from tailstack.design import Design, compile_design
+from tailstack.design.optimise_document import SearchBox, SearchCylinder, Shaped
+from tailstack.geometry.rotation import cross, unit
+from tailstack.results import Score
+from tailstack.system import System
+
+from ..rendering.layout_picture import turns
+from ..rendering.panels import round_step
+from .beams import Beam, beams_of
+from .svg import printable
+
+Point3 = tuple[float, float, float]
+Kind = Literal["mark", "line", "face", "ellipsoid", "arrow"]
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One thing to draw: a mark at a point, a line or face through points, an arrow between two, an ellipsoid.
+
+    ``points``: con, mm; of an ellipsoid its centre and the ends of its three semi-axes, each from the centre.
+    ``look``: of a mark its shape, else the key of a style.
+    """
+
+    kind: Kind
+    layer: str
+    look: str
+    points: tuple[Point3, ...]
+    label: str = ""
+    title: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """Items that are shown or hidden together."""
+
+    key: str
+    label: str
+    shown: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A direction to look from, at infinite distance: ``right`` and ``up`` of the page in con."""
+
+    key: str
+    label: str
+    right: Point3
+    up: Point3
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A layout in con, mm.  ``near`` and ``far``: points that have to be in sight, of the structure, of everything."""
+
+    title: str
+    words: str  # the scene for those who do not see it
+    magnification: float  # of ellipsoids and biases; 0 where there are none
+    note: str  # what is drawn to which scale
+    layers: tuple[Layer, ...]
+    cameras: tuple[Camera, ...]
+    items: tuple[Item, ...]
+    near: tuple[Point3, ...]
+    far: tuple[Point3, ...]
+    before: str = "before"  # what the layout below is called, where this one is drawn over another
+
+
+LOOKS: dict[str, dict[str, Any]] = {  # of lines, faces, arrows and ellipsoids
+    "floor": {"stroke": "#c8c8c8", "width": 0.6, "fill": "#efefef", "opacity": 0.7},
+    "drop": {"stroke": "#9a9a9a", "width": 0.7, "dash": [1, 2.5]},
+    "ray": {"stroke": "#6b7780", "width": 0.9},
+    "axis": {"stroke": "#6b7780", "width": 0.8, "dash": [6, 3]},
+    "beam": {"stroke": "#4b5660", "width": 1.6},
+    "detector": {"stroke": "#4b5660", "width": 1.1, "fill": "#9fb3c4", "opacity": 0.25},
+    "guessed": {"stroke": "#4b5660", "width": 1.1, "fill": "#9fb3c4", "opacity": 0.15, "dash": [4, 3]},
+    "region": {"stroke": "#d55e00", "width": 0.9, "dash": [3, 2]},
+    "room": {"stroke": "#0072b2", "width": 0.8, "dash": [2, 3]},
+    "keep-out": {"stroke": "#b3261e", "width": 1.1, "dash": [5, 2]},
+    "frame": {"stroke": "#222222", "width": 1.3},
+    "locator": {"stroke": "#222222", "width": 1.4},
+    "lever": {"stroke": "#00795a", "width": 0.9, "dash": [8, 2, 2, 2]},
+    "moved": {"stroke": "#8a8a8a", "width": 0.9},
+    "tcp": {"stroke": "#a84600", "width": 1.1, "fill": "#e69f00", "opacity": 0.3},
+    "tcp-before": {"stroke": "#6b7780", "width": 1.0, "fill": "#9aa4ad", "opacity": 0.2, "dash": [3, 2]},
+    "localisation": {"stroke": "#00618f", "width": 1.0, "fill": "#56b4e9", "opacity": 0.25},
+    "bias": {"stroke": "#8c1d5b", "width": 1.8},
+    "bias-before": {"stroke": "#6b7780", "width": 1.4},
+}
+
+
+def point(values: Array) -> Point3:
+    x, y, z = (round(float(v), 3) + 0.0 for v in values)
+    return (x, y, z)
+
+
+def points_of(values: Iterable[Array]) -> tuple[Point3, ...]:
+    return tuple(point(value) for value in values)
+
+
+def place_in_words(values: Array) -> str:
+    x, y, z = (round(float(v), 2) + 0.0 for v in values)
+    return f"x {x:.2f}, y {y:.2f}, z {z:.2f} mm"
+
+
+CIRCLE = 36  # pieces of a circle
+P95_GAUSSIAN = sqrt(7.814727903251179)  # radius of the ball that holds 95 % of a standard Gaussian in three dimensions
+
+Lines = list[Array]  # each (n, 3), mm
+
+
+def box_lines(low: Array, high: Array) -> Lines:
+    """The twelve edges of an axis-parallel box between two corners (3,)."""
+    corners = {signs: np.where(signs, high, low) for signs in product((0, 1), repeat=3)}
+    return [
+        np.array([corners[a], corners[b]])
+        for a in corners
+        for b in corners
+        if a < b and sum(x != y for x, y in zip(a, b, strict=True)) == 1
+    ]
+
+
+def circle(centre: Array, normal: Array, radius_mm: float) -> Array:
+    """(CIRCLE + 1, 3) a closed circle about ``centre`` across ``normal``."""
+    first, second = across(normal)
+    angles = np.linspace(0.0, 2 * np.pi, CIRCLE + 1)[:, None]
+    return np.asarray(centre + radius_mm * (np.cos(angles) * first + np.sin(angles) * second))
+
+
+def across(direction: Array) -> tuple[Array, Array]:
+    """Two unit vectors across a direction (3,) and each other."""
+    along = unit(np.asarray(direction, dtype=float))
+    first = unit(cross(along, np.eye(3)[int(np.argmin(np.abs(along)))]))
+    return first, cross(along, first)
+
+
+def cylinder_lines(base: Array, axis: Array, height_mm: float, radius_mm: float) -> Lines:
+    """Both rims and four lines along the wall."""
+    along = height_mm * unit(np.asarray(axis, dtype=float))
+    rim = circle(base, axis, radius_mm)
+    walls = [np.array([rim[k], rim[k] + along]) for k in range(0, CIRCLE, CIRCLE // 4)]
+    return [rim, rim + along, *walls]
+
+
+def ball_lines(centre: Array, radius_mm: float) -> Lines:
+    """Three great circles."""
+    return [circle(centre, axis, radius_mm) for axis in np.eye(3)]
+
+
+def region_lines(region: Shaped) -> Lines:
+    """A search region or a keep-out zone of the design document; a tube or shell has its inner surface too."""
+    shape = region.shape
+    if isinstance(shape, SearchBox):
+        return box_lines(np.array(shape.min_mm), np.array(shape.max_mm))
+    radii = [radius for radius in (shape.radius_mm, shape.inner_radius_mm) if radius > 0]
+    if len(set(radii)) == 1:
+        radii = radii[:1]
+    if isinstance(shape, SearchCylinder):
+        base, axis = np.array(shape.base_mm), np.array(shape.axis)
+        return [line for radius in radii for line in cylinder_lines(base, axis, shape.height_mm, radius)]
+    return [line for radius in radii for line in ball_lines(np.array(shape.centre_mm), radius)]
+
+
+def semi_axes(covariance_mm2: Array) -> Array:
+    """(3, 3) one semi-axis per row, longest first: the ellipsoid that holds 95 % of a Gaussian, mm."""
+    values, vectors = np.linalg.eigh(covariance_mm2)
+    rows = (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1] * P95_GAUSSIAN
+    # The sign of an eigenvector is free: the same picture on every machine needs one.
+    leading = np.take_along_axis(rows, np.abs(rows).argmax(axis=1)[:, None], axis=1)
+    return np.asarray(np.where(leading < 0, -rows, rows))
+
+
+MOST_DROPS = 60  # lines down to the floor; more would be a curtain
+
+
+def structure_points(system: System) -> Array:
+    """(M, 3) mm: fiducials, targets, and pivots that turn."""
+    pivots = [mount.pivot_mm for mount in (system.interface_1, system.interface_2) if turns(mount)]
+    return np.vstack(
+        [system.fiducials_mm, [target.position_mm for target in system.targets], *([pivots] if pivots else [])]
+    )
+
+
+def radius_of(points_mm: Array) -> float:
+    low, high = points_mm.min(axis=0), points_mm.max(axis=0)
+    return max(0.5 * float(np.linalg.norm(high - low)), 1.0)
+
+
+def floor(systems: Sequence[System]) -> list[Item]:
+    """The rectangle below all fiducials."""
+    places = np.vstack([system.fiducials_mm for system in systems])
+    low, high = places.min(axis=0), places.max(axis=0)
+    pad = 0.06 * max(float((high - low).max()), 1.0)
+    (x0, y0), (x1, y1), z = low[:2] - pad, high[:2] + pad, low[2]
+    return [Item("face", "floor", "floor", points_of(np.array([[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]])))]
+
+
+def fiducials(system: System, old: System | None, called: str) -> list[Item]:
+    """Fiducials with their height over the lowest; of another layout, by label, those that stood elsewhere."""
+    before = {} if old is None else dict(zip(old.fiducial_labels, old.fiducials_mm, strict=True))
+    lowest = min(float(each.fiducials_mm[:, 2].min()) for each in (system, old) if each is not None)
+    items = []
+    for name, at in zip(system.fiducial_labels, system.fiducials_mm, strict=True):
+        label, was = printable(name, 18), before.pop(name, None)
+        if len(system.fiducials_mm) <= MOST_DROPS:
+            items.append(Item("line", "floor", "drop", points_of([at, np.array([at[0], at[1], lowest])])))
+        if was is not None and differ(was, at):
+            items.append(Item("line", "before", "moved", points_of([was, at])))
+            said = f"{label} {called}: {place_in_words(was)}"
+            items.append(Item("mark", "before", "old", (point(was),), "", said))
+        look = "fiducial" if old is None or was is not None else "new"
+        said = f"fiducial {label}: {place_in_words(at)}"
+        items.append(Item("mark", "fiducials", look, (point(at),), label, said))
+    for name, was in before.items():
+        said = f"{printable(name, 18)}, only {called}: {place_in_words(was)}"
+        items.append(Item("mark", "before", "old", (point(was),), "", said))
+    return items
+
+
+def differ(was: Array, now: Array) -> bool:
+    return not np.allclose(was, now, rtol=0, atol=1e-6)
+
+
+def targets(design: Design, system: System) -> list[Item]:
+    items, regions = [], set()
+    for target in system.targets:
+        label = target.name if target.region is None else "" if target.region in regions else target.region
+        regions.add(target.region)
+        title = f"target {printable(target.name, 40)}: {place_in_words(target.position_mm)}"
+        items.append(Item("mark", "targets", "target", (point(target.position_mm),), printable(label, 18), title))
+    for entry in design.document.targets:
+        region = entry.region
+        if region is None:
+            continue
+        lines: Lines = []
+        if region.box is not None:
+            centre, half = np.array(region.box.centre_mm), 0.5 * np.array(region.box.size_mm)
+            lines = box_lines(centre - half, centre + half)
+        elif region.sphere is not None:
+            lines = ball_lines(np.array(region.sphere.centre_mm), region.sphere.radius_mm)
+        items += [Item("line", "targets", "region", points_of(line)) for line in lines]
+    return items
+
+
+def mounts(design: Design, system: System, old: System | None, length: float) -> list[Item]:
+    interfaces = design.document.interfaces
+    items = []
+    mounts = (
+        ("pivot 1", system.interface_1, interfaces.structure_connector, old and old.interface_1),
+        ("pivot 2", system.interface_2, interfaces.connector_flange, old and old.interface_2),
+    )
+    for name, mount, document, was in mounts:
+        if not turns(mount):
+            continue
+        title = f"{name}, {printable(mount.label or mount.name, 60)}: {place_in_words(mount.pivot_mm)}"
+        items.append(Item("mark", "pivots", name, (point(mount.pivot_mm),), name, title))
+        if was and differ(was.pivot_mm, mount.pivot_mm):
+            items.append(Item("line", "before", "moved", points_of([was.pivot_mm, mount.pivot_mm])))
+        for target in system.targets[:1]:
+            arm = float(np.linalg.norm(target.position_mm - mount.pivot_mm))
+            said = f"{name} to {printable(target.name, 40)}: {arm:.1f} mm"
+            points = points_of([mount.pivot_mm, target.position_mm])
+            items.append(Item("line", "levers", "lever", points, f"{arm:.0f} mm", said))
+        for locator in (document.locators or ()) if document is not None else ():
+            at, normal = np.array(locator.position_mm), np.array(locator.normal, dtype=float)
+            begin = at - length * normal / np.linalg.norm(normal)
+            said = f"locator {printable(locator.name, 18)}: {place_in_words(at)}"
+            items.append(
+                Item("arrow", "locators", "locator", points_of([begin, at]), printable(locator.name, 18), said)
+            )
+    return items
+
+
+def frames(system: System, length: float) -> list[Item]:
+    """The axes of con, flange and tcp; frames that coincide are named together."""
+    frames: list[tuple[str, Array]] = []
+    for name, transform in (("con", np.eye(4)), ("flange", system.T_flange_con), ("tcp", system.T_tcp_con)):
+        here: Array = np.asarray(np.linalg.inv(transform), dtype=np.float64)
+        for k, (others, there) in enumerate(frames):
+            if np.allclose(here, there, rtol=0, atol=1e-6):
+                frames[k] = (f"{others} = {name}", there)
+                break
+        else:
+            frames.append((name, here))
+    items = []
+    for name, pose in frames:
+        origin = pose[:3, 3]
+        for axis, direction in zip("xyz", pose[:3, :3].T, strict=True):
+            label = f"{name} {axis}" if axis == "x" else axis
+            ends = points_of([origin, origin + length * direction])
+            items.append(Item("arrow", "frames", "frame", ends, label, f"frame {name}, axis {axis}"))
+    return items
+
+
+def zones(design: Design) -> list[Item]:
+    section = design.document.optimise
+    if section is None:
+        return []
+    items = []
+    for zone in section.keep_out:
+        title = f"keep-out zone {printable(zone.name, 40)}, clearance {zone.clearance_mm:g} mm"
+        for k, line in enumerate(region_lines(zone)):
+            label = printable(zone.name, 24) if k == 0 else ""
+            items.append(Item("line", "keep-out", "keep-out", points_of(line), label, title))
+    regions: list[Any] = [region for region in (section.region, *(section.regions or ())) if region is not None]
+    lines = [line for region in regions for line in region_lines(region)]
+    if section.box is not None:
+        lines += box_lines(np.array(section.box.min_mm), np.array(section.box.max_mm))
+    return items + [Item("line", "room", "room", points_of(line), "", "where fiducials may go") for line in lines]
+
+
+AZIMUTH, ELEVATION = radians(-62), radians(20)  # of the eye of the first camera
+
+
+def beam_items(beam: Beam, system: System, crowded: bool) -> list[Item]:
+    """Source, edges of the beam, detector and the images on it; ``crowded``: only the source is named, and shortly."""
+    name = printable(beam.view.name, 18)
+    corners = beam.on_detector(beam.corners_px)
+    said = f"{beam.detector_mm:.0f} mm from the source" if beam.stated else "its distance is not stated"
+    source = printable(name, 10) if crowded else f"{name} source"
+    title = f"source of view {name}: {place_in_words(beam.source_mm)}"
+    items = [Item("mark", "beams", "source", (point(beam.source_mm),), source, title)]
+    for corner in corners:
+        items.append(Item("line", "beams", "ray", points_of([beam.source_mm, corner])))
+    look = "detector" if beam.stated and beam.sized else "guessed"
+    label = "" if crowded else f"{name} detector"
+    items.append(Item("face", "beams", look, points_of(corners), label, f"detector of view {name}, {said}"))
+    middle = beam.source_mm + beam.detector_mm * beam.direction
+    items.append(Item("line", "beams", "axis", points_of([beam.source_mm, middle])))
+    images = beam.images(system.fiducials_mm)
+    images = images[np.isfinite(images).all(axis=1)]
+    items += [Item("mark", "beams", "image", (point(place),)) for place in beam.on_detector(images)]
+    return items
+
+
+def beam_arrow(beam: Beam, shown: Array) -> Item:
+    """An arrow towards the structure, from outside it, with the name of the view."""
+    centre, radius = (shown.min(axis=0) + shown.max(axis=0)) / 2, radius_of(shown)
+    along = centre - beam.source_mm
+    along = along / np.linalg.norm(along)
+    ends = points_of([centre - 1.5 * radius * along, centre - 1.15 * radius * along])
+    name = printable(beam.view.name, 18)
+    return Item("arrow", "directions", "beam", ends, name, f"beam of view {name}")
+
+
+def cameras(beams: Sequence[Beam]) -> tuple[Camera, ...]:
+    right = np.array([-sin(AZIMUTH), cos(AZIMUTH), 0.0])
+    up = np.array([-sin(ELEVATION) * cos(AZIMUTH), -sin(ELEVATION) * sin(AZIMUTH), cos(ELEVATION)])
+    cameras = [Camera("iso", "Oblique", _rounded_unit(right), _rounded_unit(up))]
+    for k, beam in enumerate(beams[:6]):
+        label = f"From {printable(beam.view.name, 18)} source"
+        cameras.append(Camera(f"view-{k + 1}", label, _rounded_unit(beam.right), _rounded_unit(beam.up)))
+    return (*cameras, Camera("top", "From +z", (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+
+
+def _rounded_unit(values: Array) -> Point3:
+    x, y, z = (round(float(v), 6) + 0.0 for v in values)
+    return (x, y, z)
+
+
+SHARE = 0.16  # of the layout's diagonal: the longest semi-axis or bias as drawn
+MOST_ELLIPSOIDS = 6  # targets with the largest P95
+
+
+def magnification_of(pairs: Sequence[tuple[System, Score]], radius: float) -> float:
+    """1, 2 or 5 times a power of ten, so that the largest ellipsoid and bias can be seen and hide nothing."""
+    sizes = [0.0]
+    for _, score in pairs:
+        for target in score.targets:
+            sizes.append(float(np.linalg.norm(target.bias_mm)))
+            sizes.append(float(np.linalg.norm(semi_axes(np.array(target.covariance_mm2))[0])))
+    return round_step(SHARE * 2 * radius / max(sizes)) if max(sizes) > 1e-9 else 0.0
+
+
+def errors(system: System, score: Score, magnification: float, called: str = "") -> list[Item]:
+    """Bias and ellipsoid of the targets with the largest P95, one per region.
+
+    ``called``: of a layout that another one is drawn over, what it is called; its errors have layers of their own.
+    """
+    if magnification == 0.0:
+        return []
+    suffix, when = ("-before", f"{called}: ") if called else ("", "")
+    regions = {target.name: target.region or target.name for target in system.targets}
+    places = {target.name: target.position_mm for target in system.targets}
+    from_tcp = system.T_tcp_con[:3, :3].T
+    items: list[Item] = []
+    seen: set[str] = set()
+    for target in sorted(score.targets, key=lambda entry: entry.p95_mm, reverse=True):
+        if regions[target.name] in seen or len(seen) == MOST_ELLIPSOIDS:
+            continue
+        seen.add(regions[target.name])
+        at = places[target.name]
+        kinds = (("tcp", target, from_tcp), ("localisation", target.localisation, np.eye(3)))
+        for kind, metric, turn in kinds[: 1 if suffix else 2]:
+            bias = turn @ np.array(metric.bias_mm)
+            covariance = turn @ np.array(metric.covariance_mm2) @ turn.T
+            centre = at + magnification * bias
+            axes = semi_axes(covariance)
+            word = "TCP" if kind == "tcp" else "localisation"
+            name = printable(target.name, 40)
+            if np.linalg.norm(axes[0]) > 0:
+                lengths = ", ".join(f"{float(np.linalg.norm(axis)):.3g}" for axis in axes)
+                title = (
+                    f"{when}{word} error at {name}: 95 % ellipsoid, semi-axes {lengths} mm, P95 {metric.p95_mm:.3f} mm"
+                )
+                points = (point(centre), *points_of(magnification * axes))
+                items.append(Item("ellipsoid", f"{kind}{suffix}", f"{kind}{suffix}", points, "", title))
+            size = float(np.linalg.norm(bias))
+            if kind == "tcp" and magnification * size > 1e-3:
+                title = f"{when}bias of the TCP error at {name}: {size:.3g} mm"
+                items.append(Item("arrow", f"bias{suffix}", f"bias{suffix}", points_of([at, centre]), "", title))
+    return items
+
+
+def extent(item: Item) -> Array:
+    """(M, 3) points around an error as drawn."""
+    points = np.array(item.points)
+    if item.kind != "ellipsoid":
+        return points
+    reach = np.sqrt((points[1:] ** 2).sum(axis=0))
+    return np.vstack([points[0] + sign * reach[k] * axis for k, axis in enumerate(np.eye(3)) for sign in (-1.0, 1.0)])
+
+
+MOST_NAMED = 3  # views: of more, detectors have no names of their own
+
+
+def scene_of(
+    design: Design,
+    score: Score,
+    title: str,
+    before: tuple[Design, Score] | None = None,
+    called: str = "before",
+) -> Scene:
+    """The scene of a design and what was computed of it; ``before``: another one that it is drawn over.
+
+    ``called``: what that one is called.  Positions are nominal; ellipsoids and biases are first order, at the
+    magnification that the scene states.  Raises DesignError, IllPosedError for a design that does not compile.
+    """
+    system = compile_design(design)
+    old = None if before is None else compile_design(before[0])
+    beams = beams_of(design, system)
+    judged = [(system, score)] + ([] if before is None or old is None else [(old, before[1])])
+    structures = [structure_points(at) for at, _ in judged]
+    radius = radius_of(structures[0])
+    magnification = magnification_of(judged, radius)
+    items: list[Item] = [
+        *floor([at for at, _ in judged]),
+        *fiducials(system, old, called),
+        *targets(design, system),
+        *mounts(design, system, old, 0.16 * radius),
+        *frames(system, 0.3 * radius),
+        *zones(design),
+    ]
+    drawn = list(errors(system, score, magnification))
+    if before is not None and old is not None:
+        drawn += errors(old, before[1], magnification, called)
+    shown = np.vstack([*structures, items[0].points, *(extent(item) for item in drawn)])
+    arrows = [beam_arrow(beam, shown) for beam in beams]
+    items += [*drawn, *arrows, *(item for beam in beams for item in beam_items(beam, system, len(beams) > MOST_NAMED))]
+    ends = [np.vstack([beam.source_mm, beam.on_detector(beam.corners_px)]) for beam in beams]
+    return Scene(
+        title=printable(title, 160),
+        words=_words(system, beams, magnification, old, called),
+        magnification=magnification,
+        note=_note(beams, magnification),
+        layers=_layers(items, system, called),
+        cameras=cameras(beams),
+        items=tuple(items),
+        near=points_of(np.vstack([shown, *(np.array(arrow.points) for arrow in arrows)])),
+        far=points_of(np.vstack([shown, *ends])),
+        before=called,
+    )
+
+
+def scene_json(scene: Scene) -> str:
+    """A scene as JSON for the viewer; it can stand in an HTML script element, and is the same for the same scene."""
+    data = {
+        "title": scene.title,
+        "words": scene.words,
+        "note": scene.note,
+        "looks": LOOKS,
+        "layers": [{"key": e.key, "label": e.label, "shown": e.shown} for e in scene.layers],
+        "cameras": [{"key": e.key, "label": e.label, "right": e.right, "up": e.up} for e in scene.cameras],
+        "items": [
+            {"kind": e.kind, "layer": e.layer, "look": e.look, "points": e.points}
+            | ({"label": e.label} if e.label else {})
+            | ({"title": e.title} if e.title else {})
+            for e in scene.items
+        ],
+        "near": scene.near,
+        "far": scene.far,
+    }
+    text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))  # noqa: TID251 - in a page
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _layers(items: Sequence[Item], system: System, called: str) -> tuple[Layer, ...]:
+    known = (
+        Layer("fiducials", f"Fiducials ({len(system.fiducials_mm)})", True),
+        Layer("labels", "Labels", True),
+        Layer("floor", "Height over lowest fiducial", True),
+        Layer("targets", "Targets", True),
+        Layer("tcp", "Error at the tool, 95 % ellipsoid", True),
+        Layer("bias", "Bias at the tool", True),
+        Layer("localisation", "Error as localised, 95 % ellipsoid", False),
+        Layer("pivots", "Pivots of the interfaces", True),
+        Layer("levers", "Lever arms to the first target", False),
+        Layer("locators", "Locators", True),
+        Layer("frames", "Frames con, flange, tcp", False),
+        Layer("directions", "Beam directions", True),
+        Layer("beams", "Sources and detectors", False),
+        Layer("keep-out", "Keep-out zones", True),
+        Layer("room", "Where fiducials may go", False),
+        Layer("before", f"Layout {called}", True),
+        Layer("tcp-before", f"Error at the tool, {called}", True),
+        Layer("bias-before", f"Bias at the tool, {called}", True),
+    )
+    used = {item.layer for item in items} | {"labels"}
+    return tuple(layer for layer in known if layer.key in used)
+
+
+def _note(beams: Sequence[Beam], magnification: float) -> str:
+    words = "Positions are nominal, in the connector frame con, mm; marks are not to scale."
+    if magnification > 0:
+        size = "are drawn to scale" if magnification == 1 else f"are magnified {magnification:g} times"
+        words += (
+            f" Error ellipsoids and biases {size}: first order, the ellipsoid that holds 95 % of a Gaussian with the "
+            "covariance, about target + bias."
+        )
+    unknown = [printable(beam.view.name, 18) for beam in beams if not beam.stated]
+    if unknown:
+        words += f" Where the detector of {', '.join(unknown)} stands is not stated: it is drawn behind what it images."
+    return words
+
+
+def _words(system: System, beams: Sequence[Beam], magnification: float, old: System | None, called: str) -> str:
+    targets = ", ".join(printable(target.name, 30) for target in system.targets[:5])
+    views = ", ".join(printable(beam.view.name, 30) for beam in beams)
+    words = f"{len(system.fiducials_mm)} fiducials, targets {targets}, views {views}, in the connector frame, mm. "
+    if old is not None:
+        words += f"Drawn over the layout {called}, with {len(old.fiducials_mm)} fiducials. "
+    return words + (f"Errors are magnified {magnification:g} times." if magnification else "")
