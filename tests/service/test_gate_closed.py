@@ -187,7 +187,7 @@ def test_a_file_that_cannot_be_put_in_its_place_takes_back_those_that_were(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], times: int
 ) -> None:
     """json is written last but six: text, before it, is in its place and says pass when json fails."""
-    from tailstack_service.cli.whole_files import Staged
+    from tailstack_service.console.files import Staged
 
     put, seen = Staged.put, []
 

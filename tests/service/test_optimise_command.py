@@ -26,7 +26,7 @@ from tailstack.errors import NotConvergedError, Problem
 from tailstack.results import Finding, Optimisation
 from tailstack_service.cli.main import main
 from tailstack_service.cli.optimise import STOPPING, reporter
-from tailstack_service.cli.progress import Progress
+from tailstack_service.console.progress import Progress
 
 DEMO = EXAMPLES / "demo.yaml"
 NEW_DESIGN = design_to_data(load_design(DEMO.read_text(encoding="utf-8").replace("[-30, -29, -72]", "[-40, -41, -72]")))

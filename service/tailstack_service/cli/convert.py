@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from .answer import Answer
+from ..console.answer import Answer
 
 HELP = "convert designs and fiducial files, by their endings"
 

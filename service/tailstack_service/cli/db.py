@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from .answer import NOT_EVALUATED, PASS, Answer
+from ..console.answer import NOT_EVALUATED, PASS, Answer
 from .given import add_database, settings_given
 
 HELP = "migrate, check, mend or back up the database of jobs"

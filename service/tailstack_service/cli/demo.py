@@ -11,8 +11,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .answer import Answer, exit_code_of
-from .verbs import program
+from ..console.answer import Answer, exit_code_of
+from ..console.program import program
 
 if TYPE_CHECKING:
     from .remote import Service
@@ -46,6 +46,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design import design_to_data, load_design
     from tailstack.design.loading import data_to_yaml
 
+    from ..console.arguments import coloured_output
     from ..documents import read_record
     from ..http.server import running_service
     from ..logs import log_to_stderr
@@ -53,7 +54,6 @@ def run(arguments: argparse.Namespace) -> Answer:
     from ..rendering.optimisation import optimisation_text
     from ..rendering.score import score_text
     from ..rendering.verification import verification_text
-    from .design_input import coloured_output
     from .remote import Service
 
     log_to_stderr(level=logging.WARNING)

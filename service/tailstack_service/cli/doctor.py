@@ -9,7 +9,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 
-from .answer import NOT_EVALUATED, PASS, Answer
+from ..console.answer import NOT_EVALUATED, PASS, Answer
 
 HELP = "check this installation"
 

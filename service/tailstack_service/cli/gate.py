@@ -13,9 +13,9 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .answer import BAD_INPUT, NOT_EVALUATED, PASS, Answer
-from .answer import INTERRUPTED as INTERRUPTED_CODE
-from .progress import Progress
+from ..console.answer import BAD_INPUT, NOT_EVALUATED, PASS, Answer
+from ..console.answer import INTERRUPTED as INTERRUPTED_CODE
+from ..console.progress import Progress
 
 if TYPE_CHECKING:
     from datetime import date
@@ -120,7 +120,7 @@ def _printed(body: str | bytes) -> list[Problem]:
     """Write to stdout.  Returns what kept it from being written; a reader who has left is no reason."""
     from tailstack.errors import Problem
 
-    from .answer import write_out
+    from ..console.answer import write_out
 
     try:
         write_out(body)
@@ -298,8 +298,8 @@ def _design(name: str) -> GateDesign:
     """A design, or the refusal that becomes its finding: the others are judged all the same."""
     from tailstack.errors import DesignError, LimitError
 
+    from ..console.arguments import read_design
     from ..gate.designs import GateDesign
-    from .design_input import read_design
 
     try:
         return GateDesign(_shown(name), read_design(name))

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from tailstack.errors import Problem, TailstackError
 
-from .whole_files import Staged, append, is_stream, staged
+from ..console.files import Staged, append, is_stream, staged
 
 if TYPE_CHECKING:
     from ..gate.records import GateRecord
@@ -103,8 +103,8 @@ class Outputs:
 
     def stdout(self, record: GateRecord) -> str | bytes:
         """What goes to stdout."""
+        from ..console.arguments import coloured_output
         from ..gate.terminal import gate_text
-        from .design_input import coloured_output
 
         name = self.on_stdout
         if name == "text":

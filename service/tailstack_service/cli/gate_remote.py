@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .progress import Progress
+from ..console.progress import Progress
 
 if TYPE_CHECKING:
     from ..gate.designs import Gate

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from tailstack.json_text import write_json
 
-from .answer import NOT_EVALUATED, PASS, Answer
-from .design_input import whole
+from ..console.answer import NOT_EVALUATED, PASS, Answer
+from ..console.arguments import whole
 
 if TYPE_CHECKING:
     from .remote import Service

@@ -6,10 +6,10 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
-from .answer import Answer
-from .design_input import whole
+from ..console.answer import Answer
+from ..console.arguments import whole
+from ..console.program import program
 from .given import add_database, settings_given
-from .verbs import program
 
 if TYPE_CHECKING:
     from ..store.database import Database

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
-from .answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
-from .answer import write_out as _write
-from .verbs import VERBS, program, typed
+from ..console.answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
+from ..console.answer import write_out as _write
+from ..console.program import program
+from .verbs import VERBS, typed
 
 EPILOG = """\
 exit codes: 0 pass · 1 the design fails · 2 bad input or usage · 3 could not evaluate · 4 inconclusive · 130 interrupted

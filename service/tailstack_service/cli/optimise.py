@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -13,11 +12,11 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from .answer import INTERRUPTED, Answer, exit_code_of
-from .design_input import add_design, coloured_output, read_design, whole
-from .progress import Progress
-from .verbs import program
-from .whole_files import replace_file
+from ..console.answer import INTERRUPTED, Answer, exit_code_of
+from ..console.arguments import add_design, coloured_output, read_design, whole
+from ..console.files import replace_file, writable
+from ..console.program import program
+from ..console.progress import Progress
 
 if TYPE_CHECKING:
     from tailstack.design import Design
@@ -144,23 +143,6 @@ def stopped_by_signals() -> Iterator[Signals]:
 
 
 # --- files ----------------------------------------------------------------------------------------
-
-
-def writable(name: str, endings: tuple[str, ...]) -> Path:
-    """A path for a new file, refused before the work and not after it.  Raises RequestError."""
-    from tailstack.errors import Problem
-
-    from ..problems import RequestError
-
-    path = Path(name)
-    if path.suffix.lower() not in endings:
-        hint = f"known: {', '.join(endings)}"
-        raise RequestError(Problem("", "unknown-format", f"{name!r} has no known ending", hint))
-    if not path.parent.is_dir() or path.is_dir():
-        raise RequestError(Problem("", "file-unwritable", f"cannot write {name}: no such directory, or a directory"))
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise RequestError(Problem("", "file-unwritable", f"cannot write {name}: no permission in its directory"))
-    return path
 
 
 def write_results(design: Design, result: Optimisation, output: Path | None, picture: Path | None) -> None:

@@ -10,9 +10,10 @@ from dataclasses import replace
 
 from tailstack.errors import Problem, TailstackError
 
+from ..console.answer import BAD_INPUT, NOT_EVALUATED
+from ..console.program import program
 from ..names import TRACEBACK
-from .answer import BAD_INPUT, NOT_EVALUATED
-from .verbs import program, typed
+from .verbs import typed
 
 # What to type next, by class of refusal; {file} is the design that was given.
 NEXT = {

@@ -24,9 +24,9 @@ from tailstack.errors import (
 )
 from tailstack.json_text import write_json
 
+from ..console.answer import BAD_INPUT, NOT_EVALUATED
 from ..job_document import ENDED
 from ..names import KEY, URL
-from .answer import BAD_INPUT, NOT_EVALUATED
 
 DEFAULT_URL = "http://127.0.0.1:8321"
 SECONDS = 30.0  # for an answer that does not wait for anything

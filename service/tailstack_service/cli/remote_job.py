@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from typing import TYPE_CHECKING, Any
 
-from .progress import Progress
+from ..console.progress import Progress
 
 if TYPE_CHECKING:
     from .remote import RemoteError, Service

@@ -8,11 +8,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from .answer import EXIT_CODE, FAIL, NOT_EVALUATED, PASS, Answer
-from .design_input import whole
-from .progress import Progress
+from ..console.answer import EXIT_CODE, FAIL, NOT_EVALUATED, PASS, Answer
+from ..console.arguments import whole
+from ..console.files import replace_file
+from ..console.progress import Progress
 from .verify import add_most, precision
-from .whole_files import replace_file
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

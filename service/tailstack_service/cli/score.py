@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from .answer import Answer, exit_code_of
-from .design_input import add_design, coloured_output, read_design
+from ..console.answer import Answer, exit_code_of
+from ..console.arguments import add_design, coloured_output, read_design
 
 HELP = "first-order score: P95 bound, covariance, budget"
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from .answer import PASS, Answer
-from .design_input import whole
+from ..console.answer import PASS, Answer
+from ..console.arguments import whole
 from .given import add_database, settings_given
 
 HELP = "the HTTP service and its worker"

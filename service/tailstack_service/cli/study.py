@@ -6,7 +6,7 @@ import argparse
 from importlib import import_module
 from types import ModuleType
 
-from .answer import Answer
+from ..console.answer import Answer
 
 HELP = "studies: the paper's tables, reach of first order, coupling, measurements"
 # A study is a module of ``cli/studies`` with ``add(parsers)``, which parses, and ``run(arguments) -> Answer``.

@@ -9,10 +9,9 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from .answer import NOT_EVALUATED, PASS, Answer
-from .design_input import add_design, coloured_output, read_design, whole
-from .grid_options import add_figure, add_form
-from .progress import Progress
+from ..console.answer import NOT_EVALUATED, PASS, Answer
+from ..console.arguments import add_design, add_figure, add_form, coloured_output, read_design, whole
+from ..console.progress import Progress
 
 if TYPE_CHECKING:
     from tailstack.design import Design
@@ -71,11 +70,11 @@ def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.errors import Problem
     from tailstack.sweeping import axis_pointer, read_axes, sweep
 
+    from ..console.files import writable_figure, write_figure
     from ..documents import to_json
     from ..problems import RequestError
     from ..rendering.sweep import sweep_csv, sweep_text
     from ..rendering.sweep_figure import refuse_undrawable, sweep_svg
-    from .studies.figure import writable_figure, write_figure
 
     if arguments.trials is not None and arguments.check == "score":
         detail, hint = "a score draws no trials", "add --check verification, or leave --trials out"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 
-from .answer import PASS, Answer
-from .design_input import read_design
+from ..console.answer import PASS, Answer
+from ..console.arguments import read_design
 
 HELP = "parse and check, no computing"
 

@@ -1,22 +1,15 @@
-"""The verbs, and what the command that has them is called where it was started."""
+"""The verbs, and commands in a text as they can be typed where this one was started."""
 
 from __future__ import annotations
 
-import os
 import re
 
-from ..names import COMMAND
+from ..console.program import INSTALLED, program
 
 VERBS = (
     "demo", "validate", "score", "verify", "optimise", "sweep", "study", "gate", "report", "convert", "serve", "worker",
     "jobs", "db", "keys", "schema", "openapi", "doctor", "version",
 )  # fmt: skip
-INSTALLED = "tailstack"
-
-
-def program() -> str:
-    """What a person types before the verb: ``tailstack``, or ``./run tailstack`` in a checkout."""
-    return os.environ.get(COMMAND) or INSTALLED
 
 
 def typed(text: str) -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from .answer import Answer, exit_code_of
-from .design_input import add_design, coloured_output, read_design, whole
-from .progress import Progress
+from ..console.answer import Answer, exit_code_of
+from ..console.arguments import add_design, coloured_output, read_design, whole
+from ..console.progress import Progress
 
 HELP = "Monte Carlo check of the full nonlinear chain"
 

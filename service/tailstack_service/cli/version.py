@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from .answer import Answer
+from ..console.answer import Answer
 
 HELP = "version of tailstack"
 

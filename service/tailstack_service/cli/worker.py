@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import signal
 
-from .answer import NOT_EVALUATED, PASS, Answer
-from .design_input import whole
+from ..console.answer import NOT_EVALUATED, PASS, Answer
+from ..console.arguments import whole
 from .given import add_database, settings_given
 
 HELP = "compute jobs that services accepted"

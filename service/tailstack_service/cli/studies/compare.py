@@ -13,9 +13,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..answer import FAIL, INCONCLUSIVE, PASS, Answer
-from ..design_input import add_design, coloured_output, read_design, whole
-from ..progress import Progress
+from ...console.answer import FAIL, INCONCLUSIVE, PASS, Answer
+from ...console.arguments import add_design, coloured_output, read_design, whole
+from ...console.progress import Progress
 
 HELP = "bench measurements against prediction"
 EXIT = {"agrees": PASS, "differs": FAIL, "not testable": INCONCLUSIVE}
@@ -57,10 +57,10 @@ def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.studies.comparison import study_comparison
     from tailstack.studies.comparison_file import read_measurements
 
+    from ...console.files import writable_figure, write_figure
     from ...documents import to_json
     from ...rendering.studies.comparison import comparison_text
     from ...rendering.studies.comparison_figure import comparison_svg
-    from .figure import writable_figure, write_figure
 
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
     targets = [target.name for target in compile_design(design).targets]

@@ -10,9 +10,9 @@ import argparse
 
 from tailstack.studies.coupling_records import LEAST_TRIALS
 
-from ..answer import Answer
-from ..design_input import add_design, read_design, whole
-from ..progress import Progress
+from ...console.answer import Answer
+from ...console.arguments import add_design, read_design, whole
+from ...console.progress import Progress
 
 HELP = "is the tail of installation error and noise together more than the parts?"
 
@@ -57,10 +57,10 @@ def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.errors import Problem
     from tailstack.studies.coupling import LEVELS, study_coupling
 
+    from ...console.files import writable_figure, write_figure
     from ...documents import to_json
     from ...problems import RequestError
     from ...rendering.studies.coupling import coupling_svg, coupling_text
-    from .figure import writable_figure, write_figure
 
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
     names = [target.name for target in compile_design(design).targets]

@@ -10,10 +10,9 @@ import argparse
 
 from tailstack.studies.linearity_records import LEAST_TRIALS
 
-from ..answer import NOT_EVALUATED, PASS, Answer
-from ..design_input import add_design, read_design, whole
-from ..grid_options import add_figure, add_form
-from ..progress import Progress
+from ...console.answer import NOT_EVALUATED, PASS, Answer
+from ...console.arguments import add_design, add_figure, add_form, read_design, whole
+from ...console.progress import Progress
 
 HELP = "where first order holds: a map over noise, rotation, spread and count"
 
@@ -72,9 +71,9 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     from tailstack.studies.linearity import study_linearity
 
+    from ...console.files import writable_figure, write_figure
     from ...documents import to_json
     from ...rendering.studies.linearity import linearity_csv, linearity_svg, linearity_text
-    from .figure import writable_figure, write_figure
 
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
     axes = {

@@ -11,10 +11,9 @@ import argparse
 from importlib.resources import files
 from pathlib import Path
 
-from ..answer import Answer
-from ..design_input import read_design, whole
-from ..grid_options import add_form
-from ..progress import Progress
+from ...console.answer import Answer
+from ...console.arguments import add_form, read_design, whole
+from ...console.progress import Progress
 
 HELP = "the published tables, cell by cell, reproduced and corrected"
 FITTED = ("fitted_eq18.yaml", "fitted_physical.yaml")
@@ -56,10 +55,10 @@ def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design import compile_design
     from tailstack.studies.paper import Case, paper_study
 
+    from ...console.files import writable_directory, write_figure
     from ...documents import to_json
     from ...rendering.studies.paper import paper_csv, paper_text
     from ...rendering.studies.paper_figures import paper_figures
-    from .figure import writable_directory, write_figure
 
     directory = None if arguments.figures is None else writable_directory(arguments.figures)
     cases = [*(Case(compile_design(design), True) for design in fitted), Case(compile_design(other), False)]

@@ -1,4 +1,4 @@
-"""DESIGN on the command line: a file, or ``-`` for stdin."""
+"""Arguments that several commands share: DESIGN (a file, or ``-`` for stdin), whole numbers, forms of an answer."""
 
 from __future__ import annotations
 
@@ -54,3 +54,18 @@ def whole(low: int, high: int | None = None) -> type:
         return value
 
     return convert  # type: ignore[return-value]
+
+
+def add_form(parser: argparse.ArgumentParser, record: str, line: str) -> None:
+    """--json (the record named) or --csv (one line for each of what ``line`` names)."""
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument(
+        "--json", action="store_true", help=f"print the record as JSON (tailstack schema {record}); a refusal is then "
+        "a problem document on stderr",
+    )  # fmt: skip
+    form.add_argument("--csv", action="store_true", help=f"print one line of CSV for each {line}")
+
+
+def add_figure(parser: argparse.ArgumentParser, what: str) -> None:
+    """--figure FILE, which says what is drawn."""
+    parser.add_argument("--figure", metavar="FILE", help=f"draw {what} (.svg)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,3 +65,48 @@ def replace_file(path: Path, content: str | bytes) -> None:
         append(str(path), encoded)
     else:
         staged(str(path), encoded).put()
+
+
+def writable(name: str, endings: tuple[str, ...]) -> Path:
+    """A path for a new file, refused before the work and not after it.  Raises RequestError."""
+    from tailstack.errors import Problem
+
+    from ..problems import RequestError
+
+    path = Path(name)
+    if path.suffix.lower() not in endings:
+        hint = f"known: {', '.join(endings)}"
+        raise RequestError(Problem("", "unknown-format", f"{name!r} has no known ending", hint))
+    if not path.parent.is_dir() or path.is_dir():
+        raise RequestError(Problem("", "file-unwritable", f"cannot write {name}: no such directory, or a directory"))
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise RequestError(Problem("", "file-unwritable", f"cannot write {name}: no permission in its directory"))
+    return path
+
+
+def writable_figure(name: str) -> Path:
+    """Where a new figure goes.  Raises RequestError."""
+    return writable(name, (".svg",))
+
+
+def write_figure(path: Path, svg: str) -> None:
+    """Write it and say so on stderr.  Raises OSError."""
+    replace_file(path, svg)
+    print(f"wrote {path}", file=sys.stderr)
+
+
+def writable_directory(name: str) -> Path:
+    """Where several new figures go; made if it is not there.  Raises RequestError, OSError."""
+    from tailstack.errors import Problem
+
+    from ..problems import RequestError
+
+    if not name:
+        raise RequestError(Problem("", "file-unwritable", "no directory is named", "--figures ."))
+    path = Path(name)
+    if path.exists() and not path.is_dir():
+        raise RequestError(Problem("", "file-unwritable", f"cannot write into {name}: it is not a directory"))
+    path.mkdir(parents=True, exist_ok=True)
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise RequestError(Problem("", "file-unwritable", f"cannot write into {name}: no permission"))
+    return path

@@ -1,0 +1,1 @@
+"""What every command on a terminal shares: answers and exit codes, arguments, progress, files."""
