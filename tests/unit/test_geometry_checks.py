@@ -11,9 +11,20 @@ from hypothesis import strategies as st
 
 from scenes import cube_fiducials, mount, system_of, target, with_noise
 from tailstack.errors import IllPosedError
-from tailstack.estimation.checks import check_geometry, check_views, examine, imaged_fiducials
+from tailstack.estimation.checks import (
+    check_geometry,
+    check_views,
+    closest_two,
+    design_squares,
+    examine,
+    firm,
+    imaged_fiducials,
+    look,
+    sight,
+    sines_between_rays,
+    spread,
+)
 from tailstack.estimation.resection import design_matrix, hartley_similarity, homogeneous, project
-from tailstack.estimation.sighting import closest_two, design_squares, firm, look, sight, sines_between_rays, spread
 from tailstack.geometry.camera import camera_centre
 from tailstack.geometry.rotation import rotation_xyz
 from tailstack.system import Reading

@@ -12,8 +12,7 @@ import pytest
 from reference_chain import run
 from scenes import cube8_system, cube_fiducials, random_system, read_only, system_of, target, with_noise
 from tailstack.geometry.rotation import rotation_xyz
-from tailstack.propagation.images import image_gains
-from tailstack.propagation.linear import covariance, covariance_block_diagonal, linearise
+from tailstack.propagation.linear import covariance, covariance_block_diagonal, image_gains, linearise
 from tailstack.propagation.noise import noise_gains, noise_gains_jit
 from tailstack.system import Reading, RotationForm, Triangulation, View
 

@@ -31,10 +31,13 @@ from tailstack.tail.declared import (
     law_quantile_coarse,
     linear_law,
     norm_quantile_of,
+    on_principal_axes,
+    probability,
+    solve_on_axes,
+    start_radius,
     tolerances,
     without_group,
 )
-from tailstack.tail.declared_kernels import on_principal_axes, probability, solve_on_axes, start_radius
 from tailstack.tail.gaussian import norm_cdf, norm_mean, norm_quantile, norm_quantile_gradient
 from tailstack.tail.lattice import ball_integral, ball_sums, bessel_j01
 from tailstack.tail.sampling import _edgeworth_weights, sample, sobol_points

@@ -10,16 +10,18 @@ from scipy import stats
 
 from tailstack.tail.declared import LinearLaw, law_quantile, linear_law, norm_quantile_of
 from tailstack.tail.gaussian import norm_quantile
-from tailstack.tail.per_unit import _sample, unit_quantile, unit_risk
-from tailstack.tail.unit_kernels import (
+from tailstack.tail.per_unit import (
     LEAST,
     MOST,
     SIZE,
+    _sample,
     distance_like,
     percentile,
     principal_root,
     share_within,
     solved_between,
+    unit_quantile,
+    unit_risk,
 )
 
 NOISE = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]]) / 10

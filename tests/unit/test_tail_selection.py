@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tailstack.tail.unit_kernels import nearest_units, units_at_ranks
+from tailstack.tail.per_unit import nearest_units, units_at_ranks
 
 RNG = np.random.default_rng(20)
 VALUES = {

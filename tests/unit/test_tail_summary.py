@@ -19,16 +19,15 @@ from tailstack.tail.declared import (
     SAMPLED_METHOD,
     TRIANGULAR,
     UNIFORM,
+    end_of,
     law_budget,
     law_exceedance,
     law_quantile,
     law_summary,
     linear_law,
 )
-from tailstack.tail.declared_kernels import end_of
 from tailstack.tail.gaussian import norm_cdf, norm_cvar, norm_mean, norm_quantile, norm_sf
-from tailstack.tail.lattice import sines
-from tailstack.tail.series import LOG_SINC, along_line, fold_small, higher_orders, in_plane
+from tailstack.tail.lattice import LOG_SINC, along_line, fold_small, higher_orders, in_plane, sines
 
 NOISE = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]])
 TURN = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]

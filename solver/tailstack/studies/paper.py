@@ -20,8 +20,7 @@ from ..errors import OutOfRangeError, Problem
 from ..estimation.resection import project, resect
 from ..estimation.triangulation import triangulate
 from ..montecarlo import compile_plan, evaluate, run_indices
-from ..propagation.chain import estimator_geometry
-from ..propagation.linear import Block, LinearModel, covariance, linearise
+from ..propagation.linear import Block, LinearModel, covariance, estimator_geometry, linearise
 from ..propagation.second_order import refuse_outside_range, second_order_moments
 from ..results import Vector3
 from ..scoring import checked_system, vector3

@@ -26,8 +26,16 @@ import numpy as np
 from ..arrays import Array
 from ..errors import LimitError, Problem
 from ..kernels import kernel
-from .declared import LawQuantile, LinearLaw, lattice_columns, law_cdf, law_quantile, law_quantile_coarse
-from .declared_kernels import build, on_principal_axes
+from .declared import (
+    LawQuantile,
+    LinearLaw,
+    build,
+    lattice_columns,
+    law_cdf,
+    law_quantile,
+    law_quantile_coarse,
+    on_principal_axes,
+)
 from .gaussian import norm_quantile_jit, probability_iv
 from .lattice import balls
 from .sampling import sample
