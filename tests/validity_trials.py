@@ -18,10 +18,8 @@ from tailstack.propagation.linear import linearise
 from tailstack.results import Check, Verification
 from tailstack.system import System
 from tailstack.tail.declared import law_quantile
-from tailstack_service.gate.checking import verified
-from tailstack_service.gate.designs import Computed, Gate, first_order, wants_check
-from tailstack_service.gate.judging import Progress, judge
-from tailstack_service.gate.numbers import numbers_of
+from tailstack_service.gate.case import numbers_of
+from tailstack_service.gate.judge import Computed, Gate, Progress, first_order, judge, verified, wants_check
 from tailstack_service.gate.request import admitted, gate_of
 
 ERRORS = ("tcp", "localisation")

@@ -269,7 +269,8 @@ def schema_names() -> dict[str, str]:
 
 @cache
 def _schema_text(name: str) -> str:
-    from .gate.schemas import policy_json_schema, waivers_json_schema
+    from .gate.rules import policy_json_schema
+    from .gate.waivers import waivers_json_schema
 
     makers: dict[str, Callable[[], dict[str, Any]]] = {
         "design": design_json_schema,

@@ -133,7 +133,7 @@ def run(scene: Scene, folder: Path) -> tuple[int, dict[str, bytes]]:
             for name in scene.before:
                 (folder / name).unlink()
         if scene.broken_off_by is not None:
-            stack.enter_context(patch("tailstack_service.gate.judging.judge", _raising(scene.broken_off_by)))
+            stack.enter_context(patch("tailstack_service.gate.judge.judge", _raising(scene.broken_off_by)))
         code = main(["gate", *scene.arguments, *wanted])
     return code, {name: (folder / f"out.{end}").read_bytes() for name, end in FORMATS.items()}
 

@@ -12,7 +12,7 @@ from work_driver import run_job
 
 from tailstack import load_design, verify
 from tailstack_service.documents import to_json
-from tailstack_service.gate.history_rules import ROUNDING_PERCENT
+from tailstack_service.gate.baseline import ROUNDING_PERCENT
 from tailstack_service.gate.records import GateRecord
 from tailstack_service.gate.request import admitted, evaluate
 
@@ -247,9 +247,9 @@ def test_limits_stay_absolute_whatever_the_baseline_says() -> None:
 
 
 def test_a_baseline_of_another_version_is_remarked_at_its_line(tmp_path: Any) -> None:
-    from tailstack_service.gate.designs import Gate, GateDesign
-    from tailstack_service.gate.judging import judge
-    from tailstack_service.gate.reading import read_baseline, read_policy
+    from tailstack_service.gate.baseline import read_baseline
+    from tailstack_service.gate.judge import Gate, GateDesign, judge
+    from tailstack_service.gate.policy import read_policy
 
     base = record_of(limited(3 * P95))
     base["provenance"]["tailstack_version"] = "0.0.1"

@@ -110,11 +110,11 @@ def test_a_gate_that_cannot_judge_leaves_no_old_pass(folder: Path, arguments: li
 @pytest.mark.parametrize(
     ("place", "error", "code"),
     [
-        ("tailstack_service.gate.designs.score", RuntimeError("singular"), 3),
-        ("tailstack_service.gate.designs.score", MemoryError(), 3),
+        ("tailstack_service.gate.judge.score", RuntimeError("singular"), 3),
+        ("tailstack_service.gate.judge.score", MemoryError(), 3),
         ("tailstack_service.gate.reading.read_source", OSError(5, "Input/output error"), 3),
         ("tailstack_service.cli.gate._files", KeyboardInterrupt(), 130),
-        ("tailstack_service.gate.judging.conclude", KeyboardInterrupt(), 130),
+        ("tailstack_service.gate.judge.conclude", KeyboardInterrupt(), 130),
     ],
 )
 def test_whatever_is_raised_is_no_pass(
@@ -131,7 +131,7 @@ def test_whatever_is_raised_is_no_pass(
 def test_a_format_on_stdout_is_whole_when_the_gate_breaks_off(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("tailstack_service.gate.judging.conclude", raising(RuntimeError("singular")))
+    monkeypatch.setattr("tailstack_service.gate.judge.conclude", raising(RuntimeError("singular")))
     assert main(["gate", "good.yaml", "--format", "json"]) == 3
     shown = capsys.readouterr()
     assert json.loads(shown.out)["exit_code"] == 3

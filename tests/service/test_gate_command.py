@@ -18,8 +18,8 @@ from tailstack.design.loading import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.cli.report import _stem
 from tailstack_service.documents import from_plain, to_json
-from tailstack_service.gate.markdown import markdown_text
 from tailstack_service.gate.rules import RULES
+from tailstack_service.gate.text import markdown_text
 
 PASSING, FAILING = 1.4, 0.3  # limits in mm; P95 of the small design is about 0.65 mm
 

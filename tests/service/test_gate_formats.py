@@ -18,13 +18,19 @@ from service_scenes import ROOT
 
 from tailstack_service.documents import from_plain, json_schema
 from tailstack_service.gate.formats import FORMATS as WRITERS
-from tailstack_service.gate.github import SUMMARY_BYTES, github_text, step_summary
-from tailstack_service.gate.gitlab import gitlab_text
-from tailstack_service.gate.junit import junit_text
-from tailstack_service.gate.places import cut, fingerprints, in_repository
+from tailstack_service.gate.formats import (
+    SUMMARY_BYTES,
+    cut_text,
+    fingerprint_findings,
+    github_text,
+    gitlab_text,
+    junit_text,
+    name_from_root,
+    sarif_text,
+    step_summary,
+)
 from tailstack_service.gate.records import GateFinding, GateRecord
-from tailstack_service.gate.sarif import sarif_text
-from tailstack_service.gate.terminal import gate_text
+from tailstack_service.gate.text import gate_text
 
 SCHEMAS = ROOT / "tests" / "data" / "schemas"
 
@@ -133,7 +139,7 @@ def test_a_summary_stays_within_its_size() -> None:
         assert not text or text.endswith("(cut here: the rest is in the record)\n")
     assert len(step_summary(record).encode()) > SUMMARY_BYTES - 400
     assert step_summary(record_of("fail")) == golden("fail", "markdown").read_text(encoding="utf-8")
-    assert cut("whole\n", 6) == "whole\n"
+    assert cut_text("whole\n", 6) == "whole\n"
 
 
 def test_junit_holds_whatever_a_name_holds() -> None:
@@ -211,17 +217,17 @@ def test_what_github_asks_of_sarif() -> None:
 
 def test_fingerprints_do_not_hang_on_lines_or_values() -> None:
     moved = finding(line=900, column=1, value=7.0, message=finding().message.replace("0.6497", "0.7"))
-    assert fingerprints([finding()]) == fingerprints([moved])
-    assert len(set(fingerprints([finding(), finding(), finding(rule="cvar"), finding(file="other.yaml")]))) == 4
+    assert fingerprint_findings([finding()]) == fingerprint_findings([moved])
+    assert len(set(fingerprint_findings([finding(), finding(), finding(rule="cvar"), finding(file="other.yaml")]))) == 4
 
 
 def test_files_are_named_from_the_root_of_the_repository() -> None:
-    record = in_repository(
+    record = name_from_root(
         with_findings(finding(file="../up.yaml"), finding(file="/abs.yaml"), finding()), "parts/seat"
     )
     assert [entry.file for entry in record.findings] == ["parts/up.yaml", "/abs.yaml", "parts/seat/bad.yaml"]
     assert record.designs[0].file == "parts/seat/good.yaml"
-    assert in_repository(record, "") is record
+    assert name_from_root(record, "") is record
 
 
 def test_text_gives_no_command_to_a_runner() -> None:

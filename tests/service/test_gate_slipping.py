@@ -103,7 +103,7 @@ def test_a_trivial_second_requirement_does_not_hide_the_one_that_is_not_judged()
 
 
 def test_not_judged_cannot_be_silenced() -> None:
-    from tailstack_service.gate.errors import GateError
+    from tailstack_service.gate.reading import GateError
 
     with pytest.raises(GateError, match="not-judged"):
         gate({"guide.yaml": design(PROMISE)}, policy=policy({"not-judged": {"severity": "off"}}))

@@ -17,7 +17,7 @@ from tailstack import load_design, score, verify
 from tailstack.design.loading import data_to_yaml
 from tailstack.errors import DesignError, LimitError, TailstackError
 from tailstack_service.documents import json_schema, to_json
-from tailstack_service.gate.errors import GateError
+from tailstack_service.gate.reading import GateError
 from tailstack_service.gate.records import GateFinding, GateRecord
 from tailstack_service.gate.request import admitted, evaluate
 from tailstack_service.gate.rules import RULES
@@ -491,7 +491,7 @@ def test_every_rule_has_a_page(rule: str) -> None:
 
 
 def test_rules_and_policy_name_the_same_rules() -> None:
-    from tailstack_service.gate.policy_document import Rules
+    from tailstack_service.gate.policy import Rules
 
     names = {info.alias or name for name, info in Rules.model_fields.items()}
     assert names == set(RULES) - {"invalid-design", "invalid-input", "not-evaluated"}

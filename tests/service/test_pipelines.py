@@ -42,7 +42,7 @@ from service_scenes import ROOT
 
 from tailstack.version import __version__
 from tailstack_service.cli.main import main
-from tailstack_service.gate.reading import read_waivers
+from tailstack_service.gate.waivers import read_waivers
 
 pytestmark = pytest.mark.xdist_group("pipelines")  # they share an installed environment
 SCHEMAS = ROOT / "tests" / "data" / "schemas"

@@ -10,7 +10,7 @@ import yaml
 
 from tailstack import load_design, score, verify
 from tailstack.results import Score
-from tailstack_service.gate.requirement_rules import to_blame
+from tailstack_service.gate.design_rules import to_blame
 from tailstack_service.rendering.score import shares_of
 from tailstack_service.report.headline import headline_of
 

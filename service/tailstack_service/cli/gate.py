@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from tailstack.errors import Problem, TailstackError
 
-    from ..gate.designs import Gate, GateDesign
+    from ..gate.judge import Gate, GateDesign
     from ..gate.records import GateRecord
     from .gate_outputs import Outputs
 
@@ -89,9 +89,8 @@ def run(arguments: argparse.Namespace) -> Answer:
     if arguments.explain is not None:
         return Answer(_explained(arguments.explain), PASS)
 
-    from ..gate.terminal import gate_summary
-    from ..gate.unfinished import unwritten
-    from .gate_outputs import FOR_PEOPLE, outputs_of, say
+    from ..gate.text import gate_summary
+    from .gate_outputs import FOR_PEOPLE, outputs_of, say, unwritten
     from .refusals import problem_text
 
     found = _found(arguments.design)  # before anything is written: no output becomes a design, no design an output
@@ -141,9 +140,8 @@ def _record(
     stderr and kept in the record."""
     from tailstack.errors import Problem, TailstackError
 
-    from ..gate.unfinished import INTERRUPTED, NOT_FINISHED, unfinished
     from ..problems import RequestError
-    from .gate_outputs import OutputError
+    from .gate_outputs import INTERRUPTED, NOT_FINISHED, OutputError, unfinished
     from .refusals import report_error, report_failure
 
     known = partial(
@@ -192,8 +190,7 @@ def _judged(arguments: argparse.Namespace, designs: list[str]) -> GateRecord:
 
             return asked(gate, arguments.remote, progress)
 
-        from ..gate.checking import verified
-        from ..gate.judging import judge
+        from ..gate.judge import judge, verified
 
         return judge(gate, verified, progress.report)
 
@@ -256,8 +253,10 @@ def _shown(name: str) -> str:
 
 
 def _gate(arguments: argparse.Namespace, files: list[str]) -> Gate:
-    from ..gate.designs import Gate, seed_of
-    from ..gate.reading import read_baseline, read_policy, read_waivers
+    from ..gate.baseline import read_baseline
+    from ..gate.judge import Gate, seed_of
+    from ..gate.policy import read_policy
+    from ..gate.waivers import read_waivers
 
     day = today()
     policy = read_policy(None if arguments.policy is None else Path(arguments.policy))
@@ -299,7 +298,7 @@ def _design(name: str) -> GateDesign:
     from tailstack.errors import DesignError, LimitError
 
     from ..console.arguments import read_design
-    from ..gate.designs import GateDesign
+    from ..gate.judge import GateDesign
 
     try:
         return GateDesign(_shown(name), read_design(name))

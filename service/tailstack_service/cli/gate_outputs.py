@@ -1,25 +1,26 @@
 """Where a gate writes: formats to files and to stdout, and the summary of a step in GitHub Actions.
 
-Each file says *not evaluated* as soon as a gate has begun: one that is killed leaves nothing that looks current.  At
-the end all are written, or none says that the gate passed.
+A file of the last run must never look like an answer to this one: each says *not evaluated* as soon as a gate has
+begun, so one that is killed leaves nothing that looks current.  At the end all are written, or none says that the gate
+passed.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tailstack.errors import Problem, TailstackError
+from tailstack.scoring import NOT_INCLUDED
+from tailstack.version import __version__
 
 from ..console.files import Staged, append, is_stream, staged
-
-if TYPE_CHECKING:
-    from ..gate.records import GateRecord
+from ..gate.records import Fold, GatedDesign, GateFinding, GateProvenance, GateRecord, Level, Mode
 
 SUMMARY = "GITHUB_STEP_SUMMARY"
 ROOTS = ("GITHUB_WORKSPACE", "CI_PROJECT_DIR")  # where GitHub and GitLab check the repository out
@@ -104,7 +105,7 @@ class Outputs:
     def stdout(self, record: GateRecord) -> str | bytes:
         """What goes to stdout."""
         from ..console.arguments import coloured_output
-        from ..gate.terminal import gate_text
+        from ..gate.text import gate_text
 
         name = self.on_stdout
         if name == "text":
@@ -121,12 +122,11 @@ class Outputs:
         file = os.environ.get(SUMMARY)
         if not file or not any(name == "github" for name, _ in self.formats):
             return []
-        from ..gate.github import step_summary
-        from ..gate.places import in_repository
+        from ..gate.formats import name_from_root, step_summary
 
         try:
             with open(file, "ab") as stream:
-                stream.write(step_summary(in_repository(record, prefix()), stream.tell()).encode())
+                stream.write(step_summary(name_from_root(record, prefix()), stream.tell()).encode())
         except OSError as error:
             return [_refused(f"{SUMMARY} {file}", error)]
         return []
@@ -163,11 +163,10 @@ def outputs_of(formats: Iterable[tuple[str, str | None]], inputs: Iterable[str])
 
 def written(name: str, record: GateRecord) -> bytes:
     """A record in a format."""
-    from ..gate.formats import FORMATS
-    from ..gate.places import in_repository
+    from ..gate.formats import FORMATS, name_from_root
 
     chosen = FORMATS[name]
-    return chosen.write(in_repository(record, prefix()) if chosen.in_repository else record)
+    return chosen.write(name_from_root(record, prefix()) if chosen.in_repository else record)
 
 
 def prefix() -> str:
@@ -198,3 +197,66 @@ def _remove(file: str) -> None:
     if Path(file).is_file():
         with suppress(OSError):
             Path(file).unlink()
+
+
+NOT_FINISHED = Problem("", "not-finished", "the gate has not ended: it is running, or it was killed")
+INTERRUPTED = Problem("", "interrupted", "the gate was interrupted before it came to a verdict")
+
+
+def unfinished(
+    files: Sequence[str],
+    problems: Iterable[Problem],
+    exit_code: int,
+    *,
+    today: date,
+    mode: Mode = "auto",
+    fail_level: Level = "error",
+    on_inconclusive: Fold | None = None,
+    max_regression_percent: float | None = None,
+) -> GateRecord:
+    """The record of a gate that ends with ``exit_code`` 2, 3 or 130 before it judged the designs of these files."""
+    rule = "invalid-input" if exit_code == 2 else "not-evaluated"
+    return GateRecord(
+        schema="tailstack/gate/1",
+        verdict="not evaluated",
+        exit_code=exit_code,
+        mode=mode,
+        seed=0,
+        fail_level=fail_level,
+        on_inconclusive=on_inconclusive,
+        max_regression_percent=max_regression_percent,
+        findings=tuple(_finding(rule, problem, files) for problem in problems),
+        designs=tuple(GatedDesign(file, None, None, None, "not evaluated", "none", None, (), ()) for file in files),
+        provenance=GateProvenance(
+            tailstack_version=__version__,
+            policy_name="(not read)",
+            policy_sha256=None,
+            waivers_sha256=None,
+            baseline_sha256=None,
+            today=today.isoformat(),
+            not_included=NOT_INCLUDED,
+        ),
+    )
+
+
+def unwritten(record: GateRecord, problems: Iterable[Problem]) -> GateRecord:
+    """The record of a gate that judged and could not leave its answer everywhere it was asked to: no verdict, whatever
+    the designs came to, and the reasons before all findings."""
+    reasons = tuple(_finding("not-evaluated", problem, ()) for problem in problems)
+    code = record.exit_code if record.verdict == "not evaluated" else 3
+    return replace(record, verdict="not evaluated", exit_code=code, findings=(*reasons, *record.findings))
+
+
+def _finding(rule: str, problem: Problem, files: Sequence[str]) -> GateFinding:
+    return GateFinding(
+        rule=rule,
+        severity="error",
+        file=problem.file or (files[0] if files else "tailstack gate"),
+        line=problem.line,
+        column=problem.column,
+        pointer=problem.pointer if problem.file else "",
+        message=problem.detail + (f" — {problem.hint}" if problem.hint else ""),
+        value=None,
+        limit=None,
+        suppressed_by=None,
+    )

@@ -1,26 +1,26 @@
-"""A gate that a running service judges: sent, waited for, brought back to the files here."""
+"""A gate that a running service judges: what is sent, and the record that comes back, at lines of the files here."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import re
+from dataclasses import replace
+from typing import Any
+
+from tailstack.design import Design, design_to_data
+from tailstack.design.refusals import place
+from tailstack.errors import Problem
 
 from ..console.progress import Progress
-
-if TYPE_CHECKING:
-    from ..gate.designs import Gate
-    from ..gate.records import GateRecord
+from ..gate.judge import Gate, conclude, first_order, refused
+from ..gate.records import WORST_FIRST, GatedDesign, GateFinding, GateRecord
+from ..gate.waivers import in_words
 
 
 def asked(gate: Gate, url: str, progress: Progress) -> GateRecord:
     """The record as it would have been computed here.  Raises RemoteError, also for an answer that is no record."""
     from pydantic import ValidationError
 
-    from tailstack.errors import Problem
-
     from ..documents import read_record
-    from ..gate.asking import completed, request_of
-    from ..gate.designs import first_order
-    from ..gate.judging import conclude
     from .remote import RemoteError, Service
     from .remote_job import answer
 
@@ -39,3 +39,86 @@ def asked(gate: Gate, url: str, progress: Progress) -> GateRecord:
         problem = Problem("", "unexpected-answer", detail, "is it a tailstack of this version? tailstack version")
         raise RemoteError("unexpected-answer", "The service gave an unexpected answer", 0, (problem,)) from None
     return completed(record, gate)
+
+
+# What a service calls documents that came without a file of their own.
+POLICY, WAIVERS, BASELINE = "policy", "waivers", "baseline"
+_WAIVED = re.compile(rf"{WAIVERS}#/waivers/(\d+), ")
+_POINT = re.compile(r"/fiducials/points(/\d+.*)?")
+
+
+def request_of(gate: Gate) -> dict[str, Any]:
+    """Body of ``POST /v1/gates``: every design that could be read, with the points of its fiducial file in it."""
+    designs = [
+        {"file": entry.file, "design": design_to_data(entry.design)}
+        for entry in gate.designs
+        if entry.design is not None
+    ]
+    unread = tuple(entry.file for entry in gate.designs if entry.design is None)  # they are there, if not sent
+    given = {
+        "policy": gate.policy.source.data,
+        "waivers": None if gate.waivers is None else gate.waivers.source.data,
+        "baseline": None if gate.baseline is None else gate.baseline.source.data,
+        "on_inconclusive": gate.on_inconclusive,
+        "max_regression_percent": gate.max_regression_percent,
+        "present": None if gate.baseline is None else [*gate.present, *unread] or None,
+    }
+    return {
+        "designs": designs,
+        "mode": gate.mode,
+        "seed": gate.seed,
+        "today": gate.today.isoformat(),
+        "fail_level": gate.fail_level,
+        **{name: value for name, value in given.items() if value is not None},
+    }
+
+
+def completed(record: GateRecord, gate: Gate) -> GateRecord:
+    """The record of a service with findings at their lines here, and with the designs that were not sent because they
+    could not be read."""
+    sent = iter(record.designs)
+    designs: list[GatedDesign] = []
+    findings = [_placed(finding, gate) for finding in record.findings]
+    unread: list[GateFinding] = []
+    for entry in gate.designs:
+        if entry.design is not None:
+            designs.append(next(sent))
+        else:
+            assert entry.refusal is not None
+            designs.append(GatedDesign(entry.file, None, None, None, "not evaluated", "none", None, (), ()))
+            unread += refused(entry, entry.refusal)
+    if unread:  # the service did not know of designs that may have what a pattern is for
+        findings = [finding for finding in findings if finding.rule != "process-unused"]
+    order = {entry.file: index for index, entry in enumerate(gate.designs)}
+    findings = sorted([*findings, *unread], key=lambda finding: order.get(finding.file, len(order)))
+    if not unread:
+        return replace(record, findings=tuple(findings), designs=tuple(designs))
+    return replace(record, verdict=WORST_FIRST[0], exit_code=2, findings=tuple(findings), designs=tuple(designs))
+
+
+def _placed(finding: GateFinding, gate: Gate) -> GateFinding:
+    design = next((entry.design for entry in gate.designs if entry.file == finding.file), None)
+    if design is not None:
+        pointer = _own_pointer(finding.pointer, design)
+        placed = place(Problem(pointer, finding.rule, ""), design.source)
+        finding = replace(finding, pointer=pointer, line=placed.line, column=placed.column)
+    elif finding.file == WAIVERS and gate.waivers is not None:
+        placed = place(Problem(finding.pointer, finding.rule, ""), gate.waivers.source)
+        finding = replace(finding, file=gate.waivers.file, line=placed.line, column=placed.column)
+    elif finding.file == POLICY:
+        placed = place(Problem(finding.pointer, finding.rule, ""), gate.policy.source)
+        finding = replace(finding, file=gate.policy.file, line=placed.line, column=placed.column)
+    elif finding.file == BASELINE and gate.baseline is not None:
+        placed = place(Problem(finding.pointer, finding.rule, ""), gate.baseline.source)
+        finding = replace(finding, file=gate.baseline.file, line=placed.line, column=placed.column)
+    found = None if finding.suppressed_by is None else _WAIVED.match(finding.suppressed_by)
+    if found is not None and gate.waivers is not None:
+        finding = replace(finding, suppressed_by=in_words(gate.waivers, int(found.group(1))))
+    return finding
+
+
+def _own_pointer(pointer: str, design: Design) -> str:
+    """Points that were sent inside the design stand in a file of their own."""
+    if design.document.fiducials.file is not None and _POINT.fullmatch(pointer):
+        return "/fiducials/file"
+    return pointer

@@ -227,3 +227,9 @@ class GateRecord:
     """The designs and the numbers that were judged."""
     provenance: GateProvenance
     """What decided, besides the designs."""
+
+
+def counts(record: GateRecord, finding: GateFinding) -> bool:
+    """Whether a finding fails the gate by its weight."""
+    heavy = ("error",) if record.fail_level == "error" else ("error", "warning")
+    return finding.suppressed_by is None and finding.severity in heavy

@@ -15,11 +15,11 @@ from tailstack.design.refusals import refuse
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 
 from ..problems import RequestError
-from .checking import verified
-from .designs import Gate, GateDesign, seed_of
-from .judging import judge
-from .reading import read_baseline, read_policy, read_waivers
+from .baseline import read_baseline
+from .judge import Gate, GateDesign, judge, seed_of, verified
+from .policy import read_policy
 from .records import Fold, GateRecord, Level, Mode
+from .waivers import read_waivers
 
 # What a service was set to admit was held to its limits at the door; here only what no setting can exceed is refused.
 ADMITTED = replace(DEFAULT_LIMITS, document_bytes=100_000_000)

@@ -4,13 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
-from .case import Case, Remark
-from .history_rules import not_compared, regressions, relaxed_limits
-from .layout_rules import close_fiducials, close_images, narrow_margins, tight_tolerances, weaknesses
-from .requirement_rules import exceedances, first_order_gaps, open_questions, quantiles, tail_means, yields
-from .requirements import names_that_match, requirements_not_judged
+from tailstack.design.document import without_null
+
+from .baseline import not_compared, regressions, relaxed_limits
+from .case import Case, Remark, names_that_match, requirements_not_judged
+from .design_rules import (
+    close_fiducials,
+    close_images,
+    exceedances,
+    first_order_gaps,
+    narrow_margins,
+    open_questions,
+    quantiles,
+    tail_means,
+    tight_tolerances,
+    weaknesses,
+    yields,
+)
+from .policy import Policy
 
 
 @dataclass(frozen=True, slots=True)
@@ -422,3 +435,16 @@ RULES: dict[str, Rule] = {rule.id: rule for rule in _RULES}
 def explanation(rule: Rule) -> str:
     """The page of a rule, as ``tailstack gate --explain`` prints it."""
     return f"{rule.id}: {rule.title}\n\n{rule.page}\n\nseverity unless the policy says otherwise: {rule.severity}\n"
+
+
+def policy_json_schema() -> dict[str, Any]:
+    """JSON Schema (2020-12) of ``tailstack/policy/1``."""
+    head = {
+        "title": "tailstack policy, version 1",
+        "description": "What a gate judges by: rules by id with their severity and limits, and classes of designs with "
+        "rules of their own. Unknown fields, NaN and infinities are refused.",
+    }
+    schema = without_null(Policy.model_json_schema(by_alias=True))
+    for name, entry in schema["$defs"]["Rules"]["properties"].items():
+        entry["description"] = f"{RULES[name].title}."
+    return {**schema, **head}

@@ -11,10 +11,8 @@ from tailstack.errors import Problem, TailstackError
 from tailstack.results import Verification
 
 from ..documents import read_record, to_json
-from ..gate.checking import sampling_of
-from ..gate.designs import Computed, Gate, first_order, held_to, wants_check
-from ..gate.errors import GateError
-from ..gate.judging import conclude
+from ..gate.judge import Computed, Gate, conclude, first_order, held_to, sampling_of, wants_check
+from ..gate.reading import GateError
 from ..gate.request import gate_of
 from ..problems import RequestError
 from . import verification

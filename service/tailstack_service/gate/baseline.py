@@ -1,14 +1,116 @@
-"""Rules about the baseline: is the design worse than it was, or asked for less?"""
+"""An earlier gate to compare with: which design it was, and whether that is worse now or asked for less."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from math import dist
+from math import dist, isfinite
+from typing import Any
 
-from .case import Case, Remark
-from .records import GatedDesign, GateRequirement, GateTarget
-from .requirement_rules import target_pointer
-from .requirements import at, in_words, pointer_of
+from pydantic import BaseModel, ValidationError
+
+from tailstack.design import Design
+from tailstack.design.reading import shown
+from tailstack.design.refusals import escape, place, refuse
+from tailstack.errors import Problem
+
+from .case import Case, Remark, at, in_words, pointer_of
+from .design_rules import target_pointer
+from .reading import LIMITS, GateError, GateInput, Given, add_prefix, hash_content, read_data
+from .records import GatedDesign, GateRecord, GateRequirement, GateSection, GateTarget
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GateBaseline(GateInput):
+    """An earlier gate, to compare with."""
+
+    record: GateRecord
+
+
+def read_baseline(given: Given, *, name: str = "baseline", prefix: str = "") -> GateBaseline:
+    """The record of an earlier gate from a path, text or data.  Raises GateError."""
+    from ..documents import from_plain
+
+    hint = "write one with: tailstack gate DESIGN... --format json=baseline.json"
+    source = read_data(given, "tailstack/gate/1", prefix, hint)
+    try:
+        record: GateRecord = from_plain("gate", source.data)
+    except ValidationError as error:
+        raise GateError(add_prefix(refuse(error, source, LIMITS, BaseModel).problems, prefix)) from None
+    problem = _find_bad_number(source.data, record.seed)
+    if problem is None and not any(design.targets for design in record.designs):
+        detail = f"nothing was judged by this gate (verdict: {record.verdict}): it has no numbers to compare with"
+        problem = Problem("/designs", "no-numbers", detail, hint)
+    if problem is not None:
+        raise GateError(add_prefix((place(problem, source),), prefix))
+    return GateBaseline(source, source.file or name, hash_content(source.data), record)
+
+
+def _find_bad_number(data: Any, seed: int) -> Problem | None:
+    """A number that no record holds, if there is one: a baseline is written by tailstack, but read from anywhere."""
+    if not 0 <= seed < 2**63:
+        return Problem("/seed", "out-of-range", f"a seed is a whole number from 0 to {2**63 - 1}; got {shown(seed)}")
+    open_ends: list[tuple[str, Any]] = [("", data)]
+    while open_ends:
+        at, item = open_ends.pop()
+        if isinstance(item, float) and not isfinite(item):
+            return Problem(at, "not-finite", "the number is too large")
+        if at.endswith("p95_mm") and item is not None and (not isinstance(item, int | float) or item < 0):
+            return Problem(at, "wrong-type", f"expected a number of 0 or more; got {shown(item)}")
+        children = item.items() if isinstance(item, dict) else enumerate(item) if isinstance(item, list) else ()
+        open_ends += [(f"{at}/{escape(step)}", child) for step, child in children]
+    return None
+
+
+# --- which design it was ---
+
+# A name is what its author writes; these are what is made.  Requirements are left out: they are what is compared.
+SECTIONS = ("views", "interfaces", "targets", "transforms", "execution")
+FEWEST_ALIKE = 3  # sections that have to be the same where the fiducials are not
+
+
+def sections_of(design: Design) -> tuple[GateSection, ...]:
+    """The sections that a design states, by the hash of their content, defaults filled in; of the fiducials where they
+    are, whatever they are called and whatever file they stand in."""
+    document = design.document
+    data = document.model_dump(mode="json", by_alias=True, include=set(SECTIONS) & document.model_fields_set)
+    content = {"fiducials": [list(position) for position in design.fiducials.positions_mm], **data}
+    return tuple(GateSection(name, hash_content(content[name])) for name in ("fiducials", *SECTIONS) if name in content)
+
+
+def find_earlier(
+    designs: Sequence[GatedDesign],
+    file: str,
+    name: str,
+    sha256: str,
+    sections: Collection[GateSection],
+    present: Collection[str],
+) -> GatedDesign | None:
+    """The design of a baseline that this one was: of that file; or, of those whose file is not ``present`` any more,
+    the only one of that content, of the most sections in common (fiducials, or three), or of that name."""
+    same_file = [entry for entry in designs if entry.file == file and entry.targets]
+    gone = [entry for entry in designs if entry.file not in present and entry.targets]
+    found: tuple[Callable[[], list[GatedDesign]], ...] = (
+        lambda: same_file,
+        lambda: [entry for entry in gone if entry.sha256 == sha256],
+        lambda: _most_alike(gone, sections),
+        lambda: [entry for entry in gone if entry.name == name],
+    )
+    return next((entries[0] for find in found if len(entries := find()) == 1), None)
+
+
+def _most_alike(designs: Sequence[GatedDesign], sections: Collection[GateSection]) -> list[GatedDesign]:
+    alike = {entry.file: set(sections) & set(entry.sections) for entry in designs}
+    near = [
+        entry
+        for entry in designs
+        if len(alike[entry.file]) >= FEWEST_ALIKE or any(one.name == "fiducials" for one in alike[entry.file])
+    ]
+    most = max((len(alike[entry.file]) for entry in near), default=0)
+    return [entry for entry in near if len(alike[entry.file]) == most]
+
+
+# --- is it worse ---
 
 # Two machines differ in the last digits of a first-order score; a rise of less is no rise.
 ROUNDING_PERCENT = 1e-6

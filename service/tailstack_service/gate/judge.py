@@ -1,40 +1,315 @@
-"""From designs, policy and numbers to a verdict: pure functions, without clock, network or randomness of their own."""
+"""From designs and what they are judged by to a record: pure functions, without clock, network or chance of their own.
+
+Every design is scored to first order under its own limits and the policy's, Monte Carlo is drawn where that cannot
+decide, the rules are asked, waivers are applied, and what is left gives the verdict and the exit code.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import date
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
 
-from tailstack.design import Design, compile_design
+from tailstack.design import Design, compile_design, load_design
 from tailstack.design.refusals import place
 from tailstack.errors import Problem, TailstackError
+from tailstack.estimation.checks import DETERMINATION
 from tailstack.results import Score, Severity, Verification
-from tailstack.scoring import NOT_INCLUDED, vector3
+from tailstack.scoring import NOT_INCLUDED, score, vector3
 from tailstack.system import System
 from tailstack.version import __version__
 
-from .case import Case
-from .checking import looks_of
-from .classes import remarks_on_classes
-from .designs import Computed, Gate, GateDesign, first_order, wants_check
-from .finding_place import finding_at
-from .identity import find_earlier, sections_of
-from .numbers import numbers_of
-from .policy_document import Rules
-from .processes import remarks_on_processes
+from .baseline import GateBaseline, find_earlier, sections_of
+from .case import Case, near_a_limit, numbers_of, requirements_of, unjudged, with_policy
+from .design_rules import Tolerance, tolerances_of
+from .policy import DesignClass, GatePolicy, Process, Rules
+from .reading import place_finding
 from .records import (
     WORST_FIRST,
     Fold,
     GatedDesign,
     GateFinding,
+    GateNumber,
     GateProvenance,
     GateRecord,
     GateTarget,
     GateVerdict,
+    Level,
+    Mode,
 )
-from .requirements import requirements_of, unjudged
 from .rules import RULES
-from .waiving import Accepted, accepting, in_words, remarks_on_waivers
+from .waivers import Accepted, GateWaivers, accepted_values, accepting, in_words, remarks_on_waivers
+
+if TYPE_CHECKING:
+    from tailstack.runs import Sampling
+
+BELIEVED_PERCENT = 5.0  # error of P95 up to which mode auto believes first order
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GateDesign:
+    """A design handed to the gate: read, or the reason why it could not be."""
+
+    file: str
+    design: Design | None
+    refusal: TailstackError | None = None
+    design_class: str | None = None  # None: the policy's patterns decide
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gate:
+    """Everything that decides, besides the computing."""
+
+    designs: tuple[GateDesign, ...]
+    policy: GatePolicy
+    waivers: GateWaivers | None
+    baseline: GateBaseline | None
+    mode: Mode
+    seed: int
+    today: date
+    fail_level: Level = "error"
+    on_inconclusive: Fold | None = None
+    max_regression_percent: float | None = None  # None: the policy's
+    present: tuple[str, ...] = ()  # files that are not judged now and are still there: not renamed since the baseline
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Computed:
+    """A design with its first-order score, held to the policy's limits too."""
+
+    entry: GateDesign
+    design_class: str | None
+    rules: Rules
+    held: Design | None  # the design with the policy's limits among its requirements
+    added: dict[str, str]
+    score: Score | None
+    refusal: TailstackError | None
+
+
+def seed_of(given: int | None, policy: GatePolicy, baseline: GateBaseline | None) -> int:
+    """The seed that was asked for, else the baseline's (head and base then share their chance), else the policy's."""
+    if given is not None:
+        return given
+    return policy.document.verification.seed if baseline is None else baseline.record.seed
+
+
+def first_order(gate: Gate) -> tuple[Computed, ...]:
+    """Every design's score; a refusal is kept as such."""
+    return tuple(_first_order(gate, entry) for entry in gate.designs)
+
+
+def _first_order(gate: Gate, entry: GateDesign) -> Computed:
+    if entry.design is None:
+        return Computed(entry, entry.design_class, gate.policy.document.rules, None, {}, None, entry.refusal)
+    name = gate.policy.class_of(entry.file, entry.design.name, entry.design_class)
+    rules = gate.policy.rules_for(name)
+    data, added = with_policy(entry.design, rules)
+    try:
+        held = load_design(data)
+        return Computed(entry, name, rules, held, added, score(held), None)
+    except TailstackError as error:
+        return Computed(entry, name, rules, None, added, None, error)
+
+
+def held_to(gate: Gate, index: int) -> Design:
+    """A design with the policy's limits among its requirements, without its score.  Raises DesignError, LimitError."""
+    entry = gate.designs[index]
+    assert entry.design is not None
+    name = gate.policy.class_of(entry.file, entry.design.name, entry.design_class)
+    return load_design(with_policy(entry.design, gate.policy.rules_for(name))[0])
+
+
+def _believed(score: Score) -> bool:
+    """Whether first order may decide a limit that it is far from.
+
+    Its layout is of a class that was calibrated, it is good to a few per cent there, and nothing remarks that the
+    geometry hardly determines the answer.
+    """
+    trust = score.validity
+    if not trust.calibrated or trust.expected_error_percent is None or trust.expected_error_percent > BELIEVED_PERCENT:
+        return False
+    return not any(finding.rule in DETERMINATION for finding in score.verdict.findings)
+
+
+def wants_check(gate: Gate, computed: Computed) -> bool:
+    """Whether Monte Carlo is drawn for a design: never, always, or where first order is not believed or too near to a
+    limit."""
+    if computed.score is None or gate.mode == "analytic":
+        return False
+    if gate.mode == "verify":
+        return True
+    assert computed.held is not None
+    numbers = numbers_of(computed.score, None, computed.rules, computed.added, computed.held)
+    if numbers and not _believed(computed.score):
+        return True
+    names = (computed.entry.file, computed.held.name)
+
+    def accepted(number: GateNumber) -> tuple[float, ...]:
+        return accepted_values(gate.waivers, gate.today, number.rule, number.target, names)
+
+    return near_a_limit(numbers, gate.policy.document.guard_band_percent, accepted)
+
+
+def sampling_of(gate: Gate, computed: Computed) -> Sampling:
+    """How a design that was scored is checked: in mode auto until every limit is decided and no longer, in mode verify
+    to the policy's precision as well.  Values up to which waivers accept are limits like others.
+    """
+    from tailstack.montecarlo.sequential import CvarQuestion, Question
+    from tailstack.runs import Sampling
+
+    assert computed.score is not None
+    assert computed.held is not None
+    names = (computed.entry.file, computed.held.name)
+    wanted = gate.policy.document.verification
+    questions = [
+        Question(check.target, check.error, check.quantile, value)
+        for check in computed.score.verdict.checks
+        if check.risk == "pooled"
+        for value in accepted_values(
+            gate.waivers, gate.today, computed.added.get(check.requirement, "p95"), check.target, names
+        )
+    ]
+    cvar, means = computed.rules.cvar, []
+    if cvar.limit_mm is not None and cvar.severity != "off":
+        for target in computed.score.targets:
+            values = accepted_values(gate.waivers, gate.today, "cvar", target.name, names)
+            means += [CvarQuestion(target.name, limit, cvar.confidence) for limit in (cvar.limit_mm, *values)]
+    auto = gate.mode == "auto"
+    return Sampling(
+        precision=None if auto else wanted.precision,
+        seed=gate.seed,
+        max_trials=wanted.max_trials,
+        sequential=auto,
+        questions=tuple(questions),
+        cvar=tuple(means),
+    )
+
+
+def verified(gate: Gate, computed: Computed, progress: Progress | None = None) -> Verification:
+    """Monte Carlo as the policy says, here and now.  Raises TailstackError."""
+    from tailstack.runs import prepare
+    from tailstack.verifying import verify_prepared
+
+    assert computed.held is not None
+    return verify_prepared(prepare(computed.held), sampling_of(gate, computed), progress=progress)
+
+
+def looks_of(gate: Gate) -> int:
+    """Looks that the checks of a gate are planned with."""
+    from tailstack.montecarlo import estimators, sequential
+
+    planned = sequential.planned_looks if gate.mode == "auto" else estimators.planned_looks
+    return len(planned(gate.policy.document.verification.max_trials))
+
+
+_LIMITS = ("limit_mm", "min_mm", "max_probability", "min_yield")
+
+
+def find_weak_classes(gate: Gate, scored: list[Computed]) -> list[GateFinding]:
+    """What classes that designs of this gate are in switch off or weaken, at its place in the policy."""
+    policy = gate.policy.document
+    severity = policy.rules.class_relaxed.severity
+    if severity == "off":
+        return []
+    findings = []
+    for index, entry in enumerate(policy.classes):
+        inside = [computed.entry.file for computed in scored if computed.design_class == entry.name]
+        for rule, field, words, lost in _list_weaker(policy.rules, entry) if inside else ():
+            message = f"class {entry.name}: {rule} {words}; in it {_count_files(inside)}"
+            pointer = f"/classes/{index}/rules/{rule}/{field}"
+            findings.append(place_finding(gate.policy, pointer, "class-relaxed", severity if lost else "note", message))
+    return findings
+
+
+def _list_weaker(rules: Rules, entry: DesignClass) -> Iterator[tuple[str, str, str, bool]]:
+    """Rule, field, words, and whether the rule is lost altogether."""
+    for name in sorted(entry.rules.model_fields_set):
+        own, before = getattr(entry.rules, name), getattr(rules, name)
+        if before.severity != "error":
+            continue
+        rule = Rules.model_fields[name].alias or name
+        if "severity" in own.model_fields_set and own.severity != "error":
+            lost = own.severity == "off"
+            words = "is off, an error for all others" if lost else f"is a {own.severity}, an error for all others"
+            yield rule, "severity", words, lost
+        for field in _LIMITS:
+            if field in own.model_fields_set and getattr(own, field) is None and getattr(before, field) is not None:
+                yield rule, field, f"has no {field}, {getattr(before, field):g} for all others", True
+        if "processes" in own.model_fields_set and not own.processes and before.processes:
+            yield rule, "processes", "has no processes, unlike for all others", True
+
+
+def _count_files(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
+
+
+_WORDS = {"deg": "rotations", "mm": "lengths"}
+
+
+def find_idle_processes(gate: Gate) -> list[GateFinding]:
+    """Patterns of process-capability that judge no tolerance of any design that they were held against.
+
+    Nothing is said where a design could not be read, for it may have what the pattern is for.
+    """
+    severity = gate.policy.document.rules.process_unused.severity
+    if severity == "off" or any(entry.design is None for entry in gate.designs):
+        return []
+    held: dict[str, list[Design]] = defaultdict(list)  # pointer to a list of processes: designs
+    for entry in gate.designs:
+        assert entry.design is not None
+        name = gate.policy.class_of(entry.file, entry.design.name, entry.design_class)
+        if gate.policy.rules_for(name).process_capability.severity != "off":
+            held[_point_at_processes(gate, name)].append(entry.design)
+    findings = []
+    for pointer, designs in held.items():
+        tolerances = [tolerance for design in designs for tolerance in tolerances_of(design)]
+        for index, process in enumerate(_processes_at(gate, pointer)):
+            for number, pattern in enumerate(process.tolerances):
+                if (said := _explain_idle(process, pattern, tolerances, len(designs))) is not None:
+                    findings.append(
+                        place_finding(
+                            gate.policy, f"{pointer}/{index}/tolerances/{number}", "process-unused", severity, said
+                        )
+                    )
+    return findings
+
+
+def _point_at_processes(gate: Gate, design_class: str | None) -> str:
+    """Where the processes of a class stand: its own go before the policy's."""
+    for index, entry in enumerate(gate.policy.document.classes):
+        own = entry.rules.process_capability
+        if entry.name == design_class and "processes" in own.model_fields_set:
+            return f"/classes/{index}/rules/process-capability/processes"
+    return "/rules/process-capability/processes"
+
+
+def _processes_at(gate: Gate, pointer: str) -> list[Process]:
+    policy = gate.policy.document
+    rules = policy.rules if pointer.startswith("/rules") else policy.classes[int(pointer.split("/")[2])].rules
+    return rules.process_capability.processes
+
+
+def _explain_idle(process: Process, pattern: str, tolerances: list[Tolerance], designs: int) -> str | None:
+    """Why a pattern judges nothing; None if it does."""
+    least = {"deg": process.min_half_width_deg, "mm": process.min_half_width_mm}
+    matched = [tolerance for tolerance in tolerances if fnmatchcase(tolerance.name, pattern)]
+    if any(least[tolerance.unit] is not None for tolerance in matched):
+        return None
+    if matched:
+        unit = matched[0].unit
+        return (
+            f"process {process.name}: {pattern!r} matches only {_WORDS[unit]} ({matched[0].name}), and the process "
+            f"states no min_half_width_{unit}: nothing is judged by it"
+        )
+    of = "the design" if designs == 1 else f"the {designs} designs"
+    close = get_close_matches(pattern, sorted({tolerance.name for tolerance in tolerances}), 1)
+    meant = f"; did you mean {close[0]}?" if close else ""
+    return f"process {process.name}: {pattern!r} matches no tolerance of {of} held to it{meant}"
+
 
 MOST_FILES = 3
 Progress = Callable[[int, int], None]
@@ -96,8 +371,8 @@ def conclude(
     findings += _version_findings(gate, rules.model_version.severity)
     findings += _left_out(gate, cases)
     findings += remarks_on_waivers(gate.waivers, gate.today, rules, accepted, cases)
-    findings += remarks_on_processes(gate)
-    findings += remarks_on_classes(gate, scored)
+    findings += find_idle_processes(gate)
+    findings += find_weak_classes(gate, scored)
     verdicts: set[GateVerdict] = {design.verdict for design in designs} | {_verdict(gate, findings)}
     verdict = next(candidate for candidate in WORST_FIRST if candidate in verdicts)
     return GateRecord(
@@ -183,7 +458,7 @@ def _left_out(gate: Gate, cases: Sequence[Case]) -> list[GateFinding]:
     new = [case.file for case in cases if case.baseline is None]
     message = f"{names}{more}: judged in the baseline and not here: removed, renamed to what the patterns do not match"
     message += f", or changed beyond recognition and called {new[0]}" if new else ", or left out"
-    return [finding_at(gate.baseline, f"/designs/{left[0]}", "not-compared", severity, message)]
+    return [place_finding(gate.baseline, f"/designs/{left[0]}", "not-compared", severity, message)]
 
 
 def _findings(gate: Gate, case: Case, accepted: list[Accepted]) -> list[GateFinding]:

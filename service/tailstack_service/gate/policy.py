@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from tailstack.design.fields import Length, Name, Record, refusal
 from tailstack.precision import FINEST_PRECISION
+
+from .reading import GateInput, Given, hash_content, read_document
 
 POLICY_SCHEMA = "tailstack/policy/1"
 
@@ -331,3 +335,69 @@ class Policy(Record):
                 raise refusal("duplicate-name", f"two classes are called {entry.name!r}", at=f"classes/{index}/name")
             seen.add(entry.name)
         return self
+
+
+@dataclass(frozen=True, slots=True)
+class ClassOfName:
+    """A class of the policy that a design's name would choose, were it allowed to."""
+
+    name: str
+    pattern: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GatePolicy(GateInput):
+    """A policy and where it came from."""
+
+    document: Policy
+
+    def class_of(self, file: str, name: str, given: str | None) -> str | None:
+        """The class of a design: the one that is given, or the first whose patterns match its file; its name counts
+        only for a class that says so."""
+        if given is not None:
+            return given
+        for entry in self.document.classes:
+            by_file = any(fnmatchcase(file, pattern) for pattern in entry.files or ())
+            if by_file or (entry.by_name and _match_name(entry, name) is not None):
+                return entry.name
+        return None
+
+    def class_of_name(self, file: str, name: str, given: str | None) -> ClassOfName | None:
+        """The class that the design's own name would choose before the one that it is in."""
+        found = self.class_of(file, name, given)
+        for entry in self.document.classes if given is None else ():
+            if entry.name == found:
+                return None
+            if not entry.by_name and (pattern := _match_name(entry, name)) is not None:
+                return ClassOfName(entry.name, pattern)
+        return None
+
+    def rules_for(self, design_class: str | None) -> Rules:
+        """The rules of a class: its own fields before the policy's."""
+        rules = self.document.rules
+        own = next((entry.rules for entry in self.document.classes if entry.name == design_class), None)
+        if own is None:
+            return rules
+        changed = {}
+        for name in own.model_fields_set:
+            entry = getattr(own, name)
+            given = {field: getattr(entry, field) for field in entry.model_fields_set}
+            changed[name] = getattr(rules, name).model_copy(update=given)
+        return rules.model_copy(update=changed)
+
+
+def _match_name(entry: DesignClass, name: str) -> str | None:
+    return next((pattern for pattern in entry.designs or () if fnmatchcase(name, pattern)), None)
+
+
+def read_policy(given: Given | None, *, name: str = "policy", prefix: str = "") -> GatePolicy:
+    """A policy from a path, text or data; None is the default policy.  Raises GateError.
+
+    ``prefix`` is the pointer to the policy inside the request that it came in.
+    """
+    if given is None:
+        given = {"schema": POLICY_SCHEMA, "name": "default"}
+    source, document = read_document(given, Policy, POLICY_SCHEMA, prefix, "the rules: tailstack schema policy")
+    return GatePolicy(
+        source, source.file or name, hash_content(document.model_dump(mode="json", by_alias=True)), document
+    )

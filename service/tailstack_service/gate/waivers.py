@@ -1,20 +1,142 @@
-"""Which findings a waiver accepts."""
+"""Waivers, ``tailstack/waivers/1``: findings that somebody accepts, for a reason, up to a value and a date."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from datetime import date
+from datetime import date, timedelta
+from difflib import get_close_matches
 from fnmatch import fnmatchcase
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, field_validator
+
+from tailstack.design.document import without_null
+from tailstack.design.fields import Name, Record, refusal
+from tailstack.design.reading import shown
+from tailstack.design.refusals import place
+from tailstack.errors import Problem
 
 from .case import Case, Remark
-from .finding_place import finding_at
-from .policy_document import Rules, WideWaiverRule
-from .reading import ReadWaivers
+from .policy import Patterns, Rules, WideWaiverRule
+from .reading import GateError, GateInput, Given, add_prefix, hash_content, place_finding, read_document
 from .records import GateFinding
 from .rules import RULES, Rule
-from .waiver_document import Waiver
+
+WAIVERS_SCHEMA = "tailstack/waivers/1"
+LONGEST_DAYS = 180
+
+
+def _calendar_day(value: Any) -> date:
+    if not isinstance(value, str) or not re.fullmatch(r"\d{4}-\d{2}-\d{2}", value):
+        raise refusal("bad-date", "a date is written YYYY-MM-DD", "expires: 2027-01-31")
+    try:
+        return date.fromisoformat(value)
+    except ValueError as error:
+        raise refusal("bad-date", f"there is no such day: {error}") from None
+
+
+Day = Annotated[date, BeforeValidator(_calendar_day, json_schema_input_type=str)]
+
+
+class Waiver(Record):
+    """One accepted finding."""
+
+    rule: Name = Field(description="Id of the rule.", examples=["p95"])
+    designs: Patterns | None = Field(
+        default=None,
+        description="Patterns (* and ?) of file names or of designs' names. Absent: every design.",
+        examples=[["waived.yaml"]],
+    )
+    target: Name | None = Field(default=None, description="Only at this target. Absent: at all.", examples=["tip"])
+    owner: Name = Field(description="Who answers for it.", examples=["J. Doe, systems"])
+    reason: Annotated[str, Field(min_length=1, max_length=2000)] = Field(
+        description="Why it is accepted.", examples=["first article only; seat is reworked in rev C"]
+    )
+    max_value: float | None = Field(
+        default=None,
+        description="Accepted up to this value of the finding (for an error, the upper end of its interval); for "
+        "rules where more is worse.",
+        examples=[1.2],
+    )
+    min_value: float | None = Field(
+        default=None, description="Accepted down to this value; for rules where less is worse.", examples=[0.9]
+    )
+    expires: Day = Field(
+        description=f"Last day on which it counts, YYYY-MM-DD, at most {LONGEST_DAYS} days ahead.",
+        examples=["2027-01-31"],
+    )
+
+    @field_validator("owner", "reason")
+    @classmethod
+    def _says_something(cls, text: str) -> str:
+        if not text.strip():
+            raise refusal("too-short", "somebody answers for a waiver, for a reason; this is blank")
+        return text
+
+
+class Waivers(Record):
+    """What is accepted for now."""
+
+    schema_: Literal["tailstack/waivers/1"] = Field(
+        alias="schema", description="Version of this document.", examples=["tailstack/waivers/1"]
+    )
+    waivers: Annotated[list[Waiver], Field(max_length=1000)] = Field(description="The waivers.")
+
+
+def waivers_json_schema() -> dict[str, Any]:
+    """JSON Schema (2020-12) of ``tailstack/waivers/1``."""
+    head = {
+        "title": "tailstack waivers, version 1",
+        "description": f"Findings that a gate accepts for now, each by somebody, for a reason, up to a value and a day "
+        f"at most {LONGEST_DAYS} days ahead.",
+    }
+    return {**without_null(Waivers.model_json_schema(by_alias=True)), **head}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GateWaivers(GateInput):
+    """Waivers and where they came from."""
+
+    entries: tuple[Waiver, ...]
+
+
+def read_waivers(given: Given, today: date, *, name: str = "waivers", prefix: str = "") -> GateWaivers:
+    """Waivers from a path, text or data.  Raises GateError, also for a date too far ahead of ``today``."""
+    source, document = read_document(given, Waivers, WAIVERS_SCHEMA, prefix, "the rules: tailstack schema waivers")
+    problems = [problem for k, waiver in enumerate(document.waivers) for problem in _wrong(waiver, k, today)]
+    if problems:
+        placed = source.placed()
+        raise GateError(add_prefix(tuple(place(problem, placed) for problem in problems), prefix))
+    content = document.model_dump(mode="json", by_alias=True)
+    return GateWaivers(source, source.file or name, hash_content(content), tuple(document.waivers))
+
+
+def _wrong(waiver: Waiver, index: int, today: date) -> list[Problem]:
+    """What the schema cannot say of a waiver."""
+    at = f"/waivers/{index}"
+    rule = RULES.get(waiver.rule)
+    if rule is None or rule.worse == "fixed":
+        known = [name for name, entry in RULES.items() if entry.worse != "fixed"]
+        close = get_close_matches(waiver.rule, known, 1)
+        detail = f"no rule is called {shown(waiver.rule)}" if rule is None else f"{waiver.rule} cannot be waived"
+        hint = f"did you mean {close[0]}?" if close else f"rules: {', '.join(known)}"
+        return [Problem(f"{at}/rule", "unknown-value", detail, hint)]
+    problems = []
+    wanted, other = ("max_value", "min_value") if rule.worse == "more" else ("min_value", "max_value")
+    if getattr(waiver, other) is not None:
+        detail = f"of {waiver.rule}, {rule.worse} is worse: a waiver of it has {wanted}, not {other}"
+        problems.append(Problem(f"{at}/{other}", "unused-field", detail, f"{wanted}: ..."))
+    elif getattr(waiver, wanted) is None:
+        detail = f"a waiver of {waiver.rule} says up to which value it holds ({rule.unit or 'no unit'})"
+        problems.append(Problem(f"{at}/{wanted}", "missing-field", detail, f"{wanted}: ..."))
+    latest = today + timedelta(days=LONGEST_DAYS)
+    if waiver.expires > latest:
+        detail = f"a waiver holds for {LONGEST_DAYS} days at most; {waiver.expires} is after {latest}"
+        problems.append(Problem(f"{at}/expires", "out-of-range", detail, f"expires: {latest} or earlier"))
+    return problems
+
 
 _WILD = re.compile(r"\[[^\]]*\]|[*?]")
 _ENDING = re.compile(r"\.\w{0,5}")
@@ -31,7 +153,7 @@ class Accepted:
     file: str
 
 
-def accepting(waivers: ReadWaivers | None, today: date, rule: str, remark: Remark, names: Sequence[str]) -> int | None:
+def accepting(waivers: GateWaivers | None, today: date, rule: str, remark: Remark, names: Sequence[str]) -> int | None:
     """Index of the first waiver in force that accepts what a rule says of a design called ``names``."""
     if waivers is None or remark.note or remark.unbounded:
         return None
@@ -47,7 +169,7 @@ def accepting(waivers: ReadWaivers | None, today: date, rule: str, remark: Remar
 
 
 def accepted_values(
-    waivers: ReadWaivers | None, today: date, rule: str, target: str, names: Sequence[str]
+    waivers: GateWaivers | None, today: date, rule: str, target: str, names: Sequence[str]
 ) -> tuple[float, ...]:
     """Up to where (down to where) waivers in force accept a rule at a target of a design called ``names``."""
     about = Remark("", "", target=target)
@@ -65,7 +187,7 @@ def _concerns(waiver: Waiver, remark: Remark, names: Sequence[str]) -> bool:
     return waiver.designs is None or any(fnmatchcase(n, pattern) for pattern in waiver.designs for n in names)
 
 
-def in_words(waivers: ReadWaivers, index: int) -> str:
+def in_words(waivers: GateWaivers, index: int) -> str:
     """How a suppressed finding names its waiver."""
     waiver = waivers.entries[index]
     line, _ = waivers.source.locate(("waivers", index))
@@ -74,7 +196,7 @@ def in_words(waivers: ReadWaivers, index: int) -> str:
 
 
 def remarks_on_waivers(
-    waivers: ReadWaivers | None, today: date, rules: Rules, accepted: Sequence[Accepted], cases: Sequence[Case]
+    waivers: GateWaivers | None, today: date, rules: Rules, accepted: Sequence[Accepted], cases: Sequence[Case]
 ) -> list[GateFinding]:
     """Expired, wide and unused waivers, at their place; the policy's rules say how much each counts."""
     findings: list[GateFinding] = []
@@ -85,11 +207,11 @@ def remarks_on_waivers(
         what = f"waiver of {waiver.rule} by {waiver.owner}"
         if waiver.expires < today:
             message = f"{what}: expired on {waiver.expires}, today is {today}; remove it or let its owner renew it"
-            findings.append(finding_at(waivers, f"/waivers/{index}/expires", "waiver-expired", "error", message))
+            findings.append(place_finding(waivers, f"/waivers/{index}/expires", "waiver-expired", "error", message))
             continue
         if index not in used and rules.waiver_unused.severity != "off":
             findings.append(
-                finding_at(
+                place_finding(
                     waivers, f"/waivers/{index}", "waiver-unused", rules.waiver_unused.severity,
                     f"{what}: accepts nothing here",
                 )
@@ -97,7 +219,7 @@ def remarks_on_waivers(
         if wide.severity != "off":
             own = [entry for entry in accepted if entry.waiver == index]
             findings += [
-                finding_at(waivers, f"/waivers/{index}{field}", "waiver-wide", wide.severity, f"{what}: {words}")
+                place_finding(waivers, f"/waivers/{index}{field}", "waiver-wide", wide.severity, f"{what}: {words}")
                 for field, words in (*_wide_patterns(waiver, own), *_wide_values(waiver, own, cases, wide))
             ]
     return findings
@@ -107,9 +229,9 @@ def _wide_patterns(waiver: Waiver, own: Sequence[Accepted]) -> Iterator[tuple[st
     """Field and words: what names no design, and what a design got by its own name."""
     if waiver.designs is None:
         yield "", "it names no design, so it accepts this of every design; name the files"
-    for place, pattern in enumerate(waiver.designs or ()):
+    for index, pattern in enumerate(waiver.designs or ()):
         if _names_nothing(pattern):
-            yield f"/designs/{place}", f"{pattern!r} names no design; name the files"
+            yield f"/designs/{index}", f"{pattern!r} names no design; name the files"
     by_name = [
         entry.file
         for entry in own

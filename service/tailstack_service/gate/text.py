@@ -1,12 +1,14 @@
-"""A gate as text for a terminal: one block per design, compilers' way of naming places, the verdict last."""
+"""A gate for people: as text for a terminal, and as Markdown for a summary in a pipeline or a comment.
+
+Places are named as compilers name them.  What comes from documents cannot become markup or a command to a runner.
+"""
 
 from __future__ import annotations
 
 import re
 
 from ..rendering.tables import coloured, fixed, number, percent, shortened, signed, table, wrapped
-from .places import counts, not_judged
-from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord
+from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord, counts
 
 _COMMAND = re.compile(r"(?m)^([ \t]*)(?=::|##\[)")
 MOST_TOLD = 10  # of a kind, in a summary
@@ -16,19 +18,19 @@ _ROLE = {"error": "fail", "warning": "warning", "pass": "pass", "fail": "fail", 
 
 def gate_text(record: GateRecord, *, colour: bool = False) -> str:
     """Designs and their numbers, findings at their places, verdict and exit code."""
-    parts = [_designs(record, colour)]
+    parts = [_text_designs(record, colour)]
     counted = [finding for finding in record.findings if finding.suppressed_by is None]
     accepted = [finding for finding in record.findings if finding.suppressed_by is not None]
     if counted:
-        parts.append("\n".join(_finding(finding, colour) for finding in counted))
+        parts.append("\n".join(_text_finding(finding, colour) for finding in counted))
     if accepted:
-        lines = [_finding(finding, colour) for finding in accepted]
+        lines = [_text_finding(finding, colour) for finding in accepted]
         parts.append("accepted by waivers\n" + "\n".join(lines))
     parts.append(
         coloured(f"verdict: {record.verdict}", _ROLE.get(record.verdict, "fail"), colour)
         + f" (exit code {record.exit_code}; mode {record.mode}, seed {record.seed}, policy "
         + f"{shortened(record.provenance.policy_name, 40)}, waivers judged by {record.provenance.today}"
-        + f"{not_judged(record)})"
+        + f"{count_not_judged(record)})"
     )
     # a line that begins like this is a command to the runners of GitHub and Azure, and names come from strangers
     return _COMMAND.sub(r"\1\\", "\n\n".join(parts)) + "\n"
@@ -43,23 +45,23 @@ def gate_summary(record: GateRecord) -> list[str]:
         bad = sum(design.verdict != "pass" for design in more)
         lines.append(f"... and {len(more)} more designs, " + (f"{bad} of which do not pass" if bad else "which pass"))
     said = [f for f in record.findings if counts(record, f) or (f.rule in DECIDING and f.suppressed_by is None)]
-    lines += [f"{shortened(place_of(f), 70)}: {shortened(f.message, 200)} [{f.rule}]" for f in said[:MOST_TOLD]]
+    lines += [f"{shortened(name_place(f), 70)}: {shortened(f.message, 200)} [{f.rule}]" for f in said[:MOST_TOLD]]
     if len(said) > MOST_TOLD:
         lines.append(f"... and {len(said) - MOST_TOLD} more findings that count")
     accepted = sum(finding.suppressed_by is not None for finding in record.findings)
     waived = f", {accepted} accepted by waivers" if accepted else ""
-    lines.append(f"verdict: {record.verdict} (exit code {record.exit_code}{waived}{not_judged(record)})")
+    lines.append(f"verdict: {record.verdict} (exit code {record.exit_code}{waived}{count_not_judged(record)})")
     return [_COMMAND.sub(r"\1\\", " ".join(line.split())) for line in lines]
 
 
-def place_of(finding: GateFinding) -> str:
+def name_place(finding: GateFinding) -> str:
     """``file:line:column`` where they are known, else the pointer."""
     if finding.line is not None:
         return f"{finding.file}:{finding.line}:{finding.column or 1}"
     return f"{finding.file}#{finding.pointer}" if finding.pointer else finding.file
 
 
-def _designs(record: GateRecord, colour: bool) -> str:
+def _text_designs(record: GateRecord, colour: bool) -> str:
     blocks = []
     for design in record.designs:
         basis = "" if design.basis == "none" else f"{design.basis}"
@@ -71,12 +73,12 @@ def _designs(record: GateRecord, colour: bool) -> str:
         basis += f"; each status wrong with a probability of at most {100 * max(rates):.3g} %" if rates else ""
         blocks.append(f"{shortened(design.file, 60)}{name}{kind}: {verdict}" + (f" ({basis})" if basis else ""))
         if design.numbers:
-            lines = _table(design.numbers).splitlines()
+            lines = _text_table(design.numbers).splitlines()
             blocks.append("\n".join("  " + line for line in lines))
     return "\n".join(blocks)
 
 
-def telling(numbers: tuple[GateNumber, ...]) -> list[tuple[GateNumber, str]]:
+def choose_numbers(numbers: tuple[GateNumber, ...]) -> list[tuple[GateNumber, str]]:
     """Everything that does not pass, with its target; of what passes, for each requirement the target nearest to its
     limit."""
     found = [(entry, entry.target) for entry in numbers if entry.status != "pass"]
@@ -89,17 +91,17 @@ def telling(numbers: tuple[GateNumber, ...]) -> list[tuple[GateNumber, str]]:
     return found
 
 
-def _table(numbers: tuple[GateNumber, ...]) -> str:
+def _text_table(numbers: tuple[GateNumber, ...]) -> str:
     """What decided, in mm, and of a yield the fraction of units beside it."""
     header = (
         "requirement", "target", "rule", "value\nmm", "interval\nmm", "limit\nmm", "margin\nmm", "yield\n%", "status",
     )  # fmt: skip
-    rows = [_row(entry, target) for entry, target in telling(numbers)]
+    rows = [_text_row(entry, target) for entry, target in choose_numbers(numbers)]
     shown = [k for k in range(len(header)) if k != 7 or any(row[k] != "-" for row in rows)]
     return table([header[k] for k in shown], [[row[k] for k in shown] for row in rows], left=3)
 
 
-def _row(entry: GateNumber, target: str) -> tuple[str, ...]:
+def _text_row(entry: GateNumber, target: str) -> tuple[str, ...]:
     ends = "-"
     if entry.interval_mm is not None:
         ends = f"{fixed(entry.interval_mm[0], 3)} .. {fixed(entry.interval_mm[1], 3)}"
@@ -109,10 +111,86 @@ def _row(entry: GateNumber, target: str) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def _finding(finding: GateFinding, colour: bool) -> str:
+def _text_finding(finding: GateFinding, colour: bool) -> str:
     severity = coloured(finding.severity, _ROLE.get(finding.severity, "none"), colour)
     text = f"{finding.message} [{finding.rule}]"
-    lines = wrapped(text, first=f"{shortened(place_of(finding), 70)}: {severity}: ", indent="  ")
+    lines = wrapped(text, first=f"{shortened(name_place(finding), 70)}: {severity}: ", indent="  ")
     if finding.suppressed_by is not None:
         lines += "\n" + wrapped(finding.suppressed_by, first="  accepted by ", indent="  ")
+    return lines
+
+
+def count_not_judged(record: GateRecord) -> str:
+    """How many requirements and limits nothing was held against, in words for a closing line; "" if there are none."""
+    count = sum(
+        len({(entry.rule, entry.requirement) for entry in design.not_judged if entry.requirement is not None})
+        for design in record.designs
+    )
+    return f", {count} requirement{'s' if count > 1 else ''} not judged" if count else ""
+
+
+MOST_ROWS = 100
+_SPECIAL = re.compile(r"([\\`*_{}\[\]<>()#+!|~$@&])")
+_MARK = {"pass": "✅", "fail": "❌", "inconclusive": "❔", "not evaluated": "⛔"}
+
+
+def markdown_text(record: GateRecord) -> str:
+    """Verdict, one row per design, then findings, then what waivers accept."""
+    counted = [finding for finding in record.findings if finding.suppressed_by is None]
+    accepted = [finding for finding in record.findings if finding.suppressed_by is not None]
+    lines = [
+        f"## {_MARK[record.verdict]} Gate: {record.verdict}",
+        "",
+        f"Exit code {record.exit_code} · mode {record.mode} · seed {record.seed} · policy "
+        f"{plain(record.provenance.policy_name, 60)} · tailstack {record.provenance.tailstack_version}"
+        + count_not_judged(record).replace(", ", " · "),
+        "",
+        "| design | verdict | largest P95, mm | basis |",
+        "|---|---|---:|---|",
+    ]
+    for design in record.designs:
+        values = [t.first_order_p95_mm if t.p95_mm is None else t.p95_mm for t in design.targets]
+        largest = number(max(values)) if values else "–"
+        verdict = f"{_MARK[design.verdict]} {design.verdict}"
+        basis = design.basis + (f", {design.trials:,} trials" if design.trials is not None else "")
+        lines.append(f"| {plain(design.file, 80)} | {verdict} | {largest} | {basis} |")
+    if any(design.numbers for design in record.designs):
+        lines += ["", "### Requirements", "", *_markdown_numbers(record)]
+    if counted:
+        lines += ["", "### Findings", "", *_markdown_table(counted)]
+    if accepted:
+        lines += ["", "### Accepted by waivers", "", *_markdown_table(accepted)]
+    return "\n".join(lines) + "\n"
+
+
+def _markdown_numbers(record: GateRecord) -> list[str]:
+    """Each requirement at the target that is nearest to its limit, and every one that does not pass."""
+    lines = [
+        "| design | requirement | target | what | value, mm | limit, mm | margin, mm | status |",
+        "|---|---|---|---|---:|---:|---:|---|",
+    ]
+    rows = [(design, *entry) for design in record.designs for entry in choose_numbers(design.numbers)]
+    for design, entry, target in rows[:MOST_ROWS]:
+        texts = " | ".join(plain(text, 80) for text in (design.file, entry.requirement, target, entry.headline))
+        values = " | ".join((number(entry.value_mm), number(entry.limit_mm), signed(entry.margin_mm)))
+        lines.append(f"| {texts} | {values} | {_MARK[entry.status]} {entry.status} |")
+    if len(rows) > MOST_ROWS:
+        lines.append(f"| | | | {len(rows) - MOST_ROWS} more are in the record | | | | |")
+    return lines
+
+
+def plain(text: str, width: int = 400) -> str:
+    """Text that Markdown shows as it stands, on one line."""
+    return _SPECIAL.sub(r"\\\1", shortened(" ".join(text.split()), width))
+
+
+def _markdown_table(findings: list[GateFinding]) -> list[str]:
+    lines = ["| | rule | place | finding |", "|---|---|---|---|"]
+    for finding in findings[:MOST_ROWS]:
+        message = plain(finding.message)
+        if finding.suppressed_by is not None:
+            message += f"<br>accepted by {plain(finding.suppressed_by)}"
+        lines.append(f"| {finding.severity} | {finding.rule} | {plain(name_place(finding), 90)} | {message} |")
+    if len(findings) > MOST_ROWS:
+        lines.append(f"| | | | {len(findings) - MOST_ROWS} more are in the record |")
     return lines

@@ -1,0 +1,315 @@
+"""What rules find in one design: in its error, its layout, and the tolerances that a process has to hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from math import dist
+
+from tailstack.design import Design
+from tailstack.design.loading import FIELD
+from tailstack.design.mount_document import Interface, Tolerances
+from tailstack.results import Score, headline_of
+
+from ..rendering.score import shares_of
+from .case import Case, Remark, yield_floor
+from .records import GateNumber
+
+# What carries each limit of the policy in its document.
+_FIELDS = {"p95": "limit_mm", "cvar": "limit_mm", "exceedance": "limit_mm", "per-unit-yield": "min_yield"}
+
+
+def quantiles(case: Case) -> list[Remark]:
+    """p95"""
+    return _failed(case, "p95")
+
+
+def tail_means(case: Case) -> list[Remark]:
+    """cvar"""
+    return _failed(case, "cvar")
+
+
+def exceedances(case: Case) -> list[Remark]:
+    """exceedance"""
+    return _failed(case, "exceedance")
+
+
+def yields(case: Case) -> list[Remark]:
+    """per-unit-yield"""
+    return _failed(case, "per-unit-yield")
+
+
+def open_questions(case: Case) -> list[Remark]:
+    """inconclusive"""
+    hint = (
+        "first order cannot decide; gate with --mode auto or verify"
+        if case.verification is None
+        else f"open after {case.verification.trials:,} trials; the policy's verification.max_trials allows more"
+    )
+    return [_remark(case, number, hint) for number in case.numbers if number.status == "inconclusive"]
+
+
+def first_order_gaps(case: Case) -> list[Remark]:
+    """first-order-gap"""
+    allowed = case.rules.first_order_gap.max_percent
+    trust = case.score.validity
+    if case.verification is None:
+        percent = trust.expected_error_percent
+        if percent is not None and percent <= allowed:
+            return []
+        return [Remark("/views", f"{trust.statement}; {allowed:g} % are allowed", percent, allowed,
+                       unbounded=percent is None)]  # fmt: skip
+    remarks = []
+    for index, target in enumerate(case.verification.targets):
+        low, high = (target.first_order_p95_mm / end for end in reversed(target.p95_interval_mm))
+        if low <= 1 + allowed / 100 and high >= 1 - allowed / 100:
+            continue
+        percent = 100 * abs(target.first_order_ratio - 1)
+        way = "below" if target.first_order_ratio < 1 else "above"
+        message = (
+            f"target {target.name}: the first-order P95 is {percent:.2g} % {way} the verified one "
+            f"(nu = {trust.nu:.2g}); {allowed:g} % are allowed"
+        )
+        remarks.append(Remark(target_pointer(case, index), message, percent, allowed, target.name))
+    return remarks
+
+
+def _failed(case: Case, rule: str) -> list[Remark]:
+    return [_remark(case, number, "") for number in case.numbers if number.rule == rule and number.status == "fail"]
+
+
+def _remark(case: Case, number: GateNumber, hint: str) -> Remark:
+    what = _in_words(case, number)
+    message = f"{number.requirement}, target {number.target}: {what}" + (f"; {hint}" if hint else "")
+    if not hint and (blame := to_blame(case.score, number.target, _limited(case, number)[1])):
+        message += f"; the largest share is {blame}"
+    bound, unbounded = _bound(case, number)
+    return Remark(
+        pointer=_pointer(case, number),
+        message=message,
+        value=number.value,
+        limit=number.limit,
+        target=number.target,
+        bound=bound,
+        about=number.rule,
+        unbounded=unbounded,
+    )
+
+
+def _in_words(case: Case, number: GateNumber) -> str:
+    assert number.value_mm is not None  # or it would be of an earlier version's record
+    low, high = number.interval_mm or (number.value_mm, None)
+    ends = f"[{low:.4g}, {'unknown' if high is None else f'{high:.4g}'}]"
+    if number.rule == "cvar":
+        return f"CVaR95 of the tcp error is {number.value:.4g} mm {ends}, limit {number.limit:g} mm"
+    quantile, error = _limited(case, number)
+    if number.unit == "fraction":
+        value = headline_of(quantile, number.limit, f"the {error} error")
+        good = f"{number.value:.2%} of installed units are good, {number.limit:.2%} required"
+        return f"{value} is {number.value_mm:.4g} mm {ends}, limit {number.limit_mm:g} mm: {good}"
+    if number.rule == "exceedance" and case.rules.exceedance.max_probability is not None:
+        quantile = 1 - case.rules.exceedance.max_probability
+        return (
+            f"more than {100 * (1 - quantile):g} % of shots may miss by over {number.limit:g} mm: "
+            f"P{100 * quantile:g} is {number.value:.4g} mm {ends}"
+        )
+    return f"P{100 * quantile:g} of the {error} error is {number.value:.4g} mm {ends}, limit {number.limit:g} mm"
+
+
+def _limited(case: Case, number: GateNumber) -> tuple[float, str]:
+    """Quantile and error that a number is of: those of its requirement; limits of the policy are of P95 at the tool."""
+    for requirement in case.design.document.requirements:
+        if requirement.name == number.requirement and number.requirement not in _FIELDS:
+            return requirement.quantile, requirement.error
+    return 0.95, "tcp"
+
+
+def _bound(case: Case, number: GateNumber) -> tuple[float | None, bool]:
+    """The end of the interval that a waiver must cover, and whether there is none."""
+    if number.interval is not None:
+        return number.interval[1], number.interval[1] is None
+    if case.verification is None:  # of a yield to first order only the status is known
+        return None, True
+    return yield_floor(number.value), False
+
+
+def _pointer(case: Case, number: GateNumber) -> str:
+    """The limit in the design; for a limit of the policy, the target that misses it."""
+    for index, requirement in enumerate(case.design.document.requirements):
+        if requirement.name == number.requirement and number.requirement not in _FIELDS:
+            return f"/requirements/{index}/" + ("min_yield" if number.unit == "fraction" else "limit_mm")
+    names = [target.name for target in case.score.targets]
+    return target_pointer(case, names.index(number.target))
+
+
+def target_pointer(case: Case, index: int) -> str:
+    """The document's target that the compiled target ``index`` belongs to; regions expand to several."""
+    name = case.score.targets[index].name
+    for place, target in enumerate(case.design.document.targets):
+        if target.name == name or (target.region is not None and name.startswith(f"{target.name}[")):
+            return f"/targets/{place}"
+    return "/targets"
+
+
+def to_blame(score: Score, target: str, error: str) -> str:
+    """The component with the largest share of an error's variance at a target, in words; "" when nothing varies."""
+    found = next((entry for entry in score.targets if entry.name == target), None)
+    shares = [] if found is None else shares_of(found, error)
+    if not shares or shares[0][1] <= 0:
+        return ""
+    first, share = shares[0]
+    component = "" if first.component == "all" else f".{first.component}"
+    width = "" if first.half_width is None else f" (half-width {first.half_width:.3g} {first.unit})"
+    return f"{FIELD.get(first.name, first.name)}{component}{width}, {share:.0%} of the variance"
+
+
+WEAKNESSES = ("flat-structure", "weak-resection", "small-parallax")
+MOST_PAIRS = 10
+_COMPONENTS = ("rx", "ry", "rz", "tx", "ty", "tz")
+
+
+def weaknesses(case: Case) -> list[Remark]:
+    """conditioning"""
+    return [
+        Remark(finding.pointer, finding.message, finding.value, finding.limit)
+        for finding in case.score.verdict.findings
+        if finding.rule in WEAKNESSES
+    ]
+
+
+def close_fiducials(case: Case) -> list[Remark]:
+    """fiducial-spacing: the closest pairs, and how many more there are"""
+    least = case.rules.fiducial_spacing.min_mm
+    if least is None:
+        return []
+    fiducials = case.design.fiducials
+    placed = list(zip(fiducials.labels, fiducials.positions_mm, strict=True))
+    pairs = [
+        (dist(here, there), first, second, k)
+        for k, (second, there) in enumerate(placed)
+        for first, here in placed[:k]
+        if dist(here, there) < least
+    ]
+    told = [
+        Remark(
+            fiducial_pointer(case.design, index),
+            f"{first} and {second} are {distance:.4g} mm apart, at least {least:g} mm are required",
+            distance,
+            least,
+        )
+        for distance, first, second, index in sorted(pairs)[:MOST_PAIRS]
+    ]
+    if (more := len(pairs) - len(told)) > 0:
+        pointer = "/fiducials/points" if case.design.document.fiducials.points else "/fiducials/file"
+        words = f"{more} more pair{'s are' if more > 1 else ' is'} closer than {least:g} mm"
+        # no waiver has to cover it: what accepts the closest pairs accepts these
+        told.append(Remark(pointer, f"{words}; told are the {MOST_PAIRS} closest", note=True))
+    return told
+
+
+def narrow_margins(case: Case) -> list[Remark]:
+    """visibility"""
+    least = case.rules.visibility.min_margin_px
+    remarks = []
+    for index, view in enumerate(case.score.views):
+        if not view.checked:
+            message = f"the image size of view {view.view} is not stated: the field of view was not checked"
+            remarks.append(Remark(f"/views/{index}", message, unbounded=True))
+        elif view.smallest_margin_px is not None and view.smallest_margin_px < least:
+            message = (
+                f"view {view.view}: a fiducial is imaged {view.smallest_margin_px:.1f} px from the border, at least "
+                f"{least:g} px are required"
+            )
+            remarks.append(Remark(f"/views/{index}", message, view.smallest_margin_px, least))
+    return remarks
+
+
+def close_images(case: Case) -> list[Remark]:
+    """overlap"""
+    least = case.rules.overlap.min_px
+    labels = case.design.fiducials.labels
+    return [
+        Remark(
+            fiducial_pointer(case.design, labels.index(view.closest_pair[1])),
+            f"view {view.view}: the images of {view.closest_pair[0]} and {view.closest_pair[1]} are "
+            f"{view.closest_pair_px:.1f} px apart, at least {least:g} px are required to tell them apart",
+            view.closest_pair_px,
+            least,
+        )
+        for view in case.score.views
+        if view.closest_pair_px < least and view.closest_pair[1] in labels
+    ]
+
+
+def tight_tolerances(case: Case) -> list[Remark]:
+    """process-capability"""
+    remarks = []
+    for process in case.rules.process_capability.processes:
+        for tolerance in tolerances_of(case.design):
+            least = process.min_half_width_deg if tolerance.unit == "deg" else process.min_half_width_mm
+            made = any(fnmatchcase(tolerance.name, pattern) for pattern in process.tolerances)
+            if made and least is not None and tolerance.half_width < least:
+                width = f"a half-width of {tolerance.half_width:g} {tolerance.unit}"
+                what = width if tolerance.stated else "not stated, so it does not vary: that"
+                message = (
+                    f"{tolerance.name}: {what} is tighter than {process.name} can hold ({least:g} {tolerance.unit})"
+                )
+                remarks.append(Remark(tolerance.pointer, message, tolerance.half_width, least))
+    return remarks
+
+
+def fiducial_pointer(design: Design, index: int) -> str:
+    return f"/fiducials/points/{index}/position_mm" if design.document.fiducials.points else "/fiducials/file"
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """One half-width of the document that a process has to hold."""
+
+    name: str  # structure_connector.rx, fiducials.manufacturing, hand_eye.tx
+    pointer: str
+    half_width: float
+    unit: str  # deg or mm
+    stated: bool = True  # otherwise it does not vary: nothing is tighter
+
+
+def tolerances_of(design: Design) -> list[Tolerance]:
+    """Every half-width that somebody manufactures or adjusts, in the order of the document; one that is left out is 0,
+    or a design would pass by leaving it out."""
+    document = design.document
+    found = []
+    made = document.fiducials.manufacturing
+    if made is None:
+        found.append(Tolerance("fiducials.manufacturing", "/fiducials", 0.0, "mm", stated=False))
+    else:
+        widths = made.half_width_mm if isinstance(made.half_width_mm, tuple) else (made.half_width_mm,)
+        pointer = "/fiducials/manufacturing/half_width_mm"
+        found += [Tolerance("fiducials.manufacturing", pointer, min(widths), "mm")]
+    for name in ("structure_connector", "connector_flange"):
+        interface: Interface | None = getattr(document.interfaces, name)
+        if interface is None:
+            continue
+        at = f"/interfaces/{name}"
+        if interface.tolerances is not None:
+            found += _components(interface.tolerances, name, f"{at}/tolerances")
+        elif interface.locators is None:
+            found += _components(Tolerances(), name, at)
+        found += [
+            Tolerance(f"{name}.{locator.name}", f"{at}/locators/{k}/half_width_mm", locator.half_width_mm, "mm")
+            for k, locator in enumerate(interface.locators or ())
+        ]
+    if document.execution.hand_eye is not None:
+        found += _components(document.execution.hand_eye.tolerances, "hand_eye", "/execution/hand_eye/tolerances")
+    return found
+
+
+def _components(tolerances: Tolerances, name: str, at: str) -> Iterator[Tolerance]:
+    for component in _COMPONENTS:
+        entry = getattr(tolerances, component)
+        unit = "deg" if component.startswith("r") else "mm"
+        field = f"half_width_{unit}"
+        if entry is None:
+            yield Tolerance(f"{name}.{component}", at, 0.0, unit, stated=False)
+        else:
+            yield Tolerance(f"{name}.{component}", f"{at}/{component}/{field}", getattr(entry, field), unit)
