@@ -28,8 +28,7 @@ from scipy.optimize import least_squares
 from tailstack.design import compile_design, load_design
 from tailstack.montecarlo import quantile_estimate, simulate
 from tailstack.propagation.linear import covariance, linearise
-from tailstack.studies.published import CELLS, MM_PER_PRINTED_UNIT, S3_ANALYTIC, TRIALS
-from tailstack.studies.settings import under
+from tailstack.studies.paper.published import CELLS, MM_PER_PRINTED_UNIT, S3_ANALYTIC, TRIALS, under
 from tailstack.system import Law, Mount, Reading, System, Target, View, no_sources
 from tailstack.tail.gaussian import norm_mean, norm_pdf, norm_quantile
 

@@ -14,7 +14,7 @@ from statistics import median
 
 from bench import Row
 from tailstack.design import design_to_data, load_design
-from tailstack.design.loading import data_to_yaml
+from tailstack.design.write import data_to_yaml
 
 DEMO = Path(__file__).resolve().parents[1] / "examples" / "demo.yaml"
 DESIGNS = 10

@@ -12,7 +12,7 @@ import numpy as np
 
 from scenes import cube_fiducials, mount, random_system, read_only, system_of, with_noise
 from tailstack.arrays import Array
-from tailstack.design.locators import torsor_from_locators
+from tailstack.design.compile import torsor_from_locators
 from tailstack.optimisation import FreeHalfWidth, Place, PlacementProblem
 from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import Choice, FreePivot, FreeSpacing, apply_choice

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from tailstack import compile_design, load_design
-from tailstack.studies.comparison_bench import at_level, simulated
+from tailstack.studies.bench.levels import at_level, simulated
 from tailstack.system import Array, System
 
 HERE = Path(__file__).parent

@@ -24,10 +24,10 @@ from tailstack.design import Design, check_design, design_json_schema, list_pres
 from tailstack.json_text import write_json
 from tailstack.results import Finding, Optimisation, Score, Verification, ViewCheck
 from tailstack.results.sweep import Sweep
-from tailstack.studies.comparison_records import StudyComparison
-from tailstack.studies.coupling_records import StudyCoupling
-from tailstack.studies.linearity_records import StudyLinearity
-from tailstack.studies.paper_records import StudyPaper
+from tailstack.studies.bench.compare import StudyComparison
+from tailstack.studies.coupling import StudyCoupling
+from tailstack.studies.linearity import StudyLinearity
+from tailstack.studies.paper.reproduce import StudyPaper
 
 from .gate.records import GateRecord
 from .job_document import JobDocument, JobPage

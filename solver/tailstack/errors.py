@@ -103,3 +103,11 @@ class SourcesChangedError(TailstackError):
     slug = "sources-changed"
     title = "The installation changed under a running process"
     exit_code = 3
+
+
+class StudyError(TailstackError):
+    """An axis, a target or a number of trials that cannot be."""
+
+    slug = "invalid-request"
+    title = "The request is not valid"
+    exit_code = 2

@@ -21,7 +21,7 @@ from unittest.mock import patch
 
 from service_scenes import ROOT, coplanar_design, limited, small_design
 
-from tailstack.design.loading import data_to_yaml
+from tailstack.design.write import data_to_yaml
 from tailstack.version import __version__
 from tailstack_service.cli.main import main
 

@@ -15,7 +15,7 @@ import pytest
 from gate_scenes import BAD, GOOD, STRICT, waivers
 from service_scenes import ROOT, write_json
 
-from tailstack.design.loading import data_to_yaml
+from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.documents import from_plain
 from tailstack_service.gate.records import GateRecord

@@ -14,7 +14,7 @@ import pytest
 from service_scenes import ROOT, coplanar_design, limited, write_json
 
 from tailstack import load_design, score
-from tailstack.design.loading import data_to_yaml
+from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.cli.report import _stem
 from tailstack_service.documents import from_plain, to_json

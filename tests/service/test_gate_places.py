@@ -15,7 +15,7 @@ from service_scenes import limited
 from test_gate_formats import GITLAB, SARIF, XSD
 from xsd import problems
 
-from tailstack.design.loading import data_to_yaml
+from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.documents import from_plain
 from tailstack_service.gate.records import GateFinding

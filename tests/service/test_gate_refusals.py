@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from gate_scenes import GOOD, STRICT, TODAY, waivers
 
-from tailstack.design.loading import data_to_yaml
+from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.documents import from_plain
 

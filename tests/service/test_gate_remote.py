@@ -14,7 +14,7 @@ import pytest
 from gate_scenes import BAD, GOOD, NEAR, STRICT, TODAY, waivers
 from service_scenes import client_with, coplanar_design, limited
 
-from tailstack.design.loading import data_to_yaml
+from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.settings import Settings
 

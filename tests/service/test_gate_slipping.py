@@ -16,7 +16,7 @@ from unittest.mock import patch
 import pytest
 from service_scenes import ROOT, small_design
 
-from tailstack.design.loading import data_to_yaml
+from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.documents import to_json
 from tailstack_service.gate.records import GateFinding, GateRecord

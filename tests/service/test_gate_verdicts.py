@@ -14,7 +14,7 @@ from service_scenes import clear, small_design
 from work_driver import run_job
 
 from tailstack import load_design, score, verify
-from tailstack.design.loading import data_to_yaml
+from tailstack.design.write import data_to_yaml
 from tailstack.errors import DesignError, LimitError, TailstackError
 from tailstack_service.documents import json_schema, to_json
 from tailstack_service.gate.reading import GateError

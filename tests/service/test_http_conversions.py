@@ -13,7 +13,7 @@ import yaml
 from jsonschema import Draft202012Validator
 from service_scenes import check_problem, client_with, small_design
 
-from tailstack.design.loading import data_to_yaml
+from tailstack.design.write import data_to_yaml
 from tailstack_service.documents import json_schema
 from tailstack_service.settings import Settings
 

@@ -15,7 +15,7 @@ from service_scenes import check_problem, client_with, limited, small_design
 from starlette.requests import Request
 
 from tailstack import load_design, verify
-from tailstack.design.loading import data_to_yaml
+from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.remote import Event, Service, parsed
 from tailstack_service.documents import json_schema, to_json
 from tailstack_service.http.preferences import wait_seconds

@@ -272,7 +272,7 @@ def sized(fiducials: int, views: int, targets: int) -> dict[str, Any]:
     ],
 )
 def test_size_says_what_is_quick(size: tuple[int, int, int], quick: bool) -> None:
-    from tailstack.design.loading import data_to_yaml
+    from tailstack.design.write import data_to_yaml
 
     design = sized(*size)
     for sent in (
@@ -310,7 +310,7 @@ def test_many_scores_at_once_are_all_answered_alike() -> None:
 
 
 def test_yaml_and_json_designs_score_alike() -> None:
-    from tailstack.design.loading import data_to_yaml
+    from tailstack.design.write import data_to_yaml
 
     with client_with() as client:
         by_json = client.post("/v1/scores", json={"design": small_design(), "second_order": True}).json()

@@ -17,7 +17,7 @@ import pytest
 from service_scenes import EXAMPLES, limited, small_design
 
 from tailstack import TailstackError, load_design, optimise, score, verify
-from tailstack.design.loading import data_to_yaml
+from tailstack.design.write import data_to_yaml
 from tailstack.sweeping import read_axes, sweep
 from tailstack_service.cli.main import main
 from tailstack_service.documents import from_plain, to_json

@@ -13,7 +13,7 @@ import pytest
 from service_scenes import EXAMPLES, ROOT, coplanar_design, write_json
 from test_report_figures import check_picture
 
-from tailstack.studies.published import CELLS
+from tailstack.studies.paper.published import CELLS
 from tailstack_service.cli.main import main
 from tailstack_service.cli.studies.paper import C_ARM, FITTED, scenario
 from tailstack_service.documents import from_plain, json_schema

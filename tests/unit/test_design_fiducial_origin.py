@@ -13,7 +13,7 @@ import yaml
 
 from plain_data import replaced
 from tailstack.design import compile_design, convert, convert_file, design_json_schema, design_to_yaml, load_design
-from tailstack.design.loading import Revision, revise_design
+from tailstack.design.write import Revision, revise_design
 from tailstack.errors import DesignError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

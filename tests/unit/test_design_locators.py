@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import root
 
-from tailstack.design.locators import torsor_from_locators
+from tailstack.design.compile import torsor_from_locators
 from tailstack.errors import IllPosedError
 from tailstack.geometry.rotation import rotation_xyz
 

@@ -28,7 +28,7 @@ from optimise_scenes import (
 from scenes import cube_fiducials, mount, target, with_noise
 from tailstack.arrays import Array
 from tailstack.contributors import declared_law
-from tailstack.design.locators import torsor_from_locators
+from tailstack.design.compile import torsor_from_locators
 from tailstack.optimisation import FreeHalfWidth, Place, PlacementProblem, PlacementSolution, solve_placement
 from tailstack.optimisation.certificate import binding, shadow_prices
 from tailstack.optimisation.prices import Price, reciprocal

@@ -22,7 +22,7 @@ from optimise_scenes import (
 from scenes import cube_fiducials, mount
 from tailstack.arrays import Array
 from tailstack.contributors import declared_law
-from tailstack.design.locators import torsor_from_locators
+from tailstack.design.compile import torsor_from_locators
 from tailstack.geometry.rotation import torsor_transform
 from tailstack.optimisation import Place, PlacementProblem
 from tailstack.optimisation.exact_law import Correction, closed_form_mm, image_parts

@@ -18,13 +18,12 @@ from tailstack.arrays import Array
 from tailstack.errors import LimitError, OutOfRangeError
 from tailstack.montecarlo import compile_plan, draw
 from tailstack.propagation.linear import covariance, linearise
-from tailstack.studies import comparison_bench
-from tailstack.studies.comparison import study_comparison
-from tailstack.studies.comparison_bench import ONCE, benches_for, expected, least_benches, shared, simulated
-from tailstack.studies.comparison_explain import Scene, explanations, sampled_law
-from tailstack.studies.comparison_file import Group, Measurements
-from tailstack.studies.comparison_records import Explanation, StudyComparison
-from tailstack.studies.comparison_statistics import (
+from tailstack.studies.bench import levels
+from tailstack.studies.bench.compare import StudyComparison, study_comparison
+from tailstack.studies.bench.explain import Explanation, Scene, explanations, sampled_law
+from tailstack.studies.bench.file import Group, Measurements
+from tailstack.studies.bench.levels import ONCE, benches_for, expected, least_benches, shared, simulated
+from tailstack.studies.bench.statistics import (
     NormsAlong,
     departure,
     distance,
@@ -177,8 +176,8 @@ def plain_bench(system: System, rng: np.random.Generator, sizes: tuple[int, ...]
 def p_values_of(system: System, values: Array, many: Array) -> dict[str, float]:
     """p-value of every test of one bench against simulated ones."""
     read = measured(values, SIZES)
-    bench = comparison_bench.bench_of(system, read, read.groups[0], "tcp", 0.0)
-    found = comparison_bench.tests_of(bench, many, np.linalg.norm(many, axis=2))
+    bench = levels.bench_of(system, read, read.groups[0], "tcp", 0.0)
+    found = levels.tests_of(bench, many, np.linalg.norm(many, axis=2))
     return {test.test: test.p_value for test in found}
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from scenes import cube8_system, target
 from tailstack.errors import LimitError, TailstackError
-from tailstack.studies.comparison import study_comparison
-from tailstack.studies.comparison_file import Measurements, read_measurements
+from tailstack.studies.bench.compare import study_comparison
+from tailstack.studies.bench.file import Measurements, read_measurements
 
 ONE = ("tip",)
 POINTS = "installation,trial,x_mm,y_mm,z_mm\n1,1,1,2,3\n1,2,4,5,6\n2,1,7,8,9\n"

@@ -14,9 +14,13 @@ import pytest
 
 import reference_chain
 from scenes import broken_system, cube8_system, mount, projection_looking, system_of
-from tailstack.errors import LimitError, OutOfRangeError
+from tailstack.errors import LimitError, OutOfRangeError, StudyError
 from tailstack.studies.coupling import (
+    SECTIONS,
     TRIALS_BEYOND,
+    CouplingCase,
+    Ratio,
+    StudyCoupling,
     among,
     conclusions,
     level_torsor,
@@ -28,8 +32,6 @@ from tailstack.studies.coupling import (
     side,
     study_coupling,
 )
-from tailstack.studies.coupling_records import SECTIONS, CouplingCase, Ratio, StudyCoupling
-from tailstack.studies.refusals import StudyError
 from tailstack.system import Law, RotationForm
 
 ORACLE = json.loads((Path(__file__).parents[1] / "data/oracles/noise_covariance_cube8.json").read_text())

@@ -11,6 +11,7 @@ from test_oracle_paper_scenario import SCENARIO, scene
 
 from scenes import broken_system, cube8_system, mount, with_noise
 from tailstack import score, verify
+from tailstack.errors import StudyError
 from tailstack.propagation.linear import linearise
 from tailstack.studies.linearity import (
     Place,
@@ -23,7 +24,6 @@ from tailstack.studies.linearity import (
     sentences,
     study_linearity,
 )
-from tailstack.studies.refusals import StudyError
 from tailstack.system import Law, Sources, Triangulation
 
 TRIALS = 2**15

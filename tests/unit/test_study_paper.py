@@ -18,16 +18,22 @@ from reference_chain import rotation
 from scenes import cube8_system, mount, read_only, system_of, target
 from tailstack import score
 from tailstack.design import compile_design, load_design
+from tailstack.errors import StudyError
 from tailstack.estimation.resection import project
 from tailstack.geometry.camera import depths
 from tailstack.montecarlo import compile_plan, evaluate
 from tailstack.propagation.linear import linearise
 from tailstack.propagation.second_order import second_order_moments
-from tailstack.studies.paper import Case, level_ratios, paper_study, sampled, statistic, ways
-from tailstack.studies.paper_records import StudyPaper
-from tailstack.studies.published import CELLS, LEVELS, S3_ANALYTIC, TRIALS, Setting
-from tailstack.studies.refusals import StudyError
-from tailstack.studies.settings import under
+from tailstack.studies.paper.published import CELLS, LEVELS, S3_ANALYTIC, TRIALS, Setting, under
+from tailstack.studies.paper.reproduce import (
+    Case,
+    StudyPaper,
+    level_ratios,
+    paper_study,
+    sampled,
+    statistic,
+    ways,
+)
 from tailstack.system import Reading, RotationForm, Triangulation, View
 
 ROOT = Path(__file__).parents[2]
@@ -221,8 +227,8 @@ def test_scatter_of_a_statistic_over_experiments_of_the_papers_size(quantity):
 def test_z_counts_one_percent_of_true_cells_as_outside():
     """sampled: 3,000 printed means of the chi law, three decimals of its unit; 30 expected beyond the 99 % band, and
     14 to 48 with probability 0.998."""
-    from tailstack.studies.paper import cell
-    from tailstack.studies.published import Printed
+    from tailstack.studies.paper.published import Printed
+    from tailstack.studies.paper.reproduce import cell
 
     setting = Setting(0.0, 0.0, 0.5)
     at = sampled(replace(cube8_system(), name="z"), 0, setting, 40_000, 1)

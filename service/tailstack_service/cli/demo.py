@@ -44,7 +44,7 @@ def demo_text() -> str:
 
 def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design import design_to_data, load_design
-    from tailstack.design.loading import data_to_yaml
+    from tailstack.design.write import data_to_yaml
 
     from ..console.arguments import coloured_output
     from ..documents import read_record

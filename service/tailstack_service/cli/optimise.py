@@ -159,7 +159,7 @@ def write_results(design: Design, result: Optimisation, output: Path | None, pic
 
 def design_text(data: dict[str, object], path: Path) -> str:
     """A design as its file's ending asks for."""
-    from tailstack.design.loading import data_to_yaml, to_json
+    from tailstack.design.write import data_to_yaml, to_json
 
     if path.suffix.lower() == ".json":
         return to_json(data)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from tailstack.design import Design
-from tailstack.design.loading import design_to_data
+from tailstack.design.write import design_to_data
 from tailstack.propagation.validity import error_percent
 from tailstack.results import Check, Score, Verification
 from tailstack.system import System

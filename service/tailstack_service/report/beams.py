@@ -8,8 +8,8 @@ import numpy as np
 
 from tailstack.arrays import Array
 from tailstack.design import Design
+from tailstack.design.document import DistanceView, PresetView
 from tailstack.design.presets import PRESETS
-from tailstack.design.view_document import DistanceView, PresetView
 from tailstack.geometry.camera import camera_centre, depths, principal_ray
 from tailstack.geometry.rotation import cross, unit
 from tailstack.system import System, View

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from .compile import check_design, compile_design
-from .conversion import Conversion, convert, convert_file
 from .document import design_json_schema
-from .loading import (
+from .loading import Design, load_design
+from .presets import list_presets
+from .reading import DEFAULT_LIMITS, Limits
+from .write import (
     CONTRIBUTOR,
     FIELD,
-    Design,
+    Conversion,
     Revision,
+    convert,
+    convert_file,
     design_to_data,
     design_to_json,
     design_to_yaml,
-    load_design,
     revise_design,
 )
-from .presets import list_presets
-from .reading import DEFAULT_LIMITS, Limits
 
 __all__ = [
     "CONTRIBUTOR",

@@ -9,12 +9,10 @@ import difflib
 from collections.abc import Callable, Sequence
 
 from ..errors import Problem
-from .document import Box, DesignDocument, TargetDocument
+from .document import Box, DesignDocument, Interface, PresetView, TargetDocument
 from .fiducial_files import FiducialList
-from .mount_document import Interface
 from .presets import PRESETS
 from .reading import Limits
-from .view_document import PresetView
 
 
 def sample_count(target: TargetDocument) -> int:

@@ -10,9 +10,8 @@ from typing import Annotated, Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from ..errors import DesignError, Problem
-from .document import DesignDocument
+from .document import VIEW_KINDS, DesignDocument, Pose
 from .reading import Limits, Source, Vast, shown
-from .view_document import VIEW_KINDS, Pose
 
 _TAGS: dict[str, type[BaseModel] | None] = {**VIEW_KINDS, "<pose>": Pose, "<matrix>": None}
 _WANTED = {

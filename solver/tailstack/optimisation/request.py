@@ -9,8 +9,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..design import CONTRIBUTOR, Design, Revision, compile_design, revise_design
+from ..design.compile import torsor_from_locators
 from ..design.consistency import ROTATIONS, TRANSLATIONS, declared
-from ..design.locators import torsor_from_locators
 from ..design.optimise_document import (
     CostCurve,
     FreeTolerance,

@@ -54,8 +54,8 @@ def run(arguments: argparse.Namespace) -> Answer:
     design = read_design(arguments.design)
 
     from tailstack.design import compile_design
-    from tailstack.studies.comparison import study_comparison
-    from tailstack.studies.comparison_file import read_measurements
+    from tailstack.studies.bench.compare import study_comparison
+    from tailstack.studies.bench.file import read_measurements
 
     from ...console.files import writable_figure, write_figure
     from ...documents import to_json

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 
-from tailstack.studies.coupling_records import LEAST_TRIALS
+from tailstack.studies.coupling import LEAST_TRIALS
 
 from ...console.answer import Answer
 from ...console.arguments import add_design, read_design, whole

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 
-from tailstack.studies.linearity_records import LEAST_TRIALS
+from tailstack.studies.linearity import LEAST_TRIALS
 
 from ...console.answer import NOT_EVALUATED, PASS, Answer
 from ...console.arguments import add_design, add_figure, add_form, read_design, whole

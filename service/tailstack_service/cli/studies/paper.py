@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     other = read_design(arguments.design or str(scenario(C_ARM)))
 
     from tailstack.design import compile_design
-    from tailstack.studies.paper import Case, paper_study
+    from tailstack.studies.paper.reproduce import Case, paper_study
 
     from ...console.files import writable_directory, write_figure
     from ...documents import to_json

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tailstack.results import Interval
-from tailstack.studies.comparison import interval_text
-from tailstack.studies.comparison_records import Explanation, LevelCompared, QuantilePoint, StudyComparison
+from tailstack.studies.bench.compare import StudyComparison, interval_text
+from tailstack.studies.bench.explain import Explanation
+from tailstack.studies.bench.levels import LevelCompared, QuantilePoint
 
 from ..tables import coloured, number, percent, shortened, table, wrapped
 from ..verdict import findings_text, joined, provenance_text

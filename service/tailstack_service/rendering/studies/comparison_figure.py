@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tailstack.studies.comparison_records import LevelCompared, StudyComparison
+from tailstack.studies.bench.compare import StudyComparison
+from tailstack.studies.bench.levels import LevelCompared
 
 from ...report.svg import BLUE, FAINT, MUTED, VERMILION, box, line, printable, rounded, text
 from .page import around, bottom_axis, left_axis, page

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from tailstack.studies.coupling import decimals_of, per_cent
-from tailstack.studies.coupling_records import CouplingCase, Ratio, StudyCoupling
+from tailstack.studies.coupling import CouplingCase, Ratio, StudyCoupling, decimals_of, per_cent
 
 from ...report.svg import BLUE, FAINT, INK, MUTED, VERMILION, box, line, printable, rounded, text
 from ..tables import number, percent, shortened, table, wrapped

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tailstack.studies.linearity_records import LinearityPoint, StudyLinearity, Within
+from tailstack.studies.linearity import LinearityPoint, StudyLinearity, Within
 
 from ...report.svg import FAINT, INK, MUTED, box, printable, text
 from ..rows import csv_text, reasons_text

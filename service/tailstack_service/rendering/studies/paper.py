@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tailstack.studies.paper_records import Geometry, PaperCell, StudyPaper
+from tailstack.studies.paper.reproduce import Geometry, PaperCell, StudyPaper
 
 from ..rows import csv_text, plain_text
 from ..tables import number, shortened, table, wrapped

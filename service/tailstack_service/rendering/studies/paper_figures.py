@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from tailstack.studies.paper_records import Geometry, PaperCell, StudyPaper
+from tailstack.studies.paper.reproduce import Geometry, PaperCell, StudyPaper
 
 from ...report.svg import FAINT, INK, MUTED, box, line, printable, text
 from .chart import COLOURS, Curve, Mark, drawn, fitted, mark

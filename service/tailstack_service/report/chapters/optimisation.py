@@ -207,6 +207,6 @@ def _optima_words(found: Optimisation) -> str:
 
 def design_listing(design: dict[str, object], caption: str) -> Listing:
     """A design as text that loads as the same design."""
-    from tailstack.design.loading import data_to_yaml
+    from tailstack.design.write import data_to_yaml
 
     return Listing(data_to_yaml(design).rstrip("\n"), caption)

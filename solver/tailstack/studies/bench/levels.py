@@ -1,8 +1,4 @@
-"""One level at one target: bias and spread with intervals, calibrated tests, ordered errors.
-
-The bench as the design predicts it is simulated through the full chain, structured as it was run: one structure and
-one robot: manufacturing and hand-eye error are drawn once for a simulated bench.  Both interfaces are drawn at each
-installation; noise, repeatability and load at each trial."""
+"""A bench as it was run, simulated through the full chain, and held against what was measured."""
 
 from __future__ import annotations
 
@@ -14,34 +10,22 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 from scipy.special import stdtrit
 
-from ..arrays import Array
-from ..cores import usable_cores
-from ..errors import IllPosedError, LimitError, OutOfRangeError, Problem
-from ..estimation.checks import check_geometry
-from ..montecarlo import ChainPlan, compile_plan, draw, evaluate
-from ..montecarlo.chain import standard_normals
-from ..montecarlo.plan import INSTALLATION
-from ..montecarlo.simulate import ERRORS
-from ..propagation.linear import Block, LinearModel, linearise
-from ..results import Interval
-from ..scoring import vector3
-from ..system import Law, System
-from .comparison_file import Group, Measurements, Summary, refusal, shown
-from .comparison_records import (
-    BiasCompared,
-    ComparisonTest,
-    Intervals3,
-    LevelCompared,
-    NormCompared,
-    QuantilePoint,
-    SpreadCompared,
-    TailShape,
-    TestName,
-)
-from .comparison_statistics import (
+from ...arrays import Array
+from ...cores import usable_cores
+from ...errors import IllPosedError, LimitError, OutOfRangeError, Problem
+from ...estimation.checks import check_geometry
+from ...montecarlo import ChainPlan, compile_plan, draw, evaluate
+from ...montecarlo.chain import standard_normals
+from ...montecarlo.plan import INSTALLATION
+from ...montecarlo.simulate import ERRORS
+from ...propagation.linear import Block, LinearModel, linearise
+from ...results import Interval, Vector3
+from ...scoring import vector3
+from ...system import Law, System
+from .file import Group, Measurements, Summary, refusal, shown
+from .statistics import (
     LEAST_FOR_TAIL,
     Expected,
     bench_mean,
@@ -56,6 +40,144 @@ from .comparison_statistics import (
     tail_mean,
     two_sided,
 )
+
+TestName = Literal["mean", "spread", "between installations", "tail"]
+Intervals3 = tuple[Interval, Interval, Interval]
+
+
+@dataclass(frozen=True, slots=True)
+class BiasCompared:
+    """Mean error vector of all trials, mm, in the frame of the error."""
+
+    measured_mm: Vector3
+    """Measured mean error vector, in the frame of the error, mm."""
+    interval_mm: Intervals3
+    """Confidence interval of each component by itself, mm."""
+    interval_of: Literal["this installation", "installations of this kind"]
+    """What the interval is of: this installation's mean, or that of installations of this kind."""
+    predicted_mm: Vector3
+    """Predicted mean error vector, mm."""
+    predicted_range_mm: Intervals3
+    """Where the mean of 95 % of such benches would be, each component by itself, mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class NormCompared:
+    """Mean error norm of all trials, mm."""
+
+    measured_mm: float
+    """Measured mean of the error's norm, mm."""
+    interval_mm: Interval | None
+    """Confidence interval of it, of this installation or of installations, mm; null for summary statistics without n.
+    """
+    predicted_mm: float
+    """Predicted mean, mm."""
+    predicted_range_mm: Interval
+    """Where the mean of 95 % of such benches would be, mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpreadCompared:
+    """Standard deviation from trial to trial, within installations, or between their means."""
+
+    of: Literal["vectors", "norms"]
+    """vectors: root of the trace of the covariance; norms: standard deviation of the norms."""
+    measured_mm: float
+    """Measured spread, mm."""
+    predicted_mm: float
+    """Predicted spread, mm."""
+    ratio: float
+    """Measured over predicted."""
+    interval: Interval | None
+    """Confidence interval of the ratio, as if the law had the predicted shape; null without n."""
+
+
+@dataclass(frozen=True, slots=True)
+class TailShape:
+    """How far the P95 of the error norm stands above its mean, of summary statistics; no test, as n is not enough."""
+
+    p95_over_mean: float
+    """Measured P95 of the error's norm over its mean."""
+    standard_deviations: float | None
+    """Measured P95 less the mean, over the standard deviation; a normal law has 1.645. Null: nothing varies."""
+    predicted_p95_over_mean: float
+    """The first ratio, median of simulated benches."""
+    predicted_standard_deviations: float | None
+    """The second ratio, median of simulated benches; null: nothing varies from trial to trial."""
+
+
+@dataclass(frozen=True, slots=True)
+class ComparisonTest:
+    """One test of one level at one target."""
+
+    test: TestName
+    """What is tested."""
+    statistic: float
+    """The test's statistic."""
+    sides: Literal["upper", "both"]
+    """Whether large values alone count, or small ones too."""
+    p_value: float
+    """How often a bench as predicted would be as far off, 0 to 1."""
+    p_adjusted: float
+    """The same for all tests of the file together (Holm)."""
+    differs: bool
+    """Whether the adjusted one is below one less the confidence."""
+    says: str
+    """What the test says, in a sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class QuantilePoint:
+    """One ordered error norm against the same place in simulated benches."""
+
+    probability: float
+    """Place in the ordered error norms, 0 to 1."""
+    measured_mm: float
+    """Measured norm there, mm."""
+    predicted_mm: float
+    """Median over simulated benches, mm."""
+    envelope_mm: Interval
+    """Where 95 % of benches are, at this place alone, mm."""
+    outside: bool
+    """Whether the measured norm is outside of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class LevelCompared:
+    """One level at one target."""
+
+    level: str
+    """Name of the level in the file."""
+    target: str
+    """Name of the target."""
+    trials: int | None
+    """Trials; null for summary statistics without n."""
+    installations: int
+    """Installations that the trials belong to."""
+    deliberate_deg_mm: tuple[float, float, float, float, float, float] | None
+    """Installation error that was set on purpose: rx, ry, rz in deg and tx, ty, tz in mm; null where none was stated.
+    """
+    benches: int
+    """Simulated benches; 0 when nothing could be tested."""
+    bias: BiasCompared | None
+    """Mean error vectors; null for norms and summaries."""
+    norm: NormCompared
+    """Mean norms."""
+    spread: SpreadCompared | None
+    """Spread from trial to trial within installations; null where nothing can be said of it."""
+    spread_between: SpreadCompared | None
+    """Spread of the means of two or more installations; null for one."""
+    tests: tuple[ComparisonTest, ...]
+    """The tests."""
+    quantiles: tuple[QuantilePoint, ...]
+    """Ordered norms against simulated benches."""
+    ratio_to_reprojection_mm_per_px: float | None
+    """Mean norm over the reprojection error that the file states, mm per px; null where it states none."""
+    not_tested: str
+    """Why nothing was tested; empty where it was."""
+    tail_shape: TailShape | None = None
+    """How far P95 stands above the mean, of summary statistics that state a P95; otherwise null."""
+
 
 CONFIDENCE = 0.95
 UNKNOWN = 100  # trials that are simulated where their number is not stated: only the prediction is shown
@@ -155,6 +277,8 @@ def offset(bench: Bench) -> Array:
     """(3,) mm: of all the bounded components can do, what brings the prediction nearest to the measured mean."""
     if not bench.box.shape[1] or bench.vectors is None:
         return np.zeros(3)
+    from scipy.optimize import lsq_linear  # a third of a second that no other command should wait for
+
     factor = np.linalg.cholesky(bench.expected.of_mean(bench.sizes))
     gap = bench_mean(bench.vectors[None], bench.sizes)[0] - bench.expected.mean
     best = lsq_linear(np.linalg.solve(factor, bench.box), np.linalg.solve(factor, gap), bounds=(-1, 1))

@@ -1,8 +1,13 @@
-"""Tables S1 to S4 of the paper in any geometry, and beside the printed ones in the geometries fitted to them.
+"""The record of ``study paper``: printed cells, ours beside them, and what explains the rest.
+
+Every printed cell of S1-S4 beside ours, or the reason why nothing can stand beside it.
+
+Tables S1 to S4 of the paper in any geometry, and beside the printed ones in the geometries fitted to them.
 
 Each condition of the tables is sampled, with how its statistics scatter over experiments of the paper's size.  S3 is
 one covariance propagated in several ways beside Monte Carlo, each simplification under its name; S2 is held against
-its parts; of S4 it is said what its columns can carry."""
+its parts; of S4 it is said what its columns can carry.
+"""
 
 from __future__ import annotations
 
@@ -10,35 +15,24 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from math import hypot, radians, sin, sqrt
+from typing import Literal
 
 import numpy as np
-from scipy.stats import beta, norm
+from scipy.special import betaincinv, ndtr, ndtri
 
-from ..arrays import Array
-from ..cores import usable_cores
-from ..errors import OutOfRangeError, Problem
-from ..estimation.resection import project, resect
-from ..estimation.triangulation import triangulate
-from ..montecarlo import compile_plan, evaluate, run_indices
-from ..propagation.linear import Block, LinearModel, covariance, estimator_geometry, linearise
-from ..propagation.second_order import refuse_outside_range, second_order_moments
-from ..results import Vector3
-from ..scoring import checked_system, vector3
-from ..system import Reading, System
-from ..tail.gaussian import norm_mean, norm_quantile
-from ..version import __version__
-from .paper_printed import printed_cells
-from .paper_records import (
-    Additivity,
-    Factor,
-    Geometry,
-    LevelRatio,
-    LevelShape,
-    PaperCell,
-    Propagation,
-    Statement,
-    StudyPaper,
-)
+from ...arrays import Array
+from ...cores import usable_cores
+from ...errors import OutOfRangeError, Problem, StudyError
+from ...estimation.resection import project, resect
+from ...estimation.triangulation import triangulate
+from ...montecarlo import compile_plan, evaluate, run_indices
+from ...propagation.linear import Block, LinearModel, covariance, estimator_geometry, linearise
+from ...propagation.second_order import refuse_outside_range, second_order_moments
+from ...results import Interval, Vector3
+from ...scoring import checked_system, vector3
+from ...system import Reading, System
+from ...tail.gaussian import norm_mean, norm_quantile
+from ...version import __version__
 from .published import (
     AXES,
     CELLS,
@@ -57,10 +51,325 @@ from .published import (
     Quantity,
     Setting,
     Table,
+    nominal,
     printed_text,
+    under,
+    with_noise,
 )
-from .refusals import StudyError
-from .settings import nominal, under, with_noise
+
+
+@dataclass(frozen=True, slots=True)
+class PrintedCell:
+    """A cell as it stands in its table, beside ours, or with the reason why nothing can stand beside it."""
+
+    table: Literal["S1", "S2", "S3", "S4"]
+    """Table of the paper."""
+    row: str
+    """Row of the table."""
+    column: str
+    """Column of the table."""
+    printed: str
+    """The cell as it is printed."""
+    value: float
+    """What it says, in `unit`: S1 to S3 are read as metres; S4 as printed."""
+    unit: Literal["mm", "px"]
+    """Unit of `value` and `ours`: mm or px."""
+    ours: tuple[float | None, ...]
+    """What the chain gives in each geometry, in `unit`; null where nothing can stand beside it."""
+    remark: str
+    """Why nothing stands beside it, or why it is not compared; empty for a cell that is compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class PaperCell:
+    """One statistic under one condition: what is printed, what the full chain gives, and how far apart they may be."""
+
+    table: Literal["S1", "S2", "S3"]
+    """Table of the paper."""
+    row: str
+    """Row of the table."""
+    quantity: Literal["mean", "p95", "std_x", "std_y", "std_z"]
+    """Statistic of the localisation error: mean or P95 of its norm, or a standard deviation along an axis of con."""
+    rotation_deg: float
+    """Installation error of the structure, about each axis, deg."""
+    translation_mm: float
+    """Installation error of the structure, along (1, 1, 1), mm."""
+    noise_px: float
+    """Standard deviation of each image coordinate, px."""
+    value_mm: float
+    """Monte Carlo on the full chain, mm."""
+    standard_error_mm: float
+    """Standard error of `value_mm`, mm."""
+    tcp_mm: float
+    """The same statistic of the error at the tool, sampled at the same trials, mm."""
+    first_order_mm: float
+    """The same statistic to first order, mm."""
+    other_reading_mm: float
+    """First order in the other reading of the installation error, mm."""
+    printed_mm: float | None
+    """What is printed, mm: of the localisation error, of the tool's where the table has no other. Null: not printed,
+    trivial, or this geometry is not meant to be the paper's.
+    """
+    rounding_mm: float | None
+    """Half of the last printed decimal, mm; null where nothing is printed."""
+    published_error_mm: float
+    """Standard deviation of this statistic over experiments of the paper's size, mm."""
+    band_mm: Interval
+    """Where 99 % of such experiments would print it, mm."""
+    z: float | None
+    """Printed less ours, in standard deviations of such experiments, our sampling and the rounding; null where
+    nothing is printed.
+    """
+    outside: bool | None
+    """Whether the printed cell is outside the band; null where nothing is printed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Additivity:
+    """A cell of S2 against its parts: installation error alone and noise alone."""
+
+    row: str
+    """Row of S2."""
+    joint_mm: float
+    """P95 of installation error and noise together, mm."""
+    first_order_mm: float
+    """The same to first order, mm."""
+    bias_mm: float
+    """Of the installation error alone, mm."""
+    noise_mm: float
+    """Of the noise alone, mm."""
+    quadrature_mm: float
+    """Root of the sum of squares of the two, mm."""
+    sum_mm: float
+    """Sum of the two, mm."""
+    printed_joint_mm: float | None
+    """What is printed for both together, mm; null where nothing is."""
+    printed_quadrature_mm: float | None
+    """Root of the sum of squares of the printed parts, mm; null where nothing is printed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Propagation:
+    """Standard deviations at S3's noise, propagated one way."""
+
+    name: str
+    """Name of this way of propagating."""
+    sentence: str
+    """What it leaves out, in a sentence."""
+    std_mm: Vector3
+    """Standard deviations along x, y, z of con, mm."""
+    over_monte_carlo: Vector3
+    """Their ratio to Monte Carlo's, along x, y, z."""
+    printed_difference_mm: Vector3 | None
+    """Their difference from the printed analytic column, mm; null where nothing is printed."""
+    reproduces_printed: bool | None
+    """Whether that is within the rounding on all three axes; null where nothing is printed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Factor:
+    """S3: the analytic column against Monte Carlo, and which simplification makes it."""
+
+    noise_px: float
+    """Standard deviation of each image coordinate, px."""
+    monte_carlo_mm: Vector3
+    """Standard deviations by Monte Carlo along x, y, z of con, mm."""
+    standard_error_mm: Vector3
+    """Standard errors of them, mm."""
+    printed_monte_carlo_mm: Vector3 | None
+    """The printed Monte Carlo column, mm; null where it is not compared."""
+    printed_analytic_mm: Vector3 | None
+    """The printed analytic column, mm; null where it is not compared."""
+    mean_error_mm: Vector3
+    """Mean of Monte Carlo less the point that first order has for it, along x, y, z of con, mm."""
+    mean_standard_error_mm: Vector3
+    """Standard errors of it, mm."""
+    printed_mean_difference_mm: Vector3 | None
+    """Printed mean by Monte Carlo less the analytic one, mm; null where it is not compared."""
+    propagations: tuple[Propagation, ...]
+    """The simplifications that were tried."""
+    sentence: str
+    """Which of them makes the printed column, in a sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class LevelRatio:
+    """S4: what an installation level does to error and reprojection error where there is no noise."""
+
+    level: str
+    """Installation level of S4."""
+    rotation_deg: float
+    """About each axis, deg."""
+    translation_mm: float
+    """Along (1, 1, 1), mm."""
+    error_mm: float
+    """Norm of the localisation error without noise, mm."""
+    reprojection_estimated_px: float
+    """Reprojection error with the matrices estimated at this level, as the chain does, px."""
+    reprojection_noisy_px: float
+    """The same with 2 px of noise: mean over trials, px."""
+    reprojection_kept_px: float
+    """Reprojection error with the matrices of L0 kept: RMS over fiducials and views, px."""
+    mm_per_px: float | None
+    """Error over the latter, mm per px; null at L0."""
+
+
+@dataclass(frozen=True, slots=True)
+class LevelShape:
+    """Where the P95 of the error stands at a level with 2 px of noise: S4 beside this says what its tail is."""
+
+    level: str
+    """Installation level of S4."""
+    p95_over_mean: float
+    """P95 of the error's norm over its mean."""
+    standard_deviations: float
+    """P95 less the mean, over the standard deviation; a normal law has 1.645."""
+
+
+@dataclass(frozen=True, slots=True)
+class Geometry:
+    """The tables in one geometry."""
+
+    name: str
+    """Name of the geometry."""
+    design_sha256: str | None
+    """SHA-256 of its design's canonical content; null where there is no design."""
+    compared: bool
+    """Whether it was fitted to the tables, and is set beside them."""
+    reading: str
+    """Reading of the installation error: physical or eq18."""
+    target: str
+    """Name of the target."""
+    lever_mm: float
+    """Distance from the pivot to the target, mm."""
+    nu: float
+    """Validity number at the largest noise of the tables."""
+    cells: tuple[PaperCell, ...]
+    """The cells of S1 to S3 in this geometry."""
+    compared_cells: int
+    """How many of them stand beside a printed one."""
+    outside_cells: int
+    """How many printed ones are outside their band."""
+    chi_square: float | None
+    """Sum of the squares of their z; null where nothing is compared."""
+    additivity: tuple[Additivity, ...]
+    """S2 against its parts."""
+    factor: Factor
+    """S3's analytic column."""
+    levels: tuple[LevelRatio, ...]
+    """S4's ratio of error to reprojection error."""
+    shapes: tuple[LevelShape, ...]
+    """S4's tail."""
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """Something that can be said of the tables, with the numbers it rests on."""
+
+    about: Literal["units", "repeat", "falling", "lever", "means", "S4", "tail", "zero"]
+    """What of the tables it is about."""
+    sentence: str
+    """The statement."""
+    values: tuple[float, ...]
+    """The numbers that it rests on, in its order."""
+
+
+@dataclass(frozen=True, slots=True)
+class StudyPaper:
+    """Tables S1 to S4, printed and reproduced."""
+
+    schema: Literal["tailstack/study-paper/1"]
+    """Name and version of this record's schema."""
+    source: str
+    """The publication."""
+    seed: int
+    """Seed of the trials."""
+    trials: int
+    """Trials of each of our cells."""
+    published_trials: int
+    """Trials of each published cell."""
+    band: float
+    """Share of experiments of the paper's size that would print a cell within its band."""
+    geometries: tuple[Geometry, ...]
+    """The tables in each geometry."""
+    printed: tuple[PrintedCell, ...]
+    """Every cell of S1 to S4."""
+    statements: tuple[Statement, ...]
+    """What can be said of the tables."""
+    tailstack_version: str
+    """Version of the solver."""
+
+
+MEANS = (
+    "where the point lies in the authors' frame, which is not printed; what can be predicted is by how much the two "
+    "means differ"
+)
+ANALYTIC = "ours is first order in full; the printed column leaves a covariance out"
+AT_REST = "zero in any geometry: shown, not counted"
+BENCH = "a bench whose geometry, pivot, axes and trials are not stated, counted from L0: shown, not compared"
+SPREAD = "the bench's noise, instrument and number of trials are not stated: no geometry gives it"
+
+
+def printed_cells(geometries: Sequence[Geometry]) -> tuple[PrintedCell, ...]:
+    """In the order of the tables, row by row."""
+    found = []
+    for table in ("S1", "S2", "S3", "S4"):
+        for row, *texts in TABLES[table]["rows"]:
+            for column, text in zip(TABLES[table]["columns"], texts, strict=True):
+                if text is not None:
+                    found.append(_cell(table, row, column, text, geometries))
+    return tuple(found)
+
+
+def _cell(table: str, row: str, column: str, text: str, geometries: Sequence[Geometry]) -> PrintedCell:
+    lengths = table != "S4"
+    return PrintedCell(
+        table=table,  # type: ignore[arg-type]
+        row=row,
+        column=column,
+        printed=text,
+        value=round(float(text) * MM_PER_PRINTED_UNIT, 6) if lengths else float(text),
+        unit="px" if column.endswith("_px") else "mm",
+        ours=tuple(_OURS[table](geometry, row, column) for geometry in geometries),
+        remark=_remark(table, row, column),
+    )
+
+
+def _remark(table: str, row: str, column: str) -> str:
+    if table == "S2":
+        return AT_REST if (row, column) == ("L0", "0 px") else ""
+    if table == "S3":
+        return MEANS if column.endswith("mean") else ANALYTIC if column == "analytic_std" else ""
+    if table == "S4":
+        return SPREAD if column in ("e_3d_std", "e_3d_p95") else BENCH
+    return ""
+
+
+def _of_s1(geometry: Geometry, row: str, column: str) -> float:
+    quantity = "p95" if column.endswith("p95") else "mean"
+    cell = next(cell for cell in geometry.cells if (cell.table, cell.row, cell.quantity) == ("S1", row, quantity))
+    return cell.value_mm if column == "e_3d_mean" else cell.tcp_mm
+
+
+def _of_s2(geometry: Geometry, row: str, column: str) -> float:
+    return next(cell.tcp_mm for cell in geometry.cells if (cell.table, cell.row) == ("S2", f"{row}, {column}"))
+
+
+def _of_s3(geometry: Geometry, row: str, column: str) -> float | None:
+    axis = AXES.index(row)
+    if column == "mc_std":
+        return geometry.factor.monte_carlo_mm[axis]
+    full = next(one for one in geometry.factor.propagations if one.name == "full")
+    return full.std_mm[axis] if column == "analytic_std" else None
+
+
+def _of_s4(geometry: Geometry, row: str, column: str) -> float | None:
+    level = next(level for level in geometry.levels if level.level == row)
+    return {"e_3d_mean": level.error_mm, "e_reprojection_mean_px": level.reprojection_kept_px}.get(column)
+
+
+_OURS = {"S1": _of_s1, "S2": _of_s2, "S3": _of_s3, "S4": _of_s4}
+
 
 ROTATIONS_DEG = (0.0, 0.5, 1.0, 1.5, 2.0)
 TRANSLATIONS_MM = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0)
@@ -218,7 +527,7 @@ def _geometry(
 
 
 BAND = 0.99
-WIDTH = float(norm.ppf(0.5 + BAND / 2))
+WIDTH = float(ndtri(0.5 + BAND / 2))
 P95 = 0.95
 PART = 20_000  # trials sampled in one go
 AXIS: dict[Quantity, int] = {"std_x": 0, "std_y": 1, "std_z": 2}
@@ -282,7 +591,7 @@ def statistic(errors: Array, quantity: Quantity) -> Statistic:
         return Statistic(float(norms.mean()), one / sqrt(TRIALS), one / sqrt(count))
     ordered = np.sort(norms)
     rank = round(P95 * TRIALS)
-    ends = np.quantile(ordered, beta.ppf(norm.cdf([-1.0, 1.0]), rank, TRIALS - rank + 1))
+    ends = np.quantile(ordered, betaincinv(rank, TRIALS - rank + 1, ndtr([-1.0, 1.0])))
     scatter = float(ends[1] - ends[0]) / 2
     return Statistic(float(np.quantile(ordered, P95)), scatter, scatter * sqrt(TRIALS / count))
 

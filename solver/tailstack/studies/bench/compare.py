@@ -10,7 +10,7 @@ What it says in sentences is decided by its tests and intervals alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf, log
 from pathlib import Path
@@ -18,16 +18,21 @@ from typing import Literal
 
 import numpy as np
 
-from ..design import Design
-from ..errors import OutOfRangeError, Problem
-from ..results import Finding, Interval
-from ..scoring import FRAMES, NOT_INCLUDED, checked_system, provenance, trust_of
-from ..system import System
-from .comparison_bench import (
+from ...design import Design
+from ...errors import OutOfRangeError, Problem
+from ...results import Finding, Interval, Provenance, Validity
+from ...scoring import FRAMES, NOT_INCLUDED, checked_system, provenance, trust_of
+from ...system import System
+from .explain import Explanation, Scene, explanations, sampled_law
+from .file import Measurements, read_measurements
+from .levels import (
     CONFIDENCE,
     UNKNOWN,
     Bench,
     ErrorName,
+    LevelCompared,
+    SpreadCompared,
+    TestName,
     bench_of,
     benches_for,
     compared,
@@ -36,10 +41,7 @@ from .comparison_bench import (
     planned,
     stated_of,
 )
-from .comparison_explain import Scene, explanations, sampled_law
-from .comparison_file import Measurements, read_measurements
-from .comparison_records import Explanation, LevelCompared, MeasuredFile, SpreadCompared, StudyComparison, TestName
-from .comparison_statistics import holm
+from .statistics import holm
 
 SAME_RATIO = 0.005  # error over reprojection error of two rows, as printed with three digits
 SHARE_OF_BENCHES = 0.5  # of the work that progress is told of
@@ -363,3 +365,53 @@ def interval_text(one: Explanation) -> str:
         upper = "no upper end" if one.kind == "factor" and high >= one.search_end else f"{high:.3g}"
         ends.append(f"{low:.3g} .. {upper}")
     return f"{one.most_plausible:.3g} ({' or '.join(ends)})"
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredFile:
+    name: str
+    """Name of the file."""
+    sha256: str
+    """SHA-256 of its bytes, hexadecimal."""
+    form: Literal["points", "vectors", "norms", "summary"]
+    """What it holds: points, error vectors, error norms, or summary statistics."""
+    unit: str
+    """Unit of the lengths in it."""
+    rows: int
+    """Rows that were read."""
+    notes: tuple[str, ...]
+    """What was done to the numbers on the way."""
+
+
+@dataclass(frozen=True, slots=True)
+class StudyComparison:
+    """Bench measurements against the prediction of a design."""
+
+    schema: Literal["tailstack/study-comparison/1"]
+    """Name and version of this record's schema."""
+    error: Literal["tcp", "localisation"]
+    """Error that was measured: tcp (at the tool) or localisation (of the target)."""
+    frame: str
+    """Frame of vectors: con or tcp."""
+    file: MeasuredFile
+    """The measurements."""
+    seed: int
+    """Seed of the simulated benches."""
+    confidence: float
+    """Confidence of intervals and of all tests together, 0 to 1."""
+    instrument_sd_mm: float
+    """Standard deviation of the instrument per coordinate, which is added to the prediction, mm."""
+    levels: tuple[LevelCompared, ...]
+    """Every level at every target."""
+    explanations: tuple[Explanation, ...]
+    """How large one contributor alone would have to be for the measurements to be plausible."""
+    verdict: Literal["agrees", "differs", "not testable"]
+    """What all tests together say."""
+    conclusions: tuple[str, ...]
+    """What can be said of the comparison."""
+    findings: tuple[Finding, ...]
+    """Remarks about design and measurements."""
+    validity: Validity
+    """How far the linearisation can be trusted."""
+    provenance: Provenance
+    """Which design, by which version, under which model, and what is not included."""

@@ -14,18 +14,19 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf, log, sqrt
+from typing import Literal
 
 import numpy as np
 
-from ..arrays import Array
-from ..contributors import KIND, unit_for_people
-from ..cores import usable_cores
-from ..propagation.linear import Block, LinearModel, linearise
-from ..system import TORSOR_COMPONENTS, Law, Mount, Sources, System
-from ..tail.declared import UNIFORM
-from .comparison_bench import when
-from .comparison_records import Explanation
-from .comparison_statistics import (
+from ...arrays import Array
+from ...contributors import KIND, unit_for_people
+from ...cores import usable_cores
+from ...propagation.linear import Block, LinearModel, linearise
+from ...results import Interval
+from ...system import TORSOR_COMPONENTS, Law, Mount, Sources, System
+from ...tail.declared import UNIFORM
+from .levels import when
+from .statistics import (
     Expected,
     NormsAlong,
     bench_mean,
@@ -595,3 +596,29 @@ def mean_without(law: Law1, moved: Displacement) -> Array:
 def covariance_without(base: Expected, moved: Displacement, sizes: Sequence[int]) -> Array:
     """(3, 3) covariance of the mean of a bench, with one component standing still."""
     return replace(base, **{moved.when: getattr(base, moved.when) - moved.covariance}).of_mean(sizes)
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """How large one contributor alone would have to be for the measurements to be plausible."""
+
+    kind: Literal["factor", "value"]
+    """factor: on the declared tolerance or noise of a contributor; value: fixed, of one component."""
+    target: str
+    """Name of the target."""
+    contributor: str
+    """Source of error."""
+    component: str
+    """Its component."""
+    unit: str
+    """Unit of the values: deg or mm; empty for a factor."""
+    declared: float | None
+    """Declared half-width, in `unit`; 1 for a factor; null where none is declared."""
+    most_plausible: float | None
+    """The most plausible factor or value, in `unit`; null: none explains the difference."""
+    intervals: tuple[Interval, ...]
+    """95 % intervals of it, in `unit`; empty when none does. The last end may be the end of the search."""
+    search_end: float
+    """Largest factor or value that was tried, in `unit`."""
+    explains: str
+    """Which tests it is held against."""

@@ -17,9 +17,9 @@ from typing import Literal
 
 import numpy as np
 
-from ..arrays import Array
-from ..errors import Problem, TailstackError
-from ..system import TORSOR_COMPONENTS
+from ...arrays import Array
+from ...errors import Problem, TailstackError
+from ...system import TORSOR_COMPONENTS
 
 __all__ = ["Group", "MeasurementError", "Measurements", "Summary", "read_measurements"]
 

@@ -1,22 +1,22 @@
-"""What the paper's supplementary tables print, cell by cell.
-
-Hu, Li and Cao, "System-Level Error Propagation and Tail-Risk Amplification in Reference-Based Robotic Navigation",
-doi 10.21203/rs.3.rs-8811528, arXiv 2602.07846: tables S1-S4, in ``published_tables.json`` with the decimals that were
-printed.  Their column heads say mm, and :data:`MM_PER_PRINTED_UNIT` says why S1-S3 are metres.
-"""
+"""Tables S1 to S4 of the paper, cell by cell, and a system under the conditions of a published cell."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
+from math import radians, sqrt
 from typing import Any, Literal
+
+import numpy as np
+
+from ...system import System, no_sources
 
 Table = Literal["S1", "S2", "S3"]
 Quantity = Literal["mean", "p95", "std_x", "std_y", "std_z"]
 
 TABLES: dict[str, Any] = json.loads(
-    files("tailstack.studies").joinpath("published_tables.json").read_text(encoding="utf-8")
+    files("tailstack.studies.paper").joinpath("published_tables.json").read_text(encoding="utf-8")
 )
 SOURCE = (
     'Hu, Li and Cao, "System-Level Error Propagation and Tail-Risk Amplification in Reference-Based Robotic '
@@ -142,3 +142,40 @@ S1, S2, S3 = _s1(), _s2(), _s3()
 S3_ANALYTIC = tuple(float(row[4]) for row in TABLES["S3"]["rows"])  # the column of Eqs 15-16, x, y, z; three decimals
 S4 = tuple(S4Row(row[0], *map(float, row[1:])) for row in TABLES["S4"]["rows"])
 CELLS = S1 + S2 + S3
+
+
+def nominal(system: System) -> System:
+    """The geometry alone: no installation error, no tolerances, manufacturing errors or execution; its image noise."""
+    still = np.zeros(6)
+    exact = np.zeros_like(system.fiducials_mm)
+    for array in (still, exact):
+        array.setflags(write=False)
+    mounts = {
+        name: replace(getattr(system, name), bias=still, sources=no_sources(6))
+        for name in ("interface_1", "interface_2", "hand_eye")
+    }
+    shift = np.zeros(3)
+    shift.setflags(write=False)
+    return replace(
+        system, manufacturing_half_width_mm=exact, execution_bias_mm=shift, execution=no_sources(3), requirements=(),
+        **mounts,
+    )  # fmt: skip
+
+
+def with_noise(system: System, noise_px: float) -> System:
+    """The same noise on every fiducial and target image, px per coordinate."""
+    views = tuple(replace(view, fiducial_noise_px=noise_px, target_noise_px=noise_px) for view in system.views)
+    return replace(system, views=views)
+
+
+def with_installation(system: System, rotation_deg: float, translation_mm: float) -> System:
+    """A known installation error of the structure about its pivot: ``rotation_deg`` in each of the three angles of
+    Eq 12, and a translation of this length along (1, 1, 1)."""
+    bias = np.array([radians(rotation_deg)] * 3 + [translation_mm / sqrt(3.0)] * 3)
+    bias.setflags(write=False)
+    return replace(system, interface_1=replace(system.interface_1, bias=bias))
+
+
+def under(system: System, setting: Setting) -> System:
+    """A nominal system under the conditions of a cell."""
+    return with_noise(with_installation(system, setting.rotation_deg, setting.translation_mm), setting.noise_px)

@@ -1,0 +1,228 @@
+"""Write a design as JSON or YAML, change some of its numbers, convert it from and into other files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import degrees
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ..arrays import Array
+from ..errors import DesignError, LimitError, Problem
+from ..json_text import write_json
+from .document import (
+    FiducialPoint,
+)
+from .fiducial_files import FORMATS, FiducialList, read_fiducials, write_fiducials
+from .loading import (
+    Design,
+    load_design,
+)
+from .reading import DEFAULT_LIMITS, Format, Limits, read_bytes, scalar
+
+
+def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
+    """The document as plain data, with what its author set and nothing else.
+
+    ``inline`` replaces a fiducial file by its points (converted to con, mm) and their origin, so that the result stands
+    alone and says what was done to them.
+    """
+    document = design.document
+    if inline and document.fiducials.file is not None:
+        points = [
+            FiducialPoint(label=label, position_mm=position)
+            for label, position in zip(design.fiducials.labels, design.fiducials.positions_mm, strict=True)
+        ]
+        kept = {"manufacturing": document.fiducials.manufacturing} if document.fiducials.manufacturing else {}
+        fiducials = type(document.fiducials).model_validate(
+            {"points": points, "origin": design.fiducials.origin, **kept}
+        )
+        document = document.model_copy(update={"fiducials": fiducials})
+    return document.model_dump(mode="json", by_alias=True, exclude_unset=True)
+
+
+def design_to_json(design: Design, *, inline: bool = True) -> str:
+    """The document as JSON text."""
+    return to_json(design_to_data(design, inline=inline))
+
+
+def to_json(data: Any) -> str:
+    """Plain data as indented JSON text."""
+    return write_json(data, indent=2) + "\n"
+
+
+def design_to_yaml(design: Design, *, inline: bool = True) -> str:
+    """The document as YAML text, vectors on one line."""
+    return data_to_yaml(design_to_data(design, inline=inline))
+
+
+class _Dumper(yaml.SafeDumper):
+    """Quotes every text that this package (or YAML 1.1) would read as something else; never writes aliases."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    style = "'" if not isinstance(scalar(text), str) else None
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+def _represent_list(dumper: yaml.SafeDumper, items: list[Any]) -> yaml.SequenceNode:
+    flat = all(not isinstance(item, dict | list) for item in items)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=flat)
+
+
+_Dumper.add_representer(str, _represent_text)
+_Dumper.add_representer(list, _represent_list)
+
+
+def data_to_yaml(data: Any) -> str:
+    """Plain data as YAML text that :func:`read_text` reads back unchanged."""
+    text: str = yaml.dump(
+        data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120, default_flow_style=False
+    )
+    return text
+
+
+CONTRIBUTOR = {"structure_connector": "interface_1", "connector_flange": "interface_2"}
+
+
+FIELD = {contributor: name for name, contributor in CONTRIBUTOR.items()}
+
+
+ROTATIONS = ("rx", "ry", "rz")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Revision:
+    """What to change.  Contributors are "interface_1" and "interface_2"; half-widths in rad or mm."""
+
+    labels: Sequence[str] | None = None  # of fiducials_mm; None: those of the design
+    fiducials_mm: Array | None = None  # (N, 3) con; None: they stay
+    half_width: Mapping[tuple[str, str], float] = field(default_factory=dict)  # (contributor, component or locator)
+    pivot_mm: Mapping[str, Array] = field(default_factory=dict)  # (3,) con
+    locator_scale: Mapping[str, float] = field(default_factory=dict)  # about the locators' centre
+
+
+def revise_design(design: Design, change: Revision, limits: Limits = DEFAULT_LIMITS) -> Design:
+    """The design with a change made, loaded and checked anew.
+
+    Fiducials from a file become points of the document, so the result stands alone.  Raises DesignError.
+    """
+    data: dict[str, Any] = design_to_data(design, inline=True)
+    if change.fiducials_mm is not None:
+        labels = design.fiducials.labels if change.labels is None else change.labels
+        data["fiducials"]["points"] = [
+            {"label": label, "position_mm": [float(value) for value in position]}
+            for label, position in zip(labels, change.fiducials_mm, strict=True)
+        ]
+        same = tuple(labels) == design.fiducials.labels
+        if design.fiducials.origin is not None and not (
+            same and np.array_equal(change.fiducials_mm, design.fiducials.positions_mm)
+        ):
+            data["fiducials"]["origin"]["changed"] = True
+        _forget_missing_labels(data, set(labels))
+    for (contributor, component), value in change.half_width.items():
+        _set_half_width(data["interfaces"][FIELD[contributor]], component, float(value))
+    for contributor, position in change.pivot_mm.items():
+        data["interfaces"][FIELD[contributor]]["pivot_mm"] = [float(value) for value in position]
+    for contributor, scale in change.locator_scale.items():
+        locators = data["interfaces"][FIELD[contributor]]["locators"]
+        positions = np.array([locator["position_mm"] for locator in locators], dtype=float)
+        centre = positions.mean(axis=0)
+        for locator, position in zip(locators, centre + scale * (positions - centre), strict=True):
+            locator["position_mm"] = [float(value) for value in position]
+    return load_design(data, limits=limits)
+
+
+def _set_half_width(interface: dict[str, Any], component: str, value: float) -> None:
+    if interface.get("locators"):
+        for locator in interface["locators"]:
+            if locator["name"] == component:
+                locator["half_width_mm"] = value
+        return
+    unit, shown = ("deg", degrees(value)) if component in ROTATIONS else ("mm", value)
+    interface["tolerances"][component][f"half_width_{unit}"] = shown
+
+
+def _forget_missing_labels(data: dict[str, Any], labels: set[str]) -> None:
+    """Fiducials that were left out are no longer named in the optimise section."""
+    wanted = data.get("optimise")
+    if not wanted:
+        return
+    wanted["fixed"] = [label for label in wanted.get("fixed") or [] if label in labels]
+
+
+DOCUMENTS = (".yaml", ".yml", ".json")
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """The converted text, and what was done to the numbers on the way."""
+
+    text: str
+    notes: tuple[str, ...]
+
+
+def convert(
+    content: bytes,
+    source_name: str,
+    target_name: str,
+    *,
+    directory: Path | None = None,
+    allow_files: bool = True,
+    limits: Limits = DEFAULT_LIMITS,
+) -> Conversion:
+    """Convert by the endings of two file names: .csv, .fcsv, .mrk.json (fiducials); .yaml, .yml, .json (designs).
+
+    A design converts to a design that stands alone (a fiducial file it refers to is read in), or to its
+    fiducials.  Fiducials convert to another fiducial file, or to the ``fiducials`` section of a design.
+    Raises DesignError, LimitError.
+    """
+    for name in (source_name, target_name):
+        if not name.lower().endswith((*FORMATS, *DOCUMENTS)):
+            known = ", ".join((*FORMATS, *DOCUMENTS))
+            raise DesignError(Problem("", "unknown-format", f"{name[:80]!r} has no known ending", f"known: {known}"))
+    if len(content) > limits.document_bytes:
+        raise LimitError(Problem("", "too-large", f"{source_name} is longer than {limits.document_bytes} bytes"))
+    if source_name.lower().endswith(FORMATS):
+        fiducials = read_fiducials(content, source_name, limits)
+        return Conversion(_from_fiducials(fiducials, target_name), fiducials.notes)
+    form: Format = "json" if source_name.lower().endswith(".json") else "yaml"
+    design = load_design(content, form=form, base_directory=directory, allow_files=allow_files, limits=limits)
+    return Conversion(_from_design(design, target_name), design.fiducials.notes)
+
+
+def convert_file(source: Path, target: Path, *, limits: Limits = DEFAULT_LIMITS) -> Conversion:
+    """Convert ``source`` and write ``target``.  Raises DesignError, LimitError; an unwritable target included."""
+    content = read_bytes(source, limits.document_bytes, str(source))
+    conversion = convert(content, source.name, target.name, directory=source.parent, limits=limits)
+    try:
+        target.write_text(conversion.text, encoding="utf-8")
+    except OSError as error:
+        raise DesignError(Problem("", "file-unwritable", f"cannot write {target}: {error.strerror}")) from None
+    return conversion
+
+
+def _from_fiducials(fiducials: FiducialList, target: str) -> str:
+    if target.lower().endswith(FORMATS):
+        return write_fiducials(fiducials, target)
+    points = [
+        {"label": label, "position_mm": list(position)}
+        for label, position in zip(fiducials.labels, fiducials.positions_mm, strict=True)
+    ]
+    section: dict[str, Any] = {"fiducials": {"points": points}}
+    if fiducials.origin is not None:
+        section["fiducials"]["origin"] = fiducials.origin.model_dump(mode="json", exclude_unset=True)
+    return to_json(section) if target.lower().endswith(".json") else data_to_yaml(section)
+
+
+def _from_design(design: Design, target: str) -> str:
+    if target.lower().endswith(FORMATS):
+        return write_fiducials(design.fiducials, target)
+    return design_to_json(design) if target.lower().endswith(".json") else design_to_yaml(design)
