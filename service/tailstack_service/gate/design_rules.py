@@ -8,8 +8,8 @@ from fnmatch import fnmatchcase
 from math import dist
 
 from tailstack.design import Design
-from tailstack.design.write import FIELD
 from tailstack.design.document import Interface, Tolerances
+from tailstack.design.write import FIELD
 from tailstack.results import Score, headline_of
 
 from ..rendering.score import shares_of
