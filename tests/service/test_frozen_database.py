@@ -24,7 +24,7 @@ from store_scenes import submit
 from worker_scenes import finished, prepared_database, until, worker_process
 from worker_scenes import submit as submit_strange
 
-from tailstack_service.http import storage
+from tailstack_service.http import service
 from tailstack_service.store import database, jobs, units, upkeep
 from tailstack_service.store.database import open_database
 from tailstack_service.store.errors import StoreUnavailable
@@ -145,8 +145,8 @@ def test_calls_that_cannot_be_ended_are_not_waited_for_and_do_not_pile_up(
 ) -> None:
     """As on a disk that hangs: the thread stays where it is until the disk answers."""
     monkeypatch.setattr(database, "BUSY_SECONDS", 0.3)
-    monkeypatch.setattr(storage, "LOOK_SECONDS", 0.2)
-    monkeypatch.setattr(storage, "LATE_SECONDS", 0.1)
+    monkeypatch.setattr(service, "LOOK_SECONDS", 0.2)
+    monkeypatch.setattr(service, "LATE_SECONDS", 0.1)
     url, answers = f"sqlite:///{tmp_path / 'a.sqlite3'}", threading.Event()
     open_database(url, migrate=True).close()
     begun: list[int] = []
@@ -157,14 +157,14 @@ def test_calls_that_cannot_be_ended_are_not_waited_for_and_do_not_pile_up(
         return number
 
     async def story() -> None:
-        kept = storage.Storage(url)
+        kept = service.Storage(url)
         before = threading.active_count()
         looks = [kept.look(hang) for _ in range(5)]
         calls = [kept.run(hang, number) for number in range(40)] + [kept.write(hang, number) for number in range(40)]
         told = await asyncio.gather(*looks, *calls, return_exceptions=True)
         assert {type(each) for each in told} == {StoreUnavailable}
-        assert threading.active_count() - before <= 2 * storage.THREADS + 1
-        assert len(begun) == 2 * storage.THREADS + 1  # what nobody waits for any more is not begun
+        assert threading.active_count() - before <= 2 * service.THREADS + 1
+        assert len(begun) == 2 * service.THREADS + 1  # what nobody waits for any more is not begun
         answers.set()
         assert await kept.look(hang) == -1
         assert await kept.run(hang, 7) == 7

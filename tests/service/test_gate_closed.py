@@ -169,7 +169,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, step: str, file: str, times: int = 
 def test_an_output_that_cannot_be_written_leaves_no_pass_anywhere(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], file: str
 ) -> None:
-    failing(monkeypatch, "staged", file)
+    failing(monkeypatch, "stage", file)
     assert gate("good.yaml", "--policy", "policy.yaml") == 3
     shown = capsys.readouterr()
     assert f"cannot write {file}: No space left on device\n  hint: make room for it" in shown.err
@@ -212,7 +212,7 @@ def test_a_file_that_cannot_be_put_in_its_place_takes_back_those_that_were(
 def test_a_text_on_stdout_does_not_say_pass_when_a_file_fails(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    failing(monkeypatch, "staged", "out.json")
+    failing(monkeypatch, "stage", "out.json")
     both = ("--format", "text", "--format", "json=out.json")
     assert main(["gate", "good.yaml", "--policy", "policy.yaml", "--mode", "analytic", *both]) == 3
     shown = capsys.readouterr()
@@ -222,7 +222,7 @@ def test_a_text_on_stdout_does_not_say_pass_when_a_file_fails(
 
 
 def test_a_refusal_stays_a_refusal_when_a_file_fails_too(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    failing(monkeypatch, "staged", "out.sarif")
+    failing(monkeypatch, "stage", "out.sarif")
     assert gate("absent.yaml") == 2
     assert record().exit_code == 2
     assert {finding.rule for finding in record().findings} == {"not-evaluated", "invalid-design"}
@@ -296,7 +296,7 @@ def test_a_file_that_cannot_be_replaced_does_not_stay(folder: Path, monkeypatch:
     from tailstack_service.cli import gate_outputs
 
     assert gate("good.yaml", "--policy", "policy.yaml") == 0
-    monkeypatch.setattr(gate_outputs, "staged", raising(OSError(28, "No space left on device")))
+    monkeypatch.setattr(gate_outputs, "stage", raising(OSError(28, "No space left on device")))
     assert gate("good.yaml", "--policy", "policy.yaml") == 3
     assert not list(folder.glob("out.*")), "what an earlier gate wrote is no answer to this one"
 

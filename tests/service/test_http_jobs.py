@@ -16,9 +16,9 @@ from starlette.requests import Request
 
 from tailstack import load_design, verify
 from tailstack.design.write import data_to_yaml
-from tailstack_service.cli.remote import Event, Service, parsed
+from tailstack_service.cli.remote import Event, Service, read_events
 from tailstack_service.documents import json_schema, to_json
-from tailstack_service.http.preferences import wait_seconds
+from tailstack_service.http.answers import wait_seconds
 from tailstack_service.settings import Settings
 
 ENDLESS = {"design": small_design(), "trials": 1_000_000_000}  # minutes of computing
@@ -379,7 +379,7 @@ def events_of(client: httpx.Client, job_id: str, **headers: str) -> list[Event]:
     with client.stream("GET", f"/v1/jobs/{job_id}/events", headers=headers, timeout=60) as response:
         assert response.status_code == 200
         assert response.headers["content-type"] == "text/event-stream"
-        return list(parsed(Lines(response)))
+        return list(read_events(Lines(response)))
 
 
 class Lines:
@@ -410,7 +410,7 @@ def test_a_stream_goes_on_where_it_was_left(client: httpx.Client) -> None:
     events = events_of(client, job["id"])
     assert events_of(client, job["id"], **{"Last-Event-ID": "2"}) == events[2:]
     with client.stream("GET", f"/v1/jobs/{job['id']}/events?after=2") as response:
-        assert list(parsed(Lines(response))) == events[2:]
+        assert list(read_events(Lines(response))) == events[2:]
     seen = client.get(f"/v1/jobs/{job['id']}/events", headers={"Last-Event-ID": events[-1].id})
     assert (seen.status_code, seen.content) == (204, b"")
 

@@ -15,7 +15,7 @@ import pytest
 from service_scenes import client_with, limited, small_design
 
 from tailstack_service.cli.main import main
-from tailstack_service.cli.remote import Event, RemoteError, Service, parsed
+from tailstack_service.cli.remote import Event, RemoteError, Service, read_events
 from tailstack_service.settings import Settings
 from tailstack_service.store.database import open_database
 from tailstack_service.store.keys import create_key
@@ -199,4 +199,4 @@ def test_answers_that_are_not_ours(body: bytes) -> None:
 
 def test_lines_of_a_stream() -> None:
     text = b'\xef\xbb\xbfdata: {}\n\n: c\n\nevent: a\n\nid:7\ndata:{"a": 1}\nevent:b\r\n\r\ndata: {}\n'
-    assert list(parsed(io.BytesIO(text[3:]))) == [Event("", "message", {}), Event("7", "b", {"a": 1})]
+    assert list(read_events(io.BytesIO(text[3:]))) == [Event("", "message", {}), Event("7", "b", {"a": 1})]

@@ -21,7 +21,7 @@ import psutil
 import pytest
 from service_scenes import EXAMPLES, ROOT, small_design
 
-from tailstack_service.cli.remote import Event, parsed
+from tailstack_service.cli.remote import Event, read_events
 
 DEMO = str(EXAMPLES / "demo.yaml")
 PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
@@ -243,7 +243,7 @@ def test_events_go_on_after_the_service_was_killed(tmp_path: Path) -> None:
             httpx.stream("GET", url + job["links"]["events"], timeout=60, trust_env=False) as r,
         ):
             lines = r.iter_lines()
-            for event in parsed(_Lines(lines)):
+            for event in read_events(_Lines(lines)):
                 first.append(event)
                 if len(first) == 4:
                     family = family_of(process)
@@ -254,7 +254,7 @@ def test_events_go_on_after_the_service_was_killed(tmp_path: Path) -> None:
     with service(tmp_path, TAILSTACK_LEASE_SECONDS="1", **limit) as (_, url):
         header = {"Last-Event-ID": first[-1].id}
         with httpx.stream("GET", url + job["links"]["events"], headers=header, timeout=90, trust_env=False) as r:
-            rest = list(parsed(_Lines(r.iter_lines())))
+            rest = list(read_events(_Lines(r.iter_lines())))
     ids = [int(event.id) for event in first + rest]
     assert ids == list(range(1, len(ids) + 1))
     assert rest[-1].data["state"] == "succeeded"

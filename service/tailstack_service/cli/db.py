@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
-from .given import add_database, settings_given
+from ..console.arguments import add_database, read_settings
 
 HELP = "migrate, check, mend or back up the database of jobs"
 
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Answer:
     from ..store import upkeep
 
-    url = settings_given(arguments).database_url
+    url = read_settings(arguments).database_url
     if arguments.action == "migrate":
         before, after = upkeep.migrate(url)
         words = "already at" if before == after else "created with" if before is None else f"from {before} to"

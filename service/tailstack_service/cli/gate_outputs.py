@@ -19,7 +19,7 @@ from tailstack.errors import Problem, TailstackError
 from tailstack.scoring import NOT_INCLUDED
 from tailstack.version import __version__
 
-from ..console.files import Staged, append, is_stream, staged
+from ..console.files import Staged, append, is_stream, stage
 from ..gate.records import Fold, GatedDesign, GateFinding, GateProvenance, GateRecord, Level, Mode
 
 SUMMARY = "GITHUB_STEP_SUMMARY"
@@ -53,7 +53,7 @@ class Outputs:
         for name, file in self.usable:
             try:
                 if not is_stream(file):
-                    staged(file, written(name, record)).put()
+                    stage(file, written(name, record)).put()
                 usable.append((name, file))
             except OSError as error:
                 problems.append(_refused(file, error))
@@ -71,7 +71,7 @@ class Outputs:
             if is_stream(file):
                 continue
             try:
-                beside.append(staged(file, written(name, record)))
+                beside.append(stage(file, written(name, record)))
             except OSError as error:
                 problems.append(_refused(file, error))
         for entry in beside:
@@ -97,7 +97,7 @@ class Outputs:
                 if is_stream(file):
                     append(file, written(name, record))
                 else:
-                    staged(file, written(name, record)).put()
+                    stage(file, written(name, record)).put()
             except OSError:
                 _remove(file)
         self.summary(record)

@@ -21,15 +21,14 @@ def asked(gate: Gate, url: str, progress: Progress) -> GateRecord:
     from pydantic import ValidationError
 
     from ..documents import read_record
-    from .remote import RemoteError, Service
-    from .remote_job import answer
+    from .remote import RemoteError, Service, compute_remotely
 
     request = request_of(gate)
     service = Service(url)
     if not request["designs"]:  # there is nothing to ask
         return conclude(gate, first_order(gate), [None] * len(gate.designs))
     try:
-        record: GateRecord = read_record("gate", answer(service, "/v1/gates", request, progress))
+        record: GateRecord = read_record("gate", compute_remotely(service, "/v1/gates", request, progress))
         names = [entry["file"] for entry in request["designs"]]
         if [design.file for design in record.designs] != names or record.exit_code not in range(5):
             raise ValueError("it is about other designs")

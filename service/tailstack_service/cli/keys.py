@@ -7,9 +7,8 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from ..console.answer import Answer
-from ..console.arguments import whole
+from ..console.arguments import add_database, read_settings, whole
 from ..console.program import program
-from .given import add_database, settings_given
 
 if TYPE_CHECKING:
     from ..store.database import Database
@@ -52,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Answer:
     from ..store.database import open_database
 
-    db = open_database(settings_given(arguments).database_url, migrate=True)
+    db = open_database(read_settings(arguments).database_url, migrate=True)
     try:
         return {"create": _create, "list": _list, "revoke": _revoke, "log": _log}[arguments.action](db, arguments)
     finally:

@@ -41,7 +41,7 @@ def problem_text(problem: Problem) -> str:
     return said + (f"\n  hint: {typed(problem.hint)}" if problem.hint else "")
 
 
-def placed(problems: tuple[Problem, ...], file: str | None) -> tuple[Problem, ...]:
+def name_stdin(problems: tuple[Problem, ...], file: str | None) -> tuple[Problem, ...]:
     """Problems of a design that came from stdin get that for a file name."""
     return tuple(replace(p, file="<stdin>") if p.file is None and file == "-" else p for p in problems)
 
@@ -74,7 +74,7 @@ class RequestOrSystemError(TailstackError):
 
 
 def _report(error: TailstackError, arguments: argparse.Namespace, code: int) -> int:
-    problems = placed(error.problems, getattr(arguments, "design", None))
+    problems = name_stdin(error.problems, getattr(arguments, "design", None))
     if getattr(arguments, "json", False):
         from ..documents import to_json
         from ..problems import problem_document

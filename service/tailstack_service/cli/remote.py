@@ -1,7 +1,8 @@
-"""A running service seen from the command line: requests, problems as exceptions, events that go on after a break."""
+"""A running service seen from the command line: requests, problems as exceptions, jobs followed to their end."""
 
 from __future__ import annotations
 
+import hashlib
 import http.client
 import json
 import os
@@ -14,22 +15,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from tailstack.errors import (
-    IllPosedError,
-    InfeasibleError,
-    NotConvergedError,
-    OutOfRangeError,
-    Problem,
-    TailstackError,
-)
+from tailstack.errors import IllPosedError, InfeasibleError, NotConvergedError, OutOfRangeError, Problem, TailstackError
 from tailstack.json_text import write_json
 
 from ..console.answer import BAD_INPUT, NOT_EVALUATED
+from ..console.progress import Progress
 from ..job_document import ENDED
 from ..names import KEY, URL
 
 DEFAULT_URL = "http://127.0.0.1:8321"
 SECONDS = 30.0  # for an answer that does not wait for anything
+SENDING_SECONDS = 120.0  # for the service to accept a request, or to answer it at once
 SILENCE_SECONDS = 45.0  # an event stream says something more often than that
 LARGEST_EVENT = 1_000_000
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 10.0
@@ -118,7 +114,7 @@ class Service:
         if status == 303 and named.get("location", "").startswith("/"):
             return self.ask("GET", named["location"], seconds=seconds)
         if status >= 400:
-            raise refusal(status, content)
+            raise read_refusal(status, content)
         return Reply(status, named, content)
 
     def _open(self, method: str, path: str, body: bytes | None, headers: Mapping[str, str], seconds: float) -> Any:
@@ -153,8 +149,8 @@ class Service:
                     if answer.status == 204:
                         return
                     if answer.status != 200:
-                        raise refusal(answer.status, answer.read(LARGEST_EVENT))
-                    for event in parsed(answer):
+                        raise read_refusal(answer.status, answer.read(LARGEST_EVENT))
+                    for event in read_events(answer):
                         last, pause, silent_since = event.id, FIRST_PAUSE, time.monotonic()
                         yield event
                         if event.name == "state" and event.data.get("state") in ENDED:
@@ -168,7 +164,7 @@ class Service:
             pause = min(2 * pause, LONGEST_PAUSE)
 
 
-def parsed(lines: Any) -> Iterator[Event]:
+def read_events(lines: Any) -> Iterator[Event]:
     """Events of a stream of byte lines (HTML standard, 9.2.6).  One that is cut off by the end is dropped."""
     fields: dict[str, list[str]] = {}
     last = ""
@@ -185,7 +181,7 @@ def parsed(lines: Any) -> Iterator[Event]:
         fields = {}
 
 
-def refusal(status: int, content: bytes) -> RemoteError:
+def read_refusal(status: int, content: bytes) -> RemoteError:
     """What a problem document says, as an exception; anything else is told by its status."""
     try:
         document = json.loads(content)
@@ -195,3 +191,52 @@ def refusal(status: int, content: bytes) -> RemoteError:
     except (ValueError, KeyError, TypeError, AttributeError):
         problem = Problem("", "unexpected-answer", f"status {status}, and not a problem document: is this a tailstack?")
         return RemoteError("unexpected-answer", "The service gave an unexpected answer", status, (problem,))
+
+
+def compute_remotely(service: Service, path: str, request: dict[str, Any], progress: Progress) -> bytes:
+    """The document that a service makes of a request.  Ctrl-C cancels the job.  Raises RemoteError."""
+    reply = service.ask("POST", path, request, seconds=SENDING_SECONDS)
+    if reply.status != 202:
+        return reply.body
+    job = reply.json()
+    place = f"/v1/jobs/{job['id']}"
+    try:
+        for event in service.events(job["id"]):
+            if event.name == "progress":
+                progress.report(event.data["units_done"], event.data["units_expected"], f"job {job['id']}")
+        job = service.ask("GET", place).json()
+    except KeyboardInterrupt:
+        _cancel(service, place)
+        raise
+    if job["state"] != "succeeded":
+        raise _unfinished_error(job)
+    body = service.ask("GET", f"/v1/results/{job['result_sha256']}").body
+    if hashlib.sha256(body).hexdigest() != job["result_sha256"]:
+        raise _damage_error(job)
+    return body
+
+
+def _cancel(service: Service, place: str) -> None:
+    """Nobody waits for the job any more."""
+    try:
+        service.ask("POST", place + "/cancel", seconds=5.0)
+    except RemoteError:
+        return
+
+
+def _damage_error(job: dict[str, Any]) -> RemoteError:
+    """An answer that is not the one that was recorded, changed where it is stored or on its way."""
+    detail = f"the answer of job {job['id']} arrived changed: its SHA-256 is not {job['result_sha256']}"
+    problem = Problem("", "damaged-answer", detail, "ask again; a proxy in between must pass bytes on as they are")
+    return RemoteError("store-error", "The answer is damaged", 0, (problem,))
+
+
+def _unfinished_error(job: dict[str, Any]) -> RemoteError:
+    """A job that failed with its own problem, or was cancelled."""
+    document = job["problem"]
+    if document is None:
+        detail = f"job {job['id']} is {job['state']}: there is no answer"
+        problem = Problem("", "not-finished", detail, "start it again")
+        return RemoteError("not-finished", f"The {job['kind']} was not finished", 0, (problem,))
+    problems = tuple(Problem(**{**OPTIONAL, **entry}) for entry in document["errors"])
+    return RemoteError(document["type"].rpartition("/")[2], document["title"], 0, problems)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ..console.answer import PASS, Answer
-from ..console.arguments import whole
-from .given import add_database, settings_given
+from ..console.arguments import add_database, read_settings, whole
 
 HELP = "the HTTP service and its worker"
 
@@ -33,7 +32,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     from ..http.server import address_of, bind, serve
     from ..logs import log_to_stderr
 
-    settings = settings_given(arguments)
+    settings = read_settings(arguments)
     refuse_unusable_kernels()
     bound = bind(arguments.host, arguments.port, settings)
     log_to_stderr(settings.log_format)

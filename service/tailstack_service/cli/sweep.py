@@ -117,19 +117,18 @@ def _elsewhere(arguments: argparse.Namespace, design: Design, asked: list[dict[s
         "seed": arguments.seed, **trials,
     }  # fmt: skip
     if arguments.remote is not None:
-        from .remote import Service
-        from .remote_job import answer
+        from .remote import Service, compute_remotely
 
         service = Service(arguments.remote)
-        return _record(answer(service, "/v1/sweeps", request, progress), design, asked, service.url)
+        return _record(compute_remotely(service, "/v1/sweeps", request, progress), design, asked, service.url)
 
     from ..compute.alone import computed
     from ..compute.choosing import engine_for
+    from ..console.arguments import read_settings
     from ..documents import read_record
     from ..work.requests import canonical
-    from .given import settings_given
 
-    with closing(engine_for(settings_given(arguments))) as engine:
+    with closing(engine_for(read_settings(arguments))) as engine:
         result: Sweep = read_record("sweep", computed(engine, "sweep", canonical(request), progress.report))
     return result
 

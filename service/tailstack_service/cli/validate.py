@@ -20,7 +20,7 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     from ..documents import validate
     from ..rendering.validation import validation_text
-    from .refusals import next_command, placed, problem_text
+    from .refusals import name_stdin, next_command, problem_text
 
     lines, codes = [], []
     for name in arguments.design:
@@ -28,7 +28,7 @@ def run(arguments: argparse.Namespace) -> Answer:
             lines.append(validation_text(name, validate(read_design(name))))
         except TailstackError as error:
             codes.append(error.exit_code)
-            print("\n".join(problem_text(problem) for problem in placed(error.problems, name)), file=sys.stderr)
+            print("\n".join(problem_text(problem) for problem in name_stdin(error.problems, name)), file=sys.stderr)
             print(next_command(error.slug, argparse.Namespace(verb="validate", design=name)), file=sys.stderr)
             lines.append(f"{name}: not valid, {len(error.problems)} problem(s)\n")
     # a document that breaks the rules (2) counts before one that is ill-posed (3)

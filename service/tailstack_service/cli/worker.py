@@ -6,8 +6,7 @@ import argparse
 import signal
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
-from ..console.arguments import whole
-from .given import add_database, settings_given
+from ..console.arguments import add_database, read_settings, whole
 
 HELP = "compute jobs that services accepted"
 
@@ -27,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Answer:
     from ..logs import log_to_stderr
 
-    settings = settings_given(arguments)
+    settings = read_settings(arguments)
     if arguments.check:
         from ..worker.checking import live_worker
 

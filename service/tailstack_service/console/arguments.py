@@ -1,14 +1,17 @@
-"""Arguments that several commands share: DESIGN (a file, or ``-`` for stdin), whole numbers, forms of an answer."""
+"""Arguments that commands share: DESIGN, whole numbers, forms of an answer, the database and other settings."""
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from tailstack.design import Design
+
+    from ..settings import Settings
 
 
 def add_design(parser: argparse.ArgumentParser, *, json: bool = True) -> None:
@@ -69,3 +72,20 @@ def add_form(parser: argparse.ArgumentParser, record: str, line: str) -> None:
 def add_figure(parser: argparse.ArgumentParser, what: str) -> None:
     """--figure FILE, which says what is drawn."""
     parser.add_argument("--figure", metavar="FILE", help=f"draw {what} (.svg)")
+
+
+SETTING_OF = {"database": "database", "processes": "worker_processes", "engine": "engine"}  # by flag
+
+
+def add_database(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--database", metavar="URL", help="where jobs are kept (default TAILSTACK_DATABASE)")
+
+
+def read_settings(arguments: argparse.Namespace) -> Settings:
+    """Raises RequestError for a setting that cannot be, or a TAILSTACK_ name in the environment that is none."""
+    from dataclasses import replace
+
+    from ..settings import settings_from
+
+    flags = {setting: getattr(arguments, flag, None) for flag, setting in SETTING_OF.items()}
+    return replace(settings_from(os.environ), **{name: value for name, value in flags.items() if value is not None})

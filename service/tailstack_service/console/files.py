@@ -29,7 +29,7 @@ class Staged:
         self.beside.unlink(missing_ok=True)
 
 
-def staged(file: str, content: bytes) -> Staged:
+def stage(file: str, content: bytes) -> Staged:
     """Content written beside a file's place.  Raises OSError, and leaves nothing there."""
     target = Path(os.path.realpath(file))  # a link stays one
     beside = target.with_name(target.name + f".{os.getpid()}.part")
@@ -64,7 +64,7 @@ def replace_file(path: Path, content: str | bytes) -> None:
     if is_stream(str(path)):
         append(str(path), encoded)
     else:
-        staged(str(path), encoded).put()
+        stage(str(path), encoded).put()
 
 
 def writable(name: str, endings: tuple[str, ...]) -> Path:

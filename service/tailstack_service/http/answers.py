@@ -1,8 +1,12 @@
-"""Records as HTTP responses."""
+"""Records as HTTP responses, and the request headers that bear on them.
+
+Those are ``Prefer: wait`` (RFC 7240), ``Idempotency-Key`` and ``If-None-Match``.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote
@@ -10,14 +14,12 @@ from urllib.parse import quote
 from starlette.requests import Request
 from starlette.responses import Response
 
-from tailstack.errors import TailstackError
+from tailstack.errors import Problem
 
 from ..documents import to_json
-from ..problems import ProblemDocument, TransportError, problem_document
-from .preferences import matches
+from ..problems import RequestError
 
 JSON = "application/json"
-PROBLEM = "application/problem+json"
 
 
 def path_of(request: Request) -> str:
@@ -41,15 +43,43 @@ def tagged_response(
     return Response(body, 200, named, media_type)
 
 
-def problem_response(
-    error: TailstackError, *, instance: str, request_id: str, status: int | None = None, prefix: str = ""
-) -> Response:
-    """A refusal as application/problem+json."""
-    document = problem_document(error, instance=instance, request_id=request_id, status=status, prefix=prefix)
-    headers = error.headers if isinstance(error, TransportError) else None
-    return stated_problem(document, headers)
+LONGEST_KEY = 255
+DIGITS = 9
+_PREFERENCE = re.compile(
+    r'\s*(?P<name>[!#$%&\'*+\-.^_`|~0-9A-Za-z]+)\s*(?:=\s*(?:"(?P<quoted>[^"]*)"|(?P<token>[^\s;,"]*)))?\s*'
+)
+_TAG = re.compile(r'(?:W/)?"(?P<opaque>[^"]*)"')
 
 
-def stated_problem(document: ProblemDocument, headers: Mapping[str, str] | None = None) -> Response:
-    """A problem document with its own status."""
-    return Response(to_json(document), document.status, headers, PROBLEM)
+def wait_seconds(request: Request, limit: float) -> int | None:
+    """Seconds that the caller is willing to wait, at most ``limit``; None without such a wish.
+
+    A preference that cannot be read is no preference (RFC 7240, 2): nothing is raised.  The first one counts.
+    """
+    for part in ",".join(request.headers.getlist("prefer")).split(","):
+        found = _PREFERENCE.match(part)
+        if found and found["name"].lower() == "wait":
+            value = found["quoted"] if found["quoted"] is not None else found["token"] or ""
+            if not re.fullmatch(r"[0-9]+", value):
+                return None
+            digits = value.lstrip("0")[:DIGITS]  # of what is longer, all that counts is that it is over the limit
+            return min(int(digits or "0"), int(limit))
+    return None
+
+
+def idempotency_key(request: Request) -> str | None:
+    """The key, if one was sent.  Raises RequestError for one that is empty, too long or not of visible characters."""
+    sent = request.headers.getlist("idempotency-key")
+    if not sent:
+        return None
+    key = sent[0]
+    if len(sent) > 1 or not 1 <= len(key) <= LONGEST_KEY or not re.fullmatch(r"[!-~]+", key):
+        detail = f"an Idempotency-Key has 1 to {LONGEST_KEY} visible ASCII characters, and is sent once"
+        raise RequestError(Problem("", "bad-header", detail, "a random UUID serves well"))
+    return key
+
+
+def matches(request: Request, tag: str) -> bool:
+    """Whether If-None-Match holds the entity tag (weak comparison, RFC 9110, 13.1.2)."""
+    sent = ",".join(request.headers.getlist("if-none-match")).strip()
+    return sent == "*" or any(found["opaque"] == tag for found in _TAG.finditer(sent))

@@ -1,28 +1,37 @@
-"""The application: what it is made of, its start and its end."""
+"""The application: what it is made of, its start and its end, and the one layer around every answer."""
 
 from __future__ import annotations
 
 import asyncio
+import logging
+import multiprocessing
 import os
+import re
+import signal
 import threading
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+import time
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from types import FrameType
 from typing import Any
 
+import h11
 from fastapi import FastAPI
+from starlette.requests import Request
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from tailstack.errors import Problem, TailstackError
+
+from ..problems import TransportError
 from ..settings import Settings, settings_from
-from . import events, information, jobs, posting, results
+from . import events, information, jobs, posting
 from .access import Access
-from .metrics import Metrics
-from .middleware import RequestLog
-from .places import Places
-from .refusals import HANDLERS
-from .service import Service
-from .signals import listen
-from .storage import Storage
+from .metrics import NO_ROUTE, Metrics
+from .places import Places, stopping_error
+from .problems import CLIENT_LEFT, HANDLERS, defect_error, refusal_response
+from .service import Service, Storage
 
-ROUTERS = (posting.router, jobs.router, events.router, results.router, information.router)
+ROUTERS = (posting.router, jobs.router, events.router, jobs.result_router, information.router)
 
 
 def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> FastAPI:
@@ -84,3 +93,140 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         finally:
             await service.places.close()
             await asyncio.to_thread(service.storage.close)
+
+
+log = logging.getLogger("tailstack.service")
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+
+@contextmanager
+def listen(stopping: threading.Event) -> Iterator[None]:
+    """Set ``stopping`` as soon as a signal tells the server to stop, not when it has stopped.
+
+    uvicorn tells an application only when every connection is closed, and those that wait or stream would wait for
+    just that.  Its own handler is called next.  One of several API processes also ends when its parent has gone.
+    """
+    asyncio.get_running_loop().set_exception_handler(_say_briefly)
+    if threading.current_thread() is not threading.main_thread():  # nobody can signal it: ``server.running_service``
+        yield
+        return
+    previous = {number: signal.getsignal(number) for number in SIGNALS}
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        if not stopping.is_set():  # an Event could be locked by the very thread that a signal interrupts
+            stopping.set()
+        handler = previous[signal.Signals(number)]
+        if callable(handler):
+            handler(number, frame)
+
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), name="tailstack-parent", daemon=True).start()
+    for number in SIGNALS:
+        signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _end_with(parent: Any) -> None:
+    parent.join()
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _say_briefly(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """What a client does wrong after its answer has left cannot be answered, and is no defect of the service."""
+    error = context.get("exception")
+    if isinstance(error, h11.ProtocolError):
+        log.warning("%s", error, extra={"action": "not-http"})
+    else:
+        loop.default_exception_handler(context)
+
+
+log = logging.getLogger("tailstack.service")
+_ID = re.compile(rb"[A-Za-z0-9._:-]{1,64}\Z")
+LONGEST_METHOD, LONGEST_PATH = 20, 200  # characters that are logged: a stranger may send 60,000
+
+
+class Unsendable(Exception):
+    """The server cannot send to this client any more: what came after the head was not HTTP."""
+
+
+class RequestLog:
+    """Gives each request an id (its own X-Request-ID if that is harmless), echoes it, logs and counts the outcome."""
+
+    def __init__(self, app: ASGIApp, service: Service) -> None:
+        self.app = app
+        self.service = service
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        headers = dict(reversed(scope["headers"]))  # of those that came twice, the first
+        offered = headers.get(b"x-request-id", b"")
+        request_id = offered.decode() if _ID.match(offered) else os.urandom(16).hex()
+        state = scope.setdefault("state", {})
+        state["request_id"] = request_id
+        request = Request(scope, receive)
+        started, status = time.perf_counter(), 0
+
+        async def send_with_id(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message["headers"], (b"x-request-id", request_id.encode())]
+                status = message["status"]
+            try:
+                await send(message)
+            except Exception as error:
+                status = CLIENT_LEFT
+                raise Unsendable from error
+
+        async def answer(error: TailstackError) -> None:
+            if status == 0:
+                await refusal_response(request, error)(scope, receive, send_with_id)
+
+        try:
+            try:
+                self._check(request, headers)
+                await self.app(scope, receive, send_with_id)
+            except TailstackError as error:
+                await answer(error)
+            except asyncio.CancelledError:  # the time that a stop grants to whoever is still waiting is over
+                await answer(stopping_error())
+            except Unsendable:
+                raise
+            except Exception:
+                told = {"request": request_id, "path": scope["path"][:LONGEST_PATH]}
+                log.exception("", extra={"action": "failed", **told})
+                await answer(defect_error())
+        except Unsendable:
+            while (await receive())["type"] != "http.disconnect":
+                pass
+        took = time.perf_counter() - started
+        known = status != 405 and "route" in scope  # a stranger's methods and paths are without end
+        method, route = (scope["method"], scope["route"].path) if known else (NO_ROUTE, NO_ROUTE)
+        self.service.metrics.answered(method, route, status, took)
+        caller = state.get("caller")
+        log.info(
+            "",
+            extra={
+                "action": "answered", "request": request_id, "method": scope["method"][:LONGEST_METHOD],
+                "path": scope["path"][:LONGEST_PATH],
+                "status": status, "ms": 1e3 * took, "tenant": None if caller is None else caller.tenant,
+            },
+        )  # fmt: skip
+
+    def _check(self, request: Request, headers: dict[bytes, bytes]) -> None:
+        if b"transfer-encoding" in headers and b"content-length" in headers:
+            raise _two_lengths()
+        self.service.access.check_address(request.method, headers)
+
+
+def _two_lengths() -> TransportError:
+    """Where a request ends must not be a matter of opinion between a proxy and this service (RFC 9112, 6.1)."""
+    detail = "the request says its length twice: Content-Length and Transfer-Encoding"
+    problem = Problem("", "two-lengths", detail, "send one of them")
+    return TransportError("malformed-document", problem, {"Connection": "close"})

@@ -21,7 +21,7 @@ from ..store.events import Event, events_after
 from ..store.jobs import Job
 from .asked import single
 from .dependencies import Needs, TheService, query
-from .jobs import found
+from .jobs import find_job
 from .service import Seat, Service
 
 EVENT_STREAM = "text/event-stream"
@@ -42,7 +42,7 @@ async def get_events(request: Request, service: TheService) -> Response:
     204 when the job has ended and the client has seen all: that tells an EventSource to stop asking.
     """
     after = _last_seen(request)
-    job = await found(request)
+    job = await find_job(request)
     if job.finished and job.last_event <= after:
         return Response(b"", 204)
     if (seat := service.seat(job.tenant)) != "seated":

@@ -1,10 +1,14 @@
-"""Jobs as a client meets them: pages, records, cancelling, and the way to a result."""
+"""Jobs as a client meets them (pages, records, cancelling), and their results.
+
+A result is immutable, named by its SHA-256, and rendered as a report on request.
+"""
 
 from __future__ import annotations
 
 import math
 import time
 from dataclasses import replace
+from functools import partial
 from typing import Any
 from urllib.parse import urlencode
 
@@ -16,14 +20,18 @@ from ..documents import to_json
 from ..job_document import JobPage, job_document, problem_of
 from ..problems import RequestError, TransportError
 from ..store import jobs as stored
+from ..store import results as stored_results
 from ..store.database import Database
 from ..store.events import eta_seconds, events_after
 from ..store.jobs import Job
+from ..store.results import Result
 from ..store.tables import STATES
 from ..work.kinds import KINDS
-from .answers import JSON, path_of, record_response, stated_problem, tagged_response
+from . import computations, effort
+from .answers import JSON, path_of, record_response, tagged_response
 from .asked import single
-from .dependencies import Needs, query
+from .dependencies import Needs, TheService, query
+from .problems import document_response
 from .service import service_of
 
 PAGE, LARGEST_PAGE = 50, 200
@@ -34,17 +42,17 @@ router = APIRouter(tags=["jobs"])
 READ, COMPUTE = Depends(Needs("read")), Depends(Needs("compute"))
 
 
-def nothing(what: str, name: str) -> TransportError:
+def not_found(what: str, name: str) -> TransportError:
     """404, the same words for what never was and for what belongs to another tenant."""
     return TransportError("not-found", Problem("", "not-found", f"there is no {what} {name[:80]!r}"))
 
 
-async def found(request: Request) -> Job:
+async def find_job(request: Request) -> Job:
     """The job in the path, if it is the caller's.  Raises TransportError 404."""
     job_id = request.path_params["id"]
     job = await service_of(request).storage.run(stored.find, request.state.caller.tenant, job_id)
     if job is None:
-        raise nothing("job", job_id)
+        raise not_found("job", job_id)
     return job
 
 
@@ -65,7 +73,7 @@ async def get_job(request: Request) -> Response:
     job_id = request.path_params["id"]
     job, eta = await service_of(request).storage.run(_with_eta, request.state.caller.tenant, job_id)
     if job is None:
-        raise nothing("job", job_id)
+        raise not_found("job", job_id)
     waiting = {} if job.finished else retry_after(eta)
     return tagged_response(request, to_json(job_document(job, eta)), JSON, {**REVALIDATE, **waiting})
 
@@ -127,7 +135,7 @@ async def cancel_job(request: Request) -> Response:
     job_id = request.path_params["id"]
     job = await service_of(request).storage.write(stored.cancel, request.state.caller.tenant, job_id)
     if job is None:
-        raise nothing("job", job_id)
+        raise not_found("job", job_id)
     if job.state != "cancelled":
         detail = f"the job has {job.state}; there is nothing to cancel"
         raise TransportError("finished", Problem("", "finished", detail, f"GET /v1/jobs/{job.id}"))
@@ -137,7 +145,7 @@ async def cancel_job(request: Request) -> Response:
 @router.get("/v1/jobs/{id}/result", operation_id="get_job_result", dependencies=[READ, Depends(query())])
 async def get_job_result(request: Request) -> Response:
     """303 to the result; the job's own problem if it failed."""
-    job = await found(request)
+    job = await find_job(request)
     if job.state == "succeeded":
         return Response(b"", 303, {"Location": f"/v1/results/{job.result_sha256}", **REVALIDATE})
     return unsuccessful(request, job)
@@ -150,7 +158,7 @@ def unsuccessful(request: Request, job: Job, *, bare_design: bool = False) -> Re
         errors = document.errors
         if bare_design:
             errors = tuple(replace(entry, pointer=entry.pointer.removeprefix("/design")) for entry in errors)
-        return stated_problem(
+        return document_response(
             replace(document, instance=path_of(request), request_id=request.state.request_id, errors=errors)
         )
     if job.finished:
@@ -158,3 +166,59 @@ def unsuccessful(request: Request, job: Job, *, bare_design: bool = False) -> Re
     detail = f"the job is {job.state}: {job.units_done} of about {job.units_expected} units are done"
     hint = f"ask again later, or follow /v1/jobs/{job.id}/events"
     raise TransportError("not-finished", Problem("", "not-finished", detail, hint), retry_after())
+
+
+FORMATS = ("html", "pdf", "xlsx", "json")
+# private: whoever may read a result is decided by the credential, which a shared cache does not look at
+result_router = APIRouter(tags=["results"], dependencies=[Depends(Needs("read"))])
+FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable", "Vary": "Authorization"}
+
+
+async def find_result(request: Request) -> Result:
+    """The result in the path, if a job of the caller's tenant came to it.  Raises TransportError 404."""
+    sha256 = request.path_params["sha256"]
+    result = await service_of(request).storage.run(stored_results.get, request.state.caller.tenant, sha256)
+    if result is None:
+        raise not_found("result", sha256)
+    return result
+
+
+def result_response(request: Request, result: Result, headers: dict[str, str] | None = None) -> Response:
+    """A result as it was recorded, byte for byte."""
+    return tagged_response(request, result.body, JSON, {**FOR_EVER, **(headers or {})}, result.sha256)
+
+
+@result_router.get("/v1/results/{sha256}", operation_id="get_result", dependencies=[Depends(query())])
+async def get_result(request: Request) -> Response:
+    return result_response(request, await find_result(request))
+
+
+@result_router.get("/v1/results/{sha256}/report", operation_id="get_report", dependencies=[Depends(query("format"))])
+async def get_report(request: Request, service: TheService) -> Response:
+    form = single(request.query_params.multi_items(), "format")
+    form = "html" if form is None else form
+    if form not in FORMATS:
+        detail = f"format is one of {', '.join(FORMATS)}; got {form[:40]!r}"
+        raise RequestError(Problem("/format", "unknown-value", detail))
+    result = await find_result(request)
+    call = partial(computations.report, result.schema_name, result.body, form)
+    body, media_type = await service.places.run(request, call, effort.LONG if form != "json" else 0.0)
+    headers = {
+        "Cache-Control": "private, no-cache",
+        "Content-Disposition": f'inline; filename="tailstack-{result.sha256[:12]}.{form}"',
+        "X-Content-Type-Options": "nosniff",
+        **_policy(form),
+    }
+    return tagged_response(request, body, media_type, headers)
+
+
+def _policy(form: str) -> dict[str, str]:
+    """A report holds text that a stranger may have written: the page runs what it came with and asks for nothing.
+
+    Browsers show a PDF by a plug-in of their own, which such a policy forbids.
+    """
+    if form == "pdf":
+        return {}
+    from ..report.html import content_policy
+
+    return {"Content-Security-Policy": content_policy(served=True)}

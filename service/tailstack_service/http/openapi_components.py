@@ -10,11 +10,11 @@ from pydantic import BaseModel
 
 from ..documents import json_schema, record_json_schema
 from ..problems import CATALOGUE, ProblemType
-from .answers import PROBLEM
 from .example import EXAMPLE_DESIGN
 from .information import Health, Readiness, SchemaList, Version
 from .operations import JOB_OPERATIONS, OPERATIONS
 from .options import ComparisonOptions, ConversionOptions
+from .problems import PROBLEM
 
 # Names in the document, and so of the classes of generated clients, by the name of the published schema
 COMPONENT = {

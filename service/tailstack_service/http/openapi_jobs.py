@@ -6,10 +6,10 @@ from typing import Any
 
 from ..store.tables import STATES
 from ..work.kinds import KINDS
+from .jobs import FORMATS as REPORT_FORMATS
 from .jobs import LARGEST_PAGE, PAGE
 from .openapi_components import COMPONENT, reference
 from .openapi_objects import JSON, job_links, media_types, parameter, query_parameter, response_of, result_links
-from .results import FORMATS as REPORT_FORMATS
 
 REPORT_MEDIA = {
     "html": "text/html; charset=utf-8",

@@ -32,6 +32,7 @@ from ..compute.engine import Defect, Died, OutOfDate
 from ..compute.interpreter import code_digest, command, environment
 from ..compute.processes import describe_ending
 from ..problems import TransportError
+from ..settings import variable
 from .bodies import Placed
 from .computations import Refusal, warm_up
 
@@ -43,6 +44,7 @@ PERFORM = "tailstack_service.http.computations:perform"
 QUICK_SECONDS = 0.05  # of CPU expected: what may use the process that is kept free, and who waits for it waits so long
 OVERRUN_SECONDS = 2.0  # after which something that was expected to be quick begins anew among what takes long
 LOOK_SECONDS = 0.25  # between looks whether the caller is still there, and whether the service stops
+WARMTH_LOOK_SECONDS, WARMTH_RETRY_SECONDS = 0.02, 5
 WORTH_SECONDS = 1.0  # of computing: what has taken less is finished for a caller who left, a new process costs more
 
 
@@ -144,6 +146,17 @@ class Places:
             process.kill()
             await process.close()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def wait_until_warm(self, limit_seconds: float) -> None:
+        """Return when the kernels are compiled, or cannot be.  Raises TransportError 503 after so many seconds.
+
+        From a cache they are there in a second or two, which is worth waiting for; compiling them takes a minute.
+        """
+        deadline = time.monotonic() + limit_seconds
+        while self.warmth == "warming up" and not self._stopping.is_set():
+            if time.monotonic() >= deadline:
+                raise _cold(limit_seconds)
+            await asyncio.sleep(WARMTH_LOOK_SECONDS)
 
     def pids(self) -> list[int]:
         """Of the computing processes."""
@@ -371,6 +384,14 @@ class _Process:
         else:
             self._streams[1].close()
         await asyncio.to_thread(self._popen.wait)
+
+
+def _cold(waited_seconds: float) -> TransportError:
+    setting = variable("warm_up_seconds")
+    detail = f"the numerical kernels are still being compiled; waited {waited_seconds:g} s ({setting})"
+    hint = "send the request again later: GET /health/ready answers 200 when they are there"
+    headers = {"Retry-After": str(WARMTH_RETRY_SECONDS)}
+    return TransportError("warming-up", Problem("", "warming-up", detail, hint), headers)
 
 
 def _too_long(seconds: float) -> LimitError:

@@ -23,18 +23,14 @@ from ..store.errors import StoreUnavailable
 from ..store.jobs import Job
 from ..store.usage import cpu_seconds_since
 from . import computations, effort
-from .answers import JSON
+from .answers import JSON, idempotency_key, wait_seconds
 from .asked import Sent
-from .auditing import note_policy
 from .body import strict_body
 from .computations import JobRequest
 from .dependencies import Needs, TheService
-from .jobs import accepted, unsuccessful
+from .jobs import accepted, result_response, unsuccessful
 from .operations import JOB_OPERATIONS, OPERATIONS, SCORES, JobOperation, Operation
-from .preferences import idempotency_key, wait_seconds
-from .results import result_response
-from .service import Service, service_of
-from .warmth import warmed
+from .service import Service, note_policy, service_of
 
 T = TypeVar("T")
 
@@ -57,8 +53,8 @@ async def computed(request: Request, call: Callable[[], T], expected_seconds: fl
     ``kernels``: it needs them, and so waits a little while they are being compiled (TransportError 503 if longer).
     """
     service = service_of(request)
-    if kernels and service.places.warmth == "warming up":
-        await warmed(service)
+    if kernels:
+        await service.places.wait_until_warm(service.settings.warm_up_seconds)
     return await service.places.run(request, call, expected_seconds)
 
 

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import asyncio
+import logging
 import threading
 from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
 
 from starlette.requests import Request
 
+from tailstack.errors import Problem, TailstackError
+
 from ..settings import Settings
+from ..store import audit, database
+from ..store.database import Database, open_database
+from ..store.errors import StoreUnavailable
 from .access import Access
 from .metrics import Metrics
 from .places import Places
-from .storage import Storage
 
 Seat = Literal["seated", "share taken", "all taken"]
 
@@ -51,3 +59,119 @@ def service_of(request: Request) -> Service:
     """The service that a request came to."""
     service: Service = request.app.state.service
     return service
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+THREADS = 8  # of each kind; more would only wait for one another
+LOOK_SECONDS = 2.0  # for a database to show that it can be used
+LATE_SECONDS = 0.5  # that a call is waited for after it should have given itself up
+ENDING_SECONDS = 2.0  # for calls under way when the service stops
+
+
+class Storage:
+    """A database that is opened on first use, and again after it could not be.
+
+    It is called in threads of its own: the event loop never waits for a disk or a socket.  Readers and writers have
+    theirs apart: SQLite has one writer, and while it is held up, what is there can still be read.  Nobody waits longer
+    than ``BUSY_SECONDS``, whatever the database does: a transaction gives itself up in time where that is possible
+    (PostgreSQL), and where it is not (a disk that does not answer) its caller stops waiting for it.  A call that was
+    given up keeps its thread until it ends; there are never more of them than threads.
+    """
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+        self._database: Database | None = None
+        self._opening = threading.Lock()
+        self._readers = ThreadPoolExecutor(THREADS, thread_name_prefix="tailstack-store")
+        self._writers = ThreadPoolExecutor(THREADS, thread_name_prefix="tailstack-store-write")
+        self._lookers = ThreadPoolExecutor(1, thread_name_prefix="tailstack-store-look")
+        self._look: Future[int] | None = None
+
+    async def run(self, function: Callable[Concatenate[Database, P], T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """``function(database, ...)``, which only reads, in a thread.
+
+        Raises what it raises, StoreError if nothing can be opened, and StoreUnavailable if it takes too long.
+        """
+        return await self._run(self._readers, lambda database: function(database, *args, **kwargs))
+
+    async def write(self, function: Callable[Concatenate[Database, P], T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """The same for what writes."""
+        return await self._run(self._writers, lambda database: function(database, *args, **kwargs))
+
+    async def _run(self, pool: ThreadPoolExecutor, call: Callable[[Database], T]) -> T:
+        future = pool.submit(lambda: call(self.database()))
+        try:
+            return await _awaited(future, database.BUSY_SECONDS + LATE_SECONDS)
+        finally:
+            future.cancel()  # of no effect unless it has not begun: then nobody waits for it any more
+
+    async def look(self, function: Callable[[Database], int]) -> int:
+        """``function(database)`` within ``LOOK_SECONDS``: has a thread to itself, which all who look share.
+
+        Raises StoreUnavailable if no answer comes in that time, and what ``function`` raises.
+        """
+        if self._look is None or self._look.done():
+            self._look = self._lookers.submit(lambda: function(self.database(LOOK_SECONDS).within(LOOK_SECONDS)))
+        return await _awaited(self._look, LOOK_SECONDS + LATE_SECONDS)
+
+    def database(self, seconds: float | None = None) -> Database:
+        """The open database, for a caller that is in a thread already.  Raises StoreError, StoreUnavailable."""
+        limit = database.BUSY_SECONDS if seconds is None else seconds
+        if not self._opening.acquire(timeout=limit):
+            raise _late(limit)
+        try:
+            if self._database is None:
+                self._database = open_database(self.url, seconds=limit)
+            return self._database
+        finally:
+            self._opening.release()
+
+    def close(self) -> None:
+        """Let calls under way end, within ``ENDING_SECONDS`` if the database lets them, and close every connection."""
+        if self._database is not None:
+            self._database.end_within(ENDING_SECONDS)
+        for pool in (self._readers, self._writers, self._lookers):
+            pool.shutdown(wait=True, cancel_futures=True)
+        database, self._database = self._database, None
+        if database is not None:
+            database.close()
+
+
+async def _awaited(future: Future[T], seconds: float) -> T:
+    """The result of a call in a thread.  Raises what it raises, StoreUnavailable after so many seconds."""
+    waiting = asyncio.wrap_future(future)
+    waiting.add_done_callback(_note)
+    done, _ = await asyncio.wait({waiting}, timeout=seconds)
+    if not done:
+        raise _late(seconds)
+    return waiting.result()
+
+
+def _note(waiting: asyncio.Future[T]) -> None:
+    """Look at an exception that nobody waits for any more, which asyncio would warn of."""
+    if not waiting.cancelled():
+        waiting.exception()
+
+
+def _late(seconds: float) -> StoreUnavailable:
+    detail = f"the database did not answer within {seconds:g} s"
+    hint = "try again in a moment; the server, or the disk, must answer"
+    return StoreUnavailable(Problem("", "store-unavailable", detail, hint))
+
+
+log = logging.getLogger("tailstack.service")
+
+
+async def note_policy(request: Request, terms: dict[str, Any]) -> None:
+    """Note by what a gate of the caller was judged, if that differs from the last time.
+
+    Without the database the gate is answered all the same, and the log says that it was not noted: an analytic gate
+    needs none, and whoever could have it refused by stopping the database could stop the gate itself.
+    """
+    caller = request.state.caller
+    try:
+        await service_of(request).storage.write(audit.note_policy, caller.name, caller.tenant, terms)
+    except TailstackError as error:
+        told = {"action": "not-audited", "request": request.state.request_id, "tenant": caller.tenant}
+        log.warning("%s", error, extra=told)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from fastapi import Request, Response
@@ -11,20 +11,36 @@ from starlette.exceptions import HTTPException
 
 from tailstack.errors import Problem, TailstackError
 
-from ..problems import TransportError
+from ..documents import to_json
+from ..problems import ProblemDocument, TransportError, problem_document
 from ..store.errors import DamagedStore, StoreError, StoreUnavailable
-from .answers import path_of, problem_response
+from .answers import path_of
 from .bodies import Placed
 from .body import BodyTooLarge
 from .places import CallerLeft
 
 log = logging.getLogger("tailstack.service")
+PROBLEM = "application/problem+json"
 STORE_RETRY_SECONDS = 2
-LONGEST_TOLD = 120  # characters of a path that is unknown
+LONGEST_PATH = 120  # characters of a path that is unknown
 CLIENT_LEFT = 499  # for the log: nobody reads the answer
 
 
-def refused(request: Request, error: TailstackError | Placed) -> Response:
+def problem_response(
+    error: TailstackError, *, instance: str, request_id: str, status: int | None = None, prefix: str = ""
+) -> Response:
+    """A refusal as application/problem+json."""
+    document = problem_document(error, instance=instance, request_id=request_id, status=status, prefix=prefix)
+    headers = error.headers if isinstance(error, TransportError) else None
+    return document_response(document, headers)
+
+
+def document_response(document: ProblemDocument, headers: Mapping[str, str] | None = None) -> Response:
+    """A problem document with its own status."""
+    return Response(to_json(document), document.status, headers, PROBLEM)
+
+
+def refusal_response(request: Request, error: TailstackError | Placed) -> Response:
     """The answer to a request that is refused."""
     refusal, prefix = (error.error, error.prefix) if isinstance(error, Placed) else (error, "")
     request_id = request.state.request_id
@@ -37,7 +53,7 @@ def refused(request: Request, error: TailstackError | Placed) -> Response:
     return response
 
 
-def defect() -> TransportError:
+def defect_error() -> TransportError:
     """What a client is told of an exception that nobody expected."""
     return TransportError(
         "internal-error",
@@ -52,28 +68,28 @@ def _without_its_address(request_id: str, error: TailstackError) -> TransportErr
     return TransportError(error.slug, Problem("", error.slug, detail, "the log says why, under the id of the request"))
 
 
-async def _refused(request: Request, error: Any) -> Response:
-    return refused(request, error)
+async def _answer_refusal(request: Request, error: Any) -> Response:
+    return refusal_response(request, error)
 
 
-async def _left(request: Request, error: Any) -> Response:
+async def _answer_nobody(request: Request, error: Any) -> Response:
     return Response(b"", CLIENT_LEFT)
 
 
-async def _not_routed(request: Request, error: Any) -> Response:
+async def _answer_unrouted(request: Request, error: Any) -> Response:
     """What the router says: 404, or 405 with the methods that are there."""
-    told = path_of(request)[:LONGEST_TOLD]
+    told = path_of(request)[:LONGEST_PATH]
     if error.status_code != 405:
         problem = Problem("", "not-found", f"there is nothing at {told}", "GET /openapi.json lists every path")
-        return refused(request, TransportError("not-found", problem))
+        return refusal_response(request, TransportError("not-found", problem))
     allowed = error.headers["Allow"]
     problem = Problem("", "method-not-allowed", f"{told} does not answer to {request.method}", f"use {allowed}")
-    return refused(request, TransportError("method-not-allowed", problem, {"Allow": allowed}))
+    return refusal_response(request, TransportError("method-not-allowed", problem, {"Allow": allowed}))
 
 
 HANDLERS: dict[int | type[Exception], Callable[[Request, Any], Any]] = {
-    TailstackError: _refused,
-    Placed: _refused,
-    CallerLeft: _left,
-    HTTPException: _not_routed,
+    TailstackError: _answer_refusal,
+    Placed: _answer_refusal,
+    CallerLeft: _answer_nobody,
+    HTTPException: _answer_unrouted,
 }
