@@ -18,9 +18,9 @@ from tailstack.propagation.linear import linearise
 from tailstack.results import Check, Verification
 from tailstack.system import System
 from tailstack.tail.declared import law_quantile
-from tailstack_service.gate.case import numbers_of
-from tailstack_service.gate.judge import Computed, Gate, Progress, first_order, judge, verified, wants_check
-from tailstack_service.gate.request import admitted, gate_of
+from tailstack_service.gate.case import collect_numbers
+from tailstack_service.gate.judge import Gate, Progress, ScoredDesign, draw_check, judge, needs_check, score_designs
+from tailstack_service.gate.request import admit_gate, read_gate
 
 ERRORS = ("tcp", "localisation")
 FACTORS = (0.9, 0.95, 0.98, 1.0, 1.011, 1.03, 1.051, 1.07, 1.112, 1.15, 1.2, 1.3)  # limits over first order
@@ -87,21 +87,21 @@ def _gate(document: dict[str, Any], guard: int, max_trials: int, seed: int) -> G
         "rules": {name: {"severity": "note"} for name in off},
     }  # fmt: skip
     body = {"designs": [{"file": "d.json", "design": document}], "policy": policy, "mode": "auto", "seed": seed}
-    return gate_of(admitted(body, today=TODAY))
+    return read_gate(admit_gate(body, today=TODAY))
 
 
-def _sampled(gate: Gate, computed: Computed, progress: Progress) -> Verification:
-    return verified(gate, computed, progress)
+def _sampled(gate: Gate, computed: ScoredDesign, progress: Progress) -> Verification:
+    return draw_check(gate, computed, progress)
 
 
-def _by_first_order(gate: Gate, computed: Computed, check: Check) -> str | None:
+def _by_first_order(gate: Gate, computed: ScoredDesign, check: Check) -> str | None:
     """What mode auto says of one of the limits alone without a trial; None: it samples."""
     assert computed.score is not None
     assert computed.held is not None
     alone = replace(computed, score=replace(computed.score, verdict=replace(computed.score.verdict, checks=(check,))))
-    if wants_check(gate, alone):
+    if needs_check(gate, alone):
         return None
-    (number,) = numbers_of(alone.score, None, alone.rules, alone.added, computed.held)  # type: ignore[arg-type]
+    (number,) = collect_numbers(alone.score, None, alone.rules, alone.added, computed.held)  # type: ignore[arg-type]
     return number.status
 
 
@@ -128,7 +128,7 @@ def held_to_limits(rng: np.random.Generator, *, trials: int, judged_trials: int,
     value = law_quantile(law, quantile).quantile_mm
     held = limited(*(factor * value for factor in FACTORS))
     with patch("tailstack.scoring.budget", return_value=()):  # it decides nothing, and is most of a score's time
-        (computed,) = first_order(_gate(held, 10, 2**14, seed))
+        (computed,) = score_designs(_gate(held, 10, 2**14, seed))
     assert computed.score is not None
     least: dict[int, float | None] = {}
     highest: dict[int, float | None] = {}

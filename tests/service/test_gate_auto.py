@@ -14,7 +14,7 @@ from tailstack import load_design, verify
 from tailstack_service.documents import to_json
 from tailstack_service.gate.baseline import ROUNDING_PERCENT
 from tailstack_service.gate.records import GateRecord
-from tailstack_service.gate.request import admitted, evaluate
+from tailstack_service.gate.request import admit_gate, judge_designs
 
 CAP = 2**15
 QUICK = {"max_trials": CAP}
@@ -126,7 +126,7 @@ def test_the_mean_of_the_tail_is_decided_too(p95: float) -> None:
 
 
 def test_a_job_gives_the_very_record_of_the_sequential_test(p95: float) -> None:
-    request = admitted(
+    request = admit_gate(
         {
             "designs": [
                 {"file": "on.yaml", "design": limited(p95)},
@@ -141,7 +141,7 @@ def test_a_job_gives_the_very_record_of_the_sequential_test(p95: float) -> None:
         today=TODAY,
     )
     outcome, recorded = run_job("gate", request, shuffle=9)
-    here = evaluate(request)
+    here = judge_designs(request)
     assert outcome.answer == to_json(here)
     assert here.designs[0].trials == CAP
     assert {json.loads(unit.spec)["of"] for unit in recorded} >= {0, 1}
@@ -166,7 +166,7 @@ def record_of(*designs: dict[str, Any], **more: Any) -> dict[str, Any]:
 def compared(files: dict[str, dict[str, Any]], base: dict[str, Any], **more: Any) -> GateRecord:
     entries = [{"file": file, "design": design} for file, design in files.items()]
     body = {"designs": entries, "mode": "analytic", "policy": policy(), "baseline": base, **more}
-    return evaluate(admitted(body, today=TODAY))
+    return judge_designs(admit_gate(body, today=TODAY))
 
 
 def test_a_new_design_is_noted_and_held_to_its_limits_alone() -> None:

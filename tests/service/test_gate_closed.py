@@ -113,7 +113,7 @@ def test_a_gate_that_cannot_judge_leaves_no_old_pass(folder: Path, arguments: li
         ("tailstack_service.gate.judge.score", RuntimeError("singular"), 3),
         ("tailstack_service.gate.judge.score", MemoryError(), 3),
         ("tailstack_service.gate.reading.read_source", OSError(5, "Input/output error"), 3),
-        ("tailstack_service.cli.gate._files", KeyboardInterrupt(), 130),
+        ("tailstack_service.cli.gate._list_files", KeyboardInterrupt(), 130),
         ("tailstack_service.gate.judge.conclude", KeyboardInterrupt(), 130),
     ],
 )
@@ -231,7 +231,7 @@ def test_a_refusal_stays_a_refusal_when_a_file_fails_too(folder: Path, monkeypat
 def test_nothing_is_computed_for_an_output_that_cannot_be_written(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("tailstack_service.cli.gate._judged", raising(AssertionError("judged")))
+    monkeypatch.setattr("tailstack_service.cli.gate._judge", raising(AssertionError("judged")))
     assert main(["gate", "good.yaml", "--format", "sarif=/proc/gate.sarif", "--format", "json=out.json"]) == 3
     assert "cannot write /proc/gate.sarif" in capsys.readouterr().err
     assert record().exit_code == 3
@@ -327,7 +327,7 @@ def test_a_killed_gate_leaves_files_that_say_so(folder: Path) -> None:
     code = (
         "import sys, time\n"
         "from tailstack_service.cli import gate, main\n"
-        "gate._judged = lambda *_: (print('judging', flush=True), time.sleep(60))\n"
+        "gate._judge = lambda *_: (print('judging', flush=True), time.sleep(60))\n"
         "sys.exit(main.main(sys.argv[1:]))\n"
     )
     outputs = [f"--format={name}=out.{name}" for name in ALL]
@@ -355,7 +355,7 @@ def test_an_interrupted_process_leaves_with_130(folder: Path) -> None:
     code = (
         "import sys, time\n"
         "from tailstack_service.cli import gate, main\n"
-        "gate._judged = lambda *_: (print('judging', flush=True), time.sleep(60))\n"
+        "gate._judge = lambda *_: (print('judging', flush=True), time.sleep(60))\n"
         "sys.exit(main.main(sys.argv[1:]))\n"
     )
     environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"}

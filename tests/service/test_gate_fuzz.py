@@ -15,7 +15,7 @@ from service_scenes import small_design
 from tailstack.errors import TailstackError
 from tailstack_service.documents import from_plain, to_json
 from tailstack_service.gate.records import GateRecord
-from tailstack_service.gate.request import admitted, evaluate
+from tailstack_service.gate.request import admit_gate, judge_designs
 
 TODAY = date(2026, 11, 21)
 SEED, CASES = 7, 250
@@ -56,7 +56,7 @@ def whole_request() -> dict[str, Any]:
         "on_inconclusive": "warn",
         "max_regression_percent": 1.0,
     }
-    return {**request, "baseline": json.loads(to_json(evaluate(admitted(request, today=TODAY))))}
+    return {**request, "baseline": json.loads(to_json(judge_designs(admit_gate(request, today=TODAY))))}
 
 
 def paths(node: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
@@ -87,7 +87,7 @@ def bent(request: dict[str, Any], chance: random.Random) -> dict[str, Any]:
 
 def outcome(request: dict[str, Any]) -> GateRecord | TailstackError:
     try:
-        return evaluate(admitted(request, today=TODAY))
+        return judge_designs(admit_gate(request, today=TODAY))
     except TailstackError as error:
         return error
 

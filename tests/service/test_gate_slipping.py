@@ -20,7 +20,7 @@ from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.documents import to_json
 from tailstack_service.gate.records import GateFinding, GateRecord
-from tailstack_service.gate.request import admitted, evaluate
+from tailstack_service.gate.request import admit_gate, judge_designs
 
 TODAY = date(2026, 11, 21)
 JUDGING = ("p95", "cvar", "exceedance", "per-unit-yield")
@@ -44,7 +44,7 @@ def policy(rules: dict[str, Any] | None = None, **more: Any) -> dict[str, Any]:
 def gate(files: dict[str, dict[str, Any]], **more: Any) -> GateRecord:
     entries = [{"file": name, "design": content} for name, content in files.items()]
     body = {"designs": entries, "mode": "analytic", "policy": policy(), **more}
-    return evaluate(admitted(body, today=TODAY))
+    return judge_designs(admit_gate(body, today=TODAY))
 
 
 def baseline(*requirements: dict[str, Any], **changes: Any) -> dict[str, Any]:

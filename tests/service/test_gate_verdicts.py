@@ -19,7 +19,7 @@ from tailstack.errors import DesignError, LimitError, TailstackError
 from tailstack_service.documents import json_schema, to_json
 from tailstack_service.gate.reading import GateError
 from tailstack_service.gate.records import GateFinding, GateRecord
-from tailstack_service.gate.request import admitted, evaluate
+from tailstack_service.gate.request import admit_gate, judge_designs
 from tailstack_service.gate.rules import RULES
 from tailstack_service.problems import RequestError
 
@@ -56,7 +56,7 @@ def gate(*designs: dict[str, Any] | str, **more: Any) -> GateRecord:
         for k, design in enumerate(designs)
     ]
     body = {"designs": entries, "mode": "analytic", "policy": policy(), **more}
-    return evaluate(admitted(body, today=TODAY))
+    return judge_designs(admit_gate(body, today=TODAY))
 
 
 def of_rule(record: GateRecord, rule: str) -> list[GateFinding]:
@@ -123,9 +123,9 @@ def test_a_design_that_determines_nothing_leaves_with_3_whatever_the_others_do()
 def test_an_invalid_design_is_refused_at_the_door_and_found_by_the_gate() -> None:
     request = {"designs": [{"file": "bad.yaml", "text": "schema: tailstack/design/1\nname: x\nviews: 3\n"}]}
     with pytest.raises(DesignError) as refused:
-        admitted(request, today=TODAY)
+        admit_gate(request, today=TODAY)
     assert any(p.pointer == "/designs/0/text/views" and p.line == 3 for p in refused.value.problems)
-    record = evaluate({**request, "today": "2026-11-21", "mode": "analytic"})
+    record = judge_designs({**request, "today": "2026-11-21", "mode": "analytic"})
     assert (record.verdict, record.exit_code) == ("not evaluated", 2)
     assert {finding.rule for finding in record.findings} == {"invalid-design"}
     assert any(finding.line == 3 for finding in record.findings)
@@ -133,7 +133,7 @@ def test_an_invalid_design_is_refused_at_the_door_and_found_by_the_gate() -> Non
 
 def test_text_is_never_taken_for_a_path() -> None:
     with pytest.raises(DesignError, match="a mapping of fields"):
-        admitted({"designs": [{"file": "x", "text": "/etc/hostname"}]}, today=TODAY)
+        admit_gate({"designs": [{"file": "x", "text": "/etc/hostname"}]}, today=TODAY)
 
 
 def test_limits_of_the_policy_are_held_against_every_target() -> None:
@@ -243,8 +243,8 @@ def test_a_process_that_judges_nothing_is_remarked_at_its_pattern() -> None:
     assert remarks(seat, rules={"process-unused": {"severity": "error"}})[0].severity == "error"
     judged_off = {"process-capability": {"severity": "off", "processes": [seat]}}
     assert remarks(seat, rules=judged_off) == [], "a rule that is off has nothing to hold"
-    unread = evaluate(
-        {**admitted({"designs": [{"file": "d0.yaml", "design": small_design()}], "mode": "analytic",
+    unread = judge_designs(
+        {**admit_gate({"designs": [{"file": "d0.yaml", "design": small_design()}], "mode": "analytic",
                      "policy": policy({"process-capability": {"processes": [seat]}})}, today=TODAY),
          "designs": [{"file": "d0.yaml", "design": small_design()}, {"file": "d1.yaml", "text": "name: x"}]}
     )  # fmt: skip
@@ -308,7 +308,7 @@ def test_the_first_class_that_matches_changes_single_fields() -> None:
     assert [design.verdict for design in record.designs] == ["pass", "pass"]
     assert [finding.severity for finding in of_rule(record, "p95")] == ["warning"]
     given = {"designs": [{"file": "x", "design": plain, "class": "loose"}], "policy": policy(rules, classes=classes)}
-    assert evaluate(admitted({**given, "mode": "analytic"}, today=TODAY)).designs[0].design_class == "loose"
+    assert judge_designs(admit_gate({**given, "mode": "analytic"}, today=TODAY)).designs[0].design_class == "loose"
 
 
 def test_a_waiver_suppresses_and_stays_visible() -> None:
@@ -410,9 +410,9 @@ def test_a_job_gives_the_very_record_that_is_computed_here() -> None:
         "policy": policy({"cvar": {"limit_mm": 2 * P95}}, verification={"max_trials": 40_000, "precision": 0.02}),
         "seed": 5,
     }  # fmt: skip
-    request = admitted(request, today=TODAY)
+    request = admit_gate(request, today=TODAY)
     outcome, recorded = run_job("gate", request, shuffle=3)
-    assert outcome.answer == to_json(evaluate(request))
+    assert outcome.answer == to_json(judge_designs(request))
     assert {json.loads(unit.spec)["of"] for unit in recorded} == {0, 2}
 
 
@@ -458,7 +458,7 @@ def test_what_cannot_be_used_is_refused_at_its_place(
 ) -> None:
     complete = {"designs": [{"file": "d.yaml", "design": limited(2 * P95)}], **copy.deepcopy(body)}
     with pytest.raises(kind) as refused:
-        admitted(complete, today=TODAY)
+        admit_gate(complete, today=TODAY)
     assert pointer in [problem.pointer for problem in refused.value.problems]
     assert refused.value.exit_code == 2
 
@@ -470,21 +470,21 @@ def test_the_last_day_a_waiver_may_name_is_180_days_ahead() -> None:
 def test_too_many_designs_are_refused() -> None:
     body = {"designs": [{"file": "d.yaml", "design": limited(1.0)}] * 3}
     with pytest.raises(LimitError, match="2 designs at most"):
-        admitted(body, today=TODAY, max_designs=2)
+        admit_gate(body, today=TODAY, max_designs=2)
 
 
 def test_two_designs_of_one_name_are_refused() -> None:
     body = {"designs": [{"file": "d.yaml", "design": limited(1.0)}] * 2}
     with pytest.raises(RequestError, match="also the name of design 0") as refused:
-        admitted(body, today=TODAY)
+        admit_gate(body, today=TODAY)
     assert refused.value.problems[0].pointer == "/designs/1/file"
 
 
 @pytest.mark.parametrize("rule", RULES)
 def test_every_rule_has_a_page(rule: str) -> None:
-    from tailstack_service.gate.rules import explanation
+    from tailstack_service.gate.rules import explain
 
-    page = explanation(RULES[rule])
+    page = explain(RULES[rule])
     assert page.startswith(f"{rule}: {RULES[rule].title}")
     assert len(page) > 150
     assert max(map(len, page.splitlines())) <= 120

@@ -14,7 +14,7 @@ from service_scenes import client_with, limited
 
 from tailstack import load_design, score, verify
 from tailstack_service.documents import to_json
-from tailstack_service.gate.request import admitted, evaluate
+from tailstack_service.gate.request import admit_gate, judge_designs
 from tailstack_service.report import render
 from tailstack_service.report.assembling import ReportOptions, compute_report
 from tailstack_service.report.comparing import compute_comparison
@@ -42,7 +42,7 @@ def results() -> dict[str, bytes]:
         "score": score(design),
         "verification": verify(design, trials=4_000),
         "sweep": sweep(design, read_axes(design, [axis])),
-        "gate": evaluate(admitted({"designs": designs, "mode": "analytic"}, today=date(2026, 11, 21))),
+        "gate": judge_designs(admit_gate({"designs": designs, "mode": "analytic"}, today=date(2026, 11, 21))),
     }
     return {name: to_json(record) for name, record in made.items()}
 

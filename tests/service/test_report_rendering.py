@@ -25,7 +25,7 @@ from tailstack import load_design, score, verify
 from tailstack.results import Score
 from tailstack.sweeping import read_axes, sweep
 from tailstack_service.documents import json_schema, to_json
-from tailstack_service.gate.request import admitted, evaluate
+from tailstack_service.gate.request import admit_gate, judge_designs
 from tailstack_service.report import html as html_module
 from tailstack_service.report import render
 from tailstack_service.report.assembling import ReportOptions, compute_report
@@ -380,7 +380,7 @@ def results() -> dict[str, bytes]:
 
     design = load_design(limited(0.9))
     axis = {"pointer": "/views/0/fiducial_noise_px", "values": [0.2, 0.3, 0.4]}
-    gate = admitted(
+    gate = admit_gate(
         {"designs": [{"file": "a.yaml", "design": limited(0.9)}, {"file": "b.yaml", "design": limited(5.0)}]},
         today=date(2026, 11, 21),
     )
@@ -389,7 +389,7 @@ def results() -> dict[str, bytes]:
         "verification": verify(design, trials=4_000),
         "optimisation": optimise(load_design(small_design()), starts=1),
         "sweep": sweep(design, read_axes(design, [axis])),
-        "gate": evaluate(gate),
+        "gate": judge_designs(gate),
         "report": compute_report(design, ReportOptions(trials=4_000)),
     }
     return {name: to_json(record) for name, record in pairs.items()}

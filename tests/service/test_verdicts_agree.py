@@ -24,7 +24,7 @@ from tailstack import load_design, score, verify
 from tailstack.design import Design
 from tailstack_service.documents import to_json
 from tailstack_service.gate.formats import FORMATS
-from tailstack_service.gate.request import admitted, evaluate
+from tailstack_service.gate.request import admit_gate, judge_designs
 from tailstack_service.rendering.score import score_text
 from tailstack_service.rendering.verification import verification_text
 from tailstack_service.report import render
@@ -278,8 +278,8 @@ def test_a_comparison_says_what_fails_and_has_one_p95_of_each_target(
 
 def test_a_gate_says_the_same_in_each_of_its_formats(design: Design, checks: dict[str, dict[str, Any]]) -> None:
     data = small_design(requirements=[entry.model_dump(exclude_none=True) for entry in design.document.requirements])
-    record = evaluate(
-        admitted({"designs": [{"file": "a.yaml", "design": data}], "mode": "analytic"}, today=date(2026, 11, 21))
+    record = judge_designs(
+        admit_gate({"designs": [{"file": "a.yaml", "design": data}], "mode": "analytic"}, today=date(2026, 11, 21))
     )
     numbers = {n["requirement"]: n for n in json.loads(to_json(record))["designs"][0]["numbers"]}
     assert set(numbers) == set(checks)

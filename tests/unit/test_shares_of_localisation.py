@@ -10,7 +10,7 @@ import yaml
 
 from tailstack import load_design, score, verify
 from tailstack.results import Score
-from tailstack_service.gate.design_rules import to_blame
+from tailstack_service.gate.design_rules import name_largest_share
 from tailstack_service.rendering.score import shares_of
 from tailstack_service.report.headline import headline_of
 
@@ -43,8 +43,8 @@ def test_shares_of_localisation_are_those_of_the_structure_alone(scored: Score) 
 
 def test_a_missed_limit_on_localisation_is_not_blamed_on_the_flange(scored: Score) -> None:
     """The flange has the largest share of the error at the tool, and none of the error of localisation."""
-    assert to_blame(scored, "tip", "tcp").startswith("connector_flange.r")
-    assert to_blame(scored, "tip", "localisation").startswith("structure_connector.r")
+    assert name_largest_share(scored, "tip", "tcp").startswith("connector_flange.r")
+    assert name_largest_share(scored, "tip", "localisation").startswith("structure_connector.r")
     document = demo()
     document["requirements"].append(
         {"name": "navigation", "error": "localisation", "quantile": 0.99, "limit_mm": 0.3, "targets": "all"}

@@ -87,24 +87,24 @@ def _format(text: str) -> tuple[str, str | None]:
 
 def run(arguments: argparse.Namespace) -> Answer:
     if arguments.explain is not None:
-        return Answer(_explained(arguments.explain), PASS)
+        return Answer(_explain(arguments.explain), PASS)
 
     from ..gate.text import gate_summary
-    from .gate_outputs import FOR_PEOPLE, outputs_of, say, unwritten
+    from .gate_outputs import FOR_PEOPLE, choose_outputs, record_unwritten, say
     from .refusals import problem_text
 
-    found = _found(arguments.design)  # before anything is written: no output becomes a design, no design an output
+    found = _find_files(arguments.design)  # before anything is written: no output becomes a design, no design an output
     inputs = [arguments.policy, arguments.waivers, arguments.baseline, *arguments.design, *chain(*found.values())]
-    outputs, wrong = outputs_of(arguments.format or [("text", None)], [name for name in inputs if name is not None])
-    record, outputs = _record(arguments, outputs, wrong, found)
+    outputs, wrong = choose_outputs(arguments.format or [("text", None)], [name for name in inputs if name is not None])
+    record, outputs = _make_record(arguments, outputs, wrong, found)
     refused = record.provenance.policy_sha256 is None  # what stopped it stands on stderr
     body = b"" if refused and outputs.on_stdout == "text" else outputs.stdout(record)
     problems = outputs.publish(record)
     if problems and body:
-        body = outputs.stdout(unwritten(record, problems))
-    unprinted = _printed(body)
+        body = outputs.stdout(record_unwritten(record, problems))
+    unprinted = _print_body(body)
     if problems := [*problems, *unprinted]:
-        record = unwritten(record, problems)
+        record = record_unwritten(record, problems)
         outputs.correct(record)
         say(problem_text(replace(problem, file=None)) for problem in problems)
     else:
@@ -115,7 +115,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     return Answer("", record.exit_code)
 
 
-def _printed(body: str | bytes) -> list[Problem]:
+def _print_body(body: str | bytes) -> list[Problem]:
     """Write to stdout.  Returns what kept it from being written; a reader who has left is no reason."""
     from tailstack.errors import Problem
 
@@ -133,7 +133,7 @@ def _printed(body: str | bytes) -> list[Problem]:
     return []
 
 
-def _record(
+def _make_record(
     arguments: argparse.Namespace, outputs: Outputs, wrong: list[str], found: dict[str, list[str]]
 ) -> tuple[GateRecord, Outputs]:
     """The record of the gate, whatever becomes of it, and the outputs that can be written to: what stops it is told on
@@ -141,14 +141,14 @@ def _record(
     from tailstack.errors import Problem, TailstackError
 
     from ..problems import RequestError
-    from .gate_outputs import INTERRUPTED, NOT_FINISHED, OutputError, unfinished
+    from .gate_outputs import INTERRUPTED, NOT_FINISHED, OutputError, record_unfinished
     from .refusals import report_error, report_failure
 
     known = partial(
-        unfinished, today=today(), mode=arguments.mode, fail_level=arguments.fail_level,
+        record_unfinished, today=today(), mode=arguments.mode, fail_level=arguments.fail_level,
         on_inconclusive=arguments.on_inconclusive, max_regression_percent=arguments.max_regression,
     )  # fmt: skip
-    files = [_shown(name) for name in arguments.design]
+    files = [_show_name(name) for name in arguments.design]
     try:
         outputs, unwritable = outputs.begin(known(files, (NOT_FINISHED,), NOT_EVALUATED))
         if wrong:
@@ -158,16 +158,16 @@ def _record(
         if arguments.max_regression is not None and arguments.baseline is None:
             detail = "--max-regression: without a baseline nothing is compared"
             raise RequestError(Problem("", "unused-option", detail, "--baseline FILE, or leave it out"))
-        designs = _files(arguments.design, found)
-        files = [_shown(name) for name in designs]
-        return _judged(arguments, designs), outputs
+        designs = _list_files(arguments.design, found)
+        files = [_show_name(name) for name in designs]
+        return _judge(arguments, designs), outputs
     except KeyboardInterrupt:
         print("tailstack: interrupted", file=sys.stderr)
         return known(files, (INTERRUPTED,), INTERRUPTED_CODE), outputs
     except (TailstackError, OSError) as error:
         code = report_error(error, arguments)
         problems = error.problems if isinstance(error, TailstackError) else (Problem("", "os-error", str(error)),)
-        problems = tuple(p if p.file is None else replace(p, file=_shown(p.file)) for p in problems)
+        problems = tuple(p if p.file is None else replace(p, file=_show_name(p.file)) for p in problems)
         return known(files, problems, code if code == BAD_INPUT else NOT_EVALUATED), outputs
     except Exception as error:
         report_failure(error, arguments)
@@ -182,25 +182,25 @@ def today() -> date:
     return datetime.now(UTC).date()
 
 
-def _judged(arguments: argparse.Namespace, designs: list[str]) -> GateRecord:
-    gate = _gate(arguments, designs)  # policy and waivers are refused before anything is computed
+def _judge(arguments: argparse.Namespace, designs: list[str]) -> GateRecord:
+    gate = _read_gate(arguments, designs)  # policy and waivers are refused before anything is computed
     with Progress("gate") as progress:
         if arguments.remote is not None:
-            from .gate_remote import asked
+            from .gate_remote import judge_remotely
 
-            return asked(gate, arguments.remote, progress)
+            return judge_remotely(gate, arguments.remote, progress)
 
-        from ..gate.judge import judge, verified
+        from ..gate.judge import draw_check, judge
 
-        return judge(gate, verified, progress.report)
+        return judge(gate, draw_check, progress.report)
 
 
-def _explained(rule: str) -> str:
+def _explain(rule: str) -> str:
     from difflib import get_close_matches
 
     from tailstack.errors import Problem
 
-    from ..gate.rules import RULES, explanation
+    from ..gate.rules import RULES, explain
     from ..problems import RequestError
 
     if rule == "all":
@@ -209,10 +209,10 @@ def _explained(rule: str) -> str:
         close = get_close_matches(rule, RULES, 1)
         hint = (f"did you mean {close[0]}? " if close else "") + f"rules: {', '.join(RULES)}"
         raise RequestError(Problem("", "unknown-rule", f"no rule is called {rule!r}", hint))
-    return explanation(RULES[rule])
+    return explain(RULES[rule])
 
 
-def _found(given: list[str]) -> dict[str, list[str]]:
+def _find_files(given: list[str]) -> dict[str, list[str]]:
     """Of each pattern among the designs, the files that it matches, sorted."""
     from glob import glob
 
@@ -220,7 +220,7 @@ def _found(given: list[str]) -> dict[str, list[str]]:
     return {name: sorted(glob(name, recursive=True)) for name in patterns}
 
 
-def _files(given: list[str], found: dict[str, list[str]]) -> list[str]:
+def _list_files(given: list[str], found: dict[str, list[str]]) -> list[str]:
     """The designs' files: names as they are, patterns as what they match, each once.  Raises RequestError."""
     from tailstack.errors import Problem
 
@@ -233,15 +233,15 @@ def _files(given: list[str], found: dict[str, list[str]]) -> list[str]:
         files += found.get(name, [name])
     if not files:
         raise RequestError(Problem("", "no-design", "no design was given", "tailstack gate DESIGN..."))
-    files = list({_shown(name): name for name in reversed(files)}.values())[::-1]
-    if long := next((name for name in files if len(_shown(name)) > LONGEST_NAME), None):
+    files = list({_show_name(name): name for name in reversed(files)}.values())[::-1]
+    if long := next((name for name in files if len(_show_name(name)) > LONGEST_NAME), None):
         raise RequestError(
             Problem("", "too-long", f"a path has {LONGEST_NAME} characters at most; got {long[:60]!r}...")
         )
     return files
 
 
-def _shown(name: str) -> str:
+def _show_name(name: str) -> str:
     """How findings call a file: from the working directory where it is below that, in characters that can be shown."""
     if name == "-":
         return "<stdin>"
@@ -252,40 +252,40 @@ def _shown(name: str) -> str:
     return "".join("\ufffd" if unicodedata.category(c) == "Cc" else c for c in readable)
 
 
-def _gate(arguments: argparse.Namespace, files: list[str]) -> Gate:
+def _read_gate(arguments: argparse.Namespace, files: list[str]) -> Gate:
     from ..gate.baseline import read_baseline
-    from ..gate.judge import Gate, seed_of
+    from ..gate.judge import Gate, choose_seed
     from ..gate.policy import read_policy
     from ..gate.waivers import read_waivers
 
     day = today()
     policy = read_policy(None if arguments.policy is None else Path(arguments.policy))
     if arguments.policy is not None:
-        policy = replace(policy, file=_shown(arguments.policy))
+        policy = replace(policy, file=_show_name(arguments.policy))
     waivers = None if arguments.waivers is None else read_waivers(Path(arguments.waivers), day)
     baseline = None if arguments.baseline is None else read_baseline(Path(arguments.baseline))
     if waivers is not None:
-        waivers = replace(waivers, file=_shown(arguments.waivers))
+        waivers = replace(waivers, file=_show_name(arguments.waivers))
     if baseline is not None:
-        baseline = replace(baseline, file=_shown(arguments.baseline))
+        baseline = replace(baseline, file=_show_name(arguments.baseline))
     return Gate(
-        designs=tuple(_design(name) for name in files),
+        designs=tuple(_read_design(name) for name in files),
         policy=policy,
         waivers=waivers,
         baseline=baseline,
         mode=arguments.mode,
-        seed=seed_of(None, policy, baseline),
+        seed=choose_seed(None, policy, baseline),
         today=day,
         fail_level=arguments.fail_level,
         on_inconclusive=arguments.on_inconclusive,
         max_regression_percent=arguments.max_regression,
-        present=() if baseline is None else _still_there(baseline.record, files),
+        present=() if baseline is None else _list_present(baseline.record, files),
     )
 
 
-def _still_there(record: GateRecord, files: list[str]) -> tuple[str, ...]:
+def _list_present(record: GateRecord, files: list[str]) -> tuple[str, ...]:
     """Designs of a baseline that are not judged now and whose files are where they were: they were not renamed."""
-    judged = {_shown(name) for name in files}
+    judged = {_show_name(name) for name in files}
     return tuple(
         entry.file
         for entry in record.designs
@@ -293,7 +293,7 @@ def _still_there(record: GateRecord, files: list[str]) -> tuple[str, ...]:
     )
 
 
-def _design(name: str) -> GateDesign:
+def _read_design(name: str) -> GateDesign:
     """A design, or the refusal that becomes its finding: the others are judged all the same."""
     from tailstack.errors import DesignError, LimitError
 
@@ -301,12 +301,12 @@ def _design(name: str) -> GateDesign:
     from ..gate.judge import GateDesign
 
     try:
-        return GateDesign(_shown(name), read_design(name))
+        return GateDesign(_show_name(name), read_design(name))
     except (DesignError, LimitError) as error:
-        return GateDesign(_shown(name), None, _placed(error, name))
+        return GateDesign(_show_name(name), None, _place_refusal(error, name))
 
 
-def _placed(error: TailstackError, name: str) -> TailstackError:
+def _place_refusal(error: TailstackError, name: str) -> TailstackError:
     """A refusal with files as findings call them; what is about the file of fiducials stands there, or, where that is
     not to be found, at the field that names it."""
     from tailstack.design.loading import read_source
@@ -315,13 +315,13 @@ def _placed(error: TailstackError, name: str) -> TailstackError:
 
     def own(problem: Problem) -> Problem:
         if problem.file is None or problem.file == str(Path(name)):
-            return replace(problem, file=_shown(name))
+            return replace(problem, file=_show_name(name))
         if problem.line is not None:
-            return replace(problem, file=_shown(os.path.join(os.path.dirname(name), problem.file)))
+            return replace(problem, file=_show_name(os.path.join(os.path.dirname(name), problem.file)))
         try:
             found = place(replace(problem, file=None), read_source(Path(name)))
         except TailstackError:
-            return replace(problem, file=_shown(name))
-        return replace(found, file=_shown(name))
+            return replace(problem, file=_show_name(name))
+        return replace(found, file=_show_name(name))
 
     return type(error)([own(problem) for problem in error.problems])

@@ -53,10 +53,10 @@ class Outputs:
         for name, file in self.usable:
             try:
                 if not is_stream(file):
-                    stage(file, written(name, record)).put()
+                    stage(file, render_record(name, record)).put()
                 usable.append((name, file))
             except OSError as error:
-                problems.append(_refused(file, error))
+                problems.append(_refuse_file(file, error))
                 _remove(file)
         return replace(self, usable=tuple(usable)), problems
 
@@ -71,9 +71,9 @@ class Outputs:
             if is_stream(file):
                 continue
             try:
-                beside.append(stage(file, written(name, record)))
+                beside.append(stage(file, render_record(name, record)))
             except OSError as error:
-                problems.append(_refused(file, error))
+                problems.append(_refuse_file(file, error))
         for entry in beside:
             try:
                 if problems:
@@ -81,13 +81,13 @@ class Outputs:
                 else:
                     entry.put()
             except OSError as error:
-                problems.append(_refused(entry.file, error))
+                problems.append(_refuse_file(entry.file, error))
         for name, file in () if problems else self.usable:
             try:
                 if is_stream(file):
-                    append(file, written(name, record))
+                    append(file, render_record(name, record))
             except OSError as error:
-                problems.append(_refused(file, error))
+                problems.append(_refuse_file(file, error))
         return problems or self.summary(record)
 
     def correct(self, record: GateRecord) -> None:
@@ -95,9 +95,9 @@ class Outputs:
         for name, file in self.usable:
             try:
                 if is_stream(file):
-                    append(file, written(name, record))
+                    append(file, render_record(name, record))
                 else:
-                    stage(file, written(name, record)).put()
+                    stage(file, render_record(name, record)).put()
             except OSError:
                 _remove(file)
         self.summary(record)
@@ -110,7 +110,7 @@ class Outputs:
         name = self.on_stdout
         if name == "text":
             return gate_text(record, colour=coloured_output())
-        return "" if name is None else written(name, record)
+        return "" if name is None else render_record(name, record)
 
     @property
     def on_stdout(self) -> str | None:
@@ -126,33 +126,33 @@ class Outputs:
 
         try:
             with open(file, "ab") as stream:
-                stream.write(step_summary(name_from_root(record, prefix()), stream.tell()).encode())
+                stream.write(step_summary(name_from_root(record, find_prefix()), stream.tell()).encode())
         except OSError as error:
-            return [_refused(f"{SUMMARY} {file}", error)]
+            return [_refuse_file(f"{SUMMARY} {file}", error)]
         return []
 
 
 POINTS = (".csv", ".fcsv", ".mrk.json")  # endings of the files that designs take their fiducials from
 
 
-def outputs_of(formats: Iterable[tuple[str, str | None]], inputs: Iterable[str]) -> tuple[Outputs, list[str]]:
+def choose_outputs(formats: Iterable[tuple[str, str | None]], inputs: Iterable[str]) -> tuple[Outputs, list[str]]:
     """The outputs, and what is wrong with them, in words.  inputs: files that are read and must not be written."""
     formats = tuple(formats)
     wrong: list[str] = []
     usable: list[tuple[str, str]] = []
-    read = {_real(name) for name in inputs}
+    read = {_resolve(name) for name in inputs}
     if sum(file is None for _, file in formats) > 1:
         wrong.append("two formats would be written to stdout; give all but one a file: --format json=gate.json")
     for name, file in formats:
         if file is None:
             continue
-        if _real(file) in read:
+        if _resolve(file) in read:
             wrong.append(f"--format {name}={file} would overwrite a file that is read; give it another name")
         elif file.lower().endswith(POINTS) and Path(file).exists():
             wrong.append(
                 f"--format {name}={file} would overwrite what may be a file of fiducials; give it another name"
             )
-        elif _real(file) in {_real(other) for _, other in usable}:
+        elif _resolve(file) in {_resolve(other) for _, other in usable}:
             wrong.append(f"two formats would be written to {file}; give each a file of its own")
         elif not Path(file).parent.is_dir() or Path(file).is_dir():
             wrong.append(f"cannot write {file}: no such directory, or a directory")
@@ -161,15 +161,15 @@ def outputs_of(formats: Iterable[tuple[str, str | None]], inputs: Iterable[str])
     return Outputs(formats, tuple(usable)), wrong
 
 
-def written(name: str, record: GateRecord) -> bytes:
+def render_record(name: str, record: GateRecord) -> bytes:
     """A record in a format."""
     from ..gate.formats import FORMATS, name_from_root
 
     chosen = FORMATS[name]
-    return chosen.write(name_from_root(record, prefix()) if chosen.in_repository else record)
+    return chosen.write(name_from_root(record, find_prefix()) if chosen.in_repository else record)
 
 
-def prefix() -> str:
+def find_prefix() -> str:
     """The way from the root of the repository to the working directory, where a pipeline says the first."""
     here = Path.cwd().resolve()
     for variable in ROOTS:
@@ -185,11 +185,11 @@ def say(lines: Iterable[str]) -> None:
         print(f"tailstack gate: {line}", file=sys.stderr)
 
 
-def _real(name: str) -> str:
+def _resolve(name: str) -> str:
     return os.path.realpath(name)
 
 
-def _refused(file: str, error: OSError) -> Problem:
+def _refuse_file(file: str, error: OSError) -> Problem:
     return Problem("", "not-written", f"cannot write {file}: {error.strerror or error}", MEND, file)
 
 
@@ -203,7 +203,7 @@ NOT_FINISHED = Problem("", "not-finished", "the gate has not ended: it is runnin
 INTERRUPTED = Problem("", "interrupted", "the gate was interrupted before it came to a verdict")
 
 
-def unfinished(
+def record_unfinished(
     files: Sequence[str],
     problems: Iterable[Problem],
     exit_code: int,
@@ -239,7 +239,7 @@ def unfinished(
     )
 
 
-def unwritten(record: GateRecord, problems: Iterable[Problem]) -> GateRecord:
+def record_unwritten(record: GateRecord, problems: Iterable[Problem]) -> GateRecord:
     """The record of a gate that judged and could not leave its answer everywhere it was asked to: no verdict, whatever
     the designs came to, and the reasons before all findings."""
     reasons = tuple(_finding("not-evaluated", problem, ()) for problem in problems)

@@ -11,22 +11,22 @@ from tailstack.design.refusals import place
 from tailstack.errors import Problem
 
 from ..console.progress import Progress
-from ..gate.judge import Gate, conclude, first_order, refused
+from ..gate.judge import Gate, conclude, report_refusal, score_designs
 from ..gate.records import WORST_FIRST, GatedDesign, GateFinding, GateRecord
-from ..gate.waivers import in_words
+from ..gate.waivers import describe_waiver
 
 
-def asked(gate: Gate, url: str, progress: Progress) -> GateRecord:
+def judge_remotely(gate: Gate, url: str, progress: Progress) -> GateRecord:
     """The record as it would have been computed here.  Raises RemoteError, also for an answer that is no record."""
     from pydantic import ValidationError
 
     from ..documents import read_record
     from .remote import RemoteError, Service, compute_remotely
 
-    request = request_of(gate)
+    request = write_request(gate)
     service = Service(url)
     if not request["designs"]:  # there is nothing to ask
-        return conclude(gate, first_order(gate), [None] * len(gate.designs))
+        return conclude(gate, score_designs(gate), [None] * len(gate.designs))
     try:
         record: GateRecord = read_record("gate", compute_remotely(service, "/v1/gates", request, progress))
         names = [entry["file"] for entry in request["designs"]]
@@ -37,7 +37,7 @@ def asked(gate: Gate, url: str, progress: Progress) -> GateRecord:
         detail = f"{service.url} answered with something that is not the record of this gate: {said}"
         problem = Problem("", "unexpected-answer", detail, "is it a tailstack of this version? tailstack version")
         raise RemoteError("unexpected-answer", "The service gave an unexpected answer", 0, (problem,)) from None
-    return completed(record, gate)
+    return complete_record(record, gate)
 
 
 # What a service calls documents that came without a file of their own.
@@ -46,7 +46,7 @@ _WAIVED = re.compile(rf"{WAIVERS}#/waivers/(\d+), ")
 _POINT = re.compile(r"/fiducials/points(/\d+.*)?")
 
 
-def request_of(gate: Gate) -> dict[str, Any]:
+def write_request(gate: Gate) -> dict[str, Any]:
     """Body of ``POST /v1/gates``: every design that could be read, with the points of its fiducial file in it."""
     designs = [
         {"file": entry.file, "design": design_to_data(entry.design)}
@@ -72,12 +72,12 @@ def request_of(gate: Gate) -> dict[str, Any]:
     }
 
 
-def completed(record: GateRecord, gate: Gate) -> GateRecord:
+def complete_record(record: GateRecord, gate: Gate) -> GateRecord:
     """The record of a service with findings at their lines here, and with the designs that were not sent because they
     could not be read."""
     sent = iter(record.designs)
     designs: list[GatedDesign] = []
-    findings = [_placed(finding, gate) for finding in record.findings]
+    findings = [_place_here(finding, gate) for finding in record.findings]
     unread: list[GateFinding] = []
     for entry in gate.designs:
         if entry.design is not None:
@@ -85,7 +85,7 @@ def completed(record: GateRecord, gate: Gate) -> GateRecord:
         else:
             assert entry.refusal is not None
             designs.append(GatedDesign(entry.file, None, None, None, "not evaluated", "none", None, (), ()))
-            unread += refused(entry, entry.refusal)
+            unread += report_refusal(entry, entry.refusal)
     if unread:  # the service did not know of designs that may have what a pattern is for
         findings = [finding for finding in findings if finding.rule != "process-unused"]
     order = {entry.file: index for index, entry in enumerate(gate.designs)}
@@ -95,7 +95,7 @@ def completed(record: GateRecord, gate: Gate) -> GateRecord:
     return replace(record, verdict=WORST_FIRST[0], exit_code=2, findings=tuple(findings), designs=tuple(designs))
 
 
-def _placed(finding: GateFinding, gate: Gate) -> GateFinding:
+def _place_here(finding: GateFinding, gate: Gate) -> GateFinding:
     design = next((entry.design for entry in gate.designs if entry.file == finding.file), None)
     if design is not None:
         pointer = _own_pointer(finding.pointer, design)
@@ -112,7 +112,7 @@ def _placed(finding: GateFinding, gate: Gate) -> GateFinding:
         finding = replace(finding, file=gate.baseline.file, line=placed.line, column=placed.column)
     found = None if finding.suppressed_by is None else _WAIVED.match(finding.suppressed_by)
     if found is not None and gate.waivers is not None:
-        finding = replace(finding, suppressed_by=in_words(gate.waivers, int(found.group(1))))
+        finding = replace(finding, suppressed_by=describe_waiver(gate.waivers, int(found.group(1))))
     return finding
 
 

@@ -14,8 +14,8 @@ from tailstack.design.reading import shown
 from tailstack.design.refusals import escape, place, refuse
 from tailstack.errors import Problem
 
-from .case import Case, Remark, at, in_words, pointer_of
-from .design_rules import target_pointer
+from .case import Case, Remark, describe_requirement, name_targets, point_at_requirement
+from .design_rules import point_at_target
 from .reading import LIMITS, GateError, GateInput, Given, add_prefix, hash_content, read_data
 from .records import GatedDesign, GateRecord, GateRequirement, GateSection, GateTarget
 
@@ -52,13 +52,13 @@ def _find_bad_number(data: Any, seed: int) -> Problem | None:
         return Problem("/seed", "out-of-range", f"a seed is a whole number from 0 to {2**63 - 1}; got {shown(seed)}")
     open_ends: list[tuple[str, Any]] = [("", data)]
     while open_ends:
-        at, item = open_ends.pop()
+        pointer, item = open_ends.pop()
         if isinstance(item, float) and not isfinite(item):
-            return Problem(at, "not-finite", "the number is too large")
-        if at.endswith("p95_mm") and item is not None and (not isinstance(item, int | float) or item < 0):
-            return Problem(at, "wrong-type", f"expected a number of 0 or more; got {shown(item)}")
+            return Problem(pointer, "not-finite", "the number is too large")
+        if pointer.endswith("p95_mm") and item is not None and (not isinstance(item, int | float) or item < 0):
+            return Problem(pointer, "wrong-type", f"expected a number of 0 or more; got {shown(item)}")
         children = item.items() if isinstance(item, dict) else enumerate(item) if isinstance(item, list) else ()
-        open_ends += [(f"{at}/{escape(step)}", child) for step, child in children]
+        open_ends += [(f"{pointer}/{escape(step)}", child) for step, child in children]
     return None
 
 
@@ -69,7 +69,7 @@ SECTIONS = ("views", "interfaces", "targets", "transforms", "execution")
 FEWEST_ALIKE = 3  # sections that have to be the same where the fiducials are not
 
 
-def sections_of(design: Design) -> tuple[GateSection, ...]:
+def hash_sections(design: Design) -> tuple[GateSection, ...]:
     """The sections that a design states, by the hash of their content, defaults filled in; of the fiducials where they
     are, whatever they are called and whatever file they stand in."""
     document = design.document
@@ -93,13 +93,13 @@ def find_earlier(
     found: tuple[Callable[[], list[GatedDesign]], ...] = (
         lambda: same_file,
         lambda: [entry for entry in gone if entry.sha256 == sha256],
-        lambda: _most_alike(gone, sections),
+        lambda: _choose_most_alike(gone, sections),
         lambda: [entry for entry in gone if entry.name == name],
     )
     return next((entries[0] for find in found if len(entries := find()) == 1), None)
 
 
-def _most_alike(designs: Sequence[GatedDesign], sections: Collection[GateSection]) -> list[GatedDesign]:
+def _choose_most_alike(designs: Sequence[GatedDesign], sections: Collection[GateSection]) -> list[GatedDesign]:
     alike = {entry.file: set(sections) & set(entry.sections) for entry in designs}
     near = [
         entry
@@ -120,7 +120,7 @@ _WEIGHTS = ("off", "note", "warning", "error")
 _KINDS = {"p95": "quantile", "exceedance": "quantile"}  # an exceedance is a quantile against a limit
 
 
-def regressions(case: Case) -> list[Remark]:
+def find_regressions(case: Case) -> list[Remark]:
     """regression"""
     base = case.baseline
     if base is None:
@@ -129,10 +129,10 @@ def regressions(case: Case) -> list[Remark]:
     remarks = []
     for index, score in enumerate(case.score.targets):
         was = before.get(score.name)
-        pointer = target_pointer(case, index)
+        pointer = point_at_target(case, index)
         if was is None:
             continue
-        head, then, basis = _compared(case, index, was, base)
+        head, then, basis = _choose_basis(case, index, was, base)
         percent = 100 * (head / then - 1) if then > 0 else (0.0 if head == 0 else float("inf"))
         if percent > case.max_regression_percent + ROUNDING_PERCENT:
             message = (
@@ -145,7 +145,7 @@ def regressions(case: Case) -> list[Remark]:
     return remarks
 
 
-def _compared(case: Case, index: int, was: GateTarget, base: GatedDesign) -> tuple[float, float, str]:
+def _choose_basis(case: Case, index: int, was: GateTarget, base: GatedDesign) -> tuple[float, float, str]:
     """P95 now and then.
 
     First order has no chance in it, so a difference is the design's.  Where it is not to be trusted Monte Carlo is
@@ -161,22 +161,22 @@ def _compared(case: Case, index: int, was: GateTarget, base: GatedDesign) -> tup
 # --- what was asked for ---------------------------------------------------------------------------
 
 
-def relaxed_limits(case: Case) -> list[Remark]:
+def find_relaxed_limits(case: Case) -> list[Remark]:
     """limit-relaxed: what the baseline held the design to, and nothing holds it to now"""
     base = case.baseline
     if base is None:
         return []
     names = {target.name for target in case.targets}
-    remarks = _lost_targets(case, base)
-    for asked in _asked_before(base):
-        left = tuple(name for name in asked.targets if name in names and not _still_asked(case, asked, name))
+    remarks = _find_lost_targets(case, base)
+    for asked in _list_demands(base):
+        left = tuple(name for name in asked.targets if name in names and not _demands_as_much(case, asked, name))
         if left:
-            remarks.append(_relaxed(case, asked, left))
+            remarks.append(_describe_relaxed(case, asked, left))
     return remarks
 
 
 @dataclass(frozen=True, slots=True)
-class _Asked:
+class _Demand:
     """A requirement of the baseline; None where an old record does not say."""
 
     name: str
@@ -192,39 +192,40 @@ class _Asked:
     words: str
 
 
-def _asked_before(base: GatedDesign) -> list[_Asked]:
+def _list_demands(base: GatedDesign) -> list[_Demand]:
     """What was judged then: from the record of requirements, or from the numbers of a record that has none."""
     if base.requirements:
         return [
-            _Asked(
+            _Demand(
                 entry.name, entry.origin, _KINDS.get(entry.rule, entry.rule), entry.severity, entry.error,
-                entry.quantile, entry.limit_mm, entry.min_yield, entry.confidence, entry.targets, in_words(entry),
+                entry.quantile, entry.limit_mm, entry.min_yield, entry.confidence, entry.targets,
+                describe_requirement(entry),
             )
             for entry in base.requirements
             if entry.severity != "off"
         ]  # fmt: skip
-    found: dict[tuple[str, str], _Asked] = {}
+    found: dict[tuple[str, str], _Demand] = {}
     for number in base.numbers:
         key = (number.rule, number.requirement)
         limit, required = (None, number.limit) if number.unit == "fraction" else (number.limit, None)
         words = f"{100 * required:g} % of installed units" if required is not None else f"{number.limit:g} mm"
         earlier = found[key].targets if key in found else ()
-        found[key] = _Asked(
+        found[key] = _Demand(
             number.requirement, None, _KINDS.get(number.rule, number.rule), None, None, None, limit, required, None,
             (*earlier, number.target), words,
         )  # fmt: skip
     return list(found.values())
 
 
-def _still_asked(case: Case, asked: _Asked, target: str) -> bool:
+def _demands_as_much(case: Case, asked: _Demand, target: str) -> bool:
     """Whether some requirement, whatever it is called, asks for as much at the target."""
     return any(
-        target in entry.targets and _KINDS.get(entry.rule, entry.rule) == asked.kind and not _less(entry, asked)
+        target in entry.targets and _KINDS.get(entry.rule, entry.rule) == asked.kind and not _list_less(entry, asked)
         for entry in case.requirements
     )
 
 
-def _less(entry: GateRequirement, asked: _Asked) -> list[tuple[str, str]]:
+def _list_less(entry: GateRequirement, asked: _Demand) -> list[tuple[str, str]]:
     """In what a requirement asks for less: field of the document and words."""
     found: list[tuple[str, str]] = []
     if asked.error not in (None, entry.error):
@@ -243,7 +244,7 @@ def _less(entry: GateRequirement, asked: _Asked) -> list[tuple[str, str]]:
     return found
 
 
-def _relaxed(case: Case, asked: _Asked, targets: tuple[str, ...]) -> Remark:
+def _describe_relaxed(case: Case, asked: _Demand, targets: tuple[str, ...]) -> Remark:
     """What became of a requirement that is not asked for as it was."""
     begin = f"{asked.name} ({asked.words} in the baseline)"
     namesake = next(
@@ -251,25 +252,27 @@ def _relaxed(case: Case, asked: _Asked, targets: tuple[str, ...]) -> Remark:
         None,
     )
     if namesake is None:
-        return Remark(_requirements(case), f"{begin}: the requirement went {at(targets)}")
-    pointer = pointer_of(case.design, namesake)
+        return Remark(_point_at_requirements(case), f"{begin}: the requirement went {name_targets(targets)}")
+    pointer = point_at_requirement(case.design, namesake)
     if _KINDS.get(namesake.rule, namesake.rule) != asked.kind:
         return Remark(pointer, f"{begin}: it is judged under {namesake.rule} now, which asks for something else")
-    changes = _less(namesake, asked)
+    changes = _list_less(namesake, asked)
     if missing := [name for name in targets if name not in namesake.targets]:
-        changes.append(("targets", f"it is not asked for any more {at(missing)}"))
+        changes.append(("targets", f"it is not asked for any more {name_targets(missing)}"))
     field = next((field for field, _ in changes if field), "")
     values = (namesake.limit_mm, asked.limit_mm) if field == "limit_mm" else (None, None)
     message = f"{begin}: {'; '.join(words for _, words in changes)}"
-    return Remark(pointer_of(case.design, namesake, field), message, *values)
+    return Remark(point_at_requirement(case.design, namesake, field), message, *values)
 
 
-def _lost_targets(case: Case, base: GatedDesign) -> list[Remark]:
+def _find_lost_targets(case: Case, base: GatedDesign) -> list[Remark]:
     """Targets that went, and targets that are somewhere else: the error there is not the one that was limited."""
     now = {target.name: target for target in case.targets}
     remarks = []
     if gone := [target.name for target in base.targets if target.name not in now]:
-        remarks.append(Remark("/targets", f"the design had more targets in the baseline: it has no error {at(gone)}"))
+        remarks.append(
+            Remark("/targets", f"the design had more targets in the baseline: it has no error {name_targets(gone)}")
+        )
     moved = []
     for target in base.targets:
         then, here = target.position_mm, now[target.name].position_mm if target.name in now else None
@@ -278,19 +281,21 @@ def _lost_targets(case: Case, base: GatedDesign) -> list[Remark]:
     if moved:
         farthest = max(distance for _, distance in moved)
         index = [target.name for target in case.targets].index(moved[0][0])
-        message = f"not where the baseline had it, by up to {farthest:.4g} mm, {at(name for name, _ in moved)}"
-        remarks.append(Remark(target_pointer(case, index), f"{message}: limits are kept somewhere else"))
+        message = (
+            f"not where the baseline had it, by up to {farthest:.4g} mm, {name_targets(name for name, _ in moved)}"
+        )
+        remarks.append(Remark(point_at_target(case, index), f"{message}: limits are kept somewhere else"))
     return remarks
 
 
-def _requirements(case: Case) -> str:
+def _point_at_requirements(case: Case) -> str:
     return "/requirements" if case.design.document.requirements else ""
 
 
 # --- what there was to compare with ---------------------------------------------------------------
 
 
-def not_compared(case: Case) -> list[Remark]:
+def find_not_compared(case: Case) -> list[Remark]:
     """not-compared"""
     base = case.baseline
     if not case.compared:
@@ -303,7 +308,7 @@ def not_compared(case: Case) -> list[Remark]:
     for index, score in enumerate(case.score.targets):
         if score.name not in before:
             message = f"target {score.name}: the baseline has no number for it, nothing was compared"
-            remarks.append(Remark(target_pointer(case, index), message, note=True))
+            remarks.append(Remark(point_at_target(case, index), message, note=True))
     if all(target.position_mm is None for target in base.targets):
         message = (
             "the baseline does not say what the design was asked for: limits are compared as far as its numbers know "

@@ -57,7 +57,7 @@ CVAR_QUANTILE = 0.95
 MOST_NAMES = 3
 
 
-def requirements_of(design: Design, system: System, rules: Rules) -> tuple[GateRequirement, ...]:
+def list_requirements(design: Design, system: System, rules: Rules) -> tuple[GateRequirement, ...]:
     """Every requirement of the design, then every limit of the policy, whether its rule is off or not."""
     every = tuple(target.name for target in system.targets)
     own = {requirement.name for requirement in design.document.requirements}
@@ -81,10 +81,10 @@ def requirements_of(design: Design, system: System, rules: Rules) -> tuple[GateR
                 targets=requirement.targets,
             )
         )
-    return (*stated, *_limits_of(rules, every))
+    return (*stated, *_list_policy_limits(rules, every))
 
 
-def _limits_of(rules: Rules, targets: tuple[str, ...]) -> list[GateRequirement]:
+def _list_policy_limits(rules: Rules, targets: tuple[str, ...]) -> list[GateRequirement]:
     """Limits of the policy, each on the error at the tool of every target."""
     p95, cvar, beyond, units = rules.p95, rules.cvar, rules.exceedance, rules.per_unit_yield
     found = [
@@ -100,7 +100,7 @@ def _limits_of(rules: Rules, targets: tuple[str, ...]) -> list[GateRequirement]:
     ]
 
 
-def unjudged(
+def list_unjudged(
     requirements: Sequence[GateRequirement],
     numbers: Sequence[GateNumber],
     targets: Sequence[str],
@@ -131,24 +131,23 @@ def unjudged(
     )
 
 
-def requirements_not_judged(case: Case) -> list[Remark]:
+def find_unjudged(case: Case) -> list[Remark]:
     """not-judged"""
     remarks = []
     for entry in case.requirements:
         left = [one for one in case.not_judged if (one.requirement, one.rule) == (entry.name, entry.rule)]
         if entry.origin == "design" and left:
-            message = (
-                f"{entry.name} ({in_words(entry)}) was not judged {at(one.target for one in left)}: {left[0].reason}"
-            )
-            remarks.append(Remark(pointer_of(case.design, entry), message))
+            where = name_targets(one.target for one in left)
+            message = f"{entry.name} ({describe_requirement(entry)}) was not judged {where}: {left[0].reason}"
+            remarks.append(Remark(point_at_requirement(case.design, entry), message))
     bare = [one for one in case.not_judged if one.requirement is None]
     if bare and case.requirements:  # otherwise nothing was judged at all, which not-evaluated says
-        message = f"nothing was held against the error {at(one.target for one in bare)}: {bare[0].reason}"
+        message = f"nothing was held against the error {name_targets(one.target for one in bare)}: {bare[0].reason}"
         remarks.append(Remark("/targets", message, note=True))
     return remarks
 
 
-def names_that_match(case: Case) -> list[Remark]:
+def find_class_names(case: Case) -> list[Remark]:
     """class-by-name"""
     if case.class_of_name is None:
         return []
@@ -161,7 +160,7 @@ def names_that_match(case: Case) -> list[Remark]:
     return [Remark("/name", message)]
 
 
-def in_words(entry: GateRequirement) -> str:
+def describe_requirement(entry: GateRequirement) -> str:
     """What is asked, in one phrase."""
     if entry.rule == "cvar":
         return f"CVaR95 of the {entry.error} error within {entry.limit_mm:g} mm"
@@ -169,14 +168,14 @@ def in_words(entry: GateRequirement) -> str:
     return what if entry.min_yield is None else f"{what} for {100 * entry.min_yield:g} % of installed units"
 
 
-def at(targets: Iterable[str]) -> str:
+def name_targets(targets: Iterable[str]) -> str:
     """``at target a, b, c and 2 more``."""
     names = list(targets)
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     return f"at target{'s' if len(names) > 1 else ''} {', '.join(names[:MOST_NAMES])}{more}"
 
 
-def pointer_of(design: Design, entry: GateRequirement, field: str = "") -> str:
+def point_at_requirement(design: Design, entry: GateRequirement, field: str = "") -> str:
     """Where a requirement, or a field that it states, stands in the design document."""
     for index, requirement in enumerate(design.document.requirements):
         if entry.origin == "design" and requirement.name == entry.name:
@@ -188,7 +187,7 @@ CVAR_LIKE = 0.99  # first order errs in the mean of the worst 5 % as in this qua
 UNITS = 2048  # installed units that a check draws for a per-unit requirement (tailstack.verifying)
 
 
-def with_policy(design: Design, rules: Rules) -> tuple[dict[str, Any], dict[str, str]]:
+def add_policy_limits(design: Design, rules: Rules) -> tuple[dict[str, Any], dict[str, str]]:
     """The design's document with the policy's limits among its requirements, and which rule each of these is of."""
     wanted: list[tuple[str, dict[str, Any]]] = []
     p95, beyond, units = rules.p95, rules.exceedance, rules.per_unit_yield
@@ -215,7 +214,7 @@ def with_policy(design: Design, rules: Rules) -> tuple[dict[str, Any], dict[str,
     return data, added
 
 
-def numbers_of(
+def collect_numbers(
     score: Score,
     verification: Verification | None,
     rules: Rules,
@@ -233,15 +232,15 @@ def numbers_of(
         "per-unit-yield": rules.per_unit_yield.severity,
     }
     checks = (score if verification is None else verification).verdict.checks
-    rate = _error_rate(held, verification)
-    numbers = [_number(check, added, rate(check)) for check in checks]
+    rate = _error_rates(held, verification)
+    numbers = [_make_number(check, added, rate(check)) for check in checks]
     return (
         *(number for number in numbers if severity[number.rule] != "off"),
-        *_cvar_numbers(score, verification, rules, looks),
+        *_make_cvar_numbers(score, verification, rules, looks),
     )
 
 
-def _error_rate(held: Design, verification: Verification | None) -> Callable[[Check], float | None]:
+def _error_rates(held: Design, verification: Verification | None) -> Callable[[Check], float | None]:
     """Of each check: quantiles share the run's confidence, the largest that is asked for; a yield has its own."""
     confidence = {entry.name: entry.confidence for entry in held.document.requirements}
     largest = max(confidence.values(), default=0.95)
@@ -255,7 +254,7 @@ def _error_rate(held: Design, verification: Verification | None) -> Callable[[Ch
     return rate
 
 
-def _number(check: Check, added: Mapping[str, str], rate: float | None) -> GateNumber:
+def _make_number(check: Check, added: Mapping[str, str], rate: float | None) -> GateNumber:
     rule = added.get(check.requirement)
     name = check.requirement if rule is None else rule
     interval = check.interval_mm
@@ -270,7 +269,7 @@ def _number(check: Check, added: Mapping[str, str], rate: float | None) -> GateN
     )  # fmt: skip
 
 
-def _cvar_numbers(score: Score, verification: Verification | None, rules: Rules, looks: int) -> list[GateNumber]:
+def _make_cvar_numbers(score: Score, verification: Verification | None, rules: Rules, looks: int) -> list[GateNumber]:
     limit = rules.cvar.limit_mm
     if limit is None or rules.cvar.severity == "off":
         return []
@@ -303,7 +302,7 @@ def _cvar_numbers(score: Score, verification: Verification | None, rules: Rules,
     ]  # fmt: skip
 
 
-def near_a_limit(
+def is_near_limit(
     numbers: tuple[GateNumber, ...],
     guard_band_percent: float,
     accepted: Callable[[GateNumber], Sequence[float]],
@@ -326,7 +325,7 @@ def near_a_limit(
     return False
 
 
-def yield_floor(fraction: float) -> float:
+def bound_yield(fraction: float) -> float:
     """Lower Clopper-Pearson limit (97.5 %) of a yield met by ``fraction`` of the units that a check draws."""
     from scipy.special import betaincinv
 

@@ -13,44 +13,44 @@ from tailstack.design.write import FIELD
 from tailstack.results import Score, headline_of
 
 from ..rendering.score import shares_of
-from .case import Case, Remark, yield_floor
+from .case import Case, Remark, bound_yield
 from .records import GateNumber
 
 # What carries each limit of the policy in its document.
 _FIELDS = {"p95": "limit_mm", "cvar": "limit_mm", "exceedance": "limit_mm", "per-unit-yield": "min_yield"}
 
 
-def quantiles(case: Case) -> list[Remark]:
+def find_quantiles(case: Case) -> list[Remark]:
     """p95"""
-    return _failed(case, "p95")
+    return _find_failures(case, "p95")
 
 
-def tail_means(case: Case) -> list[Remark]:
+def find_tail_means(case: Case) -> list[Remark]:
     """cvar"""
-    return _failed(case, "cvar")
+    return _find_failures(case, "cvar")
 
 
-def exceedances(case: Case) -> list[Remark]:
+def find_exceedances(case: Case) -> list[Remark]:
     """exceedance"""
-    return _failed(case, "exceedance")
+    return _find_failures(case, "exceedance")
 
 
-def yields(case: Case) -> list[Remark]:
+def find_yields(case: Case) -> list[Remark]:
     """per-unit-yield"""
-    return _failed(case, "per-unit-yield")
+    return _find_failures(case, "per-unit-yield")
 
 
-def open_questions(case: Case) -> list[Remark]:
+def find_open_questions(case: Case) -> list[Remark]:
     """inconclusive"""
     hint = (
         "first order cannot decide; gate with --mode auto or verify"
         if case.verification is None
         else f"open after {case.verification.trials:,} trials; the policy's verification.max_trials allows more"
     )
-    return [_remark(case, number, hint) for number in case.numbers if number.status == "inconclusive"]
+    return [_make_remark(case, number, hint) for number in case.numbers if number.status == "inconclusive"]
 
 
-def first_order_gaps(case: Case) -> list[Remark]:
+def find_first_order_gaps(case: Case) -> list[Remark]:
     """first-order-gap"""
     allowed = case.rules.first_order_gap.max_percent
     trust = case.score.validity
@@ -71,22 +71,24 @@ def first_order_gaps(case: Case) -> list[Remark]:
             f"target {target.name}: the first-order P95 is {percent:.2g} % {way} the verified one "
             f"(nu = {trust.nu:.2g}); {allowed:g} % are allowed"
         )
-        remarks.append(Remark(target_pointer(case, index), message, percent, allowed, target.name))
+        remarks.append(Remark(point_at_target(case, index), message, percent, allowed, target.name))
     return remarks
 
 
-def _failed(case: Case, rule: str) -> list[Remark]:
-    return [_remark(case, number, "") for number in case.numbers if number.rule == rule and number.status == "fail"]
+def _find_failures(case: Case, rule: str) -> list[Remark]:
+    return [
+        _make_remark(case, number, "") for number in case.numbers if number.rule == rule and number.status == "fail"
+    ]
 
 
-def _remark(case: Case, number: GateNumber, hint: str) -> Remark:
-    what = _in_words(case, number)
+def _make_remark(case: Case, number: GateNumber, hint: str) -> Remark:
+    what = _describe_number(case, number)
     message = f"{number.requirement}, target {number.target}: {what}" + (f"; {hint}" if hint else "")
-    if not hint and (blame := to_blame(case.score, number.target, _limited(case, number)[1])):
+    if not hint and (blame := name_largest_share(case.score, number.target, _find_quantile(case, number)[1])):
         message += f"; the largest share is {blame}"
     bound, unbounded = _bound(case, number)
     return Remark(
-        pointer=_pointer(case, number),
+        pointer=_point_at_limit(case, number),
         message=message,
         value=number.value,
         limit=number.limit,
@@ -97,13 +99,13 @@ def _remark(case: Case, number: GateNumber, hint: str) -> Remark:
     )
 
 
-def _in_words(case: Case, number: GateNumber) -> str:
+def _describe_number(case: Case, number: GateNumber) -> str:
     assert number.value_mm is not None  # or it would be of an earlier version's record
     low, high = number.interval_mm or (number.value_mm, None)
     ends = f"[{low:.4g}, {'unknown' if high is None else f'{high:.4g}'}]"
     if number.rule == "cvar":
         return f"CVaR95 of the tcp error is {number.value:.4g} mm {ends}, limit {number.limit:g} mm"
-    quantile, error = _limited(case, number)
+    quantile, error = _find_quantile(case, number)
     if number.unit == "fraction":
         value = headline_of(quantile, number.limit, f"the {error} error")
         good = f"{number.value:.2%} of installed units are good, {number.limit:.2%} required"
@@ -117,7 +119,7 @@ def _in_words(case: Case, number: GateNumber) -> str:
     return f"P{100 * quantile:g} of the {error} error is {number.value:.4g} mm {ends}, limit {number.limit:g} mm"
 
 
-def _limited(case: Case, number: GateNumber) -> tuple[float, str]:
+def _find_quantile(case: Case, number: GateNumber) -> tuple[float, str]:
     """Quantile and error that a number is of: those of its requirement; limits of the policy are of P95 at the tool."""
     for requirement in case.design.document.requirements:
         if requirement.name == number.requirement and number.requirement not in _FIELDS:
@@ -131,19 +133,19 @@ def _bound(case: Case, number: GateNumber) -> tuple[float | None, bool]:
         return number.interval[1], number.interval[1] is None
     if case.verification is None:  # of a yield to first order only the status is known
         return None, True
-    return yield_floor(number.value), False
+    return bound_yield(number.value), False
 
 
-def _pointer(case: Case, number: GateNumber) -> str:
+def _point_at_limit(case: Case, number: GateNumber) -> str:
     """The limit in the design; for a limit of the policy, the target that misses it."""
     for index, requirement in enumerate(case.design.document.requirements):
         if requirement.name == number.requirement and number.requirement not in _FIELDS:
             return f"/requirements/{index}/" + ("min_yield" if number.unit == "fraction" else "limit_mm")
     names = [target.name for target in case.score.targets]
-    return target_pointer(case, names.index(number.target))
+    return point_at_target(case, names.index(number.target))
 
 
-def target_pointer(case: Case, index: int) -> str:
+def point_at_target(case: Case, index: int) -> str:
     """The document's target that the compiled target ``index`` belongs to; regions expand to several."""
     name = case.score.targets[index].name
     for place, target in enumerate(case.design.document.targets):
@@ -152,7 +154,7 @@ def target_pointer(case: Case, index: int) -> str:
     return "/targets"
 
 
-def to_blame(score: Score, target: str, error: str) -> str:
+def name_largest_share(score: Score, target: str, error: str) -> str:
     """The component with the largest share of an error's variance at a target, in words; "" when nothing varies."""
     found = next((entry for entry in score.targets if entry.name == target), None)
     shares = [] if found is None else shares_of(found, error)
@@ -169,7 +171,7 @@ MOST_PAIRS = 10
 _COMPONENTS = ("rx", "ry", "rz", "tx", "ty", "tz")
 
 
-def weaknesses(case: Case) -> list[Remark]:
+def find_weaknesses(case: Case) -> list[Remark]:
     """conditioning"""
     return [
         Remark(finding.pointer, finding.message, finding.value, finding.limit)
@@ -178,7 +180,7 @@ def weaknesses(case: Case) -> list[Remark]:
     ]
 
 
-def close_fiducials(case: Case) -> list[Remark]:
+def find_close_fiducials(case: Case) -> list[Remark]:
     """fiducial-spacing: the closest pairs, and how many more there are"""
     least = case.rules.fiducial_spacing.min_mm
     if least is None:
@@ -193,7 +195,7 @@ def close_fiducials(case: Case) -> list[Remark]:
     ]
     told = [
         Remark(
-            fiducial_pointer(case.design, index),
+            point_at_fiducial(case.design, index),
             f"{first} and {second} are {distance:.4g} mm apart, at least {least:g} mm are required",
             distance,
             least,
@@ -208,7 +210,7 @@ def close_fiducials(case: Case) -> list[Remark]:
     return told
 
 
-def narrow_margins(case: Case) -> list[Remark]:
+def find_narrow_margins(case: Case) -> list[Remark]:
     """visibility"""
     least = case.rules.visibility.min_margin_px
     remarks = []
@@ -225,13 +227,13 @@ def narrow_margins(case: Case) -> list[Remark]:
     return remarks
 
 
-def close_images(case: Case) -> list[Remark]:
+def find_close_images(case: Case) -> list[Remark]:
     """overlap"""
     least = case.rules.overlap.min_px
     labels = case.design.fiducials.labels
     return [
         Remark(
-            fiducial_pointer(case.design, labels.index(view.closest_pair[1])),
+            point_at_fiducial(case.design, labels.index(view.closest_pair[1])),
             f"view {view.view}: the images of {view.closest_pair[0]} and {view.closest_pair[1]} are "
             f"{view.closest_pair_px:.1f} px apart, at least {least:g} px are required to tell them apart",
             view.closest_pair_px,
@@ -242,11 +244,11 @@ def close_images(case: Case) -> list[Remark]:
     ]
 
 
-def tight_tolerances(case: Case) -> list[Remark]:
+def find_tight_tolerances(case: Case) -> list[Remark]:
     """process-capability"""
     remarks = []
     for process in case.rules.process_capability.processes:
-        for tolerance in tolerances_of(case.design):
+        for tolerance in list_tolerances(case.design):
             least = process.min_half_width_deg if tolerance.unit == "deg" else process.min_half_width_mm
             made = any(fnmatchcase(tolerance.name, pattern) for pattern in process.tolerances)
             if made and least is not None and tolerance.half_width < least:
@@ -259,7 +261,7 @@ def tight_tolerances(case: Case) -> list[Remark]:
     return remarks
 
 
-def fiducial_pointer(design: Design, index: int) -> str:
+def point_at_fiducial(design: Design, index: int) -> str:
     return f"/fiducials/points/{index}/position_mm" if design.document.fiducials.points else "/fiducials/file"
 
 
@@ -274,7 +276,7 @@ class Tolerance:
     stated: bool = True  # otherwise it does not vary: nothing is tighter
 
 
-def tolerances_of(design: Design) -> list[Tolerance]:
+def list_tolerances(design: Design) -> list[Tolerance]:
     """Every half-width that somebody manufactures or adjusts, in the order of the document; one that is left out is 0,
     or a design would pass by leaving it out."""
     document = design.document
@@ -292,19 +294,19 @@ def tolerances_of(design: Design) -> list[Tolerance]:
             continue
         at = f"/interfaces/{name}"
         if interface.tolerances is not None:
-            found += _components(interface.tolerances, name, f"{at}/tolerances")
+            found += _list_components(interface.tolerances, name, f"{at}/tolerances")
         elif interface.locators is None:
-            found += _components(Tolerances(), name, at)
+            found += _list_components(Tolerances(), name, at)
         found += [
             Tolerance(f"{name}.{locator.name}", f"{at}/locators/{k}/half_width_mm", locator.half_width_mm, "mm")
             for k, locator in enumerate(interface.locators or ())
         ]
     if document.execution.hand_eye is not None:
-        found += _components(document.execution.hand_eye.tolerances, "hand_eye", "/execution/hand_eye/tolerances")
+        found += _list_components(document.execution.hand_eye.tolerances, "hand_eye", "/execution/hand_eye/tolerances")
     return found
 
 
-def _components(tolerances: Tolerances, name: str, at: str) -> Iterator[Tolerance]:
+def _list_components(tolerances: Tolerances, name: str, at: str) -> Iterator[Tolerance]:
     for component in _COMPONENTS:
         entry = getattr(tolerances, component)
         unit = "deg" if component.startswith("r") else "mm"

@@ -23,9 +23,9 @@ from tailstack.scoring import NOT_INCLUDED, score, vector3
 from tailstack.system import System
 from tailstack.version import __version__
 
-from .baseline import GateBaseline, find_earlier, sections_of
-from .case import Case, near_a_limit, numbers_of, requirements_of, unjudged, with_policy
-from .design_rules import Tolerance, tolerances_of
+from .baseline import GateBaseline, find_earlier, hash_sections
+from .case import Case, add_policy_limits, collect_numbers, is_near_limit, list_requirements, list_unjudged
+from .design_rules import Tolerance, list_tolerances
 from .policy import DesignClass, GatePolicy, Process, Rules
 from .reading import place_finding
 from .records import (
@@ -42,12 +42,12 @@ from .records import (
     Mode,
 )
 from .rules import RULES
-from .waivers import Accepted, GateWaivers, accepted_values, accepting, in_words, remarks_on_waivers
+from .waivers import Acceptance, GateWaivers, describe_waiver, find_waiver, list_waiver_values, review_waivers
 
 if TYPE_CHECKING:
     from tailstack.runs import Sampling
 
-BELIEVED_PERCENT = 5.0  # error of P95 up to which mode auto believes first order
+TRUSTED_PERCENT = 5.0  # error of P95 up to which mode auto believes first order
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +78,7 @@ class Gate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Computed:
+class ScoredDesign:
     """A design with its first-order score, held to the policy's limits too."""
 
     entry: GateDesign
@@ -90,52 +90,52 @@ class Computed:
     refusal: TailstackError | None
 
 
-def seed_of(given: int | None, policy: GatePolicy, baseline: GateBaseline | None) -> int:
+def choose_seed(given: int | None, policy: GatePolicy, baseline: GateBaseline | None) -> int:
     """The seed that was asked for, else the baseline's (head and base then share their chance), else the policy's."""
     if given is not None:
         return given
     return policy.document.verification.seed if baseline is None else baseline.record.seed
 
 
-def first_order(gate: Gate) -> tuple[Computed, ...]:
+def score_designs(gate: Gate) -> tuple[ScoredDesign, ...]:
     """Every design's score; a refusal is kept as such."""
-    return tuple(_first_order(gate, entry) for entry in gate.designs)
+    return tuple(_score_design(gate, entry) for entry in gate.designs)
 
 
-def _first_order(gate: Gate, entry: GateDesign) -> Computed:
+def _score_design(gate: Gate, entry: GateDesign) -> ScoredDesign:
     if entry.design is None:
-        return Computed(entry, entry.design_class, gate.policy.document.rules, None, {}, None, entry.refusal)
+        return ScoredDesign(entry, entry.design_class, gate.policy.document.rules, None, {}, None, entry.refusal)
     name = gate.policy.class_of(entry.file, entry.design.name, entry.design_class)
     rules = gate.policy.rules_for(name)
-    data, added = with_policy(entry.design, rules)
+    data, added = add_policy_limits(entry.design, rules)
     try:
         held = load_design(data)
-        return Computed(entry, name, rules, held, added, score(held), None)
+        return ScoredDesign(entry, name, rules, held, added, score(held), None)
     except TailstackError as error:
-        return Computed(entry, name, rules, None, added, None, error)
+        return ScoredDesign(entry, name, rules, None, added, None, error)
 
 
-def held_to(gate: Gate, index: int) -> Design:
+def read_with_limits(gate: Gate, index: int) -> Design:
     """A design with the policy's limits among its requirements, without its score.  Raises DesignError, LimitError."""
     entry = gate.designs[index]
     assert entry.design is not None
     name = gate.policy.class_of(entry.file, entry.design.name, entry.design_class)
-    return load_design(with_policy(entry.design, gate.policy.rules_for(name))[0])
+    return load_design(add_policy_limits(entry.design, gate.policy.rules_for(name))[0])
 
 
-def _believed(score: Score) -> bool:
+def _trust_first_order(score: Score) -> bool:
     """Whether first order may decide a limit that it is far from.
 
     Its layout is of a class that was calibrated, it is good to a few per cent there, and nothing remarks that the
     geometry hardly determines the answer.
     """
     trust = score.validity
-    if not trust.calibrated or trust.expected_error_percent is None or trust.expected_error_percent > BELIEVED_PERCENT:
+    if not trust.calibrated or trust.expected_error_percent is None or trust.expected_error_percent > TRUSTED_PERCENT:
         return False
     return not any(finding.rule in DETERMINATION for finding in score.verdict.findings)
 
 
-def wants_check(gate: Gate, computed: Computed) -> bool:
+def needs_check(gate: Gate, computed: ScoredDesign) -> bool:
     """Whether Monte Carlo is drawn for a design: never, always, or where first order is not believed or too near to a
     limit."""
     if computed.score is None or gate.mode == "analytic":
@@ -143,18 +143,18 @@ def wants_check(gate: Gate, computed: Computed) -> bool:
     if gate.mode == "verify":
         return True
     assert computed.held is not None
-    numbers = numbers_of(computed.score, None, computed.rules, computed.added, computed.held)
-    if numbers and not _believed(computed.score):
+    numbers = collect_numbers(computed.score, None, computed.rules, computed.added, computed.held)
+    if numbers and not _trust_first_order(computed.score):
         return True
     names = (computed.entry.file, computed.held.name)
 
     def accepted(number: GateNumber) -> tuple[float, ...]:
-        return accepted_values(gate.waivers, gate.today, number.rule, number.target, names)
+        return list_waiver_values(gate.waivers, gate.today, number.rule, number.target, names)
 
-    return near_a_limit(numbers, gate.policy.document.guard_band_percent, accepted)
+    return is_near_limit(numbers, gate.policy.document.guard_band_percent, accepted)
 
 
-def sampling_of(gate: Gate, computed: Computed) -> Sampling:
+def plan_sampling(gate: Gate, computed: ScoredDesign) -> Sampling:
     """How a design that was scored is checked: in mode auto until every limit is decided and no longer, in mode verify
     to the policy's precision as well.  Values up to which waivers accept are limits like others.
     """
@@ -169,14 +169,14 @@ def sampling_of(gate: Gate, computed: Computed) -> Sampling:
         Question(check.target, check.error, check.quantile, value)
         for check in computed.score.verdict.checks
         if check.risk == "pooled"
-        for value in accepted_values(
+        for value in list_waiver_values(
             gate.waivers, gate.today, computed.added.get(check.requirement, "p95"), check.target, names
         )
     ]
     cvar, means = computed.rules.cvar, []
     if cvar.limit_mm is not None and cvar.severity != "off":
         for target in computed.score.targets:
-            values = accepted_values(gate.waivers, gate.today, "cvar", target.name, names)
+            values = list_waiver_values(gate.waivers, gate.today, "cvar", target.name, names)
             means += [CvarQuestion(target.name, limit, cvar.confidence) for limit in (cvar.limit_mm, *values)]
     auto = gate.mode == "auto"
     return Sampling(
@@ -189,16 +189,16 @@ def sampling_of(gate: Gate, computed: Computed) -> Sampling:
     )
 
 
-def verified(gate: Gate, computed: Computed, progress: Progress | None = None) -> Verification:
+def draw_check(gate: Gate, computed: ScoredDesign, progress: Progress | None = None) -> Verification:
     """Monte Carlo as the policy says, here and now.  Raises TailstackError."""
     from tailstack.runs import prepare
     from tailstack.verifying import verify_prepared
 
     assert computed.held is not None
-    return verify_prepared(prepare(computed.held), sampling_of(gate, computed), progress=progress)
+    return verify_prepared(prepare(computed.held), plan_sampling(gate, computed), progress=progress)
 
 
-def looks_of(gate: Gate) -> int:
+def count_looks(gate: Gate) -> int:
     """Looks that the checks of a gate are planned with."""
     from tailstack.montecarlo import estimators, sequential
 
@@ -209,7 +209,7 @@ def looks_of(gate: Gate) -> int:
 _LIMITS = ("limit_mm", "min_mm", "max_probability", "min_yield")
 
 
-def find_weak_classes(gate: Gate, scored: list[Computed]) -> list[GateFinding]:
+def find_weak_classes(gate: Gate, scored: list[ScoredDesign]) -> list[GateFinding]:
     """What classes that designs of this gate are in switch off or weaken, at its place in the policy."""
     policy = gate.policy.document
     severity = policy.rules.class_relaxed.severity
@@ -266,7 +266,7 @@ def find_idle_processes(gate: Gate) -> list[GateFinding]:
             held[_point_at_processes(gate, name)].append(entry.design)
     findings = []
     for pointer, designs in held.items():
-        tolerances = [tolerance for design in designs for tolerance in tolerances_of(design)]
+        tolerances = [tolerance for design in designs for tolerance in list_tolerances(design)]
         for index, process in enumerate(_processes_at(gate, pointer)):
             for number, pattern in enumerate(process.tolerances):
                 if (said := _explain_idle(process, pattern, tolerances, len(designs))) is not None:
@@ -313,7 +313,7 @@ def _explain_idle(process: Process, pattern: str, tolerances: list[Tolerance], d
 
 MOST_FILES = 3
 Progress = Callable[[int, int], None]
-Verify = Callable[[Gate, Computed, Progress], Verification]
+Verify = Callable[[Gate, ScoredDesign, Progress], Verification]
 
 
 def judge(gate: Gate, verify: Verify, told: Callable[[float, float], None] | None = None) -> GateRecord:
@@ -322,8 +322,8 @@ def judge(gate: Gate, verify: Verify, told: Callable[[float, float], None] | Non
     ``told(done, total)`` is called on the way, in designs and parts of designs.
     """
     checks: list[Verification | TailstackError | None] = []
-    scored = first_order(gate)
-    wanted = [wants_check(gate, computed) and computed.held is not None for computed in scored]
+    scored = score_designs(gate)
+    wanted = [needs_check(gate, computed) and computed.held is not None for computed in scored]
     for computed, wants in zip(scored, wanted, strict=True):
         check: Verification | TailstackError | None = None
         if wants:
@@ -342,10 +342,10 @@ def judge(gate: Gate, verify: Verify, told: Callable[[float, float], None] | Non
 
 
 def conclude(
-    gate: Gate, scored: Iterable[Computed], checks: Iterable[Verification | TailstackError | None]
+    gate: Gate, scored: Iterable[ScoredDesign], checks: Iterable[Verification | TailstackError | None]
 ) -> GateRecord:
     """The record of a gate whose designs were scored and, where they had to be, checked."""
-    accepted: list[Accepted] = []
+    accepted: list[Acceptance] = []
     cases: list[Case] = []
     findings: list[GateFinding] = []
     designs: list[GatedDesign] = []
@@ -354,31 +354,31 @@ def conclude(
     for computed, check in zip(scored, checks, strict=True):
         refusal = computed.refusal or (check if isinstance(check, TailstackError) else None)
         if refusal is None and computed.score is not None and not isinstance(check, TailstackError):
-            case = _case(gate, computed, computed.score, check)
+            case = _make_case(gate, computed, computed.score, check)
             cases.append(case)
-            refusal = _nothing_to_judge(case)
-            said = _findings(gate, case, accepted)
-            gated = _gated(case, _verdict(gate, said))
+            refusal = _check_something_judged(case)
+            said = _apply_rules(gate, case, accepted)
+            gated = _record_design(case, _reach_verdict(gate, said))
         else:
-            said, gated = [], _unread(computed)
+            said, gated = [], _record_unread(computed)
         if refusal is not None:
             refusals.append(refusal)
-            said = [*refused(computed.entry, refusal), *said]
+            said = [*report_refusal(computed.entry, refusal), *said]
             gated = replace(gated, verdict="not evaluated")
         findings += said
         designs.append(gated)
     rules = gate.policy.document.rules
-    findings += _version_findings(gate, rules.model_version.severity)
-    findings += _left_out(gate, cases)
-    findings += remarks_on_waivers(gate.waivers, gate.today, rules, accepted, cases)
+    findings += _find_other_version(gate, rules.model_version.severity)
+    findings += _find_missing_designs(gate, cases)
+    findings += review_waivers(gate.waivers, gate.today, rules, accepted, cases)
     findings += find_idle_processes(gate)
     findings += find_weak_classes(gate, scored)
-    verdicts: set[GateVerdict] = {design.verdict for design in designs} | {_verdict(gate, findings)}
+    verdicts: set[GateVerdict] = {design.verdict for design in designs} | {_reach_verdict(gate, findings)}
     verdict = next(candidate for candidate in WORST_FIRST if candidate in verdicts)
     return GateRecord(
         schema="tailstack/gate/1",
         verdict=verdict,
-        exit_code=_exit_code(gate, verdict, findings, refusals),
+        exit_code=_choose_exit_code(gate, verdict, findings, refusals),
         mode=gate.mode,
         seed=gate.seed,
         fail_level=gate.fail_level,
@@ -401,15 +401,17 @@ def conclude(
 # --- findings -------------------------------------------------------------------------------------
 
 
-def _case(gate: Gate, computed: Computed, scored: Score, check: Verification | None) -> Case:
+def _make_case(gate: Gate, computed: ScoredDesign, scored: Score, check: Verification | None) -> Case:
     design = computed.entry.design
     assert design is not None
     assert computed.held is not None
     allowed = gate.max_regression_percent
     system = compile_design(computed.held)
     file, rules = computed.entry.file, computed.rules
-    numbers = numbers_of(scored, check, rules, computed.added, computed.held, 1 if check is None else looks_of(gate))
-    requirements = requirements_of(design, system, rules)
+    numbers = collect_numbers(
+        scored, check, rules, computed.added, computed.held, 1 if check is None else count_looks(gate)
+    )
+    requirements = list_requirements(design, system, rules)
     names = [target.name for target in system.targets]
     return Case(
         file=file,
@@ -419,36 +421,36 @@ def _case(gate: Gate, computed: Computed, scored: Score, check: Verification | N
         verification=check,
         numbers=numbers,
         added=computed.added,
-        targets=_targets(scored, check, system),
+        targets=_record_targets(scored, check, system),
         requirements=requirements,
-        not_judged=unjudged(requirements, numbers, names, computed.design_class),
+        not_judged=list_unjudged(requirements, numbers, names, computed.design_class),
         design_class=computed.design_class,
         class_of_name=gate.policy.class_of_name(file, design.name, computed.entry.design_class),
         compared=gate.baseline is not None,
-        baseline=_earlier(gate, file, design),
+        baseline=_find_earlier(gate, file, design),
         max_regression_percent=computed.rules.regression.max_percent if allowed is None else allowed,
     )
 
 
-def _earlier(gate: Gate, file: str, design: Design) -> GatedDesign | None:
+def _find_earlier(gate: Gate, file: str, design: Design) -> GatedDesign | None:
     """What the baseline says of a design."""
     if gate.baseline is None:
         return None
     return find_earlier(
-        gate.baseline.record.designs, file, design.name, design.sha256, sections_of(design), _present(gate)
+        gate.baseline.record.designs, file, design.name, design.sha256, hash_sections(design), _list_present(gate)
     )
 
 
-def _present(gate: Gate) -> set[str]:
+def _list_present(gate: Gate) -> set[str]:
     return {*(entry.file for entry in gate.designs), *gate.present}
 
 
-def _left_out(gate: Gate, cases: Sequence[Case]) -> list[GateFinding]:
+def _find_missing_designs(gate: Gate, cases: Sequence[Case]) -> list[GateFinding]:
     """Designs of the baseline whose files went and that no design here was: nobody judges them any more."""
     severity = gate.policy.document.rules.not_compared.severity
     if gate.baseline is None or severity == "off":
         return []
-    there = _present(gate) | {case.baseline.file for case in cases if case.baseline is not None}
+    there = _list_present(gate) | {case.baseline.file for case in cases if case.baseline is not None}
     every = gate.baseline.record.designs
     left = [index for index, entry in enumerate(every) if entry.targets and entry.file not in there]
     if not left:
@@ -461,17 +463,17 @@ def _left_out(gate: Gate, cases: Sequence[Case]) -> list[GateFinding]:
     return [place_finding(gate.baseline, f"/designs/{left[0]}", "not-compared", severity, message)]
 
 
-def _findings(gate: Gate, case: Case, accepted: list[Accepted]) -> list[GateFinding]:
+def _apply_rules(gate: Gate, case: Case, accepted: list[Acceptance]) -> list[GateFinding]:
     findings = []
     for rule in RULES.values():
-        severity = severity_of(case.rules, rule.id)
+        severity = find_severity(case.rules, rule.id)
         if rule.find is None or severity == "off":
             continue
         for remark in rule.find(case):
             weight: Severity = "note" if remark.note else _weight(gate, case.rules, rule.id, severity)
-            waiver = accepting(gate.waivers, gate.today, rule.id, remark, (case.file, case.design.name))
+            waiver = find_waiver(gate.waivers, gate.today, rule.id, remark, (case.file, case.design.name))
             if waiver is not None:
-                accepted.append(Accepted(waiver, rule.id, remark, case.file))
+                accepted.append(Acceptance(waiver, rule.id, remark, case.file))
             placed = place(Problem(remark.pointer, rule.id, remark.message), case.design.source)
             findings.append(
                 GateFinding(
@@ -484,13 +486,15 @@ def _findings(gate: Gate, case: Case, accepted: list[Accepted]) -> list[GateFind
                     message=remark.message,
                     value=remark.value,
                     limit=remark.limit,
-                    suppressed_by=None if waiver is None or gate.waivers is None else in_words(gate.waivers, waiver),
+                    suppressed_by=None
+                    if waiver is None or gate.waivers is None
+                    else describe_waiver(gate.waivers, waiver),
                 )
             )
     return findings
 
 
-def severity_of(rules: Rules, rule: str) -> Severity | str:
+def find_severity(rules: Rules, rule: str) -> Severity | str:
     """The weight that the policy gives a rule; "off" among them."""
     entry = getattr(rules, rule.replace("-", "_"), None)
     return RULES[rule].severity if entry is None else str(entry.severity)
@@ -498,18 +502,18 @@ def severity_of(rules: Rules, rule: str) -> Severity | str:
 
 def _weight(gate: Gate, rules: Rules, rule: str, severity: str) -> Severity:
     if rule == "inconclusive":
-        return "warning" if fold_of(gate, rules) == "warn" else "error"
+        return "warning" if choose_fold(gate, rules) == "warn" else "error"
     return severity  # type: ignore[return-value]
 
 
-def fold_of(gate: Gate, rules: Rules) -> Fold | None:
+def choose_fold(gate: Gate, rules: Rules) -> Fold | None:
     """What becomes of an open question: the option, else the policy's severity of ``inconclusive``."""
     if gate.on_inconclusive is not None:
         return gate.on_inconclusive
     return "warn" if rules.inconclusive.severity == "warning" else None
 
 
-def _nothing_to_judge(case: Case) -> TailstackError | None:
+def _check_something_judged(case: Case) -> TailstackError | None:
     """A design that nothing was held against does not pass, whoever switched off what would have judged it."""
     if case.numbers:
         return None
@@ -532,7 +536,7 @@ class NothingToJudge(TailstackError):
     exit_code = 3
 
 
-def refused(entry: GateDesign, refusal: TailstackError) -> list[GateFinding]:
+def report_refusal(entry: GateDesign, refusal: TailstackError) -> list[GateFinding]:
     """A refusal as findings: one for each of its problems."""
     rule = "invalid-design" if refusal.exit_code == 2 else "not-evaluated"
     source = None if entry.design is None else entry.design.source.placed()
@@ -557,7 +561,7 @@ def refused(entry: GateDesign, refusal: TailstackError) -> list[GateFinding]:
     return findings
 
 
-def _version_findings(gate: Gate, severity: str) -> list[GateFinding]:
+def _find_other_version(gate: Gate, severity: str) -> list[GateFinding]:
     if gate.baseline is None or severity == "off":
         return []
     version = gate.baseline.record.provenance.tailstack_version
@@ -590,7 +594,7 @@ def _counts(gate: Gate, finding: GateFinding) -> bool:
     return finding.suppressed_by is None and finding.severity in heavy
 
 
-def _verdict(gate: Gate, findings: list[GateFinding]) -> GateVerdict:
+def _reach_verdict(gate: Gate, findings: list[GateFinding]) -> GateVerdict:
     if any(_counts(gate, finding) and finding.rule != "inconclusive" for finding in findings):
         return "fail"
     if any(finding.rule == "inconclusive" and finding.suppressed_by is None for finding in findings):
@@ -598,7 +602,9 @@ def _verdict(gate: Gate, findings: list[GateFinding]) -> GateVerdict:
     return "pass"
 
 
-def _exit_code(gate: Gate, verdict: GateVerdict, findings: list[GateFinding], refusals: list[TailstackError]) -> int:
+def _choose_exit_code(
+    gate: Gate, verdict: GateVerdict, findings: list[GateFinding], refusals: list[TailstackError]
+) -> int:
     """Bad documents (2) before designs that were not evaluated (3) before failures (1) before open questions (4)."""
     if refusals:
         return min(2 if refusal.exit_code == 2 else 3 for refusal in refusals)
@@ -612,7 +618,7 @@ def _exit_code(gate: Gate, verdict: GateVerdict, findings: list[GateFinding], re
     return 1 if gate.on_inconclusive == "fail" or folded else 4
 
 
-def _targets(scored: Score, check: Verification | None, system: System) -> tuple[GateTarget, ...]:
+def _record_targets(scored: Score, check: Verification | None, system: System) -> tuple[GateTarget, ...]:
     targets = []
     for index, first in enumerate(scored.targets):
         drawn = None if check is None else check.targets[index]
@@ -629,7 +635,7 @@ def _targets(scored: Score, check: Verification | None, system: System) -> tuple
     return tuple(targets)
 
 
-def _gated(case: Case, verdict: GateVerdict) -> GatedDesign:
+def _record_design(case: Case, verdict: GateVerdict) -> GatedDesign:
     check = case.verification
     return GatedDesign(
         file=case.file,
@@ -643,11 +649,11 @@ def _gated(case: Case, verdict: GateVerdict) -> GatedDesign:
         numbers=case.numbers,
         requirements=case.requirements,
         not_judged=case.not_judged,
-        sections=sections_of(case.design),
+        sections=hash_sections(case.design),
     )
 
 
-def _unread(computed: Computed) -> GatedDesign:
+def _record_unread(computed: ScoredDesign) -> GatedDesign:
     design = computed.entry.design
     return GatedDesign(
         file=computed.entry.file,

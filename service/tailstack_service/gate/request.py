@@ -16,13 +16,13 @@ from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 
 from ..problems import RequestError
 from .baseline import read_baseline
-from .judge import Gate, GateDesign, judge, seed_of, verified
+from .judge import Gate, GateDesign, choose_seed, draw_check, judge
 from .policy import read_policy
 from .records import Fold, GateRecord, Level, Mode
 from .waivers import read_waivers
 
 # What a service was set to admit was held to its limits at the door; here only what no setting can exceed is refused.
-ADMITTED = replace(DEFAULT_LIMITS, document_bytes=100_000_000)
+WIDEST_LIMITS = replace(DEFAULT_LIMITS, document_bytes=100_000_000)
 
 
 FileName = Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f]*$")]
@@ -83,7 +83,7 @@ class GateRequest(Record):
     )
 
 
-def admitted(
+def admit_gate(
     data: Any,
     *,
     today: date,
@@ -91,13 +91,13 @@ def admitted(
     max_designs: int = 1000,
     max_trials: int | None = None,
 ) -> dict[str, Any]:
-    """A request, checked through and complete: what a job keeps and :func:`evaluate` takes.
+    """A request, checked through and complete: what a job keeps and :func:`judge_designs` takes.
 
     data: the body as plain data.  today: used where the request names no day.  max_trials: the most that a policy may
     ask for.  Policy, waivers, baseline and every design are read strictly.  Raises RequestError, GateError,
     DesignError or LimitError, pointers into the body.
     """
-    request = _request(data, limits)
+    request = _read_request(data, limits)
     if len(request.designs) > max_designs:
         detail = f"a gate takes {max_designs} designs at most; {len(request.designs)} arrived"
         raise LimitError(Problem("/designs", "too-many", detail, "split it, or raise TAILSTACK_MAX_GATE_DESIGNS"))
@@ -109,7 +109,7 @@ def admitted(
     complete = request.model_dump(by_alias=True)
     complete["designs"] = [{k: v for k, v in entry.items() if v is not None} for entry in complete["designs"]]
     complete["today"] = request.today or today.isoformat()
-    gate = gate_of(complete, limits)
+    gate = read_gate(complete, limits)
     wanted = gate.policy.document.verification.max_trials
     if max_trials is not None and wanted > max_trials:
         detail = f"at most {max_trials} trials are drawn for a design; {wanted} were asked for"
@@ -117,15 +117,17 @@ def admitted(
         raise LimitError(Problem("/policy/verification/max_trials", "too-many", detail, hint))
     for index, entry in enumerate(gate.designs):
         if entry.refusal is not None:
-            raise _inside(entry.refusal, index, "design" if "design" in complete["designs"][index] else "text")
+            raise _point_into_request(
+                entry.refusal, index, "design" if "design" in complete["designs"][index] else "text"
+            )
     return {**complete, "seed": gate.seed}
 
 
-def terms_of(data: dict[str, Any]) -> dict[str, Any]:
+def list_terms(data: dict[str, Any]) -> dict[str, Any]:
     """By what an admitted request is judged, as plain data: what an auditor has to know to have changed."""
     policy = read_policy(data["policy"], prefix="/policy")
     waivers = data["waivers"]
-    day = _day(data["today"])
+    day = _read_day(data["today"])
     return {
         "policy_sha256": policy.sha256,
         "policy_name": policy.document.name,
@@ -134,14 +136,14 @@ def terms_of(data: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def gate_of(data: dict[str, Any], limits: Limits = ADMITTED) -> Gate:
+def read_gate(data: dict[str, Any], limits: Limits = WIDEST_LIMITS) -> Gate:
     """The gate that an admitted request describes; a design that cannot be read is kept as its refusal.
 
     Raises RequestError, GateError.
     """
-    request = _request(data, limits)
+    request = _read_request(data, limits)
     policy = read_policy(request.policy, prefix="/policy")
-    today = _day(request.today)
+    today = _read_day(request.today)
     waivers = None if request.waivers is None else read_waivers(request.waivers, today, prefix="/waivers")
     baseline = None if request.baseline is None else read_baseline(request.baseline, prefix="/baseline")
     known = [entry.name for entry in policy.document.classes]
@@ -151,12 +153,12 @@ def gate_of(data: dict[str, Any], limits: Limits = ADMITTED) -> Gate:
             detail = f"the policy has no class {entry.class_!r}"
             raise RequestError(Problem(f"/designs/{index}/class", "unknown-value", detail, hint))
     return Gate(
-        designs=tuple(_read(entry, limits) for entry in request.designs),
+        designs=tuple(_read_design(entry, limits) for entry in request.designs),
         policy=policy,
         waivers=waivers,
         baseline=baseline,
         mode=request.mode,
-        seed=seed_of(request.seed, policy, baseline),
+        seed=choose_seed(request.seed, policy, baseline),
         today=today,
         fail_level=request.fail_level,
         on_inconclusive=request.on_inconclusive,
@@ -165,30 +167,30 @@ def gate_of(data: dict[str, Any], limits: Limits = ADMITTED) -> Gate:
     )
 
 
-def evaluate(data: dict[str, Any]) -> GateRecord:
+def judge_designs(data: dict[str, Any]) -> GateRecord:
     """The record of an admitted request, Monte Carlo included, computed here and now.
 
     The same record as the job's; in mode analytic a matter of milliseconds.  Raises RequestError, GateError.
     """
-    gate = gate_of(data)
-    return judge(gate, verified)
+    gate = read_gate(data)
+    return judge(gate, draw_check)
 
 
-def _request(data: Any, limits: Limits) -> GateRequest:
+def _read_request(data: Any, limits: Limits) -> GateRequest:
     try:
         return GateRequest.model_validate(data)
     except ValidationError as error:
         raise RequestError(refuse(error, Source(data, None, None), limits, GateRequest).problems) from None
 
 
-def _day(text: str | None) -> date:
+def _read_day(text: str | None) -> date:
     try:
         return date.fromisoformat(text or "")
     except ValueError:
         raise RequestError(Problem("/today", "bad-date", f"there is no such day: {text!r}", "YYYY-MM-DD")) from None
 
 
-def _read(entry: GateRequestDesign, limits: Limits) -> GateDesign:
+def _read_design(entry: GateRequestDesign, limits: Limits) -> GateDesign:
     # Text goes in as bytes: a text of one line would be taken for the path of a file.
     given = entry.design if entry.text is None else entry.text.encode(errors="surrogatepass")
     assert given is not None
@@ -198,6 +200,6 @@ def _read(entry: GateRequestDesign, limits: Limits) -> GateDesign:
         return GateDesign(entry.file, None, error, entry.class_)
 
 
-def _inside(error: TailstackError, index: int, field: str) -> TailstackError:
+def _point_into_request(error: TailstackError, index: int, field: str) -> TailstackError:
     problems = [replace(p, pointer=f"/designs/{index}/{field}{p.pointer}") for p in error.problems]
     return type(error)(problems)

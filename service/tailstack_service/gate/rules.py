@@ -8,20 +8,20 @@ from typing import Any, Literal
 
 from tailstack.design.document import without_null
 
-from .baseline import not_compared, regressions, relaxed_limits
-from .case import Case, Remark, names_that_match, requirements_not_judged
+from .baseline import find_not_compared, find_regressions, find_relaxed_limits
+from .case import Case, Remark, find_class_names, find_unjudged
 from .design_rules import (
-    close_fiducials,
-    close_images,
-    exceedances,
-    first_order_gaps,
-    narrow_margins,
-    open_questions,
-    quantiles,
-    tail_means,
-    tight_tolerances,
-    weaknesses,
-    yields,
+    find_close_fiducials,
+    find_close_images,
+    find_exceedances,
+    find_first_order_gaps,
+    find_narrow_margins,
+    find_open_questions,
+    find_quantiles,
+    find_tail_means,
+    find_tight_tolerances,
+    find_weaknesses,
+    find_yields,
 )
 from .policy import Policy
 
@@ -59,7 +59,7 @@ What to do: the message names the tolerance with the largest share of the varian
 the whole budget, `tailstack optimise DESIGN` looks for the cheapest design that keeps the limit.
 
 Policy: severity, limit_mm, confidence. Waiver: max_value in mm, compared with the upper end of the interval.""",
-        quantiles,
+        find_quantiles,
     ),
     Rule(
         "cvar",
@@ -75,7 +75,7 @@ it comes from a bound of its standard error, with the normal law of a mean, Bonf
 What to do: as for p95; heavy tails come from few, wide, non-normal contributors.
 
 Policy: severity, limit_mm, confidence. Waiver: max_value in mm, compared with the upper end of the interval.""",
-        tail_means,
+        find_tail_means,
     ),
     Rule(
         "exceedance",
@@ -90,7 +90,7 @@ that quantile in mm.
 
 Policy: severity, limit_mm, max_probability, confidence. Waiver: max_value in mm, compared with the upper end of the
 interval.""",
-        exceedances,
+        find_exceedances,
     ),
     Rule(
         "per-unit-yield",
@@ -108,7 +108,7 @@ out within a unit.
 
 Policy: severity, limit_mm, min_yield, confidence. Waiver: min_value as a fraction, compared with the lower confidence
 limit by Monte Carlo; to first order no waiver covers it.""",
-        yields,
+        find_yields,
     ),
     Rule(
         "first-order-gap",
@@ -125,7 +125,7 @@ What to do: gate with --mode verify, and do not quote the first-order number. Mo
 nearer to them make the chain more linear.
 
 Policy: severity, max_percent. Waiver: max_value in per cent.""",
-        first_order_gaps,
+        find_first_order_gaps,
     ),
     Rule(
         "conditioning",
@@ -141,7 +141,7 @@ does not determine the answer at all is not judged: see not-evaluated.
 What to do: the message names the direction that is weak; lift fiducials out of the plane, or turn a view.
 
 Policy: severity. Waiver: min_value in the unit of the finding (mm, ratio or degrees).""",
-        weaknesses,
+        find_weaknesses,
     ),
     Rule(
         "fiducial-spacing",
@@ -154,7 +154,7 @@ Two fiducials are closer than `min_mm`, centre to centre. Judged only if the pol
 is a matter of manufacturing. The ten closest pairs are findings of their own, a note says how many more there are.
 
 Policy: severity, min_mm. Waiver: min_value in mm.""",
-        close_fiducials,
+        find_close_fiducials,
     ),
     Rule(
         "visibility",
@@ -170,7 +170,7 @@ judged: see not-evaluated.
 What to do: move the isocentre or the source; a longer source_isocentre_mm widens the field.
 
 Policy: severity, min_margin_px. Waiver: min_value in px.""",
-        narrow_margins,
+        find_narrow_margins,
     ),
     Rule(
         "overlap",
@@ -185,7 +185,7 @@ number of tailstack includes.
 What to do: move one of the two across the ray that joins them.
 
 Policy: severity, min_px. Waiver: min_value in px.""",
-        close_images,
+        find_close_images,
     ),
     Rule(
         "process-capability",
@@ -201,7 +201,7 @@ What to do: widen it, or name a better process in the policy.
 
 Policy: severity, processes (name, tolerances as patterns, min_half_width_deg, min_half_width_mm). Waiver: min_value in
 the unit of the tolerance.""",
-        tight_tolerances,
+        find_tight_tolerances,
     ),
     Rule(
         "process-unused",
@@ -232,7 +232,7 @@ seed. Absolute limits stay absolute: a failed limit fails whatever the baseline 
 with is said by not-compared.
 
 Policy: severity, max_percent. Waiver: max_value in per cent.""",
-        regressions,
+        find_regressions,
     ),
     Rule(
         "limit-relaxed",
@@ -250,7 +250,7 @@ What to do: put the requirement back; or, if less is wanted on purpose, write a 
 so that whoever reviews it agrees to it.
 
 Policy: severity.""",
-        relaxed_limits,
+        find_relaxed_limits,
     ),
     Rule(
         "not-compared",
@@ -270,7 +270,7 @@ version, which does not say what was asked for, is a warning.
 What to do: rename without changing, or write a new baseline in the same merge request.
 
 Policy: severity.""",
-        not_compared,
+        find_not_compared,
     ),
     Rule(
         "not-judged",
@@ -287,7 +287,7 @@ limit at all was judged is not evaluated, and the gate leaves with exit code 3: 
 What to do: give the rule a severity of warning or note instead of off: it is then judged and does not fail the gate.
 
 Policy: severity error, warning or note, never off.""",
-        requirements_not_judged,
+        find_unjudged,
     ),
     Rule(
         "class-relaxed",
@@ -318,7 +318,7 @@ What to do: give the class patterns of `files` instead, which a reviewer sees; o
 `by_name: true`. Policies written before this rule need one of the two.
 
 Policy: severity (of the rules the design was judged by).""",
-        names_that_match,
+        find_class_names,
     ),
     Rule(
         "inconclusive",
@@ -336,7 +336,7 @@ What to do: --mode verify; a larger verification.max_trials in the policy; or a 
 
 Policy: severity error or warning (warning: as --on-inconclusive warn). A waiver of the rule that is open covers it, if
 the interval's end is within the waiver's value.""",
-        open_questions,
+        find_open_questions,
     ),
     Rule(
         "waiver-expired",
@@ -432,7 +432,7 @@ design that was not judged never passes.""",
 RULES: dict[str, Rule] = {rule.id: rule for rule in _RULES}
 
 
-def explanation(rule: Rule) -> str:
+def explain(rule: Rule) -> str:
     """The page of a rule, as ``tailstack gate --explain`` prints it."""
     return f"{rule.id}: {rule.title}\n\n{rule.page}\n\nseverity unless the policy says otherwise: {rule.severity}\n"
 

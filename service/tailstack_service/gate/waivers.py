@@ -28,7 +28,7 @@ WAIVERS_SCHEMA = "tailstack/waivers/1"
 LONGEST_DAYS = 180
 
 
-def _calendar_day(value: Any) -> date:
+def _read_day(value: Any) -> date:
     if not isinstance(value, str) or not re.fullmatch(r"\d{4}-\d{2}-\d{2}", value):
         raise refusal("bad-date", "a date is written YYYY-MM-DD", "expires: 2027-01-31")
     try:
@@ -37,7 +37,7 @@ def _calendar_day(value: Any) -> date:
         raise refusal("bad-date", f"there is no such day: {error}") from None
 
 
-Day = Annotated[date, BeforeValidator(_calendar_day, json_schema_input_type=str)]
+Day = Annotated[date, BeforeValidator(_read_day, json_schema_input_type=str)]
 
 
 class Waiver(Record):
@@ -105,7 +105,7 @@ class GateWaivers(GateInput):
 def read_waivers(given: Given, today: date, *, name: str = "waivers", prefix: str = "") -> GateWaivers:
     """Waivers from a path, text or data.  Raises GateError, also for a date too far ahead of ``today``."""
     source, document = read_document(given, Waivers, WAIVERS_SCHEMA, prefix, "the rules: tailstack schema waivers")
-    problems = [problem for k, waiver in enumerate(document.waivers) for problem in _wrong(waiver, k, today)]
+    problems = [problem for k, waiver in enumerate(document.waivers) for problem in _check_waiver(waiver, k, today)]
     if problems:
         placed = source.placed()
         raise GateError(add_prefix(tuple(place(problem, placed) for problem in problems), prefix))
@@ -113,7 +113,7 @@ def read_waivers(given: Given, today: date, *, name: str = "waivers", prefix: st
     return GateWaivers(source, source.file or name, hash_content(content), tuple(document.waivers))
 
 
-def _wrong(waiver: Waiver, index: int, today: date) -> list[Problem]:
+def _check_waiver(waiver: Waiver, index: int, today: date) -> list[Problem]:
     """What the schema cannot say of a waiver."""
     at = f"/waivers/{index}"
     rule = RULES.get(waiver.rule)
@@ -144,7 +144,7 @@ FEWEST_LETTERS = 3  # beside wildcards and an ending, for a pattern to name some
 
 
 @dataclass(frozen=True, slots=True)
-class Accepted:
+class Acceptance:
     """A finding that a waiver accepts."""
 
     waiver: int
@@ -153,7 +153,9 @@ class Accepted:
     file: str
 
 
-def accepting(waivers: GateWaivers | None, today: date, rule: str, remark: Remark, names: Sequence[str]) -> int | None:
+def find_waiver(
+    waivers: GateWaivers | None, today: date, rule: str, remark: Remark, names: Sequence[str]
+) -> int | None:
     """Index of the first waiver in force that accepts what a rule says of a design called ``names``."""
     if waivers is None or remark.note or remark.unbounded:
         return None
@@ -168,7 +170,7 @@ def accepting(waivers: GateWaivers | None, today: date, rule: str, remark: Remar
     return None
 
 
-def accepted_values(
+def list_waiver_values(
     waivers: GateWaivers | None, today: date, rule: str, target: str, names: Sequence[str]
 ) -> tuple[float, ...]:
     """Up to where (down to where) waivers in force accept a rule at a target of a design called ``names``."""
@@ -187,7 +189,7 @@ def _concerns(waiver: Waiver, remark: Remark, names: Sequence[str]) -> bool:
     return waiver.designs is None or any(fnmatchcase(n, pattern) for pattern in waiver.designs for n in names)
 
 
-def in_words(waivers: GateWaivers, index: int) -> str:
+def describe_waiver(waivers: GateWaivers, index: int) -> str:
     """How a suppressed finding names its waiver."""
     waiver = waivers.entries[index]
     line, _ = waivers.source.locate(("waivers", index))
@@ -195,8 +197,8 @@ def in_words(waivers: GateWaivers, index: int) -> str:
     return f"{where}, {waiver.owner}, until {waiver.expires}: {waiver.reason}"
 
 
-def remarks_on_waivers(
-    waivers: GateWaivers | None, today: date, rules: Rules, accepted: Sequence[Accepted], cases: Sequence[Case]
+def review_waivers(
+    waivers: GateWaivers | None, today: date, rules: Rules, accepted: Sequence[Acceptance], cases: Sequence[Case]
 ) -> list[GateFinding]:
     """Expired, wide and unused waivers, at their place; the policy's rules say how much each counts."""
     findings: list[GateFinding] = []
@@ -220,17 +222,17 @@ def remarks_on_waivers(
             own = [entry for entry in accepted if entry.waiver == index]
             findings += [
                 place_finding(waivers, f"/waivers/{index}{field}", "waiver-wide", wide.severity, f"{what}: {words}")
-                for field, words in (*_wide_patterns(waiver, own), *_wide_values(waiver, own, cases, wide))
+                for field, words in (*_find_wide_patterns(waiver, own), *_find_wide_values(waiver, own, cases, wide))
             ]
     return findings
 
 
-def _wide_patterns(waiver: Waiver, own: Sequence[Accepted]) -> Iterator[tuple[str, str]]:
+def _find_wide_patterns(waiver: Waiver, own: Sequence[Acceptance]) -> Iterator[tuple[str, str]]:
     """Field and words: what names no design, and what a design got by its own name."""
     if waiver.designs is None:
         yield "", "it names no design, so it accepts this of every design; name the files"
     for index, pattern in enumerate(waiver.designs or ()):
-        if _names_nothing(pattern):
+        if _is_vague(pattern):
             yield f"/designs/{index}", f"{pattern!r} names no design; name the files"
     by_name = [
         entry.file
@@ -241,15 +243,15 @@ def _wide_patterns(waiver: Waiver, own: Sequence[Accepted]) -> Iterator[tuple[st
         yield "/designs", f"{file} has it by the name that the design gives itself, not by its file; name the file"
 
 
-def _names_nothing(pattern: str) -> bool:
+def _is_vague(pattern: str) -> bool:
     """Whether hardly anything but wildcards and an ending is left of the last part of a pattern."""
     letters = _WILD.sub("", pattern.rpartition("/")[2])
     stem = _ENDING.sub("", letters) if letters.startswith(".") else letters.partition(".")[0]
     return _WILD.search(pattern) is not None and len(stem) < FEWEST_LETTERS
 
 
-def _wide_values(
-    waiver: Waiver, own: Sequence[Accepted], cases: Sequence[Case], wide: WideWaiverRule
+def _find_wide_values(
+    waiver: Waiver, own: Sequence[Acceptance], cases: Sequence[Case], wide: WideWaiverRule
 ) -> Iterator[tuple[str, str]]:
     """Field and words: what is far beyond the limit, and far beyond what is accepted now."""
     rule = RULES[waiver.rule]
@@ -265,13 +267,13 @@ def _wide_values(
         and _concerns(waiver, Remark("", "", target=number.target), (case.file, case.design.name))
     ]
     unit = f" {rule.unit}" if rule.unit in ("mm", "%", "px") else ""
-    if any(_beyond(value, limit, rule, wide.max_limit_ratio) for limit in limits):
+    if any(_exceeds(value, limit, rule, wide.max_limit_ratio) for limit in limits):
         nearest = (min if rule.worse == "more" else max)(limits)
         words = f"{field} {value:g}{unit} is beyond {wide.max_limit_ratio:g} times the limit, {nearest:g}{unit}"
         yield f"/{field}", words
     ends = [entry.remark.value if entry.remark.bound is None else entry.remark.bound for entry in own]
     found = [end for end in ends if end is not None]
-    if found and all(_beyond(value, end, rule, wide.max_value_ratio) for end in found):
+    if found and all(_exceeds(value, end, rule, wide.max_value_ratio) for end in found):
         worst = (max if rule.worse == "more" else min)(found)
         words = (
             f"{field} {value:g}{unit} is beyond {wide.max_value_ratio:g} times what it accepts now, {worst:.4g}{unit}"
@@ -279,7 +281,7 @@ def _wide_values(
         yield f"/{field}", words
 
 
-def _beyond(value: float, reference: float, rule: Rule, ratio: float) -> bool:
+def _exceeds(value: float, reference: float, rule: Rule, ratio: float) -> bool:
     """Whether a waiver's value is more than ``ratio`` times as bad as a reference."""
     if rule.unit == "%":  # of a P95: 100 % more is twice as bad
         return 1 + value / 100 > ratio * (1 + reference / 100)

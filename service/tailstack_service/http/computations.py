@@ -124,7 +124,7 @@ def comparison_request(sent: Sent, settings: Settings) -> JobRequest:
 def gate(sent: Sent, settings: Settings) -> tuple[dict[str, Any], bytes | JobRequest]:
     """The terms of a gate, and the record of an analytic one, or the request of a job.
 
-    Raises what ``gate.request.admitted`` raises.
+    Raises what ``gate.request.admit_gate`` raises.
     """
     if sent.form == "json":
         data = parse_json(sent.body, settings)
@@ -153,9 +153,9 @@ def _gate_of_one(body: bytes, query: Query) -> dict[str, Any]:
 
 
 def _gate(data: dict[str, Any], settings: Settings) -> tuple[dict[str, Any], bytes | JobRequest]:
-    from ..gate.request import admitted, evaluate, terms_of
+    from ..gate.request import admit_gate, judge_designs, list_terms
 
-    complete = admitted(
+    complete = admit_gate(
         data,
         today=datetime.now(UTC).date(),
         limits=limits_of(settings),
@@ -163,10 +163,10 @@ def _gate(data: dict[str, Any], settings: Settings) -> tuple[dict[str, Any], byt
         max_trials=settings.max_trials,
     )
     if complete["mode"] == "analytic":
-        return terms_of(complete), to_json(evaluate(complete))
+        return list_terms(complete), to_json(judge_designs(complete))
     count = len(complete["designs"])
     name = complete["designs"][0]["file"] + (f" and {count - 1} more" if count > 1 else "")
-    return terms_of(complete), JobRequest("gate", canonical(complete), name)
+    return list_terms(complete), JobRequest("gate", canonical(complete), name)
 
 
 def conversion(sent: Sent, settings: Settings) -> bytes:

@@ -11,9 +11,9 @@ from tailstack.errors import Problem, TailstackError
 from tailstack.results import Verification
 
 from ..documents import read_record, to_json
-from ..gate.judge import Computed, Gate, conclude, first_order, held_to, sampling_of, wants_check
+from ..gate.judge import Gate, ScoredDesign, conclude, needs_check, plan_sampling, read_with_limits, score_designs
 from ..gate.reading import GateError
-from ..gate.request import gate_of
+from ..gate.request import read_gate
 from ..problems import RequestError
 from . import verification
 from .kinds import Done, More, Step
@@ -31,7 +31,7 @@ def advance(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
     specs: list[bytes] = []
     remaining = 0
     for index, computed in enumerate(scored):
-        if not wants_check(gate, computed):
+        if not needs_check(gate, computed):
             checks.append(None)
             continue
         own = [result for result in results if json.loads(result.spec)["of"] == index]
@@ -54,20 +54,20 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     """One unit of one design's check."""
     gate = _gate(canonical(request))
     try:
-        asked = {"design": design_to_data(held_to(gate, spec["of"])), "seed": gate.seed}
+        asked = {"design": design_to_data(read_with_limits(gate, spec["of"])), "seed": gate.seed}
         return FOUND + verification.compute(asked, spec["spec"])
     except TailstackError as error:
         problems = [[p.pointer, p.code, p.detail, p.hint] for p in error.problems]
         return REFUSED + canonical({"slug": error.slug, "exit_code": error.exit_code, "problems": problems})
 
 
-def _verification(gate: Gate, computed: Computed, own: list[UnitResult]) -> More | Verification | TailstackError:
+def _verification(gate: Gate, computed: ScoredDesign, own: list[UnitResult]) -> More | Verification | TailstackError:
     plain = tuple(
         UnitResult(result.index, canonical(json.loads(result.spec)["spec"]), result.result[1:]) for result in own
     )
     assert computed.held is not None
     try:
-        step = verification.advanced(design_to_data(computed.held), sampling_of(gate, computed), plain)
+        step = verification.advanced(design_to_data(computed.held), plan_sampling(gate, computed), plain)
     except TailstackError as error:
         return error
     if isinstance(step, More):
@@ -80,15 +80,15 @@ def _verification(gate: Gate, computed: Computed, own: list[UnitResult]) -> More
 def _gate(request: bytes) -> Gate:
     """The gate of a request: the units of a job come to a process one after the other."""
     try:
-        return gate_of(json.loads(request))
+        return read_gate(json.loads(request))
     except (GateError, RequestError) as error:
         raise Refused(error) from None
 
 
 @lru_cache(maxsize=2)
-def _scored(request: bytes) -> tuple[Gate, tuple[Computed, ...]]:
+def _scored(request: bytes) -> tuple[Gate, tuple[ScoredDesign, ...]]:
     gate = _gate(request)
-    return gate, first_order(gate)
+    return gate, score_designs(gate)
 
 
 def _refusal(content: bytes) -> TailstackError:
