@@ -18,7 +18,7 @@ from scenes import target
 from tailstack import load_design, optimise
 from tailstack.arrays import Array
 from tailstack.optimisation import PlacementProblem, allocation
-from tailstack.optimisation.exact_law import image_parts, promise
+from tailstack.optimisation.exact_law import evaluate_demand, image_parts
 from tailstack.optimisation.grades import choose_grades
 from tailstack.optimisation.placement import settle
 from tailstack.optimisation.prices import Grade, of_grades
@@ -108,7 +108,9 @@ def _grades() -> list[Row]:
     ]  # fmt: skip
 
     def worst_ratio(half_width: Array) -> float:
-        return promise(problem, term, replace(here, half_width=half_width)).exact_mm / demand.requirement.limit_mm
+        return (
+            evaluate_demand(problem, term, replace(here, half_width=half_width)).exact_mm / demand.requirement.limit_mm
+        )
 
     worst_ratio(here.half_width)
     start = time.process_time()

@@ -13,7 +13,7 @@ import numpy as np
 from scenes import cube_fiducials, mount, random_system, read_only, system_of, with_noise
 from tailstack.arrays import Array
 from tailstack.design.compile import torsor_from_locators
-from tailstack.optimisation import FreeHalfWidth, Place, PlacementProblem
+from tailstack.optimisation import FreeFiducial, FreeHalfWidth, PlacementProblem
 from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import Choice, FreePivot, FreeSpacing, apply_choice
 from tailstack.optimisation.regions import Box
@@ -44,10 +44,10 @@ def free_rotations(components: tuple[str, ...] = ROTATIONS, max_deg: float = 3.0
     )
 
 
-def places_in_box(fiducials: Iterable[int], box_mm: Array = BOX_MM) -> tuple[Place, ...]:
+def places_in_box(fiducials: Iterable[int], box_mm: Array = BOX_MM) -> tuple[FreeFiducial, ...]:
     """A place for each of these fiducials, all in one box."""
     box = Box(*np.asarray(box_mm, dtype=float))
-    return tuple(Place((i,), box) for i in fiducials)
+    return tuple(FreeFiducial((i,), box) for i in fiducials)
 
 
 def oracle_problem(

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     )
     from .optimisation import optimise
     from .scoring import score
-    from .verifying import verify
+    from .verification import verify
 
 # Loaded on first use: numba and casadi take a second that `tailstack --help` should not.
 _HOME = {
@@ -39,7 +39,7 @@ _HOME = {
     "load_design": "design",
     "compile_design": "design",
     "score": "scoring",
-    "verify": "verifying",
+    "verify": "verification",
     "optimise": "optimisation",
     **dict.fromkeys(
         (

@@ -15,9 +15,8 @@ from .design import Design, compile_design, load_design
 from .errors import Problem, TailstackError
 from .results import Provenance, TargetEstimate, TargetScore
 from .results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
-from .runs import MAX_TRIALS
 from .scoring import NOT_INCLUDED, provenance, score
-from .verifying import NOT_IN_A_CHECK, verify
+from .verification import MAX_TRIALS, NOT_IN_A_CHECK, verify
 
 MOST_AXES, MOST_POINTS = 6, 1_000_000
 SIGNIFICANT = 12  # digits of the values of a range: 0.3, not 0.30000000000000004

@@ -23,7 +23,7 @@ from tailstack.arrays import Array
 from tailstack.optimisation import PlacementProblem, PlacementSolution, solve_placement
 from tailstack.optimisation.placement import settle
 from tailstack.optimisation.prices import reciprocal
-from tailstack.optimisation.problem import FreeHalfWidth, Place
+from tailstack.optimisation.problem import FreeFiducial, FreeHalfWidth
 from tailstack.optimisation.program import build_program
 from tailstack.optimisation.regions import Box, KeepOut, mirror
 from tailstack.optimisation.search import Search, explore, objective_for_people, search
@@ -142,7 +142,7 @@ def test_freedom_never_costs(name: str) -> None:
         "some fixed": replace(free, places=places_in_box((0, 1, 2))),
         "mirrored": replace(
             free,
-            places=tuple(Place((2 * k, 2 * k + 1), Box(BOX_MM[0], BOX_MM[1])) for k in range(4)),
+            places=tuple(FreeFiducial((2 * k, 2 * k + 1), Box(BOX_MM[0], BOX_MM[1])) for k in range(4)),
             symmetry=mirror(np.zeros(3), np.array([1.0, 0, 0])),
         ),
         "kept out": replace(free, keep_out=(zone,)),

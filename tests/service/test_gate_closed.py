@@ -142,7 +142,7 @@ def test_a_monte_carlo_check_that_is_refused_is_no_pass(folder: Path, monkeypatc
     from tailstack.errors import NotConvergedError, Problem
 
     refusal = NotConvergedError(Problem("/views", "not-converged", "no solution was proven"))
-    monkeypatch.setattr("tailstack.verifying.verify_prepared", raising(refusal))
+    monkeypatch.setattr("tailstack.verification.verify_prepared", raising(refusal))
     assert main(["gate", "good.yaml", "bad.yaml", "--mode", "verify", "--format", "json=out.json"]) == 3
     assert [design.verdict for design in record().designs] == ["not evaluated", "not evaluated"]
     assert {finding.rule for finding in record().findings} == {"not-evaluated"}

@@ -18,7 +18,7 @@ from tailstack.montecarlo import (
     Samples,
     compile_plan,
     cvar_estimate,
-    deepened,
+    deepen,
     draw,
     evaluate,
     exceedance_estimate,
@@ -122,7 +122,7 @@ def test_a_question_below_the_kept_tail_repeats_the_run(run: tuple[Samples, np.n
     assert len(samples.of(0).tail) < 3000
     assert quantile_estimate(samples, 0, "tcp", 0.5).value_mm == pytest.approx(np.sort(norms)[15_000 - 1], rel=1e-14)
     assert exceedance_estimate(samples, 0, "tcp", 1.0).count == int((norms > 1.0).sum())
-    assert len(deepened(samples, 20_000).of(0).tail) == 20_000
+    assert len(deepen(samples, 20_000).of(0).tail) == 20_000
 
 
 def test_quantile_interval_covers_as_often_as_it_says(run: tuple[Samples, np.ndarray]) -> None:

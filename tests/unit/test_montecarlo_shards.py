@@ -17,7 +17,7 @@ from tailstack.montecarlo.simulate import (
     LARGEST_SHARD,
     Pending,
     Shard,
-    Wanted,
+    TrialsTask,
     compute_shard,
     shard_from_bytes,
     shard_to_bytes,
@@ -25,9 +25,16 @@ from tailstack.montecarlo.simulate import (
     spans,
 )
 from tailstack.packed import pack, unpack
-from tailstack.runs import RadialWanted, Sampling, UnitsWanted, prepare, radial_estimate, unit_quantiles
 from tailstack.system import Law, Requirement
-from tailstack.verifying import verify_prepared
+from tailstack.verification import (
+    RadialTask,
+    Sampling,
+    UnitsTask,
+    prepare,
+    radial_estimate,
+    unit_quantiles,
+    verify_prepared,
+)
 
 LIMITS = (0.2, inf)
 PLAN = compile_plan(cube8_system())
@@ -36,7 +43,7 @@ PLAN = compile_plan(cube8_system())
 def cut_at(size: int):
     """A source of shards that were written to bytes and read back."""
 
-    def source(wanted: Wanted) -> Iterator[Shard]:
+    def source(wanted: TrialsTask) -> Iterator[Shard]:
         for first, stop in spans(wanted.first, wanted.stop, size):
             yield shard_from_bytes(shard_to_bytes(compute_shard(replace(wanted, first=first, stop=stop))))
 
@@ -92,7 +99,7 @@ def test_a_tail_that_is_too_short_is_drawn_again() -> None:
 
 def test_trials_without_an_answer_stay_beyond_every_limit() -> None:
     """More of them than a shard keeps: its floor is infinite, and so is what is left of the tail."""
-    lost = compute_shard(Wanted(PLAN, 1, 0, BLOCK, 0.99, False, LIMITS))
+    lost = compute_shard(TrialsTask(PLAN, 1, 0, BLOCK, 0.99, False, LIMITS))
     lost = replace(lost, tails=[np.full(len(tail), inf) for tail in lost.tails], floors=(inf, inf))
     samples = simulate(PLAN, trials=2 * BLOCK, seed=1, source=lambda _: (lost, lost))
     assert len(samples.of(0).tail) >= len(lost.tails[0])
@@ -142,7 +149,7 @@ class Slowly:
             raise Pending([key])
         return self.held[key]()
 
-    def shards(self, wanted: Wanted) -> list[Shard]:
+    def shards(self, wanted: TrialsTask) -> list[Shard]:
         return [
             self._of(
                 ("trials", wanted.plan.vertex, span),
@@ -151,11 +158,11 @@ class Slowly:
             for span in spans(wanted.first, wanted.stop, self.size)
         ]
 
-    def unit_quantiles(self, wanted: UnitsWanted):
+    def unit_quantiles(self, wanted: UnitsTask):
         key = ("units", wanted.plan.vertex, wanted.target, wanted.error, wanted.quantile)
         return self._of(key, lambda: np.concatenate([unit_quantiles(wanted, k, 512) for k in range(0, 2048, 512)]))
 
-    def radial(self, wanted: RadialWanted):
+    def radial(self, wanted: RadialTask):
         return self._of(wanted, lambda: radial_estimate(self.ready, wanted))
 
 

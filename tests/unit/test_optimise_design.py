@@ -18,7 +18,7 @@ from tailstack.errors import DesignError, InfeasibleError, TailstackError
 from tailstack.optimisation import optimise
 from tailstack.results import Optimisation
 from tailstack.scoring import score
-from tailstack.verifying import verify
+from tailstack.verification import verify
 
 DEMO = Path(__file__).parents[2] / "examples" / "demo.yaml"
 

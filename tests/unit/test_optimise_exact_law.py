@@ -24,7 +24,7 @@ from tailstack.arrays import Array
 from tailstack.contributors import declared_law
 from tailstack.optimisation import PlacementProblem, PlacementSolution, solve_placement
 from tailstack.optimisation.certificate import kkt_residual
-from tailstack.optimisation.exact_law import correction_at, promise
+from tailstack.optimisation.exact_law import correction_at, evaluate_demand
 from tailstack.optimisation.placement import settle
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice
 from tailstack.optimisation.program import Parameters, build_program
@@ -45,7 +45,7 @@ def test_the_promise_is_the_quantile_of_the_score(seed: int, error: str) -> None
         here.fiducials_mm + rng.normal(size=here.fiducials_mm.shape), here.half_width * rng.uniform(0.5, 2, 4),
         here.pivots_mm + rng.uniform(-15, 15, (2, 3)), np.array([1.3]),
     )  # fmt: skip
-    found = [promise(problem, terms_of(problem, demand), choice).exact_mm for demand in problem.demands]
+    found = [evaluate_demand(problem, terms_of(problem, demand), choice).exact_mm for demand in problem.demands]
     np.testing.assert_allclose(found, score_mm(problem, choice), rtol=1e-12)
 
 
@@ -84,7 +84,7 @@ def test_the_correction_makes_value_and_gradient_those_of_the_exact_law(name: st
     low, high = program.bounds("main")
     x = low + rng.uniform(0.1, 0.9, len(low)) * (high - low)
     choice = program.split(x)
-    held = [promise(problem, term, choice) for term in terms]
+    held = [evaluate_demand(problem, term, choice) for term in terms]
     vector = Parameters(
         np.zeros(len(terms)),
         np.array([item.signs for item in held]).reshape(len(held), -1),
@@ -94,7 +94,7 @@ def test_the_correction_makes_value_and_gradient_those_of_the_exact_law(name: st
 
     def exact(at: Array) -> Array:
         moved = program.split(at)
-        return np.array([2 * np.log(promise(problem, term, moved).exact_mm) for term in terms])
+        return np.array([2 * np.log(evaluate_demand(problem, term, moved).exact_mm) for term in terms])
 
     g, jacobian = (part.full() for part in program.jacobian(x, vector))
     np.testing.assert_allclose(g.ravel()[: len(terms)], exact(x), rtol=1e-9, atol=1e-9)
@@ -146,7 +146,7 @@ def _solved(name: str) -> PlacementSolution:
 def _worst(problem: PlacementProblem, choice: Choice) -> float:
     """Largest exact quantile over its limit."""
     return max(
-        promise(problem, terms_of(problem, demand), choice).exact_mm / demand.requirement.limit_mm
+        evaluate_demand(problem, terms_of(problem, demand), choice).exact_mm / demand.requirement.limit_mm
         for demand in problem.demands
     )
 

@@ -29,7 +29,7 @@ from scenes import cube_fiducials, mount, target, with_noise
 from tailstack.arrays import Array
 from tailstack.contributors import declared_law
 from tailstack.design.compile import torsor_from_locators
-from tailstack.optimisation import FreeHalfWidth, Place, PlacementProblem, PlacementSolution, solve_placement
+from tailstack.optimisation import FreeFiducial, FreeHalfWidth, PlacementProblem, PlacementSolution, solve_placement
 from tailstack.optimisation.certificate import binding, shadow_prices
 from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import present_choice
@@ -264,7 +264,7 @@ def test_locators_spread_to_their_largest_spacing() -> None:
 def _one_free(region: Box | Ball | Cylinder, **changes: object) -> PlacementProblem:
     """Least P95 without anything else free; nothing but the region holds the eighth fiducial."""
     problem = oracle_problem(
-        8, 1.0, half_widths=(), objective="quantile", places=(Place((7,), region),), min_spacing_mm=0.0,
+        8, 1.0, half_widths=(), objective="quantile", places=(FreeFiducial((7,), region),), min_spacing_mm=0.0,
         min_projected_spacing_px=0.0, image_margin_px=0.0, target_clearance_px=0.0,
     )  # fmt: skip
     system = replace(problem.system, fiducials_mm=cube_fiducials(half_mm=25.0))

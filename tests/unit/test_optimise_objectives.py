@@ -17,7 +17,7 @@ from optimise_documents import BOX, document, free, half_width, moving, normal, 
 from tailstack.design import load_design
 from tailstack.results import Optimisation
 from tailstack.scoring import score
-from tailstack.verifying import verify
+from tailstack.verification import verify
 
 SEAT, FLANGE = "structure_connector", "connector_flange"
 ROTATIONS = [(SEAT, "rx"), (SEAT, "ry"), (FLANGE, "rx"), (FLANGE, "ry")]

@@ -24,7 +24,7 @@ from tailstack.arrays import Array
 from tailstack.contributors import declared_law
 from tailstack.design.compile import torsor_from_locators
 from tailstack.geometry.rotation import torsor_transform
-from tailstack.optimisation import Place, PlacementProblem
+from tailstack.optimisation import FreeFiducial, PlacementProblem
 from tailstack.optimisation.exact_law import Correction, closed_form_mm, image_parts
 from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice
@@ -76,7 +76,7 @@ def _held(problem: PlacementProblem) -> PlacementProblem:
 def _regions(problem: PlacementProblem, regions: tuple[object, ...], **changes: object) -> PlacementProblem:
     """Groups of fiducials in the given regions, by the number of copies."""
     group = 1 + len(changes.get("symmetry", ()))  # type: ignore[arg-type]
-    places = tuple(Place(tuple(range(k * group, (k + 1) * group)), region) for k, region in enumerate(regions))  # type: ignore[arg-type]
+    places = tuple(FreeFiducial(tuple(range(k * group, (k + 1) * group)), region) for k, region in enumerate(regions))  # type: ignore[arg-type]
     return replace(problem, places=places, **changes)  # type: ignore[arg-type]
 
 
@@ -331,7 +331,7 @@ def test_geometric_rows_hold_where_the_rules_are_kept(reading: Reading) -> None:
     problem = replace(
         problem,
         system=replace(problem.system, interface_1=biased, reading=reading),
-        places=(*places_in_box((1,), np.array([[-90.0, -90, -120], [90, 90, 40]])), Place((4,), tube)),
+        places=(*places_in_box((1,), np.array([[-90.0, -90, -120], [90, 90, 40]])), FreeFiducial((4,), tube)),
         keep_out=(zone,),
         min_projected_spacing_px=80.0,
         min_spacing_mm=25.0,

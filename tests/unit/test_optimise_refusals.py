@@ -14,7 +14,7 @@ from tailstack.errors import DesignError, InfeasibleError, Problem
 from tailstack.optimisation import PlacementProblem, solve_placement
 from tailstack.optimisation.contradictions import refuse_contradictions
 from tailstack.optimisation.prices import Grade, of_grades
-from tailstack.optimisation.problem import FreePivot, FreeSpacing, Place
+from tailstack.optimisation.problem import FreeFiducial, FreePivot, FreeSpacing
 from tailstack.optimisation.regions import Ball, Box, Cylinder, KeepOut, Shape, mirror, turns
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -42,7 +42,7 @@ def _box(*low_high_mm: float) -> dict[str, Any]:
 
 
 def _in(shape: Shape, pointer: str = "/optimise/region", group: int = 1, count: int = 8) -> dict[str, Any]:
-    return {"places": tuple(Place(tuple(range(k, k + group)), shape, pointer) for k in range(0, count, group))}
+    return {"places": tuple(FreeFiducial(tuple(range(k, k + group)), shape, pointer) for k in range(0, count, group))}
 
 
 def _kept_out(zone: Shape, clearance_mm: float = 0.0) -> dict[str, Any]:
@@ -158,9 +158,9 @@ def test_each_region_is_refused_at_its_own_pointer() -> None:
     """Two of three regions are at fault; the others' fiducials do not count towards a packing."""
     places = (
         _in(Ball(CENTRE_MM, 30.0), "/optimise/regions/0", count=4)["places"]
-        + (Place((4,), Box(np.ones(3), np.zeros(3)), "/optimise/regions/1"),)
-        + (Place((5,), TOO_SMALL, "/optimise/regions/2"), Place((6,), TOO_SMALL, "/optimise/regions/2"))
-        + (Place((7,), Ball(np.array([0.0, 0.0, 350.0]), 5.0), "/optimise/regions/3"),)
+        + (FreeFiducial((4,), Box(np.ones(3), np.zeros(3)), "/optimise/regions/1"),)
+        + (FreeFiducial((5,), TOO_SMALL, "/optimise/regions/2"), FreeFiducial((6,), TOO_SMALL, "/optimise/regions/2"))
+        + (FreeFiducial((7,), Ball(np.array([0.0, 0.0, 350.0]), 5.0), "/optimise/regions/3"),)
     )
     with pytest.raises(DesignError) as error:
         refuse_contradictions(oracle_problem(places=places))

@@ -167,13 +167,13 @@ def test_symbols_take_the_same_values_as_floats(name: str) -> None:
     zone = KeepOut("zone", shape, 2.0)
     held = [value for _, value, _ in regions.inside_rows(shape, elements(symbol))]
     clear = [value for _, value in regions.outside_pieces(zone, elements(symbol))]
-    copy = list(regions.moved(regions.turns(BASE_MM, TILTED, 3)[0], elements(symbol)))
+    copy = list(regions.move(regions.turns(BASE_MM, TILTED, 3)[0], elements(symbol)))
     function = ca.Function("f", [symbol], [ca.vertcat(*held, *clear, *copy), ca.jacobian(ca.vertcat(*held), symbol)])
     for point in around(shape, 5):
         values, slopes = function(point)
         floats = [value for _, value, _ in regions.inside_rows(shape, point)]
         floats += [value for _, value in regions.outside_pieces(zone, point)]
-        floats += list(regions.moved(regions.turns(BASE_MM, TILTED, 3)[0], point))
+        floats += list(regions.move(regions.turns(BASE_MM, TILTED, 3)[0], point))
         np.testing.assert_allclose(values.full().ravel(), floats, rtol=1e-12, atol=1e-12)
         assert np.isfinite(slopes.full()).all()
 
@@ -230,7 +230,7 @@ def test_the_clearest_piece_is_the_face_that_a_point_is_beyond() -> None:
 
 def _keeps_distances(isometry: Isometry) -> None:
     points = np.random.default_rng(8).normal(size=(6, 3)) * 50
-    after = regions.moved(isometry, points)
+    after = regions.move(isometry, points)
     for i, j in combinations(range(6), 2):
         assert np.linalg.norm(after[i] - after[j]) == pytest.approx(np.linalg.norm(points[i] - points[j]), rel=1e-12)
 
@@ -240,10 +240,10 @@ def test_a_mirror_reverses_its_normal_and_keeps_its_plane() -> None:
     (isometry,) = regions.mirror(BASE_MM, 7 * TILTED)
     _keeps_distances(isometry)
     across = np.cross(TILTED, [1.0, 2.0, 3.0])
-    np.testing.assert_allclose(regions.moved(isometry, BASE_MM + across), BASE_MM + across, atol=1e-12)
+    np.testing.assert_allclose(regions.move(isometry, BASE_MM + across), BASE_MM + across, atol=1e-12)
     there = BASE_MM + across + 12 * TILTED
-    np.testing.assert_allclose(regions.moved(isometry, there), BASE_MM + across - 12 * TILTED, atol=1e-12)
-    np.testing.assert_allclose(regions.moved(isometry, regions.moved(isometry, there)), there, atol=1e-12)
+    np.testing.assert_allclose(regions.move(isometry, there), BASE_MM + across - 12 * TILTED, atol=1e-12)
+    np.testing.assert_allclose(regions.move(isometry, regions.move(isometry, there)), there, atol=1e-12)
 
 
 @pytest.mark.parametrize("order", [2, 3, 4, 7])
@@ -254,16 +254,16 @@ def test_turns_are_the_roots_of_unity(order: int) -> None:
     assert len(about_z) == order - 1
     centred = points[:, 0] - 3 + 1j * (points[:, 1] + 2)
     for k, isometry in enumerate(about_z, start=1):
-        after = regions.moved(isometry, points)
+        after = regions.move(isometry, points)
         expected = centred * np.exp(2j * np.pi * k / order) + 3 - 2j
         np.testing.assert_allclose(after[:, 0] + 1j * after[:, 1], expected, atol=1e-11)
         np.testing.assert_allclose(after[:, 2], points[:, 2], atol=1e-12)
     first = regions.turns(BASE_MM, TILTED, order)[0]
     _keeps_distances(first)
-    np.testing.assert_allclose(regions.moved(first, BASE_MM + 9 * TILTED), BASE_MM + 9 * TILTED, atol=1e-12)
+    np.testing.assert_allclose(regions.move(first, BASE_MM + 9 * TILTED), BASE_MM + 9 * TILTED, atol=1e-12)
     after = points
     for _ in range(order):
-        after = regions.moved(first, after)
+        after = regions.move(first, after)
     np.testing.assert_allclose(after, points, atol=1e-11)
 
 

@@ -12,7 +12,7 @@ import pytest
 from optimise_scenes import BOX_MM, oracle_problem
 from scenes import mount, target
 from tailstack.arrays import Array
-from tailstack.optimisation.problem import Place, PlacementProblem
+from tailstack.optimisation.problem import FreeFiducial, PlacementProblem
 from tailstack.optimisation.regions import Ball, Box, Cylinder, KeepOut, Shape, contains, mirror, turns
 from tailstack.optimisation.starts import careless_layouts, starting_layouts, textbook_layout
 from tailstack.optimisation.terms import estimator_of, terms_of
@@ -29,8 +29,8 @@ CLAMP = KeepOut("clamp", Box(np.array([-10.0, -60.0, -60.0]), np.array([60.0, 0.
 ROUNDING = 1e-9
 
 
-def places_of(region: Shape, fiducials: range, group: int = 1) -> tuple[Place, ...]:
-    return tuple(Place(tuple(fiducials[k : k + group]), region) for k in range(0, len(fiducials), group))
+def places_of(region: Shape, fiducials: range, group: int = 1) -> tuple[FreeFiducial, ...]:
+    return tuple(FreeFiducial(tuple(fiducials[k : k + group]), region) for k in range(0, len(fiducials), group))
 
 
 PROBLEMS: dict[str, PlacementProblem] = {

@@ -117,7 +117,7 @@ def _chain() -> str:
     """First order against the simulated chain, two pieces of code that share nothing, on a small design."""
     from tailstack.design import load_design
     from tailstack.scoring import score
-    from tailstack.verifying import verify
+    from tailstack.verification import verify
 
     from ..http.example import EXAMPLE_DESIGN
 

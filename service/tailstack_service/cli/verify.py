@@ -54,8 +54,7 @@ def precision(text: str) -> float:
 def run(arguments: argparse.Namespace) -> Answer:
     design = read_design(arguments.design)  # bad input is refused before the solver is loaded
 
-    from tailstack.runs import MAX_TRIALS
-    from tailstack.verifying import verify
+    from tailstack.verification import MAX_TRIALS, verify
 
     from ..documents import to_json
     from ..rendering.verification import verification_text

@@ -12,7 +12,7 @@ from ..work.task import ADVANCE, Task, UnitResult
 def steps() -> list[Callable[[], object]]:
     """Modules to import, then the compiled kernels, in the order in which they are to be called."""
     optimiser = "tailstack.optimisation.optimising"
-    modules = ("numpy", "scipy.linalg", "tailstack.design", "tailstack.verifying", optimiser, "casadi")
+    modules = ("numpy", "scipy.linalg", "tailstack.design", "tailstack.verification", optimiser, "casadi")
     return [*(partial(import_module, name) for name in modules), check_once]
 
 

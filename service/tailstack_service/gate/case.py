@@ -184,7 +184,7 @@ def point_at_requirement(design: Design, entry: GateRequirement, field: str = ""
 
 
 CVAR_LIKE = 0.99  # first order errs in the mean of the worst 5 % as in this quantile (docs/method.md, section 4)
-UNITS = 2048  # installed units that a check draws for a per-unit requirement (tailstack.verifying)
+UNITS = 2048  # installed units that a check draws for a per-unit requirement (tailstack.verification)
 
 
 def add_policy_limits(design: Design, rules: Rules) -> tuple[dict[str, Any], dict[str, str]]:

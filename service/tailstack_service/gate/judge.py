@@ -45,7 +45,7 @@ from .rules import RULES
 from .waivers import Acceptance, GateWaivers, describe_waiver, find_waiver, list_waiver_values, review_waivers
 
 if TYPE_CHECKING:
-    from tailstack.runs import Sampling
+    from tailstack.verification import Sampling
 
 TRUSTED_PERCENT = 5.0  # error of P95 up to which mode auto believes first order
 
@@ -159,7 +159,7 @@ def plan_sampling(gate: Gate, computed: ScoredDesign) -> Sampling:
     to the policy's precision as well.  Values up to which waivers accept are limits like others.
     """
     from tailstack.montecarlo.sequential import CvarQuestion, Question
-    from tailstack.runs import Sampling
+    from tailstack.verification import Sampling
 
     assert computed.score is not None
     assert computed.held is not None
@@ -191,8 +191,7 @@ def plan_sampling(gate: Gate, computed: ScoredDesign) -> Sampling:
 
 def draw_check(gate: Gate, computed: ScoredDesign, progress: Progress | None = None) -> Verification:
     """Monte Carlo as the policy says, here and now.  Raises TailstackError."""
-    from tailstack.runs import prepare
-    from tailstack.verifying import verify_prepared
+    from tailstack.verification import prepare, verify_prepared
 
     assert computed.held is not None
     return verify_prepared(prepare(computed.held), plan_sampling(gate, computed), progress=progress)

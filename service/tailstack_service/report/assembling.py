@@ -17,9 +17,9 @@ from tailstack.montecarlo import ChainPlan, run_indices
 from tailstack.montecarlo.estimators import interval_ranks
 from tailstack.precision import PRECISION
 from tailstack.results import Optimisation, Score, TargetScore, Verification
-from tailstack.runs import MAX_TRIALS, Prepared, Progress, prepare
 from tailstack.scoring import score as score_design
 from tailstack.tail.declared import law_exceedance
+from tailstack.verification import MAX_TRIALS, PreparedDesign, Progress, prepare
 
 from ..problems import RequestError
 from .chapters.optimisation import optimise_command
@@ -60,7 +60,7 @@ def compute_report(design: Design, options: ReportOptions, *, progress: Progress
     """The report of a design, computed here and now.  Raises TailstackError."""
     verification = optimisation = None
     if "verification" in options.parts:
-        from tailstack.verifying import verify
+        from tailstack.verification import verify
 
         verification = verify(
             design, trials=options.trials, precision=options.precision, seed=options.seed,
@@ -106,7 +106,7 @@ def _pictured(scored: Score) -> list[TargetScore]:
 
 
 def _drawn(
-    ready: Prepared, pictured: list[TargetScore], verification: Verification | None, options: ReportOptions
+    ready: PreparedDesign, pictured: list[TargetScore], verification: Verification | None, options: ReportOptions
 ) -> tuple[tuple[ErrorDistribution, ...], tuple[Convergence, ...]]:
     """What the pictures of the largest targets show: shares by bins, and how P95 settled."""
     distributions, convergence = [], []
@@ -134,7 +134,7 @@ def _drawn(
     return tuple(distributions), tuple(convergence)
 
 
-def drawn_norms(ready: Prepared, name: str, seed: int, count: int) -> Array:
+def drawn_norms(ready: PreparedDesign, name: str, seed: int, count: int) -> Array:
     """(count,) mm: norms of the TCP error at a target in the first trials of the check itself, at its worst vertex."""
     place = [target.name for target in ready.system.targets].index(name)
 

@@ -8,8 +8,7 @@ from dataclasses import replace
 from tailstack.design import Design, compile_design, load_design
 from tailstack.errors import Problem
 from tailstack.results import Verification
-from tailstack.runs import Prepared, Progress, Sampling, prepare
-from tailstack.verifying import verify_prepared
+from tailstack.verification import PreparedDesign, Progress, Sampling, prepare, verify_prepared
 
 from ..problems import RequestError
 from ..rendering.verdict import urgency
@@ -45,7 +44,9 @@ def compute_comparison(
     return compare(reports[0], reports[1], options)
 
 
-def drawn_alike(ready: tuple[Prepared, Prepared], options: ReportOptions, draw: Callable[[Sampling], Pair]) -> Pair:
+def drawn_alike(
+    ready: tuple[PreparedDesign, PreparedDesign], options: ReportOptions, draw: Callable[[Sampling], Pair]
+) -> Pair:
     """The checks of both designs, with the same trials: where one stops sooner it is drawn on, so that the P95 of each
     is one number, and the difference that of the two.
 

@@ -16,7 +16,7 @@ from .task import UnitResult
 
 if TYPE_CHECKING:
     from tailstack.results import Verification
-    from tailstack.runs import Prepared, Sampling
+    from tailstack.verification import PreparedDesign, Sampling
 
 SIDES = ("first", "second")
 
@@ -50,7 +50,7 @@ def advance(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
         raise Refused(error, "/second") from None
 
 
-def _ready(request: dict[str, Any], side: str) -> Prepared:
+def _ready(request: dict[str, Any], side: str) -> PreparedDesign:
     from .verification import prepared
 
     try:

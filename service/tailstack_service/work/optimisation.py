@@ -15,10 +15,10 @@ from pydantic import TypeAdapter
 
 from tailstack.errors import InfeasibleError, NotConvergedError, TailstackError
 from tailstack.montecarlo.simulate import Pending
-from tailstack.optimisation.alternatives import front_factors, front_point, without_dominated
+from tailstack.optimisation.alternatives import front_factors, front_point, mark_dominated
 from tailstack.optimisation.optimising import Asked, ask, finish
 from tailstack.optimisation.program import Point
-from tailstack.optimisation.search import Found, Prepared, Search, conclude, prepare_search, solve_start
+from tailstack.optimisation.search import Iterate, PreparedSearch, Search, conclude_search, prepare_search, solve_start
 from tailstack.packed import pack, unpack
 from tailstack.results import FrontPoint
 
@@ -52,14 +52,14 @@ def advance(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
         points = searches.get(position)
         if points is None:
             points = [solve_start(prepared, number) for number in range(len(prepared.begun))]
-        return conclude(prepared, (point for point in points))
+        return conclude_search(prepared, (point for point in points))
 
     def fronted(position: int, search: Search) -> tuple[FrontPoint, ...]:
         prepared = _prepared(*_key(request), position)
-        assert isinstance(prepared, Prepared)  # or it had not been searched
+        assert isinstance(prepared, PreparedSearch)  # or it had not been searched
         specs = _front_specs(asked, position, search, prepared)
         _all_there(specs, held)
-        return without_dominated([_FRONT_POINT.validate_json(held[spec]) for spec in specs])
+        return mark_dominated([_FRONT_POINT.validate_json(held[spec]) for spec in specs])
 
     try:
         return Done(to_json(finish(asked, searched, threads=1, fronted=fronted)))
@@ -96,7 +96,7 @@ def _ends(asked: Asked, held: Mapping[bytes, bytes], position: int) -> list[Poin
     return [point for first in _groups(asked) for point in _points(held[_spec(position, first)])]
 
 
-def _front_specs(asked: Asked, position: int, search: Search, prepared: Prepared) -> list[bytes]:
+def _front_specs(asked: Asked, position: int, search: Search, prepared: PreparedSearch) -> list[bytes]:
     """The best layouts go into the spec: to find them again would take every start."""
     found = []
     for item in search.found:
@@ -111,9 +111,9 @@ def _front_specs(asked: Asked, position: int, search: Search, prepared: Prepared
     ]
 
 
-def _found(prepared: Prepared, spec: dict[str, Any]) -> tuple[Found, ...]:
+def _found(prepared: PreparedSearch, spec: dict[str, Any]) -> tuple[Iterate, ...]:
     return tuple(
-        Found(
+        Iterate(
             _points(b64decode(item["point"]))[0],
             (prepared.led if item["led"] else prepared.begun)[item["start"]].parameters,
         )
@@ -144,7 +144,7 @@ def _asked(design: bytes, seed: int | None, starts: int | None) -> Asked:
 
 
 @lru_cache(maxsize=2)  # a large programme holds hundreds of megabytes
-def _prepared(design: bytes, seed: int | None, starts: int | None, position: int) -> Prepared | TailstackError:
+def _prepared(design: bytes, seed: int | None, starts: int | None, position: int) -> PreparedSearch | TailstackError:
     """A search before its starts are solved, or its refusal: that takes a search of its own to find."""
     asked = _asked(design, seed, starts)
     try:

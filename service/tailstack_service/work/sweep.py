@@ -12,8 +12,8 @@ from tailstack.design import compile_design
 from tailstack.montecarlo import compile_plan
 from tailstack.montecarlo.simulate import shard_trials
 from tailstack.results.sweep import SweepPoint
-from tailstack.runs import MAX_TRIALS
 from tailstack.sweeping import Axis, SweepError, assembled, read_axes, size_of, sweep_points
+from tailstack.verification import MAX_TRIALS
 
 from ..documents import to_json
 from .kinds import Done, More, Step

@@ -19,7 +19,7 @@ from tailstack.montecarlo import ChainPlan, RadialEstimate, compile_plan
 from tailstack.montecarlo.simulate import (
     Pending,
     Shard,
-    Wanted,
+    TrialsTask,
     compute_shard,
     shard_from_bytes,
     shard_to_bytes,
@@ -27,20 +27,20 @@ from tailstack.montecarlo.simulate import (
     spans,
 )
 from tailstack.packed import pack, unpack
-from tailstack.runs import (
+from tailstack.verification import (
     MAX_TRIALS,
     SHOTS,
     UNITS,
-    Prepared,
-    RadialWanted,
+    PreparedDesign,
+    RadialTask,
     Sampling,
-    UnitsWanted,
+    UnitsTask,
     limits_of,
     prepare,
     radial_estimate,
     unit_quantiles,
+    verify_prepared,
 )
-from tailstack.verifying import verify_prepared
 
 from ..documents import to_json
 from .kinds import Done, More, Step
@@ -70,16 +70,18 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     ready, seed = _ready(request), sampling_of(request).seed
     if spec["what"] == "radial":
         vertex = tuple((name, end) for name, end in spec["vertex"])
-        wanted = RadialWanted(
+        wanted = RadialTask(
             spec["target"], spec["error"], spec["quantile"], seed, vertex, sampling_of(request).precision
         )
         return canonical(asdict(radial_estimate(ready, wanted)))
     plan = _plan(canonical(request["design"]), tuple(spec["vertex"]), SHOTS if spec["what"] == "units" else 1)
     if spec["what"] == "units":
-        units = UnitsWanted(plan, seed, spec["target"], spec["error"], spec["quantile"])
+        units = UnitsTask(plan, seed, spec["target"], spec["error"], spec["quantile"])
         return pack({}, [unit_quantiles(units, spec["first"], spec["count"])])
     return shard_to_bytes(
-        compute_shard(Wanted(plan, seed, spec["first"], spec["stop"], spec["quantile"], True, limits_of(ready.system)))
+        compute_shard(
+            TrialsTask(plan, seed, spec["first"], spec["stop"], spec["quantile"], True, limits_of(ready.system))
+        )
     )
 
 
@@ -94,12 +96,12 @@ def sampling_of(request: dict[str, Any]) -> Sampling:
     )
 
 
-def _ready(request: dict[str, Any]) -> Prepared:
+def _ready(request: dict[str, Any]) -> PreparedDesign:
     return prepared(canonical(request["design"]))
 
 
 @lru_cache(maxsize=4)
-def prepared(design: bytes) -> Prepared:
+def prepared(design: bytes) -> PreparedDesign:
     """The linear model of a design in canonical JSON; the last few are kept.  Raises DesignError, IllPosedError."""
     return prepare(loaded_design(design))
 
@@ -115,7 +117,7 @@ class Recorded:
 
     held: Mapping[bytes, bytes]
 
-    def shards(self, wanted: Wanted) -> Iterator[Shard]:
+    def shards(self, wanted: TrialsTask) -> Iterator[Shard]:
         size = shard_trials(wanted.plan, wanted.seed)
         specs = [_trials_spec(wanted, *span) for span in spans(wanted.first, wanted.stop, size)]
         if not all(spec in self.held for spec in specs):
@@ -124,7 +126,7 @@ class Recorded:
             self._pending([*specs, *ahead], sum(1 for _ in spans(end, wanted.expected, size)))
         return (shard_from_bytes(self.held[spec]) for spec in specs)
 
-    def unit_quantiles(self, wanted: UnitsWanted) -> Array:
+    def unit_quantiles(self, wanted: UnitsTask) -> Array:
         count = max(shard_trials(wanted.plan, wanted.seed) // SHOTS, 1)
         asked = {
             "what": "units", "vertex": wanted.plan.vertex, "target": wanted.target, "error": wanted.error,
@@ -135,7 +137,7 @@ class Recorded:
             self._pending(specs)
         return np.concatenate([unpack(self.held[spec])[1][0] for spec in specs])
 
-    def radial(self, wanted: RadialWanted) -> RadialEstimate:
+    def radial(self, wanted: RadialTask) -> RadialEstimate:
         asked = {
             "what": "radial", "vertex": wanted.vertex, "target": wanted.target, "error": wanted.error,
             "quantile": wanted.quantile,
@@ -150,7 +152,7 @@ class Recorded:
         raise Pending([spec for spec in specs if spec not in self.held], remaining)
 
 
-def _trials_spec(wanted: Wanted, first: int, stop: int) -> bytes:
+def _trials_spec(wanted: TrialsTask, first: int, stop: int) -> bytes:
     return canonical({
         "what": "trials", "vertex": wanted.plan.vertex, "first": first, "stop": stop, "quantile": wanted.quantile,
     })  # fmt: skip

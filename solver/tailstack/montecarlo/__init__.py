@@ -16,7 +16,7 @@ from .estimators import (
 )
 from .plan import ChainPlan, at_vertex, bounded_names, compile_plan
 from .radial import LinearChain, RadialEstimate, gains_in_plan_order, radial
-from .simulate import ErrorSample, Samples, deepened, simulate
+from .simulate import ErrorSample, Samples, deepen, simulate
 
 __all__ = [
     "AdaptiveRun",
@@ -33,7 +33,7 @@ __all__ = [
     "bounded_names",
     "compile_plan",
     "cvar_estimate",
-    "deepened",
+    "deepen",
     "draw",
     "evaluate",
     "exceedance_estimate",

@@ -36,7 +36,7 @@ class Outcome(NamedTuple):
     reprojection: Array | None  # (n,) px
 
 
-def _aligned(size: int) -> Array:
+def _allocate_scratch(size: int) -> Array:
     """Scratch that starts on a 64-byte line: eight lanes never straddle two."""
     raw = np.empty(size + 8)
     shift = (-raw.ctypes.data // 8) % 8
@@ -49,27 +49,27 @@ def _keys(seed: int) -> NDArray[np.uint64]:
     return np.array([stream_key(seed, 0), stream_key(seed, 1)])
 
 
-def _padded(indices: NDArray[np.int64]) -> NDArray[np.int64]:
+def _pad(indices: NDArray[np.int64]) -> NDArray[np.int64]:
     """To a multiple of eight, by repeating the last index."""
     return np.concatenate([indices, np.repeat(indices[-1:], -len(indices) % 8)])
 
 
 def draw(plan: ChainPlan, seed: int, indices: NDArray[np.int64]) -> Array:
     """Standardised deviates z (n, d) of the trials with these indices (columns: see ``plan``)."""
-    trials = _padded(np.asarray(indices, dtype=np.int64))
+    trials = _pad(np.asarray(indices, dtype=np.int64))
     out = np.empty((plan.dimension, len(trials)))
-    scratch = _aligned(8 * plan.dimension)
+    scratch = _allocate_scratch(8 * plan.dimension)
     draw_columns(plan.tables.segments, _keys(seed), trials // plan.shots_per_unit, trials, scratch, out)
     return np.ascontiguousarray(out[:, : len(indices)].T)
 
 
 def standard_normals(seed: int, stream: int, count: int, dimension: int) -> Array:
     """(count, dimension) N(0, 1) from a stream of its own (2 or more; 0 and 1 are the trials')."""
-    indices = _padded(np.arange(count, dtype=np.int64))
+    indices = _pad(np.arange(count, dtype=np.int64))
     out = np.empty((dimension, len(indices)))
     keys = np.array([stream_key(seed, stream), stream_key(seed, stream)])
     segments = np.array([[0, dimension, 0, 0]], dtype=np.int64)
-    draw_columns(segments, keys, indices, indices, _aligned(8 * dimension), out)
+    draw_columns(segments, keys, indices, indices, _allocate_scratch(8 * dimension), out)
     return out[:, :count].T
 
 
@@ -79,7 +79,7 @@ def _run(
     n = len(trials)
     errors, flags = np.empty(6 * len(plan.system.targets) * n), np.empty(n)
     rms = np.empty(n if reprojection else 0)
-    scratch = _aligned(int(scratch_size(plan.tables.counts)))
+    scratch = _allocate_scratch(int(scratch_size(plan.tables.counts)))
     units = trials // plan.shots_per_unit
     run_trials(plan.tables, keys, units, trials, given, errors, flags, rms, reprojection, scratch)
     return errors, flags, rms
@@ -99,7 +99,7 @@ def run_indices(plan: ChainPlan, seed: int, first: int, count: int, *, reproject
     """Trials first ... first + count - 1 of this seed."""
     indices = np.arange(first, first + count, dtype=np.int64)
     shape = (len(plan.system.targets), 2, 3)
-    errors, flags, rms = _run(plan, _keys(seed), _padded(indices), _NOT_GIVEN, reprojection)
+    errors, flags, rms = _run(plan, _keys(seed), _pad(indices), _NOT_GIVEN, reprojection)
     errors, rms = errors.reshape(*shape, -1)[..., :count], rms[:count]
     columns = np.flatnonzero(flags[:count])
     if len(columns):

@@ -18,7 +18,7 @@ from ..arrays import Array
 from ..errors import OutOfRangeError, Problem
 from ..system import System
 from .plan import ChainPlan, compile_plan
-from .simulate import ErrorSample, Progress, Samples, ShardSource, deepened, simulate
+from .simulate import ErrorSample, Progress, Samples, ShardSampler, deepen, simulate
 
 FIRST_LOOK = 2**14
 TYPICAL = 3.3  # trials times squared relative half-width: what P95 of most errors takes
@@ -118,7 +118,7 @@ def with_rank(samples: Samples, target: str | int, error: str, rank: int) -> Err
     sample = samples.of(target, error)
     if rank >= sample.trials - len(sample.tail) + 1:
         return sample
-    return deepened(samples, sample.trials - rank + 1).of(target, error)
+    return deepen(samples, sample.trials - rank + 1).of(target, error)
 
 
 def order_statistic(sample: ErrorSample, rank: int) -> float:
@@ -179,7 +179,7 @@ def exceedance_estimate(
         count = sample.above[1]
     else:
         if len(sample.tail) < n and limit_mm < sample.tail[0]:
-            sample = deepened(samples, n).of(target, error)
+            sample = deepen(samples, n).of(target, error)
         count = len(sample.tail) - int(np.searchsorted(sample.tail, limit_mm, side="right"))
     alpha = 1 - confidence
     low = float(betaincinv(count, n - count + 1, alpha / 2)) if count > 0 else 0.0
@@ -233,7 +233,7 @@ def simulate_to_precision(
     settled: Callable[[Samples, float], bool] | None = None,
     quantile: float | None = None,
     limits: Sequence[float] | None = None,
-    source: ShardSource | None = None,
+    source: ShardSampler | None = None,
 ) -> AdaptiveRun:
     """Simulate until the relative half-width of every goal's interval is at most ``precision``.
 

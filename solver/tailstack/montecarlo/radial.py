@@ -166,7 +166,7 @@ class _Rays:
         g = self.direction @ self.linear.gain.T
         a, b, c = (g * g).sum(axis=1), (m * g).sum(axis=1), r * r - (m * m).sum(axis=1)
         if not (c > 0).all():
-            raise _refused("radial-starts-outside", f"{int((c <= 0).sum())} of {len(c)} rays start outside {r:.6g} mm")
+            raise _refuse("radial-starts-outside", f"{int((c <= 0).sum())} of {len(c)} rays start outside {r:.6g} mm")
         root = np.sqrt(b * b + a * c)
         with np.errstate(divide="ignore"):
             rho = np.where(b > 0, c / np.maximum(b + root, 1e-300), (root - b) / np.maximum(a, 1e-300))
@@ -180,7 +180,7 @@ class _Rays:
 Norm = Callable[[Array, NDArray[np.int64]], Array]
 
 
-def _refused(code: str, detail: str) -> OutOfRangeError:
+def _refuse(code: str, detail: str) -> OutOfRangeError:
     return OutOfRangeError(Problem("", code, detail, "use plain sampling for this design"))
 
 
@@ -223,9 +223,7 @@ def _crossings(norm: Norm, r: float, start: Array, slope_guess: Array | None = N
         evaluations += len(active)
         active = active[(np.abs(gap[active]) > RAY_TOLERANCE * r) & (high[active] - low[active] > 1e-12)]
     if len(active):
-        raise _refused(
-            "radial-no-crossing", f"{len(active)} of {count} rays did not settle on a crossing of {r:.6g} mm"
-        )
+        raise _refuse("radial-no-crossing", f"{len(active)} of {count} rays did not settle on a crossing of {r:.6g} mm")
     return rho, evaluations
 
 
@@ -238,9 +236,9 @@ def _single_crossing(norm: Norm, r: float, rho: Array) -> int:
     sizes = norm(np.concatenate([np.zeros(count), 0.5 * rho, further]), everyone).reshape(3, count)
     if not (sizes[0] < r).all():
         outside = int((~(sizes[0] < r)).sum())
-        raise _refused("radial-starts-outside", f"{outside} of {count} rays start outside {r:.6g} mm")
+        raise _refuse("radial-starts-outside", f"{outside} of {count} rays start outside {r:.6g} mm")
     if not (sizes[1] < r * (1 + 1e-9)).all() or not (sizes[2][met] > r * (1 - 1e-9)).all():
-        raise _refused("radial-not-monotone", f"the error does not grow along every ray through {r:.6g} mm")
+        raise _refuse("radial-not-monotone", f"the error does not grow along every ray through {r:.6g} mm")
     return 3 * count
 
 
@@ -269,7 +267,7 @@ def radial(
     uniform = np.array([k for k, law in enumerate(laws) if law is Law.UNIFORM], dtype=np.int64)
     triangular = np.array([k for k, law in enumerate(laws) if law is Law.TRIANGULAR], dtype=np.int64)
     if plan.dimension < 3:
-        raise _refused("radial-too-few-inputs", f"three random inputs are needed, the design has {plan.dimension}")
+        raise _refuse("radial-too-few-inputs", f"three random inputs are needed, the design has {plan.dimension}")
     basis = np.linalg.svd(linear.gain * plan.standard_std, full_matrices=False)[2].T  # (d, 3), orthonormal
 
     count = randomisations * rays
@@ -293,7 +291,7 @@ def radial(
         exact = linear.exceedance(r)
         if abs(by_linear.mean() - exact) > 8 * by_linear.std(ddof=1) / sqrt(randomisations) + 1e-6 * exact:
             detail = f"linear model at {r:.6g} mm: the law given has P = {exact:.6g}, its rays {by_linear.mean():.6g}"
-            raise _refused("radial-control-variate", detail)
+            raise _refuse("radial-control-variate", detail)
         differences = (_chi3_tail(crossing) - _chi3_tail(at_linear)).reshape(randomisations, rays).mean(axis=1)
         excess = exact + float(differences.mean()) - (1 - quantile)
         density = linear.density_per_mm
@@ -311,6 +309,6 @@ def radial(
         crossing = np.clip(crossing + step / slope, 1e-6, FARTHEST)
         at_linear, slope = lines.linear_crossing(r, np.clip(at_linear + step / slope, 1e-6, FARTHEST))
     else:
-        raise _refused("radial-no-quantile", f"the quantile did not settle near {r:.6g} mm")
+        raise _refuse("radial-no-quantile", f"the quantile did not settle near {r:.6g} mm")
     half = float(stdtrit(randomisations - 1, 0.5 + confidence / 2)) * spread
     return RadialEstimate(quantile, r, (r - half, r + half), spread, confidence, evaluations + checked, randomisations)

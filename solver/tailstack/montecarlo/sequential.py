@@ -28,7 +28,7 @@ from ..arrays import Array
 from ..errors import OutOfRangeError, Problem
 from .estimators import between_ranks
 from .plan import ChainPlan
-from .simulate import BLOCK, Progress, Samples, ShardSource, simulate
+from .simulate import BLOCK, Progress, Samples, ShardSampler, simulate
 
 SURE = 0.64  # of the trials that a look says are needed: what is asked for ahead where that can be done side by side
 _SPREAD = 10.0  # standard deviations of a binomial that are kept: 1e-23 is left out
@@ -118,7 +118,7 @@ def _boundaries(looks: tuple[int, ...], chance: float, error: float, *, lower: b
     found: list[int | None] = []
     for k, look in enumerate(looks, 1):
         start, step = _binomial(look - before, chance)
-        first, alive = first + start, _convolved(alive, step)
+        first, alive = first + start, _convolve(alive, step)
         ordered = alive if lower else alive[::-1]
         sums = np.cumsum(ordered)
         count = int(np.searchsorted(sums, error * k / len(looks) - spent, side="right"))
@@ -145,7 +145,7 @@ def _binomial(trials: int, chance: float) -> tuple[int, Array]:
     return low, weights / weights.sum()
 
 
-def _convolved(a: Array, b: Array) -> Array:
+def _convolve(a: Array, b: Array) -> Array:
     size = len(a) + len(b) - 1
     padded = 1 << size.bit_length()
     product = np.fft.irfft(np.fft.rfft(a, padded) * np.fft.rfft(b, padded), padded)[:size]
@@ -186,7 +186,7 @@ def simulate_to_decision(
     threads: int | None = None,
     progress: Progress | None = None,
     limits: Sequence[float] | None = None,
-    source: ShardSource | None = None,
+    source: ShardSampler | None = None,
 ) -> SequentialRun:
     """Simulate until every question is answered by the intervals of one look, or ``max_trials`` are drawn.
 
@@ -212,7 +212,7 @@ def simulate_to_decision(
             then=tuple(pair for pair in pairwise(looks[k:]) if pair[0] < SURE * needed) if k else (),
             expected=int(min(needed, max_trials)),
         )
-        open_ones = [question for question in questions if not answered(samples, question, looks, k, confidence)]
+        open_ones = [question for question in questions if not answers(samples, question, looks, k, confidence)]
         decided = not open_ones and (settled is None or settled(samples, len(looks)))
         if decided:
             break
@@ -221,7 +221,7 @@ def simulate_to_decision(
     return SequentialRun(samples, looks, decided)
 
 
-def answered(samples: Samples, question: Question, looks: tuple[int, ...], k: int, confidence: float) -> bool:
+def answers(samples: Samples, question: Question, looks: tuple[int, ...], k: int, confidence: float) -> bool:
     """Whether the interval of look ``k`` leaves the limit on one side."""
     ranks = repeated_ranks(looks, question.quantile, confidence)[k]
     low, high = repeated_interval(samples, question.target, question.error, question.quantile, ranks).interval_mm

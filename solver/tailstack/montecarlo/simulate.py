@@ -2,7 +2,7 @@
 
 Trial i depends on (seed, i) alone and reductions run over fixed blocks of ``BLOCK`` trials, so neither
 the number of threads nor the size of a batch reaches a digit of the result.  Of each norm only the
-largest are kept: enough for the quantiles asked for; ``deepened`` repeats the run when more are wanted.
+largest are kept: enough for the quantiles asked for; ``deepen`` repeats the run when more are wanted.
 
 A run may be put together from parts that are kept elsewhere.  Blocks of ``BLOCK`` trials are the unit of summation
 and a shard holds whole blocks, each with its own moments: merging them one by one in the order of their indices gives
@@ -86,7 +86,7 @@ class Samples:
         return self.errors[2 * place + ERRORS.index(error)]
 
 
-def _merged(a: Moments, b: Moments) -> Moments:
+def merge_moments(a: Moments, b: Moments) -> Moments:
     """Moments of two disjoint sets (Chan, Golub and LeVeque 1983)."""
     count = a.trials + b.trials
     share = b.trials / count
@@ -96,7 +96,7 @@ def _merged(a: Moments, b: Moments) -> Moments:
     return Moments(count, a.mean + share * gap, scatter, norm_mean)
 
 
-def _in_order(wanted: Wanted, batch: int, threads: int) -> Iterator[Shard]:
+def _in_order(wanted: TrialsTask, batch: int, threads: int) -> Iterator[Shard]:
     """Blocks in the order of their indices; at most two batches per thread are under way."""
     blocks, size = block_arguments(wanted), max(1, batch // BLOCK)
     batches = [blocks[k : k + size] for k in range(0, len(blocks), size)]
@@ -133,7 +133,7 @@ def simulate(
     progress: Progress | None = None,
     extend: Samples | None = None,
     limits: Sequence[float] | None = None,
-    source: ShardSource | None = None,
+    source: ShardSampler | None = None,
     then: tuple[tuple[int, int], ...] = (),
     expected: int = 0,
 ) -> Samples:
@@ -144,7 +144,7 @@ def simulate(
     first ``REPROJECTION_TRIALS`` trials.  extend: an earlier run of the same plan and seed, a multiple of
     ``BLOCK`` long, to go on from.  ``progress(done, total)`` is called after each part.  limits: mm, one for each
     metric (inf: none); how many trials are beyond is counted.  source: where parts of the run come from that were
-    computed elsewhere; what it raises is passed on.  then, expected: what it is told of trials to come (``Wanted``).
+    computed elsewhere; what it raises is passed on.  then, expected: trials to come (``TrialsTask``).
     Raises OutOfRangeError when a count is not positive or the plan and its options disagree.
     """
     if trials < 2:
@@ -183,11 +183,11 @@ def simulate(
         if extend.reprojection is not None:
             reprojections.append(extend.reprojection.rms_px)
 
-    wanted = Wanted(plan, seed, done, trials, quantile, reprojection, limits, then, expected)
+    wanted = TrialsTask(plan, seed, done, trials, quantile, reprojection, limits, then, expected)
     held = [sum(len(part) for part in tail) for tail in tails]
     for shard in _in_order(wanted, batch, threads) if source is None else source(wanted):
         for moments in shard.moments:
-            state = moments if state is None else _merged(state, moments)
+            state = moments if state is None else merge_moments(state, moments)
             done += moments.trials
         redone += shard.redone
         for k, norms in enumerate(shard.tails):
@@ -199,7 +199,7 @@ def simulate(
                 tails[k].append(norms[norms > floors[k]])
             held[k] += len(tails[k][-1])
             if held[k] > 2 * keep + BLOCK:
-                tails[k] = [largest(np.concatenate(tails[k]), keep)]
+                tails[k] = [take_largest(np.concatenate(tails[k]), keep)]
                 floors[k], held[k] = max(floors[k], float(tails[k][0].min())), keep
         if shard.reprojection is not None:
             reprojections.append(shard.reprojection)
@@ -211,7 +211,7 @@ def simulate(
     samples = []
     for k, tail in enumerate(tails):
         held_norms = np.concatenate(tail)
-        kept = np.sort(largest(held_norms[held_norms >= floors[k]], keep))
+        kept = np.sort(take_largest(held_norms[held_norms >= floors[k]], keep))
         kept.setflags(write=False)
         norm_mean = float(state.norm_mean[k])
         beyond = None if limits[k] == inf else (limits[k], above[k])
@@ -231,7 +231,7 @@ def _moments_of(samples: Samples) -> Moments:
     )
 
 
-def deepened(samples: Samples, keep: int) -> Samples:
+def deepen(samples: Samples, keep: int) -> Samples:
     """The same run with at least ``keep`` of the largest norms: itself, or repeated from its seed."""
     if all(len(s.tail) >= min(keep, s.trials) for s in samples.errors):
         return samples
@@ -279,7 +279,7 @@ class Shard:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Wanted:
+class TrialsTask:
     """Trials ``first`` ... ``stop - 1`` of a plan and seed, and what is to be kept of them."""
 
     plan: ChainPlan
@@ -293,7 +293,7 @@ class Wanted:
     expected: int = 0  # trials with which the run will end, as far as is known
 
 
-ShardSource = Callable[[Wanted], Iterable[Shard]]  # shards that cover the range, in order; may raise Pending
+ShardSampler = Callable[[TrialsTask], Iterable[Shard]]  # shards that cover the range, in order; may raise Pending
 
 
 class Pending(Exception):
@@ -310,7 +310,7 @@ def tail_size(trials: int, quantile: float) -> int:
     return min(trials, ceil(beyond + 8 * sqrt(beyond + 1)) + 16)
 
 
-def largest(values: Array, count: int) -> Array:
+def take_largest(values: Array, count: int) -> Array:
     """The ``count`` largest, in any order."""
     return values if len(values) <= count else np.partition(values, len(values) - count)[-count:]
 
@@ -333,7 +333,7 @@ def block_shard(
     return Shard(moments, tuple(norms), (-inf,) * metrics, above, outcome.redone, outcome.reprojection)
 
 
-def block_arguments(wanted: Wanted) -> list[tuple[ChainPlan, int, int, int, bool, tuple[float, ...]]]:
+def block_arguments(wanted: TrialsTask) -> list[tuple[ChainPlan, int, int, int, bool, tuple[float, ...]]]:
     """Arguments of :func:`block_shard` for every block of a range."""
     return [
         (
@@ -344,14 +344,14 @@ def block_arguments(wanted: Wanted) -> list[tuple[ChainPlan, int, int, int, bool
     ]  # fmt: skip
 
 
-def compute_shard(wanted: Wanted) -> Shard:
+def compute_shard(wanted: TrialsTask) -> Shard:
     """The whole range as one shard, its tails cut to what its quantile needs, ascending.  Nothing else is read."""
     blocks = [block_shard(*arguments) for arguments in block_arguments(wanted)]
     keep = tail_size(wanted.stop - wanted.first, wanted.quantile)
     tails, floors = [], []
     for k in range(len(wanted.limits)):
         norms = np.concatenate([block.tails[k] for block in blocks])
-        tail = np.sort(largest(norms, keep))
+        tail = np.sort(take_largest(norms, keep))
         tails.append(tail)
         floors.append(-inf if len(tail) == len(norms) else float(tail[0]))
     shots = [block.reprojection for block in blocks if block.reprojection is not None]

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .optimising import influence, optimise
     from .placement import PlacementSolution, solve_placement
-    from .problem import FreeHalfWidth, Place, PlacementProblem
+    from .problem import FreeFiducial, FreeHalfWidth, PlacementProblem
 
 # Loaded on first use: who asks only for the prices of a design does not wait a second for the solvers.
 _HOME = {
     "FreeHalfWidth": "problem",
-    "Place": "problem",
+    "FreeFiducial": "problem",
     "PlacementProblem": "problem",
     "PlacementSolution": "placement",
     "influence": "optimising",
@@ -22,8 +22,8 @@ _HOME = {
 }
 
 __all__ = [
+    "FreeFiducial",
     "FreeHalfWidth",
-    "Place",
     "PlacementProblem",
     "PlacementSolution",
     "influence",

@@ -52,7 +52,7 @@ from scipy.special import gammaincinv, lambertw
 
 from ..arrays import Array
 from ..errors import InfeasibleError, NotConvergedError, Problem
-from .exact_law import Promise, moments, squared_quantile
+from .exact_law import Evaluation, error_moments, squared_quantile
 from .prices import Price, smooth_cost
 from .problem import Choice
 from .program import QUIET, SOLVED, Program
@@ -151,7 +151,7 @@ def allocate_by_trace(
     """
     room = limit_mm**2 / trace_constant(p) - float(np.trace(noise))
     if room <= 0:
-        raise _infeasible(np.array([trace_constant(p) * np.trace(noise)]) / limit_mm**2, np.array([limit_mm]), p)
+        raise _refuse_infeasible(np.array([trace_constant(p) * np.trace(noise)]) / limit_mm**2, np.array([limit_mm]), p)
     size2 = (gains**2).sum(axis=1) * std_per_half_width**2
     shape = (weight / size2) ** (1 / 3)
     half_width = shape * sqrt(room / float((size2 * shape**2).sum()))
@@ -194,7 +194,7 @@ def allocate(
 
     tightest = case.ratios(case.lower)
     if tightest.max() >= 1:
-        raise _infeasible(tightest, limits, p)
+        raise _refuse_infeasible(tightest, limits, p)
     if case.ratios(case.upper).max() <= 1:
         return answer(case.upper, np.zeros(limits.size), None)
     found, multipliers, matrices = _by_cone(case, _unit(case))
@@ -204,7 +204,7 @@ def allocate(
     found = np.sqrt(case.lower**2 + theta * (found**2 - case.lower**2))
     result = answer(found, multipliers, _dual_bound(case, multipliers, matrices))
     if not result.gap <= _LARGEST_GAP:
-        raise _not_converged(f"the cost is {result.gap:.1e} of itself above its dual bound, not {_LARGEST_GAP:g}")
+        raise _refuse_unconverged(f"the cost is {result.gap:.1e} of itself above its dual bound, not {_LARGEST_GAP:g}")
     return result
 
 
@@ -265,7 +265,7 @@ def _case(
     return case, curves, free, high
 
 
-def _infeasible(ratios: Array, limits: Array, p: float) -> InfeasibleError:
+def _refuse_infeasible(ratios: Array, limits: Array, p: float) -> InfeasibleError:
     worst = int(ratios.argmax())
     least = sqrt(float(ratios[worst])) * float(limits[worst])
     return InfeasibleError(
@@ -279,7 +279,7 @@ def _infeasible(ratios: Array, limits: Array, p: float) -> InfeasibleError:
     )
 
 
-def _not_converged(detail: str) -> NotConvergedError:
+def _refuse_unconverged(detail: str) -> NotConvergedError:
     return NotConvergedError(Problem("/optimise", "allocation-not-converged", detail, "report the design"))
 
 
@@ -388,7 +388,7 @@ def _by_cone(case: _Case, unit: Array) -> tuple[Array, Array, Array]:
         data, chain, inverse = programme.problem.get_problem_data(cp.CLARABEL, solver_opts=_SOLVER_OPTIONS)
         solution = chain.invert(chain.solve_via_data(programme.problem, data, solver_opts=_SOLVER_OPTIONS), inverse)
         if solution.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
-            raise _not_converged(f"the conic solver stopped with status {solution.status!r}")
+            raise _refuse_unconverged(f"the conic solver stopped with status {solution.status!r}")
         programme.problem.unpack(solution)
         scaled = np.asarray(programme.scaled_variance.value, dtype=np.float64)
         duals = [np.asarray(constraint.dual_value, dtype=np.float64) for constraint in programme.within]
@@ -500,7 +500,7 @@ def budgets_of(program: Program) -> Budgets:
         for position, (i, j) in enumerate(zip(*np.triu_indices(3), strict=True)):
             noise[i, j] = noise[j, i] = given[position]
             made[i, j] = made[j, i] = given[6 + position]
-        law = moments(term, noise, made, half_width, mechanics, elements(given)[13:])
+        law = error_moments(term, noise, made, half_width, mechanics, elements(given)[13:])
         limit = 2 * float(np.log(term.demand.requirement.limit_mm))
         rows.append(ca.log(squared_quantile(term.demand, law, ca.sqrt)) + given[12] - limit - s)
         parameters.append(given)
@@ -524,7 +524,7 @@ def budgets_of(program: Program) -> Budgets:
 
 
 def best_budget(
-    budgets: Budgets, choice: Choice, held: list[Promise], start: Array, *,
+    budgets: Budgets, choice: Choice, held: list[Evaluation], start: Array, *,
     fixed: Mapping[int, float] | None = None, offsets: Array | None = None,
 ) -> Budget | None:  # fmt: skip
     """The optimum at a choice's layout and mechanics, or None where the limits are out of reach.

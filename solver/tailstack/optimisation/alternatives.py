@@ -18,7 +18,7 @@ from ..errors import IllPosedError, InfeasibleError, NotConvergedError
 from ..results import FrontPoint, PlacementValue
 from ..scoring import vector3
 from .allocation import best_budget, budgets_of
-from .exact_law import promise
+from .exact_law import evaluate_demand
 from .problem import PlacementProblem, for_people, present_choice
 from .program import Program
 from .request import Request
@@ -26,17 +26,17 @@ from .search import (
     Progress,
     Search,
     Stop,
-    begin,
+    evaluate_demands,
     farthest,
     least_quantile,
     objective_for_people,
-    promised,
+    start_at,
     worst_closed_ratio,
     worst_ratio,
 )
 from .starts import careless_layouts, textbook_layout
 from .terms import is_flat
-from .verified import Verified, trials_for, verified
+from .verified import VerifiedOptimum, tighten, trials_for
 
 LEAST_TRIALS = 2**18  # of the check of a point: P95 within 0.3 %
 ABOVE_LEAST = 1.02  # the tightest limit, as a multiple of the smallest quantile attainable
@@ -56,7 +56,7 @@ def front_of(
         points.append(front_point(request, search, number, factor, seed=seed, threads=threads, stop=stop))
         if progress is not None:
             progress("front", number + 1, len(factors), points[-1].cost)
-    return without_dominated(points)
+    return mark_dominated(points)
 
 
 def front_point(
@@ -69,7 +69,7 @@ def front_point(
     best, reason = None, ""
     for item in search.found:
         try:
-            found = verified(
+            found = tighten(
                 request, replace(search, found=(item,)), seed=seed + 1 + number, stage="front check", trials=trials,
                 limits=factor, threads=threads, stop=stop, others=False,
             )  # fmt: skip
@@ -83,7 +83,7 @@ def front_point(
     return _point(problem, search, best, factor)
 
 
-def without_dominated(points: Sequence[FrontPoint]) -> tuple[FrontPoint, ...]:
+def mark_dominated(points: Sequence[FrontPoint]) -> tuple[FrontPoint, ...]:
     """Points by ascending limit, each that costs no less than one before it marked as dominated.
 
     A design that keeps a tighter limit keeps a looser one too, so such a point is none of the front.
@@ -121,15 +121,15 @@ def front_factors(request: Request, search: Search) -> tuple[float, ...]:
 
 def _least_ratio(program: Program, search: Search) -> float:
     """The smallest worst ratio attainable, from the best layouts found."""
-    starts = [begin(program, program.split(item.point.x).fiducials_mm) for item in search.found]
+    starts = [start_at(program, program.split(item.point.x).fiducials_mm) for item in search.found]
     ratios = []
     for start in starts:
         point = least_quantile(program, [start]).point
-        ratios.append(worst_ratio(promised(program, point)))
+        ratios.append(worst_ratio(evaluate_demands(program, point)))
     return min(ratios)
 
 
-def _point(problem: PlacementProblem, search: Search, found: Verified, factor: float) -> FrontPoint:
+def _point(problem: PlacementProblem, search: Search, found: VerifiedOptimum, factor: float) -> FrontPoint:
     choice = found.settled.choice
     first = problem.requirements[0]
     own = [term for term in search.terms if term.demand.requirement.name == first.name]
@@ -140,7 +140,7 @@ def _point(problem: PlacementProblem, search: Search, found: Verified, factor: f
         status="verified",
         note="",
         cost=found.settled.cost,
-        quantile_mm=max(promise(problem, term, choice).exact_mm for term in own),
+        quantile_mm=max(evaluate_demand(problem, term, choice).exact_mm for term in own),
         verified_upper_mm=max(check.upper_mm for check in checks),
         half_widths=tuple(for_people(problem, k, float(value))[0] for k, value in enumerate(choice.half_width)),
         pivots_mm=tuple(vector3(pivot) for pivot in choice.pivots_mm),
@@ -236,8 +236,8 @@ def _at_layout(search: Search) -> Callable[[Array], float | None]:
             return None
         here = replace(choice, fiducials_mm=layout)
         try:
-            held = [promise(problem, term, here) for term in program.terms]
-            start = begin(program, layout)
+            held = [evaluate_demand(problem, term, here) for term in program.terms]
+            start = start_at(program, layout)
         except IllPosedError:
             return None
         if small is None:

@@ -17,7 +17,7 @@ from ..arrays import Array
 from ..errors import DesignError, Problem
 from ..geometry.naming import direction_name
 from ..system import View
-from .problem import MOST_FIDUCIALS, Place, PlacementProblem, for_people, in_words, label_of, present_choice
+from .problem import MOST_FIDUCIALS, FreeFiducial, PlacementProblem, for_people, in_words, label_of, present_choice
 from .regions import Ball, Box, Cylinder, KeepOut, Shape, bounding_box, corners, diameter_mm, distinct, furthest_mm
 from .terms import Estimator, estimator_of
 
@@ -217,8 +217,8 @@ DENSEST_DISCS = pi / sqrt(12)  # Thue (Fejes Toth 1940)
 
 def refuse_regions(problem: PlacementProblem, estimator: Estimator) -> list[Problem]:
     """The first contradiction of each different region."""
-    tests: tuple[Callable[[PlacementProblem, Estimator, Place], list[Problem]], ...] = (
-        _empty, _behind, _field, _kept_out, _asymmetric, _packing,
+    tests: tuple[Callable[[PlacementProblem, Estimator, FreeFiducial], list[Problem]], ...] = (
+        _empty, _behind, _field, _refuse_kept_out, _asymmetric, _packing,
     )  # fmt: skip
     regions, which = distinct(place.region for place in problem.places)
     found = []
@@ -232,7 +232,7 @@ def _word(region: Shape) -> str:
     return type(region).__name__.lower()
 
 
-def _empty(problem: PlacementProblem, estimator: Estimator, place: Place) -> list[Problem]:
+def _empty(problem: PlacementProblem, estimator: Estimator, place: FreeFiducial) -> list[Problem]:
     region = place.region
     if isinstance(region, Box):
         if (region.low_mm <= region.high_mm).all():
@@ -252,7 +252,7 @@ def _empty(problem: PlacementProblem, estimator: Estimator, place: Place) -> lis
     return [Problem(place.pointer, "empty-region", detail, "make inner_radius_mm the smaller one")]
 
 
-def _behind(problem: PlacementProblem, estimator: Estimator, place: Place) -> list[Problem]:
+def _behind(problem: PlacementProblem, estimator: Estimator, place: FreeFiducial) -> list[Problem]:
     for view, projection in zip(problem.system.views, estimator.projections, strict=True):
         row = projection[2, :3] @ estimator.told
         depth = -furthest_mm(place.region, -row) + float(projection[2, :3] @ estimator.told_shift_mm + projection[2, 3])
@@ -282,7 +282,7 @@ def _image_rows(problem: PlacementProblem, estimator: Estimator, view: View, v: 
     return np.array(rows) / scale[:, None], np.array(limits) / scale
 
 
-def _field(problem: PlacementProblem, estimator: Estimator, place: Place) -> list[Problem]:
+def _field(problem: PlacementProblem, estimator: Estimator, place: FreeFiducial) -> list[Problem]:
     """Whether any point of the bounding box lies in every image; the views one by one first."""
     sized = [(v, view) for v, view in enumerate(problem.system.views) if view.image_size_px is not None]
     parts = [_image_rows(problem, estimator, view, v) for v, view in sized]
@@ -300,7 +300,7 @@ def _meets(region: Shape, rows: Array, limits: Array) -> bool:
     return bool(answer.status != 2)
 
 
-def _outside(problem: PlacementProblem, place: Place, where: str) -> Problem:
+def _outside(problem: PlacementProblem, place: FreeFiducial, where: str) -> Problem:
     word = _word(place.region)
     return Problem(
         place.pointer,
@@ -310,7 +310,7 @@ def _outside(problem: PlacementProblem, place: Place, where: str) -> Problem:
     )
 
 
-def _kept_out(problem: PlacementProblem, estimator: Estimator, place: Place) -> list[Problem]:
+def _refuse_kept_out(problem: PlacementProblem, estimator: Estimator, place: FreeFiducial) -> list[Problem]:
     for zone in problem.keep_out:
         if _swallows(zone, place.region):
             gap = f" and the {zone.clearance_mm:g} mm around it" if zone.clearance_mm else ""
@@ -360,7 +360,7 @@ def _distances_mm(region: Shape, shape: Cylinder | Ball) -> tuple[float, float]:
     return 0.0, float(across(corners(bounding_box(region))).max())
 
 
-def _asymmetric(problem: PlacementProblem, estimator: Estimator, place: Place) -> list[Problem]:
+def _asymmetric(problem: PlacementProblem, estimator: Estimator, place: FreeFiducial) -> list[Problem]:
     """Whether any point of the bounding box has all its copies there too."""
     if not problem.symmetry:
         return []
@@ -383,7 +383,7 @@ def _asymmetric(problem: PlacementProblem, estimator: Estimator, place: Place) -
     ]
 
 
-def _packing(problem: PlacementProblem, estimator: Estimator, place: Place) -> list[Problem]:
+def _packing(problem: PlacementProblem, estimator: Estimator, place: FreeFiducial) -> list[Problem]:
     """Balls of diameter d about the fiducials lie in the bounding box grown by d/2 and cannot fill more than Kepler's
     share of it (copies of a box tile space); likewise discs in the rectangle about the box's image."""
     region, word = place.region, _word(place.region)

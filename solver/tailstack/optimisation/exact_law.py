@@ -29,7 +29,7 @@ from .problem import Choice, Demand, PlacementProblem, apply_choice
 from .symbols import Duck, plain, times
 from .terms import LAYOUT_BLOCKS, DemandTerms, Mechanics, mechanics_of
 
-MADE = "fiducial_manufacturing"
+MANUFACTURING = "fiducial_manufacturing"
 LOG2_UNITS = 7  # 2048 units for a per-unit quantile: as the score draws them
 STEP = 1e-5  # relative step of central differences of the closed form
 UNIT_STEP = 1e-2  # likewise of a per-unit quantile: its slope jumps a little, which the step evens out
@@ -37,7 +37,7 @@ PIVOT_STEP_MM, SPACING_STEP = 0.05, 1e-3  # of the exact quantile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Promise:
+class Evaluation:
     """One quantile at one choice."""
 
     exact_mm: float
@@ -69,11 +69,11 @@ def image_parts(model: LinearModel, error: str) -> tuple[Array, Array]:
     for block in model.blocks:
         if block.contributor.startswith(LAYOUT_BLOCKS):
             scaled = model.gain(block, error) * block.std
-            (made if block.contributor == MADE else noise)[...] += scaled @ scaled.T
+            (made if block.contributor == MANUFACTURING else noise)[...] += scaled @ scaled.T
     return noise, made
 
 
-def promise(problem: PlacementProblem, terms: DemandTerms, choice: Choice) -> Promise:
+def evaluate_demand(problem: PlacementProblem, terms: DemandTerms, choice: Choice) -> Evaluation:
     """Exact quantile of the declared law for one demand, at the worst vertex of the bounded sources: the number the
     score reports.  Raises IllPosedError or NotConvergedError."""
     requirement = terms.demand.requirement
@@ -81,7 +81,7 @@ def promise(problem: PlacementProblem, terms: DemandTerms, choice: Choice) -> Pr
     exact = exact_quantile(model, terms.demand)
     noise, made = image_parts(model, requirement.error)
     keys = [(terms.sources[b].contributor, terms.sources[b].index) for b in terms.bounded]
-    return Promise(
+    return Evaluation(
         exact_mm=exact.value_mm,
         limit_mm=requirement.limit_mm,
         density=exact.density,
@@ -133,7 +133,7 @@ def _unit_quantile(
     return unit_quantile(*laws, requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
 
 
-def closed_form_at(problem: PlacementProblem, terms: DemandTerms, held: Promise, choice: Choice) -> float:
+def closed_form_at(problem: PlacementProblem, terms: DemandTerms, held: Evaluation, choice: Choice) -> float:
     """The closed form, mm, at the choice of a promise and with its ends."""
     mechanics = mechanics_of(problem, choice)
     return closed_form_mm(terms, held.noise, held.made, choice.half_width, mechanics, held.signs)
@@ -148,7 +148,7 @@ def no_correction(problem: PlacementProblem) -> Correction:
 
 
 def correction_at(
-    problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Promise, same_ends: Array | None
+    problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Evaluation, same_ends: Array | None
 ) -> Correction:
     """The correction that makes value and gradient exact at a choice.  ``same_ends`` (B,) keeps the bounded sources
     where they are in the programme, when the worst vertex flips between iterates."""
@@ -161,10 +161,10 @@ def correction_at(
         0.0, exact.noise - form.noise, exact.made - form.made, exact.widths - form.widths,
         exact.pivots - form.pivots, exact.spacings - form.spacings,
     )  # fmt: skip
-    return replace(slope, offset=difference - value_of(slope, problem, choice, held))
+    return replace(slope, offset=difference - correction_value(slope, problem, choice, held))
 
 
-def value_of(correction: Correction, problem: PlacementProblem, choice: Choice, held: Promise) -> float:
+def correction_value(correction: Correction, problem: PlacementProblem, choice: Choice, held: Evaluation) -> float:
     """The correction at a choice."""
     mechanics = mechanics_of(problem, choice)
     return float(
@@ -177,7 +177,7 @@ def value_of(correction: Correction, problem: PlacementProblem, choice: Choice, 
     )
 
 
-def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Promise) -> Correction:
+def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Evaluation) -> Correction:
     """Gradient of log r^2 under the declared law; by differences along pivots and spacings, analytic otherwise."""
     error, p = terms.demand.requirement.error, terms.demand.requirement.quantile
     law, where = declared_law(held.model, error, held.mean_mm)
@@ -204,7 +204,7 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     return Correction(0.0, curvature, curvature, per * widths, pivots, spacings)
 
 
-def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Promise) -> Correction:
+def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Evaluation) -> Correction:
     """Gradient of log r^2 of a per-unit quantile by central differences: the units are the same ones each time, and
     the value drawn from them is continuous, so that it has a slope of its own (:mod:`..tail.per_unit`).
 
@@ -215,7 +215,7 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
     groups: dict[bool, list[str]] = {True: [], False: []}
     for block in held.model.blocks:
         if block.contributor.startswith(LAYOUT_BLOCKS):
-            groups[block.contributor == MADE].append(block.contributor)
+            groups[block.contributor == MANUFACTURING].append(block.contributor)
 
     def by_covariance(covariance: Array, names: list[str]) -> Array:
         lengths, axes = np.linalg.eigh(covariance)
@@ -243,7 +243,7 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
         factor = np.ones(len(widths))
         factor[k] = np.exp(UNIT_STEP)
         sides = [
-            promise(problem, terms, replace(choice, half_width=width)).exact_mm
+            evaluate_demand(problem, terms, replace(choice, half_width=width)).exact_mm
             for width in (choice.half_width * factor, choice.half_width / factor)
         ]
         widths[k] = 2 * log(sides[0] / sides[1]) / (2 * UNIT_STEP)
@@ -256,7 +256,7 @@ def _mechanical_gradient(
     """Gradient of log r^2 by pivots (3P,) and spacings (L,), by differences, less what goes through the images."""
     found = []
     for low, high, width in _mechanical_steps(problem, choice):
-        below, above = promise(problem, terms, low), promise(problem, terms, high)
+        below, above = evaluate_demand(problem, terms, low), evaluate_demand(problem, terms, high)
         through_image = float(
             (by_noise * (above.noise - below.noise)).sum() + (by_made * (above.made - below.made)).sum()
         )
@@ -287,7 +287,7 @@ def _mechanical_steps(problem: PlacementProblem, choice: Choice) -> list[tuple[C
 
 
 def _closed_gradient(
-    problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Promise, signs: Array
+    problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Evaluation, signs: Array
 ) -> Correction:
     """Gradient of the closed form's log r^2, by central differences (it costs microseconds)."""
 
@@ -325,7 +325,7 @@ def _closed_gradient(
 
 def exact_ratios(problem: PlacementProblem, terms: tuple[DemandTerms, ...], choice: Choice) -> Array:
     """(T,) exact quantile over its limit of every demand at a choice."""
-    held = [promise(problem, term, choice) for term in terms]
+    held = [evaluate_demand(problem, term, choice) for term in terms]
     return np.array([item.exact_mm / item.limit_mm for item in held])
 
 
@@ -342,7 +342,7 @@ def leading_demands(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moments:
+class ErrorMoments:
     """Mean (3,), covariances (3, 3) of what is drawn once per unit and at each shot, and the displacement (3,) at one
     end of each source that is not normal; mm."""
 
@@ -355,9 +355,9 @@ class Moments:
     shot_triangular: tuple[Duck, ...]
 
 
-def moments(
+def error_moments(
     terms: DemandTerms, noise: Duck, made: Duck, half_width: Duck, mechanics: Mechanics, signs: Duck
-) -> Moments:
+) -> ErrorMoments:
     """Moments at one target.
 
     noise, made (3, 3): covariances of image noise and of manufacturing; half_width (K,) native units; signs (B,):
@@ -388,7 +388,7 @@ def moments(
             covariance[source.per_unit] = covariance[source.per_unit] + times(np.outer(gain, gain), variance)
         if source.law in (Law.UNIFORM, Law.TRIANGULAR):
             columns[source.per_unit, source.law].append(times(gain, size))
-    return Moments(
+    return ErrorMoments(
         mean,
         covariance[True] + plain(fixed[True]),
         covariance[False] + plain(fixed[False]),
@@ -399,7 +399,7 @@ def moments(
     )
 
 
-def squared_quantile(demand: Demand, law: Moments, sqrt: Callable[[Any], Any]) -> Duck:
+def squared_quantile(demand: Demand, law: ErrorMoments, sqrt: Callable[[Any], Any]) -> Duck:
     """The smooth closed form of the limited quantile, squared, mm^2.
 
     Pooled: of everything together.  Per unit: of each unit's own shots, that of the required fraction of units.
@@ -419,5 +419,5 @@ def closed_form_mm(
     terms: DemandTerms, noise: Array, made: Array, half_width: Array, mechanics: Mechanics, signs: Array
 ) -> float:
     """The same in floats, mm."""
-    law = moments(terms, plain(noise), plain(made), half_width, mechanics, signs)
+    law = error_moments(terms, plain(noise), plain(made), half_width, mechanics, signs)
     return float_sqrt(float(squared_quantile(terms.demand, law, float_sqrt)))

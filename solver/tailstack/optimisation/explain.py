@@ -18,11 +18,11 @@ from ..errors import DesignError, IllPosedError, InfeasibleError, NotConvergedEr
 from ..estimation.checks import check_geometry
 from ..propagation.linear import LinearModel, linearise
 from ..results import Finding
-from ..runs import UNITS
-from .exact_law import Promise, exact_quantile, promise
+from ..verification import UNITS
+from .exact_law import Evaluation, evaluate_demand, exact_quantile
 from .problem import Demand, PlacementProblem, apply_choice, in_words, label_of, least_half_widths, present_choice
 from .program import QUIET, Parameters, Point, Program, Row
-from .terms import FIDUCIAL_BLOCKS, DemandTerms, blind_half_widths, is_flat, scattered, terms_of
+from .terms import FIDUCIAL_BLOCKS, DemandTerms, blind_half_widths, is_flat, scatter, terms_of
 
 LEADING = 3  # contributors named
 NOISE = ("fiducial_noise:", "target_noise:")
@@ -34,7 +34,7 @@ def explain_infeasible(program: Program, point: Point, parameters: Parameters | 
     """The answer "there is none": at the choice of the smallest quantile, every free half-width at its smallest."""
     problem = program.problem
     choice = replace(program.split(point.x), half_width=least_half_widths(problem, program.present_width))
-    held = [promise(problem, term, choice) for term in program.terms]
+    held = [evaluate_demand(problem, term, choice) for term in program.terms]
     k = int(np.argmax([item.exact_mm / item.limit_mm for item in held]))
     worst, term = held[k], program.terms[k]
     requirement = term.demand.requirement
@@ -57,7 +57,7 @@ def explain_infeasible(program: Program, point: Point, parameters: Parameters | 
     )
 
 
-def _shares(worst: Promise, error: str) -> str:
+def _shares(worst: Evaluation, error: str) -> str:
     """What makes up the mean square, largest first."""
     shares: dict[str, float] = {}
     for block in worst.model.blocks:
@@ -157,7 +157,7 @@ def refuse_geometry(program: Program, points: list[tuple[Point, Parameters]]) ->
     """
     rows = program.rows
     kinds = sorted({row.kind for row in rows} - {"quantile", "cost"})
-    best, violated = _relaxed(program, points, kinds)
+    best, violated = _relax(program, points, kinds)
     if max(best) <= SATISFIED:
         detail = "the rules of the layout can be met, but no start converged: no answer could be found"
         return NotConvergedError(Problem("/optimise", "none-converged", detail, "try more starts or another seed"))
@@ -176,7 +176,7 @@ def refuse_geometry(program: Program, points: list[tuple[Point, Parameters]]) ->
     )
 
 
-def _relaxed(
+def _relax(
     program: Program, points: list[tuple[Point, Parameters]], kinds: list[str]
 ) -> tuple[Array, list[tuple[float, Row]]]:
     """(slack of each rule, rows with their violation) where the sum of slacks is least."""
@@ -292,7 +292,7 @@ def refuse_incurable(problem: PlacementProblem) -> None:
                 )
     system = problem.system
     try:
-        check_geometry(scattered(problem) if problem.places else system)
+        check_geometry(scatter(problem) if problem.places else system)
     except IllPosedError as error:
         left = [
             item for item in error.problems

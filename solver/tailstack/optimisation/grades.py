@@ -33,12 +33,12 @@ from ..arrays import Array
 from ..errors import InfeasibleError, NotConvergedError, Problem
 from ..results import Relaxation
 from .allocation import best_budget, budgets_of
-from .exact_law import closed_form_at, exact_ratios, promise
+from .exact_law import closed_form_at, evaluate_demand, exact_ratios
 from .placement import PlacementSolution, settle
 from .prices import Grade, Price, cost_of, undominated
 from .problem import Choice, PlacementProblem, apply_choice, present_choice
 from .program import build_program, solve
-from .search import Found, Search, Stop, begin
+from .search import Iterate, Search, Stop, start_at
 from .terms import terms_of
 
 MAX_ALTERNATIONS = 4
@@ -48,7 +48,7 @@ SPARE = 3  # next best assignments, for when the exact law refuses the best
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bought:
+class Purchase:
     """Grades chosen at a layout."""
 
     half_width: Array  # (G,) of the graded tolerances, native units
@@ -57,24 +57,24 @@ class Bought:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Graded:
+class GradedOptimum:
     """Grades and layout that no single step improves."""
 
     choice: Choice  # of the whole problem
     cost: float
     ratios: tuple[float, ...]
-    bought: Bought
+    bought: Purchase
     solution: PlacementSolution | None  # of what was left continuous; None where nothing was
 
 
-def settle_grades(search: Search, aims: Array, graded: tuple[int, ...], stop: Stop | None = None) -> Graded:
+def settle_grades(search: Search, aims: Array, graded: tuple[int, ...], stop: Stop | None = None) -> GradedOptimum:
     """Cheapest grades found, every exact quantile at or below its aim.
 
     Raises InfeasibleError when even the tightest grades do not do, NotConvergedError.
     """
     problem = search.program.problem
     exact = len(graded) == len(problem.half_widths)
-    best: tuple[float, Choice, tuple[Bought, ...]] | None = None
+    best: tuple[float, Choice, tuple[Purchase, ...]] | None = None
     for item in search.found:
         # The relaxation at its aims: the tightest grades are no looser, so there is something to choose.
         start = settle(replace(search, found=(item,)), aims)
@@ -89,14 +89,16 @@ def settle_grades(search: Search, aims: Array, graded: tuple[int, ...], stop: St
 
 
 def _alternate(
-    search: Search, aims: Array, graded: tuple[int, ...], start: Choice, first: tuple[Bought, ...], stop: Stop | None
-) -> Graded:
+    search: Search, aims: Array, graded: tuple[int, ...], start: Choice, first: tuple[Purchase, ...], stop: Stop | None
+) -> GradedOptimum:
     problem = search.program.problem
     exact = len(graded) == len(problem.half_widths)
     choice, kept, bought = start, None, first
     for round_ in range(MAX_ALTERNATIONS):
         if round_:
-            bought = _choose(search, aims, graded, choice, stop) if exact else _again(search, aims, graded, choice)
+            bought = (
+                _choose(search, aims, graded, choice, stop) if exact else _compare_again(search, aims, graded, choice)
+            )
         candidate = _first_that_holds(search, aims, graded, choice, bought)
         if kept is not None and candidate.cost >= kept.cost * (1 - PAYS):
             break
@@ -108,14 +110,14 @@ def _alternate(
 
 
 def _first_that_holds(
-    search: Search, aims: Array, graded: tuple[int, ...], choice: Choice, bought: tuple[Bought, ...]
-) -> Graded:
+    search: Search, aims: Array, graded: tuple[int, ...], choice: Choice, bought: tuple[Purchase, ...]
+) -> GradedOptimum:
     """The cheapest of the proposals that the exact law accepts.  Raises InfeasibleError when it accepts none."""
     refused: InfeasibleError | None = None
     for item in bought:
         width = _replace_widths(choice.half_width, graded, item.half_width)
         try:
-            return _placed(search, aims, graded, replace(choice, half_width=width), item)
+            return _place(search, aims, graded, replace(choice, half_width=width), item)
         except InfeasibleError as error:
             refused = refused or error
     assert refused is not None  # there is at least one proposal
@@ -129,7 +131,7 @@ def _price(problem: PlacementProblem, graded: tuple[int, ...], half_width: Array
 
 def _choose(
     search: Search, aims: Array, graded: tuple[int, ...], choice: Choice, stop: Stop | None
-) -> tuple[Bought, ...]:
+) -> tuple[Purchase, ...]:
     """The cheapest grades at this layout, by the exact law and with a bound; every free tolerance has a table."""
     problem = search.program.problem
 
@@ -144,7 +146,7 @@ def _choose(
         "monotone cuts over grades", found.cost, found.lower_bound, found.gap_percent,
         f"{found.statement.rstrip('.')} ({where})",
     )  # fmt: skip
-    return (Bought(found.half_width, found.names, bound),)
+    return (Purchase(found.half_width, found.names, bound),)
 
 
 def _replace_widths(half_width: Array, graded: tuple[int, ...], values: Array) -> Array:
@@ -153,20 +155,20 @@ def _replace_widths(half_width: Array, graded: tuple[int, ...], values: Array) -
     return changed
 
 
-def _again(search: Search, aims: Array, graded: tuple[int, ...], choice: Choice) -> tuple[Bought, ...]:
+def _compare_again(search: Search, aims: Array, graded: tuple[int, ...], choice: Choice) -> tuple[Purchase, ...]:
     """The comparison at a layout that was optimised since."""
-    layout = begin(search.program, choice.fiducials_mm)
+    layout = start_at(search.program, choice.fiducials_mm)
     point = solve(search.program, layout.x, layout.parameters)
-    start = settle(replace(search, found=(Found(point, layout.parameters),)), aims)
+    start = settle(replace(search, found=(Iterate(point, layout.parameters),)), aims)
     return _compare(search, aims, graded, start)
 
 
-def _compare(search: Search, aims: Array, graded: tuple[int, ...], start: PlacementSolution) -> tuple[Bought, ...]:
+def _compare(search: Search, aims: Array, graded: tuple[int, ...], start: PlacementSolution) -> tuple[Purchase, ...]:
     """The best assignments beside continuous budgets at the layout of a settled relaxation, cheapest first."""
     program, choice = start.program, start.choice
     problem = program.problem
     ladders = [undominated(problem.half_widths[k].price.grades) for k in graded]
-    held = [promise(problem, term, choice) for term in program.terms]
+    held = [evaluate_demand(problem, term, choice) for term in program.terms]
     own = {term.demand.key: aim for term, aim in zip(search.terms, aims, strict=True)}
     offsets = np.array([
         2 * log(item.exact_mm / closed_form_at(problem, term, item, choice)) - 2 * log(own[term.demand.key])
@@ -205,7 +207,7 @@ def _compare(search: Search, aims: Array, graded: tuple[int, ...], start: Placem
         ranked = [(inf, tuple(0 for _ in ladders))]
     statement = f"{how}, the other half-widths optimised for each; no bound is known beyond that"
     return tuple(
-        Bought(
+        Purchase(
             np.array([ladder[level].half_width for ladder, level in zip(ladders, levels, strict=True)]),
             tuple(ladder[level].name for ladder, level in zip(ladders, levels, strict=True)),
             Relaxation("none", value if value < inf else None, None, None, statement),
@@ -225,8 +227,8 @@ def _descend(
     """One grade up or down at a time, and exchanges of one up for one down, as long as one pays."""
     here = start
     while True:
-        near = [_moved(here, {k: step}) for k in range(len(here)) for step in (-1, 1)]
-        near += [_moved(here, {a: 1, b: -1}) for a in range(len(here)) for b in range(len(here)) if a != b]
+        near = [_shift_levels(here, {k: step}) for k in range(len(here)) for step in (-1, 1)]
+        near += [_shift_levels(here, {a: 1, b: -1}) for a in range(len(here)) for b in range(len(here)) if a != b]
         inside = [
             levels
             for levels in near
@@ -238,28 +240,30 @@ def _descend(
         here = best
 
 
-def _moved(levels: tuple[int, ...], steps: dict[int, int]) -> tuple[int, ...]:
+def _shift_levels(levels: tuple[int, ...], steps: dict[int, int]) -> tuple[int, ...]:
     return tuple(level + steps.get(k, 0) for k, level in enumerate(levels))
 
 
-def _placed(search: Search, aims: Array, graded: tuple[int, ...], choice: Choice, bought: Bought) -> Graded:
+def _place(search: Search, aims: Array, graded: tuple[int, ...], choice: Choice, bought: Purchase) -> GradedOptimum:
     """Everything else optimised with the grades held: budgets that are continuous, or the layout for more room."""
     whole = search.program.problem
-    rest = held_at(whole, choice, graded)
+    rest = hold_grades(whole, choice, graded)
     if not (rest.half_widths or rest.places or rest.pivots or rest.spacings):
         ratios = tuple(float(ratio) for ratio in exact_ratios(whole, search.terms, choice))
-        return Graded(choice, whole.cost(choice.half_width), ratios, bought, None)
+        return GradedOptimum(choice, whole.cost(choice.half_width), ratios, bought, None)
     program = build_program(rest, search.estimator, tuple(terms_of(rest, demand) for demand in rest.demands))
-    begun = begin(program, choice.fiducials_mm)
+    begun = start_at(program, choice.fiducials_mm)
     point = solve(program, begun.x, begun.parameters)
-    inner = replace(search, program=program, found=(Found(point, begun.parameters),), terms=program.terms)
+    inner = replace(search, program=program, found=(Iterate(point, begun.parameters),), terms=program.terms)
     solution = settle(inner, aims)
     others = tuple(k for k in range(len(choice.half_width)) if k not in graded)
     width = _replace_widths(choice.half_width, others, solution.choice.half_width)
-    return Graded(replace(solution.choice, half_width=width), whole.cost(width), solution.ratios, bought, solution)
+    return GradedOptimum(
+        replace(solution.choice, half_width=width), whole.cost(width), solution.ratios, bought, solution
+    )
 
 
-def held_at(problem: PlacementProblem, choice: Choice, graded: tuple[int, ...]) -> PlacementProblem:
+def hold_grades(problem: PlacementProblem, choice: Choice, graded: tuple[int, ...]) -> PlacementProblem:
     """The problem with these half-widths no longer free but at their value in a choice."""
     here = present_choice(problem)
     width = _replace_widths(here.half_width, graded, choice.half_width[list(graded)])
@@ -331,7 +335,7 @@ def choose_grades(
     tightest, loosest = tuple(0 for _ in ladders), tuple(len(ladder) - 1 for ladder in ladders)
     ratio = worst_ratio(_half_widths(ladders, tightest))
     if not ratio <= 1:
-        raise _infeasible(ratio)
+        raise _refuse_infeasible(ratio)
     search = _Search(
         ladders,
         worst_ratio,
@@ -344,7 +348,7 @@ def choose_grades(
     )
     lower_bound = _cost(ladders, loosest)
     try:
-        _explore(search, loosest if start is None else _rounded_down(ladders, start))
+        _explore(search, loosest if start is None else _round_down(ladders, start))
         while lower_bound < search.cost * (1 - _EQUAL):
             wanted = _SHARE * (search.cost - lower_bound) / search.cost
             wanted = wanted if wanted > _SMALLEST_SHARE else 0.0
@@ -367,7 +371,7 @@ def _cost(ladders: Sequence[Sequence[Grade]], levels: Levels) -> float:
     return sum((ladder[level].price for ladder, level in zip(ladders, levels, strict=True)), 0.0)
 
 
-def _rounded_down(ladders: Sequence[Sequence[Grade]], half_width: Array) -> Levels:
+def _round_down(ladders: Sequence[Sequence[Grade]], half_width: Array) -> Levels:
     """The loosest grades not above the half-widths; the tightest where there is none."""
     return tuple(
         max(0, sum(grade.half_width <= h * (1 + 1e-9) for grade in ladder) - 1)
@@ -487,7 +491,7 @@ def _master(search: _Search, gap: float) -> tuple[Levels, float]:
     return levels, float(found.mip_dual_bound) / scale
 
 
-def _infeasible(ratio: float) -> InfeasibleError:
+def _refuse_infeasible(ratio: float) -> InfeasibleError:
     return InfeasibleError(
         Problem(
             "/optimise/tolerances",

@@ -18,9 +18,9 @@ from .explain import influence_of, refuse_incurable
 from .placement import PlacementSolution, settle
 from .problem import PlacementProblem
 from .reporting import Outcome, report
-from .request import Request, counts_of, read_request, with_count
+from .request import Request, list_counts, read_request, with_count
 from .search import Progress, Search, Stop, objective_for_people, search
-from .verified import Verified, verified
+from .verified import VerifiedOptimum, tighten
 
 TIE = 1e-4  # relative: a count must be better by that to be preferred to a smaller one
 
@@ -71,9 +71,9 @@ class Asked:
 
 def ask(design: Design, *, seed: int | None = None, starts: int | None = None) -> Asked:
     """Read the ``optimise`` section of a design.  Raises DesignError, InfeasibleError."""
-    with _placed(design):
+    with _locating_refusals(design):
         request = read_request(design)
-        counts = counts_of(request)
+        counts = list_counts(request)
         problems = tuple(with_count(request, count) for count in counts)
         for problem in problems:
             refuse_contradictions(problem)
@@ -99,9 +99,9 @@ def finish(
     Raises InfeasibleError, IllPosedError, NotConvergedError.
     """
     request, seed = asked.request, asked.seed
-    with _placed(request.design):
+    with _locating_refusals(request.design):
         searches, tried = _search_counts(asked, searched, stop)
-        found, exact, result = _first_verified(request, searches, seed, threads, progress, stop)
+        found, exact, result = _take_first_verified(request, searches, seed, threads, progress, stop)
         chosen = len(found.program.problem.system.fiducial_labels)
         tried = tuple(
             replace(item, note=f"{item.note}; chosen") if item.fiducials == chosen else item for item in tried
@@ -119,7 +119,7 @@ def finish(
 
 
 @contextmanager
-def _placed(design: Design) -> Iterator[None]:
+def _locating_refusals(design: Design) -> Iterator[None]:
     """Refusals with their place in the user's document."""
     try:
         yield
@@ -129,17 +129,17 @@ def _placed(design: Design) -> Iterator[None]:
 
 def influence(design: Design) -> tuple[Finding, ...]:
     """What the free variables of a design can and cannot do, in milliseconds.  Raises DesignError."""
-    with _placed(design):
+    with _locating_refusals(design):
         request = read_request(design)
         refuse_contradictions(request.problem)
         refuse_incurable(request.problem)
         return influence_of(request.problem)
 
 
-def _first_verified(
+def _take_first_verified(
     request: Request, searches: list[Search], seed: int, threads: int | None, progress: Progress | None,
     stop: Stop | None,
-) -> tuple[Search, PlacementSolution | None, Verified]:  # fmt: skip
+) -> tuple[Search, PlacementSolution | None, VerifiedOptimum]:  # fmt: skip
     """The best of the optima that verifies, its search, and its optimum by the exact law at the limits themselves.
 
     Where first order does not hold at the best one (a nearly flat layout of few fiducials), another may do; where a
@@ -156,7 +156,7 @@ def _first_verified(
                 return (
                     found,
                     exact,
-                    verified(request, one, seed=seed, start=exact, threads=threads, progress=progress, stop=stop),
+                    tighten(request, one, seed=seed, start=exact, threads=threads, progress=progress, stop=stop),
                 )
             except NotConvergedError as error:
                 refused = refused or error

@@ -9,11 +9,22 @@ import numpy as np
 from ..arrays import Array
 from ..errors import NotConvergedError, Problem
 from .certificate import kkt_residual
-from .exact_law import Promise, correction_at, exact_ratios
+from .exact_law import Evaluation, correction_at, exact_ratios
 from .explain import explain_infeasible
 from .problem import Choice, PlacementProblem
 from .program import Parameters, Point, Program, solve
-from .search import Found, Progress, Search, Stop, begin, least_quantile, promised, search, with_demands, worst_ratio
+from .search import (
+    Iterate,
+    Progress,
+    Search,
+    Stop,
+    evaluate_demands,
+    least_quantile,
+    search,
+    start_at,
+    with_demands,
+    worst_ratio,
+)
 
 AT_AIM = 4e-6  # relative: how near below its aim the largest exact quantile is brought
 KNOWN = 3.0  # numerical errors of the exact law that a window is wide, where that is more
@@ -37,7 +48,7 @@ class PlacementSolution:
     kkt_residual: float
     rounds: int  # solves it took to bring the exact quantiles to their aims
     program: Program
-    found: Found
+    found: Iterate
 
     @property
     def worst_ratio(self) -> float:
@@ -77,13 +88,13 @@ def settle(found: Search, aims: Array, start: PlacementSolution | None = None) -
     for rounds in range(MAX_ROUNDS):
         program = found.program
         own = _own_aims(found, aims)
-        held = promised(program, here.point)
+        held = evaluate_demands(program, here.point)
         reached = max(item.exact_mm / item.limit_mm / aim for item, aim in zip(held, own, strict=True))
-        if rounds and _arrived(program, here.point, held, reached):
-            exact = _corrected(program, here, held, own, same_ends=True)
+        if rounds and _has_arrived(program, here.point, held, reached):
+            exact = _correct(program, here, held, own, same_ends=True)
             residual = kkt_residual(program, here.point, exact)
             if residual > _stationary(program) and rounds < FREE_VERTICES:
-                here = Found(_again(program, here.point, exact), exact)
+                here = Iterate(_solve_again(program, here.point, exact), exact)
                 continue
             ratios = _everywhere(found, here.point)
             if (ratios / aims).max() <= max(reached, 1.0) * (1 + 1e-9):
@@ -91,12 +102,12 @@ def settle(found: Search, aims: Array, start: PlacementSolution | None = None) -
             found = with_demands(found, here.point, ratios / aims, max(reached, 1.0))
             here = found.found[0]
             continue
-        parameters = _corrected(program, here, held, own, same_ends=rounds >= FREE_VERTICES)
-        here = Found(_again(program, here.point, parameters), parameters)
-    return _shrunk(found, here, aims, reached)
+        parameters = _correct(program, here, held, own, same_ends=rounds >= FREE_VERTICES)
+        here = Iterate(_solve_again(program, here.point, parameters), parameters)
+    return _shrink(found, here, aims, reached)
 
 
-def _shrunk(found: Search, here: Found, aims: Array, reached: float) -> PlacementSolution:
+def _shrink(found: Search, here: Iterate, aims: Array, reached: float) -> PlacementSolution:
     """The last iterate with all half-widths brought down by one factor until every exact quantile is at its aim.
 
     Where bounded sources change ends from iterate to iterate the optimum sits on an edge between two vertices and no
@@ -105,7 +116,7 @@ def _shrunk(found: Search, here: Found, aims: Array, reached: float) -> Placemen
     program = found.program
     widths, low = program.widths_at, program.bounds("main")[0]
     if program.problem.objective == "quantile" or widths.stop == widths.start or reached > NEARLY:
-        raise _not_settled(reached)
+        raise _refuse_unsettled(reached)
 
     def at(shift: float) -> Point:
         x = here.point.x.copy()
@@ -114,12 +125,12 @@ def _shrunk(found: Search, here: Found, aims: Array, reached: float) -> Placemen
 
     a, b = 0.0, 2 * np.log(NEARLY)
     if (_everywhere(found, at(b)) / aims).max() > 1:
-        raise _not_settled(reached)
+        raise _refuse_unsettled(reached)
     for _ in range(20):
         middle = (a + b) / 2
         a, b = (a, middle) if (_everywhere(found, at(middle)) / aims).max() <= 1 else (middle, b)
-    end = Found(at(b), here.parameters)
-    exact = _corrected(program, end, promised(program, end.point), _own_aims(found, aims), same_ends=True)
+    end = Iterate(at(b), here.parameters)
+    exact = _correct(program, end, evaluate_demands(program, end.point), _own_aims(found, aims), same_ends=True)
     residual = kkt_residual(program, end.point, exact)
     return _solution(found, end, residual, _everywhere(found, end.point), aims, MAX_ROUNDS)
 
@@ -130,7 +141,7 @@ def _own_aims(found: Search, aims: Array) -> Array:
     return np.array([aim for term, aim in zip(found.terms, aims, strict=True) if term.demand.key in inside])
 
 
-def _arrived(program: Program, point: Point, held: list[Promise], reached: float) -> bool:
+def _has_arrived(program: Program, point: Point, held: list[Evaluation], reached: float) -> bool:
     """The exact quantile is in the window below its aim, or below it because nothing is gained by using it up."""
     window = _window(program, held)
     if program.problem.objective == "quantile":
@@ -141,7 +152,7 @@ def _arrived(program: Program, point: Point, held: list[Promise], reached: float
     return not pressed or reached >= 1 - window
 
 
-def _window(program: Program, held: list[Promise]) -> float:
+def _window(program: Program, held: list[Evaluation]) -> float:
     """Relative width of the window below an aim: no narrower than the exact law is known."""
     if any(term.demand.per_unit for term in program.terms):
         return SAMPLED_AT_AIM
@@ -153,24 +164,24 @@ def _stationary(program: Program) -> float:
     return SAMPLED_STATIONARY if sampled else STATIONARY
 
 
-def _again(program: Program, point: Point, parameters: Parameters) -> Point:
+def _solve_again(program: Program, point: Point, parameters: Parameters) -> Point:
     """Solve again for slightly different parameters, from where the last solve ended."""
-    start = replace(point, x=_scaled(program, point.x, parameters))
+    start = replace(point, x=_scale_half_widths(program, point.x, parameters))
     polished = solve(program, start.x, parameters, warm=start)
     if not polished.solved:
         polished = solve(program, start.x, parameters)
     if polished.solved:
         return polished
     bottom = least_quantile(
-        program, [replace(begin(program, program.split(point.x).fiducials_mm), parameters=parameters)]
+        program, [replace(start_at(program, program.split(point.x).fiducials_mm), parameters=parameters)]
     )
-    reached = worst_ratio(promised(program, bottom.point))
+    reached = worst_ratio(evaluate_demands(program, bottom.point))
     if bottom.point.objective > 0:
         raise explain_infeasible(program, bottom.point, parameters)
-    raise _not_settled(reached)
+    raise _refuse_unsettled(reached)
 
 
-def _scaled(program: Program, x: Array, parameters: Parameters) -> Array:
+def _scale_half_widths(program: Program, x: Array, parameters: Parameters) -> Array:
     """The same layout with all free half-widths multiplied by one factor, so that new limits are just met.
 
     A warm interior-point solve that starts outside the feasible set by a per cent takes 150 iterations, from just
@@ -195,7 +206,7 @@ def _scaled(program: Program, x: Array, parameters: Parameters) -> Array:
     return at(a)
 
 
-def _not_settled(reached: float) -> NotConvergedError:
+def _refuse_unsettled(reached: float) -> NotConvergedError:
     return NotConvergedError(
         Problem(
             "/optimise",
@@ -206,7 +217,7 @@ def _not_settled(reached: float) -> NotConvergedError:
     )
 
 
-def _corrected(program: Program, here: Found, held: list[Promise], aims: Array, *, same_ends: bool) -> Parameters:
+def _correct(program: Program, here: Iterate, held: list[Evaluation], aims: Array, *, same_ends: bool) -> Parameters:
     """Closed form corrected to the exact law at this iterate; bounded sources at its worst ends, or kept."""
     problem = program.problem
     choice = program.split(here.point.x)
@@ -229,7 +240,7 @@ def _everywhere(found: Search, point: Point) -> Array:
 
 
 def _solution(
-    found: Search, here: Found, residual: float, ratios: Array, aims: Array, rounds: int
+    found: Search, here: Iterate, residual: float, ratios: Array, aims: Array, rounds: int
 ) -> PlacementSolution:
     program, problem = found.program, found.program.problem
     choice = program.split(here.point.x)

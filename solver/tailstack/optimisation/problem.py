@@ -30,7 +30,7 @@ class FreeHalfWidth:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class FreeFiducial:
     """A fiducial that may go anywhere in a region, followed by its copies under the symmetry, in that order."""
 
     fiducials: tuple[int, ...]  # indices into system.fiducials_mm
@@ -111,7 +111,7 @@ class PlacementProblem:
 
     system: System
     requirements: tuple[Requirement, ...]
-    places: tuple[Place, ...] = ()
+    places: tuple[FreeFiducial, ...] = ()
     half_widths: tuple[FreeHalfWidth, ...] = ()
     pivots: tuple[FreePivot, ...] = ()
     spacings: tuple[FreeSpacing, ...] = ()

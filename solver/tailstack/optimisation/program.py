@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..system import View
-from .exact_law import Correction, moments, squared_quantile
+from .exact_law import Correction, error_moments, squared_quantile
 from .prices import smooth_cost
-from .problem import Choice, Place, PlacementProblem, present_choice, width_bounds
-from .regions import Box, bounding_box, clearest_piece, contains, corners, inside_rows, moved, outside_pieces, sample
+from .problem import Choice, FreeFiducial, PlacementProblem, present_choice, width_bounds
+from .regions import Box, bounding_box, clearest_piece, contains, corners, inside_rows, move, outside_pieces, sample
 from .symbols import Duck, elements, plain
 from .terms import DemandTerms, Estimator, Mechanics, estimator_affine, image_covariances
 
@@ -153,7 +153,7 @@ class Program:
         positions[self.movable] = placed
         for place, position in zip(self.problem.places, placed, strict=True):
             for i, copy in zip(place.fiducials[1:], self.problem.symmetry, strict=True):
-                positions[i] = moved(copy, position)
+                positions[i] = move(copy, position)
         widths = np.exp(x[self.widths_at])
         if self.problem.objective == "scaling":
             widths = self.present_width * (widths[0] if len(widths) else 1.0)
@@ -223,7 +223,7 @@ def build_program(
         for k in range(3):
             points[movable[g], k] = float(centre[g, k]) + float(half[g, k]) * x[3 * g + k]
         for i, copy in zip(place.fiducials[1:], problem.symmetry, strict=True):
-            points[i] = moved(copy, points[movable[g]])
+            points[i] = move(copy, points[movable[g]])
     logs = elements(u) if problem.objective != "scaling" else np.array(
         [float(np.log(value)) + u[0] for value in present.half_width] or [], dtype=object
     )  # fmt: skip
@@ -241,7 +241,7 @@ def build_program(
         noise, made = image_covariances(
             estimator, term, points, projections, told_shift, _duck(term.reconstructed.at(mechanics))
         )
-        law = moments(term, noise, made, half_width, mechanics, elements(signs[:, t]))
+        law = error_moments(term, noise, made, half_width, mechanics, elements(signs[:, t]))
         seen = [1.0, *noise[np.triu_indices(3)], *made[np.triu_indices(3)], *logs, *shift, *elements(tau)]
         correction = sum(corrections[i, t] * value for i, value in enumerate(seen))
         g_all.append(ca.log(squared_quantile(term.demand, law, ca.sqrt)) + correction - 2 * limits[t] - s)
@@ -429,7 +429,7 @@ def _field(
         for copy, i in enumerate(place.fiducials):
             reach = corners(bounding_box(place.region))
             if copy:
-                reach = moved(problem.symmetry[copy - 1], reach)
+                reach = move(problem.symmetry[copy - 1], reach)
             seen = (reach @ estimator.told.T + estimator.told_shift_mm) @ projection[:, :3].T + projection[:, 3]
             scale = float(np.abs(seen[:, 2]).mean()) * max(view.image_size_px)
             for axis, sign, name in ((0, 1, "left"), (0, -1, "right"), (1, 1, "top"), (1, -1, "bottom")):
@@ -445,14 +445,14 @@ def _regions(problem: PlacementProblem, points: Duck) -> Iterator[tuple[Row, Any
     """A box is held by the bounds of its variables; other regions, and boxes of copies, by rows."""
     for place in problem.places:
         for copy, i in enumerate(place.fiducials):
-            if _kept_anyway(problem, place, copy):
+            if _keeps_anyway(problem, place, copy):
                 continue
             for face, expression, equal in inside_rows(place.region, points[i]):
                 text = f"{problem.system.fiducial_labels[i]} at the {face} of its region"
                 yield Row("region", text, 0.0, 0.0 if equal else np.inf, (i,)), expression
 
 
-def _kept_anyway(problem: PlacementProblem, place: Place, copy: int) -> bool:
+def _keeps_anyway(problem: PlacementProblem, place: FreeFiducial, copy: int) -> bool:
     """Whether the bounds, or the rows of the first of the group, already keep this one in the region."""
     if copy == 0:
         return isinstance(place.region, Box)
@@ -462,4 +462,4 @@ def _kept_anyway(problem: PlacementProblem, place: Place, copy: int) -> bool:
     else:
         reach = sample(place.region, np.random.default_rng(0), 400, 0.5)
     size = float(np.ptp(reach, axis=0).max())
-    return bool(contains(place.region, moved(isometry, reach), 1e-9 * size).all())
+    return bool(contains(place.region, move(isometry, reach), 1e-9 * size).all())

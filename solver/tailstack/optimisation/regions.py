@@ -283,7 +283,7 @@ def turns(point_mm: Array, axis: Array, order: int) -> tuple[Isometry, ...]:
     return tuple(found)
 
 
-def moved(isometry: Isometry, points: Duck) -> Duck:
+def move(isometry: Isometry, points: Duck) -> Duck:
     """Points (..., 3) after the isometry.  Duck."""
     if np.asarray(points).dtype == object:
         return points @ plain(isometry.rotation).T + plain(isometry.shift_mm)

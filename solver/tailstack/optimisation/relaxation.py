@@ -10,14 +10,14 @@ from ..errors import InfeasibleError, NotConvergedError
 from ..results import Relaxation
 from ..system import Law
 from .allocation import gaussian_bracket
-from .exact_law import image_parts, promise
+from .exact_law import evaluate_demand, image_parts
 from .problem import Choice, PlacementProblem
 from .search import Search
 from .terms import free_laws
-from .verified import Settled
+from .verified import Optimum
 
 
-def relaxation_of(search: Search, settled: Settled) -> Relaxation:
+def relaxation_of(search: Search, settled: Optimum) -> Relaxation:
     """The bound that goes with an optimum."""
     problem = settled.problem
     if settled.graded is not None:
@@ -76,7 +76,7 @@ def _bracket(search: Search, problem: PlacementProblem, choice: Choice) -> tuple
     """(lower bound, cost of the safe side) of the allocation at this layout."""
     noise, gains, limits = [], [], []
     for term in search.terms:
-        held = promise(problem, term, replace(choice, half_width=problem.lower))
+        held = evaluate_demand(problem, term, replace(choice, half_width=problem.lower))
         covariance = sum(image_parts(held.model, term.demand.requirement.error), term.covariance)
         noise.append(covariance)
         gains.append(term.free_gain.T)

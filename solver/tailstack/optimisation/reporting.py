@@ -35,7 +35,7 @@ from .relaxation import relaxation_of
 from .request import Request, read_request
 from .search import Search, objective_for_people
 from .terms import DemandTerms, mechanics_of
-from .verified import Verified
+from .verified import VerifiedOptimum
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +45,7 @@ class Outcome:
     request: Request  # as it arrived
     search: Search
     exact: PlacementSolution | None  # at the limits themselves
-    verified: Verified
+    verified: VerifiedOptimum
     influence: tuple[Finding, ...]
     value: PlacementValue | None
     counts: tuple[CountTried, ...]

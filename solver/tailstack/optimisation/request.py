@@ -25,7 +25,16 @@ from ..design.optimise_document import (
 from ..errors import DesignError, Problem
 from ..system import Requirement, System
 from .prices import Grade, Price, of_grades, reciprocal
-from .problem import MOST_FIDUCIALS, Choice, FreeHalfWidth, FreePivot, FreeSpacing, Place, PlacementProblem, unit_of
+from .problem import (
+    MOST_FIDUCIALS,
+    Choice,
+    FreeFiducial,
+    FreeHalfWidth,
+    FreePivot,
+    FreeSpacing,
+    PlacementProblem,
+    unit_of,
+)
 from .regions import Ball, Box, Cylinder, Isometry, KeepOut, Shape, bounding_box, mirror, turns
 
 POSITION_DECIMALS = (3, 6)  # mm: a micrometre, unless that breaks the spacing
@@ -106,7 +115,7 @@ def _symmetry(symmetry: Symmetry | None) -> tuple[Isometry, ...]:
     return turns(np.array(turn.point_mm), np.array(turn.axis), turn.order)
 
 
-def _places(system: System, wanted: Optimise) -> tuple[Place, ...]:
+def _places(system: System, wanted: Optimise) -> tuple[FreeFiducial, ...]:
     """Free fiducials with their regions, in groups of the symmetry's size."""
     size = 1 + len(_symmetry(wanted.symmetry))
     labels = system.fiducial_labels
@@ -127,9 +136,9 @@ def _places(system: System, wanted: Optimise) -> tuple[Place, ...]:
     return ()
 
 
-def _groups(fiducials: list[int], size: int, region: Shape, pointer: str) -> tuple[Place, ...]:
+def _groups(fiducials: list[int], size: int, region: Shape, pointer: str) -> tuple[FreeFiducial, ...]:
     return tuple(
-        Place(tuple(fiducials[k : k + size]), region, pointer) for k in range(0, len(fiducials) - size + 1, size)
+        FreeFiducial(tuple(fiducials[k : k + size]), region, pointer) for k in range(0, len(fiducials) - size + 1, size)
     )
 
 
@@ -151,7 +160,7 @@ def _half_widths(design: Design, wanted: Optimise) -> tuple[FreeHalfWidth, ...]:
             for interface, component in declared(design.document, components)
             if (interface, component) not in listed
         ]
-    found += [_listed(free, f"/optimise/tolerances/{index}") for index, free in enumerate(wanted.tolerances)]
+    found += [_read_listed(free, f"/optimise/tolerances/{index}") for index, free in enumerate(wanted.tolerances)]
     order = list(CONTRIBUTOR.values())
     names = (*ROTATIONS, *TRANSLATIONS)
     return tuple(
@@ -179,7 +188,7 @@ def _price(curve: CostCurve | None, weight: float) -> Price:
     return Price("power", curve.weight, 1.0 if curve.curve == "reciprocal" else 2.0)
 
 
-def _listed(free: FreeTolerance, pointer: str) -> FreeHalfWidth:
+def _read_listed(free: FreeTolerance, pointer: str) -> FreeHalfWidth:
     native = radians if free.unit == "deg" else float
     if free.grades is not None:
         grades = tuple(
@@ -249,19 +258,19 @@ def with_count(request: Request, count: int) -> PlacementProblem:
         positions = np.vstack([positions, middle + 0.9 * (rng.uniform(low, high, (new, 3)) - middle)])
         made = np.vstack([made, np.repeat(made[:1], new, axis=0)])
     system = replace(
-        system, fiducial_labels=tuple(labels), fiducials_mm=_frozen(positions),
-        manufacturing_half_width_mm=_frozen(made),
+        system, fiducial_labels=tuple(labels), fiducials_mm=_freeze(positions),
+        manufacturing_half_width_mm=_freeze(made),
     )  # fmt: skip
     return replace(problem, system=system, places=_places(system, wanted))
 
 
-def _frozen(values: Array) -> Array:
+def _freeze(values: Array) -> Array:
     values = np.array(values)
     values.setflags(write=False)
     return values
 
 
-def counts_of(request: Request) -> tuple[int, ...]:
+def list_counts(request: Request) -> tuple[int, ...]:
     """The numbers of fiducials to be tried, ascending.  Raises DesignError when the symmetry allows none."""
     count, problem = request.wanted.count, request.problem
     present = len(problem.system.fiducial_labels)
@@ -287,9 +296,9 @@ def counts_of(request: Request) -> tuple[int, ...]:
 
 def revise(request: Request, problem: PlacementProblem, choice: Choice) -> Design:
     """The design with a choice written into it: positions rounded to a micrometre, half-widths rounded down."""
-    fiducials = _rounded(problem, choice)
+    fiducials = _round_positions(problem, choice)
     widths = {
-        (free.contributor, free.component): rounded_down(float(value), free, unit_of(problem, k))
+        (free.contributor, free.component): round_down(float(value), free, unit_of(problem, k))
         for k, (free, value) in enumerate(zip(problem.half_widths, choice.half_width, strict=True))
     }
     return revise_design(
@@ -310,7 +319,7 @@ def revise(request: Request, problem: PlacementProblem, choice: Choice) -> Desig
     )
 
 
-def _rounded(problem: PlacementProblem, choice: Choice) -> Array:
+def _round_positions(problem: PlacementProblem, choice: Choice) -> Array:
     """Positions to a micrometre where that keeps the spacing; copies of a symmetry and curved regions to 1e-6 mm."""
     free = list(problem.free_fiducials)
     fiducials = problem.system.fiducials_mm.copy()
@@ -332,7 +341,7 @@ def smallest_gap(points: Array, free: list[int]) -> float:
     return min(gaps, default=np.inf)
 
 
-def rounded_down(half_width: float, free: FreeHalfWidth, unit: str) -> float:
+def round_down(half_width: float, free: FreeHalfWidth, unit: str) -> float:
     """A half-width, native unit, on the grid of the document, never looser; at a bound or grade it is that."""
     fixed = [free.minimum, free.maximum, *(grade.half_width for grade in free.price.grades)]
     for bound in fixed:

@@ -19,7 +19,15 @@ from ..arrays import Array
 from ..cores import usable_cores
 from ..errors import NotConvergedError, Problem, TailstackError
 from ..results import LocalOptimum
-from .exact_law import Correction, Promise, closed_form_at, correction_at, leading_demands, no_correction, promise
+from .exact_law import (
+    Correction,
+    Evaluation,
+    closed_form_at,
+    correction_at,
+    evaluate_demand,
+    leading_demands,
+    no_correction,
+)
 from .explain import explain_infeasible, refuse_geometry
 from .problem import Choice, PlacementProblem, least_half_widths, present_choice, width_bounds
 from .program import Parameters, Point, Program, build_program, solve
@@ -41,7 +49,7 @@ Points = Generator[Point, None, None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class Iterate:
     """A point and the parameters it was solved with."""
 
     point: Point
@@ -53,7 +61,7 @@ class Search:
     """What the starts found: the programme, the best points first, and how the starts ended."""
 
     program: Program
-    found: tuple[Found, ...]
+    found: tuple[Iterate, ...]
     terms: tuple[DemandTerms, ...]  # of every demand, also those outside the programme
     estimator: Estimator
     starts: int
@@ -63,14 +71,14 @@ class Search:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prepared:
+class PreparedSearch:
     """A search before its starts are solved.  Solving one depends on nothing but this and its number."""
 
     program: Program
     terms: tuple[DemandTerms, ...]  # of every demand, also those outside the programme
     estimator: Estimator
-    begun: tuple[Begun, ...]
-    led: dict[int, Found]  # ends that are known already
+    begun: tuple[Start, ...]
+    led: dict[int, Iterate]  # ends that are known already
 
 
 def search(
@@ -87,12 +95,12 @@ def search(
     Raises InfeasibleError, and NotConvergedError when it was stopped before anything converged.
     """
     prepared = prepare_search(problem, starts=starts, seed=seed, threads=threads)
-    return conclude(prepared, _solve_all(prepared.program, prepared.begun, stop), progress, stop)
+    return conclude_search(prepared, _solve_all(prepared.program, prepared.begun, stop), progress, stop)
 
 
 def prepare_search(
     problem: PlacementProblem, *, starts: int = 8, seed: int = 0, threads: int | None = None
-) -> Prepared:
+) -> PreparedSearch:
     """The programme of a problem and where it is to be solved from.  Raises InfeasibleError."""
     terms = tuple(terms_of(problem, demand) for demand in problem.demands)
     estimator = estimator_of(problem.system)
@@ -105,12 +113,14 @@ def prepare_search(
         leading = leading_demands(problem, terms, choices, LEADING)
         active = tuple(term for k, term in enumerate(terms) if k in leading)
     lanes = min(usable_cores() if threads is None else threads, len(layouts))
-    return _prepared(build_program(problem, estimator, active, lanes), terms, estimator, layouts)
+    return _prepare(build_program(problem, estimator, active, lanes), terms, estimator, layouts)
 
 
-def _prepared(program: Program, terms: tuple[DemandTerms, ...], estimator: Estimator, layouts: list[Array]) -> Prepared:
-    begun, led = _led(program, _starts(program, layouts))
-    return Prepared(program, terms, estimator, tuple(begun), led)
+def _prepare(
+    program: Program, terms: tuple[DemandTerms, ...], estimator: Estimator, layouts: list[Array]
+) -> PreparedSearch:
+    begun, led = _lead(program, _starts(program, layouts))
+    return PreparedSearch(program, terms, estimator, tuple(begun), led)
 
 
 def explore(
@@ -118,17 +128,19 @@ def explore(
     progress: Progress | None, stop: Stop | None,
 ) -> Search:  # fmt: skip
     """Solve from given layouts."""
-    prepared = _prepared(program, terms, estimator, layouts)
-    return conclude(prepared, _solve_all(program, prepared.begun, stop), progress, stop)
+    prepared = _prepare(program, terms, estimator, layouts)
+    return conclude_search(prepared, _solve_all(program, prepared.begun, stop), progress, stop)
 
 
-def solve_start(prepared: Prepared, number: int) -> Point:
+def solve_start(prepared: PreparedSearch, number: int) -> Point:
     """Where one start ends, on the first lane."""
     start = prepared.begun[number]
     return solve(prepared.program, start.x, start.parameters)
 
 
-def conclude(prepared: Prepared, points: Points, progress: Progress | None = None, stop: Stop | None = None) -> Search:
+def conclude_search(
+    prepared: PreparedSearch, points: Points, progress: Progress | None = None, stop: Stop | None = None
+) -> Search:
     """What the ends of the starts come to, given in their order; the best are polished.
 
     Raises InfeasibleError, NotConvergedError when none converged, or when stopped before one did.
@@ -138,7 +150,7 @@ def conclude(prepared: Prepared, points: Points, progress: Progress | None = Non
     with closing(points):  # what is still being solved is over before anything else is
         for k, point in enumerate(points):
             if point.solved and (k not in ends or point.objective < ends[k].point.objective):
-                ends[k] = Found(point, begun[k].parameters)
+                ends[k] = Iterate(point, begun[k].parameters)
             if progress is not None:
                 least = min((end.point.objective for end in ends.values()), default=None)
                 progress("start", k + 1, len(begun), None if least is None else objective_for_people(program, least))
@@ -149,10 +161,10 @@ def conclude(prepared: Prepared, points: Points, progress: Progress | None = Non
         detail = f"{stopped}: none had converged"
         raise NotConvergedError(Problem("/optimise", "stopped", detail, "let it run longer"))
     if not ends:
-        raise _none_found(program, list(begun))
+        raise _explain_failure(program, list(begun))
     solved = sorted(ends.values(), key=lambda item: item.point.objective)
     polished = [
-        Found(solve(program, item.point.x, item.parameters, warm=item.point), item.parameters)
+        Iterate(solve(program, item.point.x, item.parameters, warm=item.point), item.parameters)
         for item in solved[:POLISHED]
     ]
     best = sorted((item for item in polished if item.point.solved), key=lambda item: item.point.objective) or solved
@@ -162,7 +174,7 @@ def conclude(prepared: Prepared, points: Points, progress: Progress | None = Non
     )  # fmt: skip
 
 
-def _led(program: Program, begun: list[Begun]) -> tuple[list[Begun], dict[int, Found]]:
+def _lead(program: Program, begun: list[Start]) -> tuple[list[Start], dict[int, Iterate]]:
     """Starts, and the end of the most promising one where it had to be led to the feasible set.
 
     When no start is feasible even with its half-widths at their smallest: is there anything to find?  The smallest
@@ -174,22 +186,22 @@ def _led(program: Program, begun: list[Begun]) -> tuple[list[Begun], dict[int, F
     first = begun.index(ranked[0])
     least = least_quantile(program, ranked[:ATTEMPTS])
     if least.point.objective > 0:
-        held = promised(program, least.point)
+        held = evaluate_demands(program, least.point)
         if worst_ratio(held) > 1:
             raise explain_infeasible(program, least.point)
         # The closed form refuses what the exact law accepts: search on with the one corrected to the other.
         corrected = corrections_at(program, program.split(least.point.x), held)
         begun = [replace(start, parameters=replace(start.parameters, corrections=corrected)) for start in begun]
         least = replace(least, parameters=replace(least.parameters, corrections=corrected))
-    end = Found(solve(program, least.point.x, least.parameters), least.parameters)
+    end = Iterate(solve(program, least.point.x, least.parameters), least.parameters)
     return begun, {first: end} if end.point.solved else {}
 
 
-def _none_found(program: Program, begun: list[Begun]) -> TailstackError:
+def _explain_failure(program: Program, begun: list[Start]) -> TailstackError:
     """Why no start ended anywhere."""
     ranked = sorted(begun, key=lambda start: start.tightest_ratio)
     least = least_quantile(program, ranked[:ATTEMPTS])
-    if worst_ratio(promised(program, least.point)) > 1:
+    if worst_ratio(evaluate_demands(program, least.point)) > 1:
         return explain_infeasible(program, least.point)
     return none_converged(len(begun))
 
@@ -199,13 +211,13 @@ def objective_for_people(program: Program, objective: float) -> float:
     return float(np.exp(objective / 2 if program.problem.objective == "quantile" else objective))
 
 
-def _solve_all(program: Program, begun: tuple[Begun, ...], stop: Stop | None) -> Points:
+def _solve_all(program: Program, begun: tuple[Start, ...], stop: Stop | None) -> Points:
     """The starts solved side by side, in their order: what a start ends at does not depend on the threads."""
     lanes: SimpleQueue[int] = SimpleQueue()
     for lane in range(len(program.explore)):
         lanes.put(lane)
 
-    def one(start: Begun) -> Point:
+    def one(start: Start) -> Point:
         lane = lanes.get()
         try:
             return solve(program, start.x, start.parameters, lane=lane)
@@ -247,7 +259,7 @@ def farthest(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> tuple
     return tuple(terms[k] for k in sorted(np.argsort(apart, kind="stable")[:STEERING]))
 
 
-def local_optima(program: Program, ends: dict[int, Found]) -> tuple[LocalOptimum, ...]:
+def local_optima(program: Program, ends: dict[int, Iterate]) -> tuple[LocalOptimum, ...]:
     """The distinct optima among the ends of the starts, ascending; objectives this close count as one."""
     solved = [(k, item.point) for k, item in ends.items()]
     kept: list[tuple[float, list[int], Array]] = []
@@ -269,20 +281,20 @@ def rms_distance_mm(layout: Array, reference: Array) -> float:
     return float(np.sqrt(squared[linear_sum_assignment(squared)].mean()))
 
 
-def _starts(program: Program, layouts: list[Array]) -> list[Begun]:
+def _starts(program: Program, layouts: list[Array]) -> list[Start]:
     """Starts at the layouts that determine the targets: the present one may not, and be optimised for that."""
     solid = [layout for layout in layouts if not is_flat(layout)]
-    return [begin(program, layout) for layout in solid or layouts]
+    return [start_at(program, layout) for layout in solid or layouts]
 
 
-def least_quantile(program: Program, starts: list[Begun]) -> Found:
+def least_quantile(program: Program, starts: list[Start]) -> Iterate:
     """The smallest quantile attainable from some starts, every free half-width at its smallest.
 
     Raises InfeasibleError when not even the geometric constraints can be met.
     """
-    points: list[Found] = []
+    points: list[Iterate] = []
     for start in starts:
-        points.append(Found(solve(program, start.x, start.parameters, question="least"), start.parameters))
+        points.append(Iterate(solve(program, start.x, start.parameters, question="least"), start.parameters))
         if points[-1].point.solved and points[-1].point.objective < 0:  # within the limit: nothing is infeasible
             break
     solved = [item for item in points if item.point.solved]
@@ -292,7 +304,7 @@ def least_quantile(program: Program, starts: list[Begun]) -> Found:
         raise refuse_geometry(program, [(item.point, item.parameters) for item in points])
     best = min(solved, key=lambda item: item.point.objective)
     polished = solve(program, best.point.x, best.parameters, question="least", warm=best.point)
-    return Found(polished, best.parameters) if polished.solved else best
+    return Iterate(polished, best.parameters) if polished.solved else best
 
 
 def none_converged(starts: int) -> NotConvergedError:
@@ -301,20 +313,20 @@ def none_converged(starts: int) -> NotConvergedError:
     return NotConvergedError(Problem("/optimise", "none-converged", detail, "try more starts or another seed"))
 
 
-def corrections_at(program: Program, choice: Choice, held: list[Promise]) -> tuple[Correction, ...]:
+def corrections_at(program: Program, choice: Choice, held: list[Evaluation]) -> tuple[Correction, ...]:
     """The closed forms of the programme corrected to the exact law at a choice."""
     return tuple(
         correction_at(program.problem, term, choice, item, None) for term, item in zip(program.terms, held, strict=True)
     )
 
 
-def promised(program: Program, point: Point) -> list[Promise]:
+def evaluate_demands(program: Program, point: Point) -> list[Evaluation]:
     """Exact quantiles of the programme's demands at a point."""
     choice = program.split(point.x)
-    return [promise(program.problem, term, choice) for term in program.terms]
+    return [evaluate_demand(program.problem, term, choice) for term in program.terms]
 
 
-def worst_ratio(held: list[Promise]) -> float:
+def worst_ratio(held: list[Evaluation]) -> float:
     """Largest quantile over its limit."""
     return max(item.exact_mm / item.limit_mm for item in held)
 
@@ -340,18 +352,18 @@ BELOW = 0.98  # of the limit: from inside, an interior-point solve takes a tenth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Begun:
+class Start:
     x: Array
     parameters: Parameters
     tightest_ratio: float  # largest closed form over its limit with every free half-width at its smallest
 
 
-def begin(program: Program, layout: Array) -> Begun:
+def start_at(program: Program, layout: Array) -> Start:
     """Variables and parameters at a layout (N, 3), everything mechanical as it is."""
     problem = program.problem
     least = least_half_widths(problem, program.present_width)
     choice = program.split(program.join(replace(present_choice(problem), fiducials_mm=layout, half_width=least)))
-    held = [promise(problem, term, choice) for term in program.terms]
+    held = [evaluate_demand(problem, term, choice) for term in program.terms]
 
     def worst(half_width: Array) -> float:
         return worst_closed_ratio(program, held, replace(choice, half_width=half_width))
@@ -365,10 +377,10 @@ def begin(program: Program, layout: Array) -> Begun:
         tuple(no_correction(problem) for _ in held),
         program.pieces_of(choice),
     )
-    return Begun(program.join(choice), parameters, tightest)
+    return Start(program.join(choice), parameters, tightest)
 
 
-def worst_closed_ratio(program: Program, held: list[Promise], choice: Choice) -> float:
+def worst_closed_ratio(program: Program, held: list[Evaluation], choice: Choice) -> float:
     """Largest closed form over its limit, the image covariances those of ``held``."""
     return max(
         closed_form_at(program.problem, term, item, choice) / item.limit_mm

@@ -19,7 +19,7 @@ from ..arrays import Array
 from ..kernels import kernel
 from ..propagation.noise import noise_gains
 from .problem import PlacementProblem
-from .regions import Box, Cylinder, Shape, across_axis, clear_of, clip, contains, diameter_mm, distinct, moved, sample
+from .regions import Box, Cylinder, Shape, across_axis, clear_of, clip, contains, diameter_mm, distinct, move, sample
 from .terms import DemandTerms, Estimator, free_laws
 
 CANDIDATES = 60
@@ -52,21 +52,21 @@ def in_field(
 
 def with_copies(problem: PlacementProblem, points: Array) -> Array:
     """(M, G, 3): each point (M, 3) followed by its copies under the symmetry."""
-    return np.stack([points, *(moved(isometry, points) for isometry in problem.symmetry)], axis=1)
+    return np.stack([points, *(move(isometry, points) for isometry in problem.symmetry)], axis=1)
 
 
-def _told(estimator: Estimator, points: Array) -> Array:
+def _displace(estimator: Estimator, points: Array) -> Array:
     """Positions (..., 3) as the estimator is told them."""
     flat = points.reshape(-1, 3) @ estimator.told.T + estimator.told_shift_mm
     return np.ascontiguousarray(flat.reshape(points.shape))
 
 
-def _allowed(
+def _keep_rules(
     problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], region: Shape, drawn: Array
 ) -> NDArray[np.bool_]:
     """(M,) whether points (M, G, 3) of a region and its copies keep every rule but the spacing to other fiducials."""
     count = drawn.shape[1]
-    told = _told(estimator, drawn)
+    told = _displace(estimator, drawn)
     kept = in_field(problem, estimator, terms, told.reshape(-1, 3)).reshape(-1, count).all(axis=1)
     for zone in problem.keep_out:
         kept &= clear_of(zone, drawn.reshape(-1, 3)).reshape(-1, count).all(axis=1)
@@ -86,11 +86,11 @@ def _candidates(
     kept: list[Array] = []
     for _ in range(BATCHES):
         drawn = with_copies(problem, sample(region, rng, 4 * CANDIDATES, ON_FACE))
-        kept.append(drawn[_allowed(problem, estimator, terms, region, drawn)])
+        kept.append(drawn[_keep_rules(problem, estimator, terms, region, drawn)])
         if sum(map(len, kept)) >= CANDIDATES // 4:
             break
     found = np.concatenate(kept)
-    return _told(estimator, (found if len(found) else drawn)[:CANDIDATES])
+    return _displace(estimator, (found if len(found) else drawn)[:CANDIDATES])
 
 
 def _spread(
@@ -112,7 +112,7 @@ def starting_layouts(
 
     Start k depends on (seed, k) alone, so that more starts only add.
     """
-    present = _placed(problem, problem.system.fiducials_mm)
+    present = _clip_to_regions(problem, problem.system.fiducials_mm)
     if not problem.places:
         return [present]
     groups = np.array([place.fiducials for place in problem.places], dtype=np.int64)
@@ -129,13 +129,13 @@ def starting_layouts(
         ends = np.cumsum([len(pool) for pool in pools])
         last = ends[list(which)]
         first = last - np.array([len(pools[r]) for r in which])
-        points = _told(estimator, problem.system.fiducials_mm)
+        points = _displace(estimator, problem.system.fiducials_mm)
         _spread(rng, [pools[r] for r in which], points, groups, fixed[0], *spacing)
         exchange(points, groups, np.concatenate(pools), first, last, SWEEPS, *spacing, *fixed)
         layout = present.copy()
         free = list(problem.free_fiducials)
         layout[free] = ((points - estimator.told_shift_mm) @ inverse.T)[free]
-        layouts.append(_placed(problem, layout))
+        layouts.append(_clip_to_regions(problem, layout))
     return layouts
 
 
@@ -158,7 +158,7 @@ def _for_exchange(
     )  # fmt: skip
 
 
-def _placed(problem: PlacementProblem, fiducials_mm: Array) -> Array:
+def _clip_to_regions(problem: PlacementProblem, fiducials_mm: Array) -> Array:
     """A layout (N, 3) with every generator clipped into its region and followed by its copies."""
     layout = fiducials_mm.copy()
     for place in problem.places:
@@ -185,24 +185,24 @@ def careless_layouts(
             pools = []
             for region in regions:
                 drawn = with_copies(problem, sample(region, rng, 4 * CANDIDATES, 0.0))
-                pools.append(drawn[_allowed(problem, estimator, terms, region, drawn)])
-            layout = _drawn(problem, estimator, groups, [pools[r] for r in which], args)
+                pools.append(drawn[_keep_rules(problem, estimator, terms, region, drawn)])
+            layout = _draw_layout(problem, estimator, groups, [pools[r] for r in which], args)
             if layout is not None:
                 layouts.append(layout)
                 break
     return layouts
 
 
-def _drawn(
+def _draw_layout(
     problem: PlacementProblem, estimator: Estimator, groups: NDArray[np.int64], pools: list[Array],
     args: tuple[Array, float, float],
 ) -> Array | None:  # fmt: skip
     """Each group on the first point of its pool (M, G, 3), con, that keeps its spacing; None when a pool runs out."""
     layout = problem.system.fiducials_mm.copy()
-    told = _told(estimator, layout)
+    told = _displace(estimator, layout)
     told[groups.ravel()] = 1e6 * (1 + np.arange(groups.size))[:, None]
     for group, pool in zip(groups, pools, strict=True):
-        tried = _told(estimator, pool)
+        tried = _displace(estimator, pool)
         free = (c for c in range(len(pool)) if keeps_distance(told, group, tried[c], *args))
         chosen = next(free, None)
         if chosen is None:
@@ -234,7 +234,7 @@ def textbook_layout(
     name, points = made
     layout = problem.system.fiducials_mm.copy()
     layout[free] = points
-    if not _keeps_rules(problem, estimator, terms, region, layout):
+    if not _keeps_every_rule(problem, estimator, terms, region, layout):
         name += ", which breaks a rule on spacing, view or keep-out"
     return name, layout
 
@@ -269,14 +269,14 @@ def _on_rings(cylinder: Cylinder, count: int) -> tuple[str, Array] | None:
     return "two rings at the ends of the cylinder", np.concatenate(rings)
 
 
-def _keeps_rules(
+def _keeps_every_rule(
     problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], region: Shape, layout: Array
 ) -> bool:
     """Whether the free fiducials of a layout without symmetry keep every rule."""
     args = (np.ascontiguousarray(estimator.projections), problem.min_spacing_mm, problem.min_projected_spacing_px)
     free = np.array(problem.free_fiducials, dtype=np.int64)
-    told = _told(estimator, layout)
-    return bool(_allowed(problem, estimator, terms, region, layout[free, None]).all()) and all(
+    told = _displace(estimator, layout)
+    return bool(_keep_rules(problem, estimator, terms, region, layout[free, None]).all()) and all(
         keeps_distance(told, free[m : m + 1], told[free[m : m + 1]], *args) for m in range(len(free))
     )
 

@@ -163,7 +163,7 @@ def terms_of(problem: PlacementProblem, demand: Demand) -> DemandTerms:
     """Coefficients of one quantile.  They do not depend on the layout, so a singular one is scattered first."""
     system = problem.system
     if is_flat(system.fiducials_mm):
-        system = scattered(problem)
+        system = scatter(problem)
     problem = replace(problem, system=system)
     here = present_choice(problem)
     base = _parts(problem, here, demand)
@@ -206,7 +206,7 @@ def _clean(slope: Array) -> Array:
     return np.where(np.abs(slope) < 1e-13 * max(1.0, float(np.abs(slope).max(initial=0.0))), 0.0, slope)
 
 
-def scattered(problem: PlacementProblem) -> System:
+def scatter(problem: PlacementProblem) -> System:
     """The system with its free fiducials anywhere in the boxes about their regions: a stand-in that is not singular."""
     fiducials = problem.system.fiducials_mm.copy()
     rng = np.random.default_rng(0)

@@ -12,12 +12,11 @@ from ..arrays import Array
 from ..design import Design, compile_design
 from ..errors import InfeasibleError, NotConvergedError, Problem
 from ..results import Check, Verification
-from ..runs import UNITS
 from ..system import System
 from ..verdict import conclude
-from ..verifying import verify
-from .exact_law import Promise, promise
-from .grades import Graded, settle_grades
+from ..verification import UNITS, verify
+from .exact_law import Evaluation, evaluate_demand
+from .grades import GradedOptimum, settle_grades
 from .placement import PlacementSolution, settle
 from .problem import Choice, Demand, PlacementProblem
 from .request import Request, revise
@@ -31,7 +30,7 @@ MARGIN = 1.5  # half-widths of the check's interval between the aim and the limi
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Settled:
+class Optimum:
     """An optimum with the exact law: of the continuous programme, or of grades and what was left of it."""
 
     problem: PlacementProblem
@@ -39,12 +38,12 @@ class Settled:
     cost: float
     ratios: tuple[float, ...]  # exact quantile over its limit, every demand
     solution: PlacementSolution | None  # None: everything was bought from tables
-    graded: Graded | None
+    graded: GradedOptimum | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Verified:
-    settled: Settled
+class VerifiedOptimum:
+    settled: Optimum
     design: Design
     verification: Verification
     rounds: int
@@ -55,7 +54,7 @@ def trials_for(targets: int) -> int:
     return min(max(TARGET_TRIALS // targets, FEWEST_TRIALS), MOST_TRIALS)
 
 
-def _judged(design: Design, problem: PlacementProblem, limits: float, others: bool) -> System:
+def _select_requirements(design: Design, problem: PlacementProblem, limits: float, others: bool) -> System:
     """A design with the requirements that its check is to judge, and their targets."""
     system: System = compile_design(design)
     requirements = tuple(replace(item, limit_mm=item.limit_mm * limits) for item in problem.requirements)
@@ -69,14 +68,14 @@ def _judged(design: Design, problem: PlacementProblem, limits: float, others: bo
 
 def settle_all(
     search: Search, aims: Array, graded: tuple[int, ...], start: PlacementSolution | None, stop: Stop | None
-) -> Settled:
+) -> Optimum:
     """The optimum at some aims.  Raises InfeasibleError, NotConvergedError."""
     problem = search.program.problem
     if graded:
         found = settle_grades(search, aims, graded, stop)
-        return Settled(problem, found.choice, found.cost, found.ratios, found.solution, found)
+        return Optimum(problem, found.choice, found.cost, found.ratios, found.solution, found)
     solution = settle(search, aims, start)
-    return Settled(problem, solution.choice, solution.cost, solution.ratios, solution, None)
+    return Optimum(problem, solution.choice, solution.cost, solution.ratios, solution, None)
 
 
 def first_aims(search: Search, trials: int) -> Array:
@@ -90,10 +89,12 @@ def first_aims(search: Search, trials: int) -> Array:
     if program.problem.objective == "quantile":
         return np.ones(len(search.terms))
     choice = program.split(search.found[0].point.x)
-    return np.array([_aim(promise(program.problem, term, choice), term.demand, trials) for term in search.terms])
+    return np.array(
+        [_aim(evaluate_demand(program.problem, term, choice), term.demand, trials) for term in search.terms]
+    )
 
 
-def _aim(held: Promise, demand: Demand, trials: int) -> float:
+def _aim(held: Evaluation, demand: Demand, trials: int) -> float:
     requirement = demand.requirement
     if held.density <= 0:
         return 1.0
@@ -102,11 +103,11 @@ def _aim(held: Promise, demand: Demand, trials: int) -> float:
     return max(1 - MARGIN * z * sqrt(p * (1 - p) / n) / (held.density * held.exact_mm), 0.5)
 
 
-def verified(
+def tighten(
     request: Request, search: Search, *, seed: int, stage: str = "check", trials: int | None = None,
     limits: float = 1.0, start: PlacementSolution | None = None, threads: int | None = None,
     progress: Progress | None = None, stop: Stop | None = None, others: bool = True,
-) -> Verified:  # fmt: skip
+) -> VerifiedOptimum:  # fmt: skip
     """Solve, check by Monte Carlo, tighten by the measured ratio, until the check's upper limit is within the limit.
 
     The check judges every requirement of the design; those that were not asked for do not hold the answer back, its
@@ -115,14 +116,14 @@ def verified(
     """
     problem = search.program.problem
     if trials is None:
-        trials = trials_for(len(_judged(request.design, problem, limits, others).targets))
+        trials = trials_for(len(_select_requirements(request.design, problem, limits, others).targets))
     aims = limits * first_aims(search, trials)
-    settled: Settled | None = None
+    settled: Optimum | None = None
     for attempt in range(MAX_TIGHTENING):
         begun = start if settled is None else settled.solution
         settled = settle_all(search, aims, request.graded, begun, stop)
         design = revise(request, problem, settled.choice)
-        system = _judged(design, problem, limits, others)
+        system = _select_requirements(design, problem, limits, others)
         fresh = int(np.random.SeedSequence([seed, attempt, 0x7A11]).generate_state(1)[0])
         verification = verify(system, seed=fresh, trials=trials, threads=threads)
         if progress is not None:
@@ -130,9 +131,9 @@ def verified(
         asked = {item.name for item in problem.requirements}
         checks = {(c.requirement, c.target): c for c in verification.verdict.checks if c.requirement in asked}
         if all(check.status == "pass" for check in checks.values()):
-            return Verified(settled, design, verification, attempt)
+            return VerifiedOptimum(settled, design, verification, attempt)
         if problem.objective == "quantile":
-            raise _not_within(settled, checks, problem)
+            raise _refuse_limit(settled, checks, problem)
         aims = np.minimum(aims, settled.ratios)
         aims = aims * np.array([_tightening(checks[term.demand.key], attempt) for term in search.terms])
     raise NotConvergedError(
@@ -148,7 +149,7 @@ def verified(
     )
 
 
-def _incumbent(problem: PlacementProblem, settled: Settled) -> float:
+def _incumbent(problem: PlacementProblem, settled: Optimum) -> float:
     return max(settled.ratios) if problem.objective == "quantile" else settled.cost
 
 
@@ -161,7 +162,7 @@ def _tightening(check: Check, attempt: int) -> float:
     return (check.limit_mm / upper) * (1 - (MARGIN - 1 + attempt / 2) * (upper / check.value_mm - 1))
 
 
-def _not_within(settled: Settled, checks: dict[tuple[str, str], Check], problem: PlacementProblem) -> InfeasibleError:
+def _refuse_limit(settled: Optimum, checks: dict[tuple[str, str], Check], problem: PlacementProblem) -> InfeasibleError:
     worst = max(checks.values(), key=lambda check: check.upper_mm / check.limit_mm)
     within = "" if problem.cost_limit is None else f" within the cost limit of {problem.cost_limit:g}"
     first = max(settled.ratios) * worst.limit_mm

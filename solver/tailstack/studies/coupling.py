@@ -31,10 +31,10 @@ from ..montecarlo.plan import INSTALLATION, SHOT
 from ..montecarlo.simulate import ERRORS
 from ..propagation.linear import LinearModel, linearise_all
 from ..results import Interval, Provenance, Validity
-from ..runs import prepare
 from ..scoring import NOT_INCLUDED, P95, provenance
 from ..system import Mount, Reading, System
 from ..tail.declared import law_quantile
+from ..verification import prepare
 
 SECTIONS = 32  # of the trials, for intervals
 LEAST_TRIALS = SECTIONS * 256  # a section's own P95 then has a dozen trials beyond it

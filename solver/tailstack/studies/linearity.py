@@ -32,7 +32,7 @@ from ..scoring import FRAMES, P95, checked_system, provenance, score
 from ..system import Law, Mount, Sources, System
 from ..tail.declared import law_quantile
 from ..tail.gaussian import norm_quantile
-from ..verifying import NOT_IN_A_CHECK
+from ..verification import NOT_IN_A_CHECK
 from .paper.published import with_noise
 
 Within = Literal["1 %", "5 %", "20 %", "beyond"]

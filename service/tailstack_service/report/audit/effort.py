@@ -8,7 +8,7 @@ from typing import Any
 
 from tailstack.design import Design, compile_design
 from tailstack.errors import LimitError, Problem
-from tailstack.runs import MAX_TRIALS, SHOTS, UNITS
+from tailstack.verification import MAX_TRIALS, SHOTS, UNITS
 
 from ...problems import RequestError
 from ..records import Reproduction

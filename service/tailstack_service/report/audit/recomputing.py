@@ -10,8 +10,8 @@ from tailstack.design import Design, load_design
 from tailstack.errors import Problem
 from tailstack.results import Optimisation, Score, Verification
 from tailstack.results.sweep import Sweep
-from tailstack.runs import Progress
 from tailstack.scoring import score
+from tailstack.verification import Progress
 
 from ...documents import plain
 from ...problems import RequestError
@@ -101,8 +101,7 @@ def _score(record: Score, given: Design, fast: bool, progress: Progress | None) 
 
 
 def _verification(record: Verification, given: Design, fast: bool, progress: Progress | None) -> Again:
-    from tailstack.runs import MAX_TRIALS
-    from tailstack.verifying import verify
+    from tailstack.verification import MAX_TRIALS, verify
 
     if fast:
         first = {target.name: target.p95_mm for target in score(given).targets}
@@ -117,8 +116,8 @@ def _verification(record: Verification, given: Design, fast: bool, progress: Pro
 
 
 def _sweep(record: Sweep, given: Design, fast: bool, progress: Progress | None) -> Again:
-    from tailstack.runs import MAX_TRIALS
     from tailstack.sweeping import read_axes, sweep
+    from tailstack.verification import MAX_TRIALS
 
     if fast and record.check == "verification":
         return Again(plain(record), "the Monte Carlo checks of all points")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tailstack.results import Verification
-from tailstack.runs import MAX_TRIALS
+from tailstack.verification import MAX_TRIALS
 
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Section, tone_of
 from ..figures.errors import scale_svg

@@ -1,4 +1,4 @@
-"""What a check samples, in the process itself or put together from parts that were sampled elsewhere.
+"""The Monte Carlo check: the full nonlinear chain, quantiles with intervals, and the verdict they support.
 
 The control of a check (when to look, when to stop) is deterministic: asked again with more parts at hand it comes to
 the same questions.  A source that lacks a part raises Pending with all that can be sampled side by side.
@@ -23,7 +23,16 @@ from .cores import usable_cores
 from .design import Design
 from .errors import DesignError, OutOfRangeError, Problem
 from .montecarlo import ChainPlan, compile_plan, run_indices
-from .montecarlo.estimators import Goal, cvar_estimate, planned_looks, quantile_estimate, simulate_to_precision
+from .montecarlo.estimators import (
+    Goal,
+    between_ranks,
+    cvar_estimate,
+    enclosing_ranks,
+    exceedance_estimate,
+    planned_looks,
+    quantile_estimate,
+    simulate_to_precision,
+)
 from .montecarlo.radial import RANDOMISATIONS, RAYS, LinearChain, RadialEstimate, gains_in_plan_order, radial
 from .montecarlo.sequential import (
     CvarQuestion,
@@ -33,38 +42,24 @@ from .montecarlo.sequential import (
     repeated_ranks,
     simulate_to_decision,
 )
-from .montecarlo.simulate import Pending, Samples, Shard, Wanted, simulate
+from .montecarlo.simulate import Pending, Samples, Shard, TrialsTask, simulate
 from .precision import FINEST_PRECISION, PRECISION
 from .propagation.linear import LinearModel, linearise
-from .results import Finding, Interval, Validity
-from .scoring import FRAMES, P95, checked_system, tightest_limit, trust_of
+from .results import (
+    Check,
+    Exceedance,
+    Finding,
+    Interval,
+    MetricEstimate,
+    Reprojection,
+    TargetEstimate,
+    Validity,
+    Verification,
+)
+from .scoring import FRAMES, NOT_INCLUDED, P95, checked_system, provenance, tightest_limit, trust_of, vector3
 from .system import Requirement, System
 from .tail.declared import law_exceedance, law_quantile
-from .verdict import decide
-
-__all__ = [
-    "MAX_TRIALS",
-    "SHOTS",
-    "UNITS",
-    "UNITS_PER_BATCH",
-    "Method",
-    "Prepared",
-    "Progress",
-    "Quantile",
-    "RadialWanted",
-    "Run",
-    "Sampling",
-    "Source",
-    "UnitsWanted",
-    "confidence_at_each",
-    "confidence_of",
-    "largest",
-    "limits_of",
-    "prepare",
-    "radial_estimate",
-    "run_all",
-    "unit_quantiles",
-]
+from .verdict import conclude, decide, judge
 
 MOST_DEVIATES = 2**23  # of all rays of a radial estimate: 64 MB
 RADIAL_COMPANION_TRIALS = 2**15  # plain trials beside a radial run: moments, CVaR, worst
@@ -72,7 +67,7 @@ UNITS_PER_BATCH = 32
 
 
 def run_all(
-    ready: Prepared, sampling: Sampling, threads: int | None, progress: Progress | None, source: Source | None
+    ready: PreparedDesign, sampling: Sampling, threads: int | None, progress: Progress | None, source: Sampler | None
 ) -> tuple[Run, dict[tuple[Requirement, str], list[Array]]]:
     """Everything that is sampled: trials, and the units' own quantiles by requirement and target."""
     run: list[Run] = []
@@ -91,12 +86,17 @@ def run_all(
     def units() -> None:
         own.update(_unit_quantiles(ready, sampling.seed, threads, source))
 
-    together([trials, units])
+    gather([trials, units])
     return run[0], own
 
 
 def _draw(
-    ready: Prepared, trials: int, seed: int, threads: int | None, progress: Progress | None, source: Source | None
+    ready: PreparedDesign,
+    trials: int,
+    seed: int,
+    threads: int | None,
+    progress: Progress | None,
+    source: Sampler | None,
 ) -> dict[Vertex, Samples]:
     runs = [
         partial(
@@ -106,11 +106,16 @@ def _draw(
         )
         for plan in ready.plans.values()
     ]  # fmt: skip
-    return dict(zip(ready.plans, together(runs), strict=True))
+    return dict(zip(ready.plans, gather(runs), strict=True))
 
 
 def _run_fixed(
-    ready: Prepared, trials: int, seed: int, threads: int | None, progress: Progress | None, source: Source | None
+    ready: PreparedDesign,
+    trials: int,
+    seed: int,
+    threads: int | None,
+    progress: Progress | None,
+    source: Sampler | None,
 ) -> Run:
     level = confidence_at_each(ready)
     samples = _draw(ready, trials, seed, threads, progress, source)
@@ -123,7 +128,7 @@ def _run_fixed(
 
 
 def _run_adaptive(
-    ready: Prepared, sampling: Sampling, threads: int | None, progress: Progress | None, source: Source | None
+    ready: PreparedDesign, sampling: Sampling, threads: int | None, progress: Progress | None, source: Sampler | None
 ) -> Run:
     confidence = confidence_at_each(ready)
     runs = [
@@ -131,7 +136,7 @@ def _run_adaptive(
             simulate_to_precision, plan, precision=sampling.precision or PRECISION, seed=sampling.seed,
             goals=goals_of(ready, vertex) or [Goal(0, "tcp", P95)], confidence=confidence,
             max_trials=sampling.max_trials, threads=threads, reprojection=True, progress=progress,
-            settled=partial(_decided, ready, vertex, sampling), quantile=lowest_quantile(ready.system),
+            settled=partial(_is_decided, ready, vertex, sampling), quantile=lowest_quantile(ready.system),
             limits=limits_of(ready.system),
             source=None if source is None else source.shards,
         )
@@ -139,14 +144,14 @@ def _run_adaptive(
     ]  # fmt: skip
     samples: dict[Vertex, Samples] = {}
     stopping, reached, level = "", 0.0, confidence
-    for vertex, run in zip(ready.plans, together(runs), strict=True):
+    for vertex, run in zip(ready.plans, gather(runs), strict=True):
         samples[vertex] = run.samples
         level = min(level, run.level) if level != confidence else run.level
         stopping, reached = run.stopping, max(reached, run.precision_reached)
     return Run(samples, level, stopping, reached, {})
 
 
-def _decided(ready: Prepared, vertex: Vertex, sampling: Sampling, samples: Samples, level: float) -> bool:
+def _is_decided(ready: PreparedDesign, vertex: Vertex, sampling: Sampling, samples: Samples, level: float) -> bool:
     """No pooled requirement and no question of this run is still open, and as many are drawn as were asked for."""
     if samples.trials < sampling.at_least:
         return False
@@ -158,21 +163,21 @@ def _decided(ready: Prepared, vertex: Vertex, sampling: Sampling, samples: Sampl
 
 
 def _run_radial(
-    ready: Prepared, sampling: Sampling, threads: int | None, progress: Progress | None, source: Source | None
+    ready: PreparedDesign, sampling: Sampling, threads: int | None, progress: Progress | None, source: Sampler | None
 ) -> Run:
     quantiles = {(name, error, P95) for name, error in ready.vertices}
     quantiles |= {(n, r.error, r.quantile) for r in ready.system.requirements for n in r.targets}
     wanted = [
-        RadialWanted(name, error, quantile, sampling.seed, vertex, sampling.precision)
+        RadialTask(name, error, quantile, sampling.seed, vertex, sampling.precision)
         for name, error, quantile in sorted(quantiles)
         for vertex in ready.vertices[name, error]
     ]
     trials = RADIAL_COMPANION_TRIALS if sampling.trials is None else sampling.trials
     samples: dict[Vertex, Samples] = {}
     estimates: list[RadialEstimate] = []
-    together([
+    gather([
         lambda: samples.update(_draw(ready, trials, sampling.seed, threads, progress, source)),
-        lambda: estimates.extend(together(
+        lambda: estimates.extend(gather(
             [partial(radial_estimate, ready, one) if source is None else partial(source.radial, one) for one in wanted]
         )),
     ])  # fmt: skip
@@ -180,7 +185,7 @@ def _run_radial(
     for one, estimate in zip(wanted, estimates, strict=True):
         key = one.target, one.error, one.quantile
         at_each.setdefault(key, []).append(Quantile(estimate.value_mm, estimate.interval_mm))
-    found = {key: largest(several) for key, several in at_each.items()}
+    found = {key: take_largest(several) for key, several in at_each.items()}
     reached = max((one.interval_mm[1] - one.interval_mm[0]) / (2 * one.value_mm) for one in found.values())
     short = ""
     if sampling.precision is not None and reached > sampling.precision:
@@ -192,7 +197,7 @@ def _run_radial(
     return Run(samples, confidence_at_each(ready), stopping, reached, found)
 
 
-def radial_estimate(ready: Prepared, wanted: RadialWanted) -> RadialEstimate:
+def radial_estimate(ready: PreparedDesign, wanted: RadialTask) -> RadialEstimate:
     """One quantile by radial conditional sampling, with the linear model as its control.  Raises OutOfRangeError."""
     name, error = wanted.target, wanted.error
     place = [target.name for target in ready.system.targets].index(name)
@@ -221,7 +226,7 @@ def radial_estimate(ready: Prepared, wanted: RadialWanted) -> RadialEstimate:
 
 
 def _unit_quantiles(
-    ready: Prepared, seed: int, threads: int | None, source: Source | None
+    ready: PreparedDesign, seed: int, threads: int | None, source: Sampler | None
 ) -> dict[tuple[Requirement, str], list[Array]]:
     """(UNITS,) mm at each vertex, by requirement and target, where the requirement is on each unit."""
     wanted = []
@@ -230,22 +235,22 @@ def _unit_quantiles(
             place = [target.name for target in ready.system.targets].index(name)
             for vertex in ready.vertices[name, requirement.error]:
                 plan = compile_plan(ready.system, vertex=dict(vertex), shots_per_unit=SHOTS)
-                one = UnitsWanted(plan, seed, place, requirement.error, requirement.quantile)
+                one = UnitsTask(plan, seed, place, requirement.error, requirement.quantile)
                 wanted.append(((requirement, name), one))
     ask = partial(_units_here, threads=threads) if source is None else source.unit_quantiles
     own: dict[tuple[Requirement, str], list[Array]] = {}
-    for (key, _), found in zip(wanted, together([partial(ask, one) for _, one in wanted]), strict=True):
+    for (key, _), found in zip(wanted, gather([partial(ask, one) for _, one in wanted]), strict=True):
         own.setdefault(key, []).append(found)
     return own
 
 
-def _units_here(wanted: UnitsWanted, *, threads: int | None) -> Array:
+def _units_here(wanted: UnitsTask, *, threads: int | None) -> Array:
     batches = range(0, UNITS, UNITS_PER_BATCH)
     with ThreadPoolExecutor(usable_cores() if threads is None else threads) as pool:
         return np.concatenate(list(pool.map(lambda first: unit_quantiles(wanted, first, UNITS_PER_BATCH), batches)))
 
 
-def unit_quantiles(wanted: UnitsWanted, first: int, count: int) -> Array:
+def unit_quantiles(wanted: UnitsTask, first: int, count: int) -> Array:
     """(count,) mm: the quantile over its shots of each of the units ``first`` ... ``first + count - 1``."""
     metric, rank = list(FRAMES).index(wanted.error), ceil(SHOTS * wanted.quantile) - 1
     errors = run_indices(wanted.plan, wanted.seed, first * SHOTS, count * SHOTS).errors[wanted.target, metric]
@@ -254,7 +259,7 @@ def unit_quantiles(wanted: UnitsWanted, first: int, count: int) -> Array:
 
 
 def run_sequential(
-    ready: Prepared, sampling: Sampling, threads: int | None, progress: Progress | None, source: Source | None
+    ready: PreparedDesign, sampling: Sampling, threads: int | None, progress: Progress | None, source: Sampler | None
 ) -> Run:
     confidence = confidence_at_each(ready)
     runs = [
@@ -266,7 +271,7 @@ def run_sequential(
         )
         for vertex, plan in ready.plans.items()
     ]  # fmt: skip
-    found = dict(zip(ready.plans, together(runs), strict=True))
+    found = dict(zip(ready.plans, gather(runs), strict=True))
     wanted = {(name, error, P95) for name, error in ready.vertices}
     wanted |= {(n, r.error, r.quantile) for r in ready.system.requirements for n in r.targets}
     quantiles: dict[tuple[str, str, float], Quantile] = {}
@@ -277,7 +282,7 @@ def run_sequential(
             ranks = repeated_ranks(run.looks, quantile, confidence)[run.looks.index(run.samples.trials)]
             one = repeated_interval(run.samples, name, error, quantile, ranks)
             at_each.append(Quantile(one.value_mm, one.interval_mm))
-        quantiles[name, error, quantile] = largest(at_each)
+        quantiles[name, error, quantile] = take_largest(at_each)
     reached = max(
         (one.interval_mm[1] - one.interval_mm[0]) / (2 * one.value_mm) if one.value_mm > 0 else 0.0
         for key, one in quantiles.items()
@@ -304,7 +309,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class UnitsWanted:
+class UnitsTask:
     """The quantile over ``SHOTS`` shots of each installed unit, of one error at one target, for ``UNITS`` units."""
 
     plan: ChainPlan  # with SHOTS shots per unit
@@ -315,7 +320,7 @@ class UnitsWanted:
 
 
 @dataclass(frozen=True, slots=True)
-class RadialWanted:
+class RadialTask:
     """A quantile by radial conditional sampling at one vertex."""
 
     target: str
@@ -326,17 +331,17 @@ class RadialWanted:
     precision: float | None = None  # relative half-width of its interval; None: that of the fewest rays
 
 
-class Source(Protocol):
+class Sampler(Protocol):
     """Where sampled parts come from that were computed elsewhere.  Each may raise Pending for what is not there yet;
     ``verify`` is then asked again once it is."""
 
-    def shards(self, wanted: Wanted) -> Iterable[Shard]: ...
-    def unit_quantiles(self, wanted: UnitsWanted) -> Array: ...  # (UNITS,) mm
-    def radial(self, wanted: RadialWanted) -> RadialEstimate: ...
+    def shards(self, wanted: TrialsTask) -> Iterable[Shard]: ...
+    def unit_quantiles(self, wanted: UnitsTask) -> Array: ...  # (UNITS,) mm
+    def radial(self, wanted: RadialTask) -> RadialEstimate: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prepared:
+class PreparedDesign:
     """What a check needs of the linear model: at which vertices to simulate, and what to compare with.
 
     Where first order cannot tell some vertices of the bounded components from the worst one (opposite ones without a
@@ -358,7 +363,7 @@ class Quantile:
     interval_mm: Interval
 
 
-def largest(found: Iterable[Quantile]) -> Quantile:
+def take_largest(found: Iterable[Quantile]) -> Quantile:
     """The largest of a quantile at several vertices, with its interval: each end is the largest of theirs."""
     value, low, high = zip(*((one.value_mm, *one.interval_mm) for one in found), strict=True)
     return Quantile(max(value), (max(low), max(high)))
@@ -400,7 +405,7 @@ class Sampling:
             raise OutOfRangeError(Problem("/precision", "out-of-range", detail, "a finer one takes billions of trials"))
 
 
-def prepare(design: Design | System) -> Prepared:
+def prepare(design: Design | System) -> PreparedDesign:
     """Linear model, worst vertex and compiled plan for every target and error.  Raises DesignError, IllPosedError."""
     system, findings, _ = checked_system(design)
     models = {target.name: linearise(system, target) for target in system.targets}
@@ -415,10 +420,10 @@ def prepare(design: Design | System) -> Prepared:
             vertices[name, error] = tuple(dict.fromkeys(tuple(sorted((elsewhere | end).items())) for end in ends))
     every = dict.fromkeys(vertex for several in vertices.values() for vertex in several)
     plans = {vertex: compile_plan(system, vertex=dict(vertex)) for vertex in every}
-    return Prepared(system, findings, trust_of(system, models), models, worst, vertices, plans)
+    return PreparedDesign(system, findings, trust_of(system, models), models, worst, vertices, plans)
 
 
-def together(asked: Iterable[Callable[[], T]]) -> list[T]:
+def gather(asked: Iterable[Callable[[], T]]) -> list[T]:
     """Everything that is asked for; where one has to wait the others are asked too, so that all wait together."""
     found: list[T] = []
     missing: list[Pending] = []
@@ -433,7 +438,7 @@ def together(asked: Iterable[Callable[[], T]]) -> list[T]:
     return found
 
 
-def goals_of(ready: Prepared, vertex: Vertex) -> list[Goal]:
+def goals_of(ready: PreparedDesign, vertex: Vertex) -> list[Goal]:
     """Quantiles that must be precise in the run at this vertex: P95 and every requirement's own."""
     wanted = {(name, error, P95) for (name, error), at in ready.vertices.items() if vertex in at and error == "tcp"}
     for requirement in ready.system.requirements:
@@ -447,7 +452,7 @@ def confidence_of(system: System) -> float:
     return max((r.confidence for r in system.requirements), default=0.95)
 
 
-def confidence_at_each(ready: Prepared) -> float:
+def confidence_at_each(ready: PreparedDesign) -> float:
     """Confidence of an interval at one vertex with which the largest over all vertices of an error has its own."""
     return 1 - (1 - confidence_of(ready.system)) / max(len(several) for several in ready.vertices.values())
 
@@ -462,7 +467,7 @@ def limits_of(system: System) -> tuple[float, ...]:
     return tuple(inf if limit is None else limit for limit in limits)
 
 
-def questions_of(ready: Prepared, vertex: Vertex, sampling: Sampling) -> tuple[Question, ...]:
+def questions_of(ready: PreparedDesign, vertex: Vertex, sampling: Sampling) -> tuple[Question, ...]:
     """What the run at this vertex has to decide: pooled requirements, and what was asked besides."""
     required = (
         Question(name, requirement.error, requirement.quantile, requirement.limit_mm)
@@ -474,7 +479,7 @@ def questions_of(ready: Prepared, vertex: Vertex, sampling: Sampling) -> tuple[Q
     return tuple(asked for asked in everything if vertex in ready.vertices[asked.target, asked.error])
 
 
-def cvar_decided(ready: Prepared, vertex: Vertex, sampling: Sampling, samples: Samples, looks: int) -> bool:
+def cvar_decided(ready: PreparedDesign, vertex: Vertex, sampling: Sampling, samples: Samples, looks: int) -> bool:
     for asked in sampling.cvar:
         if vertex not in ready.vertices[asked.target, "tcp"]:
             continue
@@ -485,3 +490,187 @@ def cvar_decided(ready: Prepared, vertex: Vertex, sampling: Sampling, samples: S
         if decide(interval, asked.limit_mm) == "inconclusive":
             return False
     return True
+
+
+NOT_IN_A_CHECK = tuple(words for words in NOT_INCLUDED if "second order" not in words)
+GAP = 0.03  # first order further than this from the check is remarked
+
+
+def verify(
+    design: Design | System,
+    *,
+    trials: int | None = None,
+    precision: float | None = None,
+    seed: int = 0,
+    method: Method = "plain",
+    threads: int | None = None,
+    max_trials: int = MAX_TRIALS,
+    progress: Progress | None = None,
+) -> Verification:
+    """Check a design by Monte Carlo on the full nonlinear chain.
+
+    ``trials`` draws exactly so many; otherwise trials are drawn until every interval's relative half-width is
+    at most ``precision`` (default 0.005) *and* every requirement is decided, up to ``max_trials``.  ``method="radial"``
+    takes the quantiles from radial conditional sampling (far fewer evaluations; refused where a ray crosses
+    twice) to ``precision``, if given, and the rest from ``trials`` plain ones.  Same seed, same digits, whatever
+    ``threads``.  Bounded components stand at the vertex that the linear model finds worst; where it cannot tell several
+    apart, all of them are run and the largest of what they give is told.
+
+    Raises DesignError, IllPosedError, OutOfRangeError.
+    """
+    sampling = Sampling(trials, precision, seed, method, max_trials)
+    return verify_prepared(prepare(design), sampling, threads=threads, progress=progress)
+
+
+def verify_prepared(
+    ready: PreparedDesign, sampling: Sampling, *, threads: int | None = None, progress: Progress | None = None,
+    source: Sampler | None = None,
+) -> Verification:  # fmt: skip
+    """``verify`` of a design that was prepared, with parts from a source if there is one: the answer is the same.
+
+    Raises OutOfRangeError, and Pending with everything that the source does not hold and this look needs.
+    """
+    run, own = run_all(ready, sampling, threads, progress, source)
+    checks = _judge_requirements(ready, run, own)
+    targets = tuple(_estimate_target(ready, run, target.name) for target in ready.system.targets)
+    worst = max(targets, key=lambda target: target.p95_mm)
+    plain = sampling.trials is None and sampling.method == "plain" and not sampling.sequential
+    radial_precision = sampling.precision if sampling.method == "radial" else None
+    return Verification(
+        schema="tailstack/verification/1",
+        seed=sampling.seed,
+        trials=max(sample.trials for sample in run.samples.values()),
+        method=sampling.method,
+        engine="structured resection, eight lanes (numba); trials without a proven solution redone by SVD",
+        precision_requested=sampling.precision or PRECISION if plain else radial_precision,
+        max_trials=sampling.max_trials if plain else None,
+        precision_reached=run.precision_reached,
+        stopping=run.stopping + _explain_vertices(ready),
+        targets=targets,
+        reprojection=_reprojection(run),
+        first_order_ratio=worst.first_order_ratio,
+        verdict=conclude(checks, ready.findings + _remark_gaps(targets, ready.trust), "Monte Carlo"),
+        provenance=provenance(ready.system, NOT_IN_A_CHECK),
+    )
+
+
+def _estimate_quantile(ready: PreparedDesign, run: Run, name: str, error: str, quantile: float) -> Quantile:
+    if (name, error, quantile) in run.quantiles:
+        return run.quantiles[name, error, quantile]
+    at_each = (
+        quantile_estimate(run.samples[vertex], name, error, quantile, run.confidence_level)
+        for vertex in ready.vertices[name, error]
+    )
+    return take_largest(Quantile(found.value_mm, found.interval_mm) for found in at_each)
+
+
+def _explain_vertices(ready: PreparedDesign) -> str:
+    """A sentence where an error was sampled at several vertices."""
+    if all(len(several) == 1 for several in ready.vertices.values()):
+        return ""
+    return (
+        f" First order cannot tell which of several vertices of the bounded components is worst, so {len(ready.plans)} "
+        "were run; of each number the largest is told."
+    )
+
+
+def _estimate_metric(ready: PreparedDesign, run: Run, name: str, error: str) -> MetricEstimate:
+    """Bias, spread and mean norm at the vertex with the largest P95; of the tail's numbers each one's largest."""
+    runs = [run.samples[vertex] for vertex in ready.vertices[name, error]]
+    worst = max(runs, key=lambda samples: between_ranks(samples, name, error, P95, None, None)[0])
+    sample = worst.of(name, error)
+    found = _estimate_quantile(ready, run, name, error, P95)
+    law, _ = declared_law(ready.models[name], error, ready.worst[name, error].mean_mm)
+    limit = tightest_limit(ready.system, name, error)
+    beyond = None
+    if limit is not None:
+        level = confidence_at_each(ready)
+        above = [exceedance_estimate(samples, name, error, limit, level) for samples in runs]
+        low, high = zip(*(one.interval for one in above), strict=True)
+        beyond = Exceedance(limit, max(one.probability for one in above), (max(low), max(high)))
+    return MetricEstimate(
+        bias_mm=vector3(sample.mean),
+        std_mm=vector3(np.sqrt(np.diag(sample.covariance))),
+        mean_norm_mm=sample.mean_norm,
+        p95_mm=found.value_mm,
+        p95_interval_mm=found.interval_mm,
+        cvar95_mm=max(cvar_estimate(samples, name, error, P95).value_mm for samples in runs),
+        worst_mm=max(samples.of(name, error).worst for samples in runs),
+        exceedance=beyond,
+        first_order_ratio=law_quantile(law, P95).quantile_mm / found.value_mm if found.value_mm > 0 else 1.0,
+    )
+
+
+def _estimate_target(ready: PreparedDesign, run: Run, name: str) -> TargetEstimate:
+    metric = _estimate_metric(ready, run, name, "tcp")
+    return TargetEstimate(
+        name=name,
+        frame=FRAMES["tcp"],
+        **{field: getattr(metric, field) for field in MetricEstimate.__dataclass_fields__},
+        confidence=confidence_of(ready.system),
+        flagged_trials=max(run.samples[vertex].redone for vertex in ready.vertices[name, "tcp"]),
+        first_order_p95_mm=metric.first_order_ratio * metric.p95_mm,
+        localisation=_estimate_metric(ready, run, name, "localisation"),
+    )
+
+
+def _reprojection(run: Run) -> Reprojection:
+    rms = next(iter(run.samples.values())).reprojection
+    values = np.zeros(1) if rms is None else rms.rms_px
+    return Reprojection(len(values), float(values.mean()), float(np.quantile(values, P95)))
+
+
+def _judge_requirements(
+    ready: PreparedDesign, run: Run, own: dict[tuple[Requirement, str], list[Array]]
+) -> tuple[Check, ...]:
+    checks = []
+    for requirement in ready.system.requirements:
+        for name in requirement.targets:
+            if requirement.risk == "pooled":
+                found = _estimate_quantile(ready, run, name, requirement.error, requirement.quantile)
+                checks.append(judge(requirement, name, found.value_mm, found.interval_mm))
+            else:
+                checks.append(_judge_units(requirement, name, own[requirement, name]))
+    return tuple(checks)
+
+
+def _judge_units(requirement: Requirement, name: str, own: list[Array]) -> Check:
+    """Nested sampling at each vertex: ``UNITS`` installed units, ``SHOTS`` shots of each; the worst vertex is told.
+
+    The quantile over units of the unit's own quantile, by order statistics, at the fraction of units that must keep
+    the limit.  Its interval is within the limit just where the lower Clopper-Pearson limit of the yield is what is
+    required, and beyond it just where the upper one is not: both count the units within the limit against the same
+    binomial law.  A unit's quantile is itself estimated from its shots: a unit on the limit counts as met half of the
+    time, which pulls the yield towards one half by much less than the interval's width.
+    """
+    fraction = requirement.units_fraction
+    assert fraction is not None  # or the requirement would be pooled
+    low, high = enclosing_ranks(UNITS, fraction, 1 - (1 - requirement.confidence) / len(own))
+    at_each = [np.sort(units) for units in own]
+
+    def largest(rank: int) -> float:
+        return max(float(ordered[rank - 1]) for ordered in at_each)
+
+    interval = (0.0 if low is None else largest(low), inf if high is None else largest(high))
+    met = min(int((ordered <= requirement.limit_mm).sum()) for ordered in at_each)
+    return judge(requirement, name, largest(ceil(UNITS * fraction)), interval, met / UNITS)
+
+
+def _remark_gaps(targets: tuple[TargetEstimate, ...], trust: Validity) -> tuple[Finding, ...]:
+    """Where first order and the check disagree, and which way."""
+    remarks = []
+    for target in targets:
+        low, high = (target.first_order_p95_mm / end for end in reversed(target.p95_interval_mm))
+        if high < 1 - GAP or low > 1 + GAP:
+            way = "optimistic" if high < 1 else "pessimistic"
+            remarks.append(
+                Finding(
+                    rule="first-order-gap",
+                    severity="warning",
+                    message=f"target {target.name}: first order is {way} here: its P95 is "
+                    f"{target.first_order_ratio:.3g} of the verified one (nu = {trust.nu:.2g})",
+                    value=target.first_order_ratio,
+                    limit=1.0,
+                )
+            )
+    return tuple(remarks)
