@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from .moments import moment
+from .logs import moment
 from .problems import ProblemDocument, ProblemEntry
 
 if TYPE_CHECKING:

@@ -6,9 +6,8 @@ import json
 import logging
 import re
 import sys
+from datetime import datetime, timedelta
 from typing import Any, TextIO
-
-from .moments import moment
 
 # What a log call may carry beside its text, in the order in which a person reads it.
 FIELDS = (
@@ -16,13 +15,19 @@ FIELDS = (
     "seconds", "detail",
 )  # fmt: skip
 
+EPOCH = datetime(1970, 1, 1)
 _PLAIN = re.compile(r"[!#-&(-<>-~]+")  # ASCII, printable, neither space nor quote nor equals sign
 
 
+def moment(seconds: float) -> str:
+    """Epoch seconds as RFC 3339, UTC, to the millisecond: ``2026-01-31T12:00:00.123Z``."""
+    return (EPOCH + timedelta(microseconds=round(1e6 * seconds))).isoformat(timespec="milliseconds") + "Z"
+
+
 def fields_of(record: logging.LogRecord) -> dict[str, Any]:
-    """What was said with ``extra={...}``, in a fixed order; unknown names are not told."""
-    told = vars(record)
-    return {name: told[name] for name in FIELDS if told.get(name) is not None}
+    """What a log call gave as ``extra={...}``, in a fixed order; names that are not in ``FIELDS`` are left out."""
+    values = vars(record)
+    return {name: values[name] for name in FIELDS if values.get(name) is not None}
 
 
 class TextFormatter(logging.Formatter):
@@ -31,8 +36,7 @@ class TextFormatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         parts = [moment(record.created), record.levelname, record.name]
         parts += [f"{name}={_word(value)}" for name, value in fields_of(record).items()]
-        message = _one_line(record.getMessage())
-        line = " ".join([*parts, message] if message else parts)
+        line = " ".join([*parts, _one_line(record.getMessage())])
         return line + ("\n" + self.formatException(record.exc_info) if record.exc_info else "")
 
 
@@ -40,13 +44,16 @@ class JsonFormatter(logging.Formatter):
     """One JSON object a line: ts, level, logger, message, then the fields; a traceback is one text."""
 
     def format(self, record: logging.LogRecord) -> str:
-        told: dict[str, Any] = {"ts": moment(record.created), "level": record.levelname.lower(), "logger": record.name}
-        message = record.getMessage()
-        told |= {"message": message} if message else {}
-        told |= fields_of(record)
+        line = {
+            "ts": moment(record.created),
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": record.getMessage(),
+            **fields_of(record),
+        }
         if record.exc_info:
-            told["exception"] = self.formatException(record.exc_info)
-        return json.dumps(told, ensure_ascii=False, default=str)  # noqa: TID251 - a line of a log, whatever stands in it
+            line["exception"] = self.formatException(record.exc_info)
+        return json.dumps(line, ensure_ascii=False, default=str)  # noqa: TID251 - a line of a log, whatever stands in it
 
 
 def log_to_stderr(form: str = "text", level: int = logging.INFO, stream: TextIO | None = None) -> None:
@@ -60,9 +67,8 @@ def log_to_stderr(form: str = "text", level: int = logging.INFO, stream: TextIO 
         logger = logging.getLogger(name)
         logger.handlers, logger.propagate = [handler], False
         logger.setLevel(level if name == "tailstack" else logging.WARNING)
-    # no line tells these, and a record would look each of them up
+    # no line has these, and a record would look each of them up
     logging.logThreads = logging.logProcesses = logging.logMultiprocessing = False
-    logging._srcfile = None  # documented: no record looks for the line that wrote it
 
 
 def _word(value: Any) -> str:

@@ -110,6 +110,11 @@ def kernel(*, nogil: bool = False, error_model: str = "numpy", **options: Any) -
     return compile_later
 
 
+def kernels_without_store() -> list[str]:
+    """Names of the kernels that every process compiles anew, because this numba does not take our files of them."""
+    return [name for name, dispatcher in KERNELS.items() if not isinstance(dispatcher._cache, KernelStore)]
+
+
 class KernelStore(_Cache):
     """The files of one kernel, in the shape that numba asks for."""
 

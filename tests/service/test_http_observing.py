@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import io
 import json
 import logging
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -14,6 +16,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 from service_scenes import client_with, small_design
 
+import tailstack_service
 from tailstack_service.logs import JsonFormatter, TextFormatter, log_to_stderr
 from tailstack_service.settings import Settings
 
@@ -138,3 +141,16 @@ def test_what_a_stranger_sends_makes_no_long_line(client: httpx.Client, told: io
     answered = [line for line in lines if line.get("action") == "answered"]
     assert [line["status"] for line in answered] == [405, 404]
     assert max(len(line) for line in told.getvalue().splitlines()) < 1000
+
+
+def test_every_line_that_the_service_logs_is_a_sentence_with_an_action() -> None:
+    """Read from the sources: most lines are about what a test can hardly bring about."""
+    wrong = []
+    for file in sorted(Path(tailstack_service.__file__).parent.rglob("http/*.py")):
+        for call in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(call, ast.Call) and ast.unparse(call.func).startswith("log."):
+                [sentence, *_] = call.args
+                words = sentence.value.split() if isinstance(sentence, ast.Constant) else []
+                if len([word for word in words if word.isalpha()]) < 3 or "extra" not in {k.arg for k in call.keywords}:
+                    wrong.append(f"{file.name}:{call.lineno}: {ast.unparse(call)}")
+    assert not wrong

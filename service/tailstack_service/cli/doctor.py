@@ -84,9 +84,8 @@ def _kernels() -> str:
 
     for file in kernels.files_with_kernels():
         import_module("tailstack." + file.removesuffix(".py").replace("/", "."))
-    for name, compiled in kernels.KERNELS.items():
-        if not isinstance(compiled._cache, kernels.KernelStore):
-            raise RuntimeError(f"{kernels.BUILT_WITH} keeps no kernels: every process compiles {name} and the others")
+    if without := kernels.kernels_without_store():
+        raise RuntimeError(f"{kernels.BUILT_WITH} keeps no kernels: every process compiles {without[0]} and the others")
     folders = (kernels.PREBUILT, kernels.writable_directory())
     kept = [one for folder in folders for one in kernels.stored_kernels(folder)]
     current = [one for one in kept if one.current]

@@ -116,7 +116,7 @@ def _log(db: Database, arguments: argparse.Namespace) -> Answer:
 
     from tailstack.json_text import write_json
 
-    from ..moments import moment
+    from ..logs import moment
     from ..rendering.tables import table
     from ..store import audit
 

@@ -122,7 +122,8 @@ class Access:
                 await self._note_use(key_id, tenant, address)
             except TailstackError as error:  # the next request with this key tries again
                 self._noted.discard(use)
-                log.warning("%s", error, extra={"action": "not-audited", "tenant": tenant, "detail": f"key {key_id}"})
+                fields = {"action": "not-audited", "tenant": tenant, "detail": f"key {key_id}"}
+                log.warning("the use of a key is not in the audit log: %s", error, extra=fields)
 
         task = asyncio.create_task(note())
         self._noting.add(task)

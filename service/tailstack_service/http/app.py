@@ -31,6 +31,10 @@ from .places import Places, stopping_error
 from .problems import CLIENT_LEFT, HANDLERS, defect_error, refusal_response
 from .service import Service, Storage
 
+log = logging.getLogger("tailstack.service")
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
+HARMLESS_ID = re.compile(rb"[A-Za-z0-9._:-]{1,64}\Z")
+LONGEST_METHOD, LONGEST_PATH = 20, 200  # characters that are logged: a stranger may send 60,000
 ROUTERS = (posting.router, jobs.router, events.router, jobs.result_router, information.router)
 
 
@@ -95,10 +99,6 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
             await asyncio.to_thread(service.storage.close)
 
 
-log = logging.getLogger("tailstack.service")
-SIGNALS = (signal.SIGTERM, signal.SIGINT)
-
-
 @contextmanager
 def listen(stopping: threading.Event) -> Iterator[None]:
     """Set ``stopping`` as soon as a signal tells the server to stop, not when it has stopped.
@@ -106,7 +106,7 @@ def listen(stopping: threading.Event) -> Iterator[None]:
     uvicorn tells an application only when every connection is closed, and those that wait or stream would wait for
     just that.  Its own handler is called next.  One of several API processes also ends when its parent has gone.
     """
-    asyncio.get_running_loop().set_exception_handler(_say_briefly)
+    asyncio.get_running_loop().set_exception_handler(_log_briefly)
     if threading.current_thread() is not threading.main_thread():  # nobody can signal it: ``server.running_service``
         yield
         return
@@ -121,7 +121,7 @@ def listen(stopping: threading.Event) -> Iterator[None]:
 
     parent = multiprocessing.parent_process()
     if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), name="tailstack-parent", daemon=True).start()
+        threading.Thread(target=_end_after, args=(parent,), name="tailstack-parent", daemon=True).start()
     for number in SIGNALS:
         signal.signal(number, stop)
     try:
@@ -131,23 +131,18 @@ def listen(stopping: threading.Event) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _end_with(parent: Any) -> None:
+def _end_after(parent: Any) -> None:
     parent.join()
     os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _say_briefly(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+def _log_briefly(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
     """What a client does wrong after its answer has left cannot be answered, and is no defect of the service."""
     error = context.get("exception")
     if isinstance(error, h11.ProtocolError):
-        log.warning("%s", error, extra={"action": "not-http"})
+        log.warning("a client sent something that is not HTTP: %s", error, extra={"action": "not-http"})
     else:
         loop.default_exception_handler(context)
-
-
-log = logging.getLogger("tailstack.service")
-_ID = re.compile(rb"[A-Za-z0-9._:-]{1,64}\Z")
-LONGEST_METHOD, LONGEST_PATH = 20, 200  # characters that are logged: a stranger may send 60,000
 
 
 class Unsendable(Exception):
@@ -167,7 +162,7 @@ class RequestLog:
             return
         headers = dict(reversed(scope["headers"]))  # of those that came twice, the first
         offered = headers.get(b"x-request-id", b"")
-        request_id = offered.decode() if _ID.match(offered) else os.urandom(16).hex()
+        request_id = offered.decode() if HARMLESS_ID.match(offered) else os.urandom(16).hex()
         state = scope.setdefault("state", {})
         state["request_id"] = request_id
         request = Request(scope, receive)
@@ -199,25 +194,27 @@ class RequestLog:
             except Unsendable:
                 raise
             except Exception:
-                told = {"request": request_id, "path": scope["path"][:LONGEST_PATH]}
-                log.exception("", extra={"action": "failed", **told})
+                defect = {"action": "failed", "request": request_id, "path": scope["path"][:LONGEST_PATH]}
+                log.exception("a defect of the service ended this request", extra=defect)
                 await answer(defect_error())
         except Unsendable:
             while (await receive())["type"] != "http.disconnect":
                 pass
-        took = time.perf_counter() - started
+        seconds = time.perf_counter() - started
         known = status != 405 and "route" in scope  # a stranger's methods and paths are without end
         method, route = (scope["method"], scope["route"].path) if known else (NO_ROUTE, NO_ROUTE)
-        self.service.metrics.answered(method, route, status, took)
+        self.service.metrics.count_answer(method, route, status, seconds)
         caller = state.get("caller")
-        log.info(
-            "",
-            extra={
-                "action": "answered", "request": request_id, "method": scope["method"][:LONGEST_METHOD],
-                "path": scope["path"][:LONGEST_PATH],
-                "status": status, "ms": 1e3 * took, "tenant": None if caller is None else caller.tenant,
-            },
-        )  # fmt: skip
+        fields = {
+            "action": "answered",
+            "request": request_id,
+            "method": scope["method"][:LONGEST_METHOD],
+            "path": scope["path"][:LONGEST_PATH],
+            "status": status,
+            "ms": 1e3 * seconds,
+            "tenant": None if caller is None else caller.tenant,
+        }
+        log.info("answered a request for %s", route if known else "what is not there", extra=fields)
 
     def _check(self, request: Request, headers: dict[bytes, bytes]) -> None:
         if b"transfer-encoding" in headers and b"content-length" in headers:

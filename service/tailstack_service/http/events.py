@@ -13,7 +13,7 @@ from tailstack.errors import Problem, TailstackError
 from tailstack.json_text import write_json
 
 from ..job_document import ENDED
-from ..moments import moment
+from ..logs import moment
 from ..problems import RequestError, TransportError
 from ..settings import variable
 from ..store import jobs as stored

@@ -89,7 +89,7 @@ async def readiness(service: TheService) -> Response:
     try:
         workers: int | None = await service.storage.look(lambda database: look(database, fresh_seconds=FRESH_SECONDS))
     except TailstackError as error:
-        log.warning("%s", error, extra={"action": "database-not-ready"})
+        log.warning("not ready, for want of the database: %s", error, extra={"action": "database-not-ready"})
         workers = None
     document = Readiness(
         status="stopping" if service.stopping.is_set() else service.places.warmth,

@@ -40,7 +40,7 @@ class Metrics:
         if shared:
             multiprocess.MultiProcessCollector(self._registry)  # type: ignore[no-untyped-call]
 
-    def answered(self, method: str, route: str, status: int, seconds: float) -> None:
+    def count_answer(self, method: str, route: str, status: int, seconds: float) -> None:
         """Count one request under the template of its route, never under its path: paths are without end."""
         requests, durations = self._counters(method, route, status)
         requests.inc()

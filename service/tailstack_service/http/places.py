@@ -197,7 +197,8 @@ class Places:
                 self.warmth = "failed"  # readiness says so, and a supervisor or an operator can act
                 raise _out_of_date(error) from None
             except TimeoutError:
-                log.info("", extra={"action": "computation-killed", "pid": process.pid, "seconds": seconds})
+                late = {"action": "computation-killed", "pid": process.pid, "seconds": seconds}
+                log.info("a computation took longer than %g s, and its process was killed", seconds, extra=late)
                 if not may_overrun:
                     raise _too_long(self.seconds) from None
             finally:
@@ -298,7 +299,7 @@ class Places:
             process.warm = True
         except (Defect, Died, OutOfDate) as error:
             if not self._stopping.is_set():
-                log.error("%s", error, extra={"action": "warm-up-failed"})
+                log.error("a process cannot load its kernels: %s", error, extra={"action": "warm-up-failed"})
         finally:
             self._warming -= 1
             if process.spent:

@@ -137,8 +137,8 @@ async def submitted(request: Request, posted: JobRequest, key: str | None) -> Re
         max_queued=settings.max_queued_jobs,
     )  # fmt: skip
     if new:
-        log.info("", extra={"action": "accepted", "request": request.state.request_id, "job": job.id,
-                            "kind": job.kind, "tenant": tenant})  # fmt: skip
+        fields = {"request": request.state.request_id, "job": job.id, "kind": job.kind, "tenant": tenant}
+        log.info("accepted a job", extra={"action": "accepted", **fields})
     headers = {"Location": f"/v1/jobs/{job.id}"}
     if not new:
         headers["Idempotency-Replayed"] = "true"

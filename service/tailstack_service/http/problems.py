@@ -63,7 +63,7 @@ def defect_error() -> TransportError:
 
 def _without_its_address(request_id: str, error: TailstackError) -> TransportError:
     """What a driver says may name hosts, files and users: that is for the log, not for a client."""
-    log.warning("%s", error, extra={"action": error.slug, "request": request_id})
+    log.warning("the database failed a request: %s", error, extra={"action": error.slug, "request": request_id})
     detail = "the database does not answer" if error.slug == "store-unavailable" else "the database cannot be used"
     return TransportError(error.slug, Problem("", error.slug, detail, "the log says why, under the id of the request"))
 

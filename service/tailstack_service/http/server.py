@@ -32,10 +32,14 @@ from .access import check_settings, is_loopback
 if TYPE_CHECKING:
     from fastapi import FastAPI
 
+log = logging.getLogger("tailstack.service")
 DEFAULT_PORT = 8321
 BACKLOG = 1024
 ANSWER_SECONDS = 8  # for an API process to say that it lives; one that has just been started is busy importing
 GRACE_SECONDS = 6  # for answers that are being written when the service is told to stop; in all it takes 10
+FIRST_PAUSE, LONGEST_PAUSE = 0.2, 10.0  # seconds before a process that ended is started again
+GOOD_SECONDS = 30.0  # a process that lived so long did not fail at its start
+STOP_SECONDS = 9.0  # for a process to end by itself when told to
 SHARED_COUNTERS = "PROMETHEUS_MULTIPROC_DIR"  # prometheus_client reads it when it is imported
 
 
@@ -128,18 +132,18 @@ class _Family:
     def stop_with(self, stopping: threading.Event) -> None:
         """Tell them to end as soon as the event is set, while this process is still busy ending itself."""
 
-        def tell() -> None:
+        def wait() -> None:
             stopping.wait()
-            self.tell()
+            self.terminate()
 
-        threading.Thread(target=tell, name="tailstack-family", daemon=True).start()
+        threading.Thread(target=wait, name="tailstack-family", daemon=True).start()
 
-    def tell(self) -> None:
+    def terminate(self) -> None:
         for child in self.children:
-            child.tell()
+            child.terminate()
 
     def stop(self) -> None:
-        self.tell()
+        self.terminate()
         for child in self.children:
             child.stop()
 
@@ -184,23 +188,23 @@ def _serve_with_several(
         os.environ.pop(SHARED_COUNTERS, None)
         for number, handler in handlers.items():
             signal.signal(number, handler)
-    if supervisor.told == signal.SIGINT:
+    if supervisor.end_signal == signal.SIGINT:
         raise KeyboardInterrupt
-    if supervisor.told is None:
+    if supervisor.end_signal is None:
         raise RequestError(Problem("", "cannot-serve", "an API process did not start", "stderr says why"))
 
 
 class _Supervisor(Multiprocess):
     """uvicorn's own, which says which signal ended it."""
 
-    told: signal.Signals | None = None
+    end_signal: signal.Signals | None = None
 
     def handle_int(self) -> None:
-        self.told = signal.SIGINT
+        self.end_signal = signal.SIGINT
         super().handle_int()
 
     def handle_term(self) -> None:
-        self.told = self.told or signal.SIGTERM
+        self.end_signal = self.end_signal or signal.SIGTERM
         super().handle_term()
 
 
@@ -241,7 +245,7 @@ def running_service(
         stack.callback(thread.join)
 
         def stop() -> None:
-            family.tell()
+            family.terminate()
             app.state.service.stopping.set()
             server.should_exit = True
 
@@ -251,12 +255,6 @@ def running_service(
                 raise RequestError(Problem("", "cannot-serve", "the embedded service did not start"))
             time.sleep(0.02)
         yield bound.getsockname()[:2]
-
-
-log = logging.getLogger("tailstack.service")
-FIRST_PAUSE, LONGEST_PAUSE = 0.2, 10.0  # seconds before a process that ended is started again
-GOOD_SECONDS = 30.0  # a process that lived so long did not fail at its start
-STOP_SECONDS = 9.0  # for a process to end by itself when told to
 
 
 class Child:
@@ -271,15 +269,15 @@ class Child:
         self._changing = threading.Lock()
         self._stopping = threading.Event()
         self._process = start()
-        self._told_at: float | None = None
-        self._thread = threading.Thread(target=self._keep, name=f"tailstack-keep-{name}", daemon=True)
+        self._stopped_at: float | None = None
+        self._thread = threading.Thread(target=self._respawn, name=f"tailstack-keep-{name}", daemon=True)
         self._thread.start()
 
     @property
     def pid(self) -> int:
         return self._process.pid
 
-    def _keep(self) -> None:
+    def _respawn(self) -> None:
         pause, begun = FIRST_PAUSE, time.monotonic()
         while True:
             code = self._process.wait()
@@ -287,9 +285,9 @@ class Child:
                 return
             pause = FIRST_PAUSE if time.monotonic() - begun > GOOD_SECONDS else pause
             log.warning(
-                "",
+                "the %s process ended; it is started again in %g s", self.name, pause,
                 extra={"action": "child-ended", "kind": self.name, "pid": self.pid, "status": code, "seconds": pause},
-            )
+            )  # fmt: skip
             if self._stopping.wait(pause):
                 return
             pause = min(2 * pause, LONGEST_PAUSE)
@@ -300,27 +298,29 @@ class Child:
                 try:
                     started = self._start()
                 except OSError:  # no memory or no process to be had just now: the old one is waited for again
-                    log.exception("", extra={"action": "child-not-started", "kind": self.name})
+                    failure = {"action": "child-not-started", "kind": self.name}
+                    log.exception("the %s process could not be started; it is tried again", self.name, extra=failure)
                     continue
                 _close(self._process)
                 self._process = started
 
-    def tell(self) -> None:
+    def terminate(self) -> None:
         """Ask the process to end, and start no other.  Returns at once; may be called more than once."""
         self._stopping.set()
-        self._told_at = self._told_at or time.monotonic()
+        self._stopped_at = self._stopped_at or time.monotonic()
         with self._changing:
             if self._process.poll() is None:
                 self._process.terminate()
 
     def stop(self) -> None:
         """Return when the process has ended, killed if it takes too long."""
-        self.tell()
-        assert self._told_at is not None
+        self.terminate()
+        assert self._stopped_at is not None
         try:
-            self._process.wait(max(self._told_at + STOP_SECONDS - time.monotonic(), 0.1))
+            self._process.wait(max(self._stopped_at + STOP_SECONDS - time.monotonic(), 0.1))
         except subprocess.TimeoutExpired:
-            log.warning("", extra={"action": "child-killed", "kind": self.name, "pid": self.pid})
+            late = {"action": "child-killed", "kind": self.name, "pid": self.pid}
+            log.warning("the %s process did not end when told to, and is killed", self.name, extra=late)
             self._process.kill()
             self._process.wait()
         self._thread.join()

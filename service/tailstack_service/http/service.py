@@ -173,5 +173,5 @@ async def note_policy(request: Request, terms: dict[str, Any]) -> None:
     try:
         await service_of(request).storage.write(audit.note_policy, caller.name, caller.tenant, terms)
     except TailstackError as error:
-        told = {"action": "not-audited", "request": request.state.request_id, "tenant": caller.tenant}
-        log.warning("%s", error, extra=told)
+        fields = {"action": "not-audited", "request": request.state.request_id, "tenant": caller.tenant}
+        log.warning("by what a gate was judged is not in the audit log: %s", error, extra=fields)
