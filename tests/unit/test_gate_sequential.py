@@ -15,16 +15,9 @@ from scipy.stats import beta
 
 from scenes import cios_system, target
 from tailstack.errors import OutOfRangeError
-from tailstack.montecarlo import compile_plan, simulate
-from tailstack.montecarlo.estimators import interval_ranks
-from tailstack.montecarlo.sequential import (
-    Question,
-    cvar_interval,
-    planned_looks,
-    repeated_interval,
-    repeated_ranks,
-    simulate_to_decision,
-)
+from tailstack.montecarlo import Simulation, compile_plan, simulate
+from tailstack.montecarlo.estimators import cvar_interval, interval_ranks, repeated_interval, repeated_ranks
+from tailstack.montecarlo.stopping import Question, decision_looks, simulate_to_decision
 
 Counts = np.ndarray
 
@@ -91,7 +84,7 @@ def test_two_small_looks_against_every_path() -> None:
 def test_on_the_limit_wrong_decisions_are_as_rare_as_stated(quantile: float, confidence: float, cap: int) -> None:
     """sampled: 40,000 runs exactly on the limit, the worst case for either error; seed 20."""
     runs, stated = 40_000, (1 - confidence) / 2
-    kept, missed, open_ones = outcomes(planned_looks(cap), quantile, confidence, quantile, runs, 20)
+    kept, missed, open_ones = outcomes(decision_looks(cap), quantile, confidence, quantile, runs, 20)
     for wrong in (kept, missed):
         low, high = exact_interval(wrong, runs)
         assert low <= stated
@@ -104,7 +97,7 @@ def test_on_the_limit_wrong_decisions_are_as_rare_as_stated(quantile: float, con
 def test_beyond_the_limit_it_is_decided_and_hardly_ever_wrongly(beyond: float) -> None:
     """sampled: 3 % more or fewer trials above the limit than allowed, some seven standard deviations at the cap."""
     runs = 20_000
-    kept, missed, open_ones = outcomes(planned_looks(2**20), 0.95, 0.95, 1 - 0.05 * beyond, runs, 21)
+    kept, missed, open_ones = outcomes(decision_looks(2**20), 0.95, 0.95, 1 - 0.05 * beyond, runs, 21)
     right, wrong = (kept, missed) if beyond < 1 else (missed, kept)
     assert exact_interval(wrong, runs)[0] <= 0.025
     assert wrong < 0.02 * runs
@@ -113,14 +106,14 @@ def test_beyond_the_limit_it_is_decided_and_hardly_ever_wrongly(beyond: float) -
 
 
 def test_far_from_the_limit_the_first_look_decides() -> None:
-    kept, missed, _ = outcomes(planned_looks(8192), 0.95, 0.95, 1 - 0.05 * 0.8, 20_000, 22)
+    kept, missed, _ = outcomes(decision_looks(8192), 0.95, 0.95, 1 - 0.05 * 0.8, 20_000, 22)
     assert kept / 20_000 > 0.97
     assert missed == 0
 
 
 def test_all_intervals_hold_together() -> None:
     """sampled: the quantile lies in the intervals of *all* looks in at least 95 % of 40,000 runs; seed 23."""
-    looks = planned_looks(2**18)
+    looks = decision_looks(2**18)
     ranks = repeated_ranks(looks, 0.95, 0.95)
     random = np.random.default_rng(23)
     below = np.cumsum(random.binomial(np.diff((0, *looks)), 0.95, (40_000, len(looks))), axis=1)
@@ -133,7 +126,7 @@ def test_all_intervals_hold_together() -> None:
 
 
 def test_what_has_no_order_statistic_yet_has_no_end() -> None:
-    first = repeated_ranks(planned_looks(2**20), 0.9999, 0.95)[0]
+    first = repeated_ranks(decision_looks(2**20), 0.9999, 0.95)[0]
     assert first.high is None
     assert first.low is not None
     plan = compile_plan(cios_system())
@@ -189,9 +182,7 @@ def decisions(chain: tuple[object, float], factor: float, runs: int) -> dict[str
     found = {"kept": 0, "missed": 0, "open": 0, "trials": 0}
     for seed in range(runs):
         question = Question("tip", "tcp", 0.95, factor * p95)
-        run = simulate_to_decision(
-            plan, seed=seed, questions=[question], confidence=CONFIDENCE, max_trials=CAP, quantile=0.95, threads=1
-        )
+        run = simulate_to_decision(Simulation(plan, seed, threads=1), [question], confidence=CONFIDENCE, max_trials=CAP)
         k = run.looks.index(run.samples.trials)
         ranks = repeated_ranks(run.looks, 0.95, CONFIDENCE)[k]
         low, high = repeated_interval(run.samples, "tip", "tcp", 0.95, ranks).interval_mm

@@ -15,7 +15,9 @@ from tailstack.errors import OutOfRangeError
 from tailstack.montecarlo import (
     Goal,
     LinearChain,
+    Run,
     Samples,
+    Simulation,
     compile_plan,
     cvar_estimate,
     deepen,
@@ -30,8 +32,8 @@ from tailstack.montecarlo import (
     simulate_to_precision,
     wilks_sample_size,
 )
-from tailstack.montecarlo.estimators import planned_looks
 from tailstack.montecarlo.simulate import ErrorSample
+from tailstack.montecarlo.stopping import precision_looks
 from tailstack.propagation.linear import linearise
 from tailstack.system import Law, System
 from tailstack.tail.declared import law_exceedance, law_quantile, linear_law
@@ -81,7 +83,7 @@ def test_too_few_trials_are_refused() -> None:
 def test_moments_and_tail_against_numpy(run: tuple[Samples, np.ndarray]) -> None:
     samples, norms = run
     sample = samples.of("target", "tcp")
-    errors = evaluate(samples.plan, draw(samples.plan, 4, np.arange(30_000)))[:, 0, 0]
+    errors = evaluate(samples.simulation.plan, draw(samples.simulation.plan, 4, np.arange(30_000)))[:, 0, 0]
     np.testing.assert_allclose(sample.mean, errors.mean(axis=0), rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(sample.covariance, np.cov(errors.T), rtol=1e-10)
     assert sample.mean_norm == pytest.approx(norms.mean(), rel=1e-12)
@@ -150,10 +152,11 @@ def test_cvar_standard_error_is_that_of_repetitions(run: tuple[Samples, np.ndarr
 def test_adaptive_run_stops_at_its_precision() -> None:
     plan = compile_plan(cube8_system())
     seen: list[tuple[int, int]] = []
-    run = simulate_to_precision(plan, precision=0.01, seed=3, progress=lambda done, total: seen.append((done, total)))
+    simulation = Simulation(plan, 3, progress=lambda done, total: seen.append((done, total)))
+    run = simulate_to_precision(simulation, precision=0.01)
     assert run.reached
     assert run.precision_reached <= 0.01
-    assert run.samples.trials in planned_looks(2**24)
+    assert run.samples.trials in precision_looks(2**24)
     assert "as requested" in run.stopping
     assert "Bonferroni" in run.stopping
     assert seen[-1][0] == run.samples.trials
@@ -164,9 +167,8 @@ def test_adaptive_run_stops_at_its_precision() -> None:
 
 def test_adaptive_run_says_when_it_hits_the_cap() -> None:
     run = simulate_to_precision(
-        compile_plan(cube8_system()),
+        Simulation(compile_plan(cube8_system()), 3),
         precision=1e-4,
-        seed=3,
         max_trials=40_000,
         goals=[Goal("target", "localisation", 0.99)],
     )
@@ -175,13 +177,14 @@ def test_adaptive_run_says_when_it_hits_the_cap() -> None:
     assert "cap" in run.stopping
 
 
-def test_extension_needs_the_same_run() -> None:
+def test_a_run_goes_on_from_whole_blocks() -> None:
     plan = compile_plan(cube8_system())
-    part = simulate(plan, trials=16384, seed=1)
-    with pytest.raises(OutOfRangeError, match="same plan and seed"):
-        simulate(plan, trials=32768, seed=2, extend=part)
-    with pytest.raises(OutOfRangeError, match="already compiled"):
-        simulate(plan, trials=100, seed=1, shots_per_unit=2)
+    run = Run(Simulation(plan, 1))
+    run.grow(5000)
+    with pytest.raises(OutOfRangeError, match="multiple of 8192"):
+        run.grow(32768)
+    with pytest.raises(OutOfRangeError, match="threads must be at least 1"):
+        simulate(plan, trials=100, seed=1, threads=0)
     with pytest.raises(OutOfRangeError, match="at least 2"):
         simulate(plan, trials=1, seed=1)
 

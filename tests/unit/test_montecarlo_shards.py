@@ -11,8 +11,8 @@ import pytest
 
 from scenes import cube8_system, mount, system_of, target, with_noise
 from tailstack import verify
-from tailstack.montecarlo import Samples, compile_plan, quantile_estimate, run_indices, simulate
-from tailstack.montecarlo.simulate import (
+from tailstack.montecarlo import Run, Samples, Simulation, compile_plan, quantile_estimate, run_indices, simulate
+from tailstack.montecarlo.shards import (
     BLOCK,
     LARGEST_SHARD,
     Pending,
@@ -41,19 +41,19 @@ PLAN = compile_plan(cube8_system())
 
 
 def cut_at(size: int):
-    """A source of shards that were written to bytes and read back."""
+    """A sampler of shards that were written to bytes and read back."""
 
-    def source(wanted: TrialsTask) -> Iterator[Shard]:
+    def sampler(wanted: TrialsTask) -> Iterator[Shard]:
         for first, stop in spans(wanted.first, wanted.stop, size):
             yield shard_from_bytes(shard_to_bytes(compute_shard(replace(wanted, first=first, stop=stop))))
 
-    return source
+    return sampler
 
 
 def assert_same_where_both_know(whole: Samples, parts: Samples) -> None:
     """Equal moments and counts, and equal norms down to where the shorter tail ends."""
     assert whole.redone == parts.redone
-    assert np.array_equal(whole.reprojection.rms_px, parts.reprojection.rms_px)
+    assert np.array_equal(whole.reprojection_px, parts.reprojection_px)
     for one, other in zip(whole.errors, parts.errors, strict=True):
         assert np.array_equal(one.mean, other.mean)
         assert np.array_equal(one.scatter, other.scatter)
@@ -67,17 +67,16 @@ def assert_same_where_both_know(whole: Samples, parts: Samples) -> None:
 @pytest.mark.parametrize("size", [BLOCK, 2 * BLOCK, 2**17])
 @pytest.mark.parametrize("trials", [5000, 3 * BLOCK, 50_001])
 def test_a_run_of_shards_is_the_run(size: int, trials: int) -> None:
-    asked = {"trials": trials, "seed": 11, "reprojection": True, "limits": LIMITS}
-    assert_same_where_both_know(simulate(PLAN, **asked), simulate(PLAN, **asked, source=cut_at(size)))
+    whole = Simulation(PLAN, 11, limits=LIMITS, reprojection=True)
+    parts = replace(whole, sampler=cut_at(size))
+    assert_same_where_both_know(Run(whole).grow(trials), Run(parts).grow(trials))
 
 
 def test_a_run_of_shards_is_extended_like_any_other() -> None:
-    begun = simulate(PLAN, trials=2 * BLOCK, seed=4, reprojection=True, limits=LIMITS, source=cut_at(BLOCK))
-    longer = simulate(
-        PLAN, trials=40_000, seed=4, reprojection=True, limits=LIMITS, extend=begun, source=cut_at(2 * BLOCK)
-    )
-    whole = simulate(PLAN, trials=40_000, seed=4, reprojection=True, limits=LIMITS)
-    assert_same_where_both_know(whole, longer)
+    whole = Simulation(PLAN, 4, limits=LIMITS, reprojection=True)
+    run = Run(replace(whole, sampler=cut_at(BLOCK)))
+    run.grow(2 * BLOCK)
+    assert_same_where_both_know(Run(whole).grow(40_000), run.grow(40_000))
 
 
 def test_exceedance_is_counted_as_by_the_norms_themselves() -> None:
@@ -85,13 +84,13 @@ def test_exceedance_is_counted_as_by_the_norms_themselves() -> None:
     errors = run_indices(PLAN, 7, 0, 20_000).errors[0, 0]
     expected = int((np.sqrt((errors**2).sum(axis=0)) > LIMITS[0]).sum())
     assert 100 < expected < 19_900
-    found = simulate(PLAN, trials=20_000, seed=7, limits=LIMITS, source=cut_at(BLOCK)).of(0, "tcp")
+    found = Run(Simulation(PLAN, 7, limits=LIMITS, sampler=cut_at(BLOCK))).grow(20_000).of(0, "tcp")
     assert found.above == (LIMITS[0], expected)
 
 
 def test_a_tail_that_is_too_short_is_drawn_again() -> None:
     """A quantile far below the one that the shards were kept for."""
-    parts = simulate(PLAN, trials=30_000, seed=3, quantile=0.99, source=cut_at(BLOCK))
+    parts = Run(Simulation(PLAN, 3, 0.99, sampler=cut_at(BLOCK))).grow(30_000)
     assert len(parts.of(0).tail) < 1500
     whole = simulate(PLAN, trials=30_000, seed=3, quantile=0.5)
     assert quantile_estimate(parts, 0, "tcp", 0.6) == quantile_estimate(whole, 0, "tcp", 0.6)
@@ -101,7 +100,7 @@ def test_trials_without_an_answer_stay_beyond_every_limit() -> None:
     """More of them than a shard keeps: its floor is infinite, and so is what is left of the tail."""
     lost = compute_shard(TrialsTask(PLAN, 1, 0, BLOCK, 0.99, False, LIMITS))
     lost = replace(lost, tails=[np.full(len(tail), inf) for tail in lost.tails], floors=(inf, inf))
-    samples = simulate(PLAN, trials=2 * BLOCK, seed=1, source=lambda _: (lost, lost))
+    samples = Run(Simulation(PLAN, 1, sampler=lambda _: (lost, lost))).grow(2 * BLOCK)
     assert len(samples.of(0).tail) >= len(lost.tails[0])
     assert (samples.of(0).tail == inf).all()
 
@@ -135,7 +134,7 @@ def test_packed_records_read_back_exactly_or_not_at_all() -> None:
 
 
 class Slowly:
-    """A source that holds nothing at first, and one part more each time it is asked."""
+    """A sampler that holds nothing at first, and one part more each time it is asked."""
 
     def __init__(self, ready, size: int) -> None:
         self.ready, self.size = ready, size
@@ -190,18 +189,18 @@ def test_a_check_asked_again_and_again_is_the_check(sampling: Sampling, size: in
     """Bounded vertices, a localisation requirement, installed units: Pending until all is there, then equal records."""
     system = _bounded_and_per_unit()
     ready = prepare(system)
-    source = Slowly(ready, size)
+    sampler = Slowly(ready, size)
     rounds = 0
     while True:
         try:
-            found = verify_prepared(ready, sampling, threads=1, source=source)
+            found = verify_prepared(ready, sampling, threads=1, sampler=sampler)
             break
         except Pending:
             rounds += 1
     assert rounds > 0
     options = {field: getattr(sampling, field) for field in ("trials", "precision", "seed", "method", "max_trials")}
     assert found == verify(system, **options)
-    assert len(source.asked) == len(set(source.asked))
+    assert len(sampler.asked) == len(set(sampler.asked))
 
 
 def test_a_check_with_nothing_at_hand_asks_for_everything_at_once() -> None:
@@ -209,5 +208,5 @@ def test_a_check_with_nothing_at_hand_asks_for_everything_at_once() -> None:
     ready = prepare(_bounded_and_per_unit())
     assert len(ready.plans) == 4
     with pytest.raises(Pending) as pending:
-        verify_prepared(ready, Sampling(trials=10_000), source=Slowly(ready, 2**18))
+        verify_prepared(ready, Sampling(trials=10_000), sampler=Slowly(ready, 2**18))
     assert sorted(key[0] for key in pending.value.wanted) == ["trials"] * 4 + ["units"] * 4

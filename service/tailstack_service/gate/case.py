@@ -280,7 +280,7 @@ def _make_cvar_numbers(score: Score, verification: Verification | None, rules: R
             ratio = 1 + error_percent(score.validity, CVAR_LIKE) / 100
             found.append((target.name, value, (value / ratio, value * ratio)))
     else:
-        from tailstack.montecarlo.sequential import cvar_interval
+        from tailstack.montecarlo.estimators import cvar_interval
 
         for estimate in verification.targets:
             ends = cvar_interval(

@@ -158,7 +158,7 @@ def plan_sampling(gate: Gate, computed: ScoredDesign) -> Sampling:
     """How a design that was scored is checked: in mode auto until every limit is decided and no longer, in mode verify
     to the policy's precision as well.  Values up to which waivers accept are limits like others.
     """
-    from tailstack.montecarlo.sequential import CvarQuestion, Question
+    from tailstack.montecarlo.stopping import CvarQuestion, Question
     from tailstack.verification import Sampling
 
     assert computed.score is not None
@@ -199,10 +199,10 @@ def draw_check(gate: Gate, computed: ScoredDesign, progress: Progress | None = N
 
 def count_looks(gate: Gate) -> int:
     """Looks that the checks of a gate are planned with."""
-    from tailstack.montecarlo import estimators, sequential
+    from tailstack.montecarlo.stopping import decision_looks, precision_looks
 
-    planned = sequential.planned_looks if gate.mode == "auto" else estimators.planned_looks
-    return len(planned(gate.policy.document.verification.max_trials))
+    looks = decision_looks if gate.mode == "auto" else precision_looks
+    return len(looks(gate.policy.document.verification.max_trials))
 
 
 _LIMITS = ("limit_mm", "min_mm", "max_probability", "min_yield")

@@ -15,11 +15,12 @@ from tailstack.design import Design, design_to_data
 from tailstack.errors import Problem
 from tailstack.montecarlo import ChainPlan, run_indices
 from tailstack.montecarlo.estimators import interval_ranks
+from tailstack.montecarlo.simulate import Progress
 from tailstack.precision import PRECISION
 from tailstack.results import Optimisation, Score, TargetScore, Verification
 from tailstack.scoring import score as score_design
 from tailstack.tail.declared import law_exceedance
-from tailstack.verification import MAX_TRIALS, PreparedDesign, Progress, prepare
+from tailstack.verification import MAX_TRIALS, PreparedDesign, prepare
 
 from ..problems import RequestError
 from .chapters.optimisation import optimise_command

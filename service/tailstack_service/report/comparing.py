@@ -7,8 +7,9 @@ from dataclasses import replace
 
 from tailstack.design import Design, compile_design, load_design
 from tailstack.errors import Problem
+from tailstack.montecarlo.simulate import Progress
 from tailstack.results import Verification
-from tailstack.verification import PreparedDesign, Progress, Sampling, prepare, verify_prepared
+from tailstack.verification import PreparedDesign, Sampling, prepare, verify_prepared
 
 from ..problems import RequestError
 from ..rendering.verdict import urgency

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from tailstack.errors import InfeasibleError, NotConvergedError, TailstackError
-from tailstack.montecarlo.simulate import Pending
+from tailstack.montecarlo.shards import Pending
 from tailstack.optimisation.alternatives import front_factors, front_point, mark_dominated
 from tailstack.optimisation.optimising import Asked, ask, finish
 from tailstack.optimisation.program import Point

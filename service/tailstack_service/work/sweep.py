@@ -10,7 +10,7 @@ from pydantic import TypeAdapter
 
 from tailstack.design import compile_design
 from tailstack.montecarlo import compile_plan
-from tailstack.montecarlo.simulate import shard_trials
+from tailstack.montecarlo.shards import shard_trials
 from tailstack.results.sweep import SweepPoint
 from tailstack.sweeping import Axis, SweepError, assembled, read_axes, size_of, sweep_points
 from tailstack.verification import MAX_TRIALS

@@ -16,7 +16,7 @@ import numpy as np
 
 from tailstack.arrays import Array
 from tailstack.montecarlo import ChainPlan, RadialEstimate, compile_plan
-from tailstack.montecarlo.simulate import (
+from tailstack.montecarlo.shards import (
     Pending,
     Shard,
     TrialsTask,
@@ -35,7 +35,6 @@ from tailstack.verification import (
     RadialTask,
     Sampling,
     UnitsTask,
-    limits_of,
     prepare,
     radial_estimate,
     unit_quantiles,
@@ -56,9 +55,9 @@ def advance(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
 def advanced(design: dict[str, Any], sampling: Sampling, results: Iterable[UnitResult]) -> Step:
     """:func:`advance` for a design document that is sampled in a way of its own."""
     held = {unit.spec: unit.result for unit in results}
-    source = Recorded(held)
+    sampler = Recorded(held)
     try:
-        answer = verify_prepared(prepared(canonical(design)), sampling, threads=1, source=source)
+        answer = verify_prepared(prepared(canonical(design)), sampling, threads=1, sampler=sampler)
     except Pending as pending:
         specs = tuple(dict.fromkeys(pending.wanted))
         return More(specs, pending.remaining, f"Monte Carlo: {len(held)} parts sampled, {len(specs)} more to come")
@@ -79,9 +78,7 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
         units = UnitsTask(plan, seed, spec["target"], spec["error"], spec["quantile"])
         return pack({}, [unit_quantiles(units, spec["first"], spec["count"])])
     return shard_to_bytes(
-        compute_shard(
-            TrialsTask(plan, seed, spec["first"], spec["stop"], spec["quantile"], True, limits_of(ready.system))
-        )
+        compute_shard(TrialsTask(plan, seed, spec["first"], spec["stop"], spec["quantile"], True, ready.limits))
     )
 
 
@@ -113,7 +110,7 @@ def _plan(design: bytes, vertex: tuple[float, ...], shots_per_unit: int) -> Chai
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """A source of parts that are recorded by what was asked; it raises Pending with the specs of those that are not."""
+    """A sampler of parts that are recorded by their specs; it raises Pending with the specs of those that are not."""
 
     held: Mapping[bytes, bytes]
 

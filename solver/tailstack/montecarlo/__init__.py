@@ -2,21 +2,19 @@
 
 from .chain import draw, evaluate, run_indices
 from .estimators import (
-    AdaptiveRun,
     CvarEstimate,
     ExceedanceEstimate,
-    Goal,
     QuantileEstimate,
     cvar_estimate,
     exceedance_estimate,
     interval_ranks,
     quantile_estimate,
-    simulate_to_precision,
     wilks_sample_size,
 )
-from .plan import ChainPlan, at_vertex, bounded_names, compile_plan
+from .plan import ChainPlan, bounded_names, compile_plan
 from .radial import LinearChain, RadialEstimate, gains_in_plan_order, radial
-from .simulate import ErrorSample, Samples, deepen, simulate
+from .simulate import ErrorSample, Run, Samples, Simulation, deepen, simulate
+from .stopping import AdaptiveRun, Goal, simulate_to_precision
 
 __all__ = [
     "AdaptiveRun",
@@ -28,8 +26,9 @@ __all__ = [
     "LinearChain",
     "QuantileEstimate",
     "RadialEstimate",
+    "Run",
     "Samples",
-    "at_vertex",
+    "Simulation",
     "bounded_names",
     "compile_plan",
     "cvar_estimate",

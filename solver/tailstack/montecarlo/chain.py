@@ -18,7 +18,7 @@ from ..estimation.resection import project, resect
 from ..estimation.triangulation import reprojection_rms, triangulate
 from ..geometry.rotation import torsor_transform, transform_points
 from ..system import Reading
-from .kernel import run_trials, scratch_size
+from .kernel import Draws, Results, run_trials, scratch_size
 from .plan import ChainPlan
 from .streams import draw_columns, stream_key
 
@@ -75,14 +75,12 @@ def standard_normals(seed: int, stream: int, count: int, dimension: int) -> Arra
 
 def _run(
     plan: ChainPlan, keys: NDArray[np.uint64], trials: NDArray[np.int64], given: Array, reprojection: bool
-) -> tuple[Array, Array, Array]:
+) -> Results:
     n = len(trials)
-    errors, flags = np.empty(6 * len(plan.system.targets) * n), np.empty(n)
-    rms = np.empty(n if reprojection else 0)
-    scratch = _allocate_scratch(int(scratch_size(plan.tables.counts)))
-    units = trials // plan.shots_per_unit
-    run_trials(plan.tables, keys, units, trials, given, errors, flags, rms, reprojection, scratch)
-    return errors, flags, rms
+    results = Results(np.empty(6 * len(plan.system.targets) * n), np.empty(n), np.empty(n if reprojection else 0))
+    draws = Draws(keys, trials // plan.shots_per_unit, trials, given)
+    run_trials(plan.tables, draws, results, _allocate_scratch(int(scratch_size(plan.tables.counts))))
+    return results
 
 
 def _redo(plan: ChainPlan, z: Array, columns: NDArray[np.int64], errors: Array, rms: Array | None) -> None:

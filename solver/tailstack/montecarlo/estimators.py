@@ -1,28 +1,31 @@
-"""What a plain run says about the tail: quantile, CVaR, exceedance, each with its uncertainty; when to stop.
+"""What a plain run says about the tail: quantile, CVaR, exceedance, each with its uncertainty.
 
 Nothing here assumes a law.  If a run has not kept enough of its tail for the question, it is repeated
 from its seed with more kept; the answer is never taken from a shorter tail.
+
+*Repeated looks.*  Of n trials, B ~ Binomial(n, q) lie at or below the quantile x_q, and the order statistics of ranks
+l and u enclose it exactly when ``l <= B < u``: whether an interval of ranks misses depends on no law.  B at the looks
+is a walk with independent binomial increments, so the probability that it *ever* leaves its ranks is a sum that can be
+carried out (repeated confidence intervals: Jennison and Turnbull 1984, here for a quantile).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from math import ceil, fsum, inf, log, sqrt
+from statistics import NormalDist
 
 import numpy as np
-from scipy.special import bdtr, betaincinv, ndtri
+from scipy.special import bdtr, betaincinv, gammaln, ndtri
 
 from ..arrays import Array
 from ..errors import OutOfRangeError, Problem
-from ..system import System
-from .plan import ChainPlan, compile_plan
-from .simulate import ErrorSample, Progress, Samples, ShardSampler, deepen, simulate
+from .simulate import ErrorSample, Samples, deepen
 
-FIRST_LOOK = 2**14
-TYPICAL = 3.3  # trials times squared relative half-width: what P95 of most errors takes
-SURE = 0.64  # of the trials that a look says are needed: its half-width is itself known to ten per cent
+SPREAD = 10.0  # standard deviations of a binomial law that are kept: 1e-23 is left out
+Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +60,7 @@ class ExceedanceEstimate:
     confidence: float
 
 
-def _probability_iv(name: str, value: float) -> None:
+def _refuse_unless_probability(name: str, value: float) -> None:
     if not 0 < value < 1:
         raise OutOfRangeError(Problem("", name, f"{name} must lie strictly between 0 and 1, got {value}"))
 
@@ -93,8 +96,8 @@ def interval_ranks(trials: int, quantile: float, confidence: float) -> tuple[int
 
 def enclosing_ranks(trials: int, quantile: float, confidence: float) -> tuple[int | None, int | None]:
     """The ranks of :func:`interval_ranks`; None at an end for which no order statistic is far enough out."""
-    _probability_iv("quantile", quantile)
-    _probability_iv("confidence", confidence)
+    _refuse_unless_probability("quantile", quantile)
+    _refuse_unless_probability("confidence", confidence)
     alpha = 1 - confidence
     low = _binomial_quantile(alpha / 2, trials, quantile)
     high = _binomial_quantile(1 - alpha / 2, trials, quantile) + 1
@@ -103,8 +106,8 @@ def enclosing_ranks(trials: int, quantile: float, confidence: float) -> tuple[in
 
 def wilks_sample_size(quantile: float, confidence: float, order: int = 1) -> int:
     """Smallest n whose ``order``-th largest value is an upper confidence limit of the quantile (Wilks 1941)."""
-    _probability_iv("quantile", quantile)
-    _probability_iv("confidence", confidence)
+    _refuse_unless_probability("quantile", quantile)
+    _refuse_unless_probability("confidence", confidence)
     n = max(order, int(log(1 - confidence) / log(quantile)))
     while bdtr(n - order, n, quantile) < confidence:
         n += 1
@@ -156,7 +159,7 @@ def cvar_estimate(samples: Samples, target: str | int, error: str, quantile: flo
     ``x_q + mean((|e| - x_q)_+) / (1 - q)`` (Rockafellar and Uryasev 2000): first-order insensitive to the error
     of x_q, so the spread of its summands is its error.  Sums are exact (fsum): no order of summation.
     """
-    _probability_iv("quantile", quantile)
+    _refuse_unless_probability("quantile", quantile)
     n = samples.trials
     rank = ceil(n * quantile)
     sample = with_rank(samples, target, error, rank)
@@ -172,7 +175,7 @@ def exceedance_estimate(
     samples: Samples, target: str | int, error: str, limit_mm: float, confidence: float = 0.95
 ) -> ExceedanceEstimate:
     """Fraction of trials above the limit, with the exact (Clopper-Pearson) interval."""
-    _probability_iv("confidence", confidence)
+    _refuse_unless_probability("confidence", confidence)
     n = samples.trials
     sample = samples.of(target, error)
     if sample.above is not None and sample.above[0] == limit_mm:
@@ -188,112 +191,103 @@ def exceedance_estimate(
 
 
 @dataclass(frozen=True, slots=True)
-class Goal:
-    """One quantile that has to be known to the requested precision."""
+class Ranks:
+    """Order statistics (1-based) that enclose a quantile; None where there is no such order statistic yet."""
 
-    target: str | int
-    error: str
-    quantile: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AdaptiveRun:
-    samples: Samples
-    estimates: tuple[QuantileEstimate, ...]  # one per goal, at the confidence of the whole procedure
-    precision_reached: float  # largest relative half-width
-    reached: bool
-    stopping: str  # why it stopped, in a sentence
-    level: float  # confidence of each single look, so that all of them together hold with the stated one
+    low: int | None
+    high: int | None
 
 
-def planned_looks(max_trials: int) -> list[int]:
-    """Trial counts at which the precision is looked at: 2^14, doubling, the last one the cap."""
-    looks = []
-    count = FIRST_LOOK
-    while count < max_trials:
-        looks.append(count)
-        count *= 2
-    return [*looks, max_trials]
+@dataclass(frozen=True, slots=True)
+class RepeatedInterval:
+    """A quantile and the interval that holds together with those of all the other looks."""
+
+    value_mm: float
+    interval_mm: Interval  # an end may be infinite (above) or zero (below)
 
 
-def simulate_to_precision(
-    system: System | ChainPlan,
-    *,
-    precision: float,
-    seed: int,
-    goals: Sequence[Goal] | None = None,
-    confidence: float = 0.95,
-    max_trials: int = 2**24,
-    threads: int | None = None,
-    batch: int | None = None,
-    vertex: Mapping[str, float] | Array | None = None,
-    shots_per_unit: int = 1,
-    reprojection: bool = False,
-    progress: Progress | None = None,
-    settled: Callable[[Samples, float], bool] | None = None,
-    quantile: float | None = None,
-    limits: Sequence[float] | None = None,
-    source: ShardSampler | None = None,
-) -> AdaptiveRun:
-    """Simulate until the relative half-width of every goal's interval is at most ``precision``.
+@lru_cache(maxsize=64)
+def repeated_ranks(looks: tuple[int, ...], quantile: float, confidence: float) -> tuple[Ranks, ...]:
+    """Ranks for each look whose intervals hold the quantile at *all* looks with at least this confidence.
 
-    goals default to P95 of the TCP error at every target.  Looking repeatedly spends confidence: each look
-    uses ``1 - (1 - confidence) / looks`` (Bonferroni over the *planned* looks), so that the interval reported at
-    the look at which it stops holds with ``confidence``, for each goal.  The looks do not depend on batch or threads.
-    ``settled(samples, level)``: what else must hold before it stops, judged with intervals of confidence ``level``.
-    quantile: the lowest that will be asked of the samples, where that is below the goals'.  limits, source: see
-    ``simulate``.
+    Each side is spent by itself, ``(1 - confidence) / 2`` in equal parts over the looks; what a look cannot spend,
+    because counts are whole, is left to the next.  Raises OutOfRangeError for numbers outside (0, 1) and looks that
+    do not rise.
     """
-    if not precision > 0:
-        raise OutOfRangeError(Problem("", "precision", f"precision must be positive, got {precision}"))
-    _probability_iv("confidence", confidence)
-    if isinstance(system, ChainPlan):
-        plan = system
-    else:
-        plan = compile_plan(system, vertex=vertex, shots_per_unit=shots_per_unit)
-    if goals is None:
-        goals = [Goal(k, "tcp", 0.95) for k in range(len(plan.system.targets))]
-    lowest = min(goal.quantile for goal in goals)
-    lowest = lowest if quantile is None else min(lowest, quantile)
-    looks = planned_looks(max_trials)
-    level = 1 - (1 - confidence) / len(looks)
-    highest = max(goal.quantile for goal in goals)
-    while len(looks) > 1 and highest ** looks[0] > (1 - level) / 2:
-        del looks[0]  # so few trials have no interval of that quantile
-    samples: Samples | None = None
-    needed = TYPICAL / precision**2
-    for k, look in enumerate(looks):
-        samples = simulate(
-            plan,
-            trials=look,
-            seed=seed,
-            quantile=lowest,
-            threads=threads,
-            batch=batch,
-            reprojection=reprojection,
-            progress=None if progress is None else (lambda done, _: progress(done, max_trials)),
-            extend=samples,
-            limits=limits,
-            source=source,
-            then=tuple(pair for pair in pairwise(looks[k:]) if pair[0] < SURE * needed) if k else (),
-            expected=min(int(needed), max_trials),
-        )
-        found = [quantile_estimate(samples, g.target, g.error, g.quantile, level) for g in goals]
-        worst = max(estimate.relative_half_width for estimate in found)
-        needed = look * (worst / precision) ** 2  # the half-width falls with the square root of the trials
-        if worst <= precision and (settled is None or settled(samples, level)):
-            reason = (
-                f"every interval is within ±{100 * worst:.2g} % of its quantile, as requested (±{100 * precision:g} %)"
-            )
-            break
-    else:
-        reason = f"the cap of {max_trials} trials was reached at ±{100 * worst:.2g} %, " + (
-            f"short of the ±{100 * precision:g} % requested" if worst > precision else "with a requirement undecided"
-        )
-    assert samples is not None
-    stopping = (
-        f"Stopped after {samples.trials} trials because {reason}; each look used a confidence of {level:.5g}, "
-        f"Bonferroni over {len(looks)} planned looks, for {confidence:g} in all."
+    if not (0 < quantile < 1 and 0 < confidence < 1):
+        detail = f"quantile and confidence lie strictly between 0 and 1, got {quantile} and {confidence}"
+        raise OutOfRangeError(Problem("", "quantile", detail))
+    if not looks or looks[0] < 1 or any(b <= a for a, b in pairwise(looks)):
+        raise OutOfRangeError(Problem("", "looks", f"looks are rising counts of trials, got {looks}"))
+    beyond = 1 - quantile  # counted are the trials above the quantile: few, so that sums begin at their small end
+    few = _boundaries(looks, beyond, (1 - confidence) / 2, lower=True)
+    many = _boundaries(looks, beyond, (1 - confidence) / 2, lower=False)
+    # ``few`` or less above x_q: X_(n - few) <= x_q.  ``many`` or more: X_(n - many + 1) > x_q.
+    return tuple(
+        Ranks(None if up is None else n - up + 1, None if down is None else n - down)
+        for n, up, down in zip(looks, many, few, strict=True)
     )
-    estimates = tuple(QuantileEstimate(e.quantile, e.value_mm, e.interval_mm, confidence, e.trials) for e in found)
-    return AdaptiveRun(samples, estimates, worst, worst <= precision, stopping, level)
+
+
+def _boundaries(looks: tuple[int, ...], chance: float, error: float, *, lower: bool) -> list[int | None]:
+    """For each look the largest count (the smallest, where not ``lower``) at which the walk is absorbed so that the
+    probability of having been absorbed stays within the part of ``error`` that is spent by then; None: at none."""
+    first, alive = 0, np.ones(1)  # probability of count first + i, not absorbed so far
+    spent, before = 0.0, 0
+    found: list[int | None] = []
+    for k, look in enumerate(looks, 1):
+        start, step = _binomial(look - before, chance)
+        first, alive = first + start, _convolve(alive, step)
+        ordered = alive if lower else alive[::-1]
+        sums = np.cumsum(ordered)
+        count = int(np.searchsorted(sums, error * k / len(looks) - spent, side="right"))
+        if count > 0:
+            spent += float(sums[count - 1])
+            found.append(first + count - 1 if lower else first + len(alive) - count)
+            alive = alive[count:] if lower else alive[:-count]
+            first += count if lower else 0
+        elif lower and first > 0:
+            found.append(first - 1)  # no walk that is alive comes there, so nothing is spent
+        else:
+            found.append(None)
+        before = look
+    return found
+
+
+def _binomial(trials: int, chance: float) -> tuple[int, Array]:
+    """(first, p): the probability of ``first + i`` successes, where it is not nothing."""
+    spread = SPREAD * sqrt(trials * chance * (1 - chance)) + 50  # 50: a few rare events are a skewed law
+    low, high = max(0, int(trials * chance - spread)), min(trials, ceil(trials * chance + spread))
+    count = np.arange(low, high + 1, dtype=float)
+    logs = gammaln(trials + 1) - gammaln(count + 1) - gammaln(trials - count + 1)
+    weights = np.exp(logs + count * np.log(chance) + (trials - count) * np.log1p(-chance))
+    return low, weights / weights.sum()
+
+
+def _convolve(a: Array, b: Array) -> Array:
+    size = len(a) + len(b) - 1
+    padded = 1 << size.bit_length()
+    product = np.fft.irfft(np.fft.rfft(a, padded) * np.fft.rfft(b, padded), padded)[:size]
+    return np.maximum(product, 0.0)  # rounding can leave -1e-17
+
+
+def repeated_interval(
+    samples: Samples, target: str | int, error: str, quantile: float, ranks: Ranks
+) -> RepeatedInterval:
+    """A quantile by its order statistic, with the interval between the ranks of this look."""
+    return RepeatedInterval(*between_ranks(samples, target, error, quantile, ranks.low, ranks.high))
+
+
+def cvar_interval(
+    p95_mm: float, cvar_mm: float, worst_mm: float, trials: int, confidence: float, looks: int
+) -> Interval:
+    """Interval of the mean of the worst 5 %, mm, from what a check's record holds; Bonferroni over the looks.
+
+    CVaR is P95 + mean(x) / 0.05 with x = (|e| - P95)_+ in [0, worst - P95]; a variable on [0, b] with mean m has a
+    variance of at most m (b - m) (Bhatia and Davis 2000), some four times the true one for a Gaussian tail.  The mean
+    is taken for normal: of a mean, no interval is free of the law.
+    """
+    deviate = NormalDist().inv_cdf(1 - (1 - confidence) / (2 * looks))
+    mean = 0.05 * (cvar_mm - p95_mm)
+    error = deviate * sqrt(max(mean * (worst_mm - p95_mm - mean), 0.0) / trials) / 0.05
+    return cvar_mm - error, cvar_mm + error

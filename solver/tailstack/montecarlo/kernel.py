@@ -1,5 +1,20 @@
 """The full nonlinear chain, eight trials at a time: draw, image, resect, triangulate, on to the tool.
 
+What a function is given, in flat float64 arrays of vectors of eight lanes (vector k begins at 8 k):
+
+=============  =================  ============================================================================
+argument       vectors            meaning
+=============  =================  ============================================================================
+``tables``                        the compiled system (``plan.Tables``)
+``z``          d                  standardised deviates, in the order of ``plan``
+``points``     3 N                fiducials with their manufacturing errors, object frame
+``images``     2 N                noisy images (u, v) of the fiducials in one view, px from their nominal mean
+``estimates``  14 V               of each view: a (3), p1 (4), p2 (4), 1 / |a|^2, mean u, mean v (``resect``)
+``pose``       3 x 12             of each mount: rotation (9, by rows), translation (3, mm)
+``results``    6 T + 2            of each target: TCP error (3, tcp, mm), localisation error (3, con, mm); then the
+                                  flag of lanes that are not proven, and the RMS reprojection error, px
+=============  =================  ============================================================================
+
 Resection: ``lane_resection``.
 
 **Triangulation.**  Rows ``(u_t p3 - p1) / |a|`` (Eq 5), normal matrix ``[[M, b], [b', c]]``; (M - lam) y = -b with
@@ -9,11 +24,21 @@ squared homogeneous length.  In plain connector millimetres (the published form)
 that an affine map has moved, that length is a quadratic form B of (y, 1), and ``(N - lam B) (y, 1) = 0``.
 
 A lane that fails a proof, does not converge or is not finite is flagged; the caller redoes it by SVD.
+
+Norms and moments of a block are summed in eight partial sums: lane k sums trials k, k + 8, ...; the lanes are then
+added in order, and what does not fill eight last.  That is one fixed order of summation on every machine.
 """
 
 # mypy: ignore-errors
 from __future__ import annotations
 
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array
 from .lane_motion import image_fiducials, move_error, place_points, rotate, write_mount
 from .lane_resection import resect, squared_reprojection
 from .lanes import (
@@ -273,14 +298,32 @@ def run_chain(tables, z, points, images, estimates, pose, results, want_reprojec
     store(results, at + 8, square_root(squares / splat(1.0 * views * n)))
 
 
+class Draws(NamedTuple):
+    """Which trials to run, n of them, a multiple of 8."""
+
+    keys: NDArray[np.uint64]  # (2,) of the streams of installation and shot
+    units: NDArray[np.int64]  # (n,) index of the installed unit of each trial
+    trials: NDArray[np.int64]  # (n,) index of each trial
+    given: Array  # (d, n) standardised deviates; (0, 0): they are drawn from the keys
+
+
+class Results(NamedTuple):
+    """Where the results of n trials go."""
+
+    errors: Array  # (6 T n,) mm: target, metric (TCP, localisation), axis, trial
+    flags: Array  # (n,) not 0 where a trial has to be redone
+    reprojection: Array  # (n,) px RMS; (0,): not wanted
+
+
 @lane_entry
-def run_trials(tables, keys, units, trials, given, errors, flags, reprojection, want_reprojection, scratch):
+def run_trials(tables, draws, results_of, scratch):
     """Run trials in groups of eight.
 
-    trials, units: (n,) int64 indices, n a multiple of 8.  ``given``: (d, n) deviates, or (0, 0) to draw them from
-    ``keys``.  Fills errors (flat 6 T n: target, metric, axis, trial), flags (n,), not 0 where a trial has to be
-    redone, and, when wanted, reprojection (n,) px.
+    tables: ``plan.Tables``; draws: ``Draws``; results_of: ``Results``, filled; scratch: as many float64 as
+    ``scratch_size`` says, 64-byte aligned.
     """
+    trials = draws.trials
+    want_reprojection = results_of.reprojection.size > 0
     n, views, targets, d = tables.counts[0], tables.counts[1], tables.counts[2], tables.counts[6]
     at = 0
     z = scratch[at : at + 8 * d]
@@ -299,16 +342,80 @@ def run_trials(tables, keys, units, trials, given, errors, flags, reprojection, 
             store(points, 24 * i + 8 * c, splat(tables.nominal[i, c]))
     rows = 6 * targets
     for group in range(0, trials.size, 8):
-        if given.shape[0] > 0:
+        if draws.given.shape[0] > 0:
             for k in range(d):
                 for lane in range(8):
-                    z[8 * k + lane] = given[k, group + lane]
+                    z[8 * k + lane] = draws.given[k, group + lane]
         else:
-            fill_deviates(tables.segments, 0, keys[0], load(units, group), z)
-            fill_deviates(tables.segments, 1, keys[1], load(trials, group), z)
+            fill_deviates(tables.segments, 0, draws.keys[0], load(draws.units, group), z)
+            fill_deviates(tables.segments, 1, draws.keys[1], load(trials, group), z)
         run_chain(tables, z, points, images, estimates, pose, results, want_reprojection)
         for row in range(rows):
-            store(errors, row * trials.size + group, load(results, 8 * row))
-        store(flags, group, load(results, 8 * rows))
+            store(results_of.errors, row * trials.size + group, load(results, 8 * row))
+        store(results_of.flags, group, load(results, 8 * rows))
         if want_reprojection:
-            store(reprojection, group, load(results, 8 * rows + 8))
+            store(results_of.reprojection, group, load(results, 8 * rows + 8))
+
+
+@lane_jit
+def lane_sum(lanes, row):
+    """Sum of the eight numbers of vector ``row``, in order."""
+    total = 0.0
+    for k in range(8):
+        total += lanes[8 * row + k]
+    return total
+
+
+@lane_entry
+def reduce_block(errors, n, norms, mean, scatter, norm_mean, lanes):
+    """Norms and moments of m error metrics over n trials.
+
+    errors: (3 m n,) mm, metric by metric and axis by axis; n: trials.  Filled: norms (m n,) mm, mean (m, 3) mm, scatter
+    about it (m, 3, 3) mm^2, norm_mean (m,) mm.  lanes: scratch of 48.  The norm is written without fused operations so
+    that the last, incomplete eight have the digits they would have in a longer run.
+    """
+    zero = splat(0.0)
+    whole = n - n % 8
+    for m in range(norm_mean.size):
+        at = 3 * m * n
+        sx, sy, sz, sn = zero, zero, zero, zero
+        for i in range(0, whole, 8):
+            x, y, z = load(errors, at + i), load(errors, at + n + i), load(errors, at + 2 * n + i)
+            norm = square_root(x * x + y * y + z * z)
+            store(norms, m * n + i, norm)
+            sx, sy, sz, sn = sx + x, sy + y, sz + z, sn + norm
+        store(lanes, 0, sx)
+        store(lanes, 8, sy)
+        store(lanes, 16, sz)
+        store(lanes, 24, sn)
+        tx, ty, tz, tn = lane_sum(lanes, 0), lane_sum(lanes, 1), lane_sum(lanes, 2), lane_sum(lanes, 3)
+        for i in range(whole, n):
+            x, y, z = errors[at + i], errors[at + n + i], errors[at + 2 * n + i]
+            norms[m * n + i] = sqrt(x * x + y * y + z * z)
+            tx, ty, tz, tn = tx + x, ty + y, tz + z, tn + norms[m * n + i]
+        ax, ay, az = tx / n, ty / n, tz / n
+        mean[m, 0], mean[m, 1], mean[m, 2], norm_mean[m] = ax, ay, az, tn / n
+
+        xx, xy, xz, yy, yz, zz = zero, zero, zero, zero, zero, zero
+        for i in range(0, whole, 8):
+            x = load(errors, at + i) - splat(ax)
+            y = load(errors, at + n + i) - splat(ay)
+            z = load(errors, at + 2 * n + i) - splat(az)
+            xx, xy, xz = fma(x, x, xx), fma(x, y, xy), fma(x, z, xz)
+            yy, yz, zz = fma(y, y, yy), fma(y, z, yz), fma(z, z, zz)
+        store(lanes, 0, xx)
+        store(lanes, 8, xy)
+        store(lanes, 16, xz)
+        store(lanes, 24, yy)
+        store(lanes, 32, yz)
+        store(lanes, 40, zz)
+        cxx, cxy, cxz = lane_sum(lanes, 0), lane_sum(lanes, 1), lane_sum(lanes, 2)
+        cyy, cyz, czz = lane_sum(lanes, 3), lane_sum(lanes, 4), lane_sum(lanes, 5)
+        for i in range(whole, n):
+            x, y, z = errors[at + i] - ax, errors[at + n + i] - ay, errors[at + 2 * n + i] - az
+            cxx, cxy, cxz = cxx + x * x, cxy + x * y, cxz + x * z
+            cyy, cyz, czz = cyy + y * y, cyz + y * z, czz + z * z
+        scatter[m, 0, 0], scatter[m, 1, 1], scatter[m, 2, 2] = cxx, cyy, czz
+        scatter[m, 0, 1] = scatter[m, 1, 0] = cxy
+        scatter[m, 0, 2] = scatter[m, 2, 0] = cxz
+        scatter[m, 1, 2] = scatter[m, 2, 1] = cyz

@@ -56,7 +56,7 @@ LARGEST_SHIFT = 0.01
 
 
 @lane_jit
-def centred(g, shift, d):
+def centre(g, shift, d):
     """Moments about the mean image: subtract ``shift`` D from a moment matrix."""
     g00, g01, g02, g03, g11, g12, g13, g22, g23, g33 = g
     return (
@@ -137,7 +137,7 @@ def resolvent(metric, d, shift):
 
 
 @lane_jit
-def resolved(metric, s, x0, x1, x2, x3):
+def apply_resolvent(metric, s, x0, x1, x2, x3):
     """:func:`resolvent` times a vector."""
     s0, s1, s2, s3, q0, q1, q2, beta = s
     if metric is None:
@@ -150,7 +150,7 @@ def resolved(metric, s, x0, x1, x2, x3):
 def shifted_rows(metric, g, a0, a1, a2, s):
     """First (or second) row that belongs to a third row (a, 1): ``(D - s^2 mu Q)^-1 G p3``."""
     x0, x1, x2, x3 = symmetric_times(g, a0, a1, a2, splat(1.0))
-    return resolved(metric, s, x0, x1, x2, x3)
+    return apply_resolvent(metric, s, x0, x1, x2, x3)
 
 
 @lane_jit
@@ -202,7 +202,7 @@ def refine(metric, moment, d, scale2, inverse_norm2, factor, steps, a0, a1, a2, 
 
 
 @lane_jit
-def refactored(metric, moment, d, scale2, tau):
+def factor_at(metric, moment, d, scale2, tau):
     """Factor of the leading block of K(tau) by its own formula; its pivots prove or refute."""
     gu, gv, gw = moment
     s = resolvent(metric, d, scale2 * tau)
@@ -251,7 +251,7 @@ def resect(tables, metric, images, gu, gv, estimate):
     one, zero = splat(1.0), splat(0.0)
     i0, i1, i2, i3 = splat(d[4]), splat(d[5]), splat(d[6]), splat(d[7])
     mean_u, mean_v = gu[9] * i3, gv[9] * i3
-    gu, gv = centred(gu, mean_u, d), centred(gv, mean_v, d)
+    gu, gv = centre(gu, mean_u, d), centre(gv, mean_v, d)
     gw = square_moments(tables.products, images, tables.counts[0], mean_u, mean_v)
     moment = (gu, gv, gw)
     scale2 = splat(2.0 * d[3]) / gw[9]
@@ -286,7 +286,7 @@ def resect(tables, metric, images, gu, gv, estimate):
     proven = factor[6] & settled
     small = shift < splat(LARGEST_SHIFT * smallest)
     if any_lane((active | ~proven) & small):
-        factor = refactored(metric, moment, d, scale2, mu)
+        factor = factor_at(metric, moment, d, scale2, mu)
         tau = mu
         a0, a1, a2, mu, active = refine(
             metric, moment, d, scale2, inverse_norm2, factor, MAX_STEPS, a0, a1, a2, mu, active

@@ -313,8 +313,3 @@ def _segments(blocks: tuple[Block, ...]) -> NDArray[np.int64]:
             else:
                 runs.append([column, column + 1, code, block.stream])
     return np.array(runs, dtype=np.int64).reshape(-1, 4)
-
-
-def at_vertex(plan: ChainPlan, vertex: Mapping[str, float] | Array | None) -> ChainPlan:
-    """The same plan with its bounded sources elsewhere."""
-    return compile_plan(plan.system, vertex=vertex, shots_per_unit=plan.shots_per_unit)

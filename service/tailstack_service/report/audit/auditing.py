@@ -7,7 +7,7 @@ from typing import Any
 
 from tailstack import __version__
 from tailstack.design import Design, load_design
-from tailstack.verification import Progress
+from tailstack.montecarlo.simulate import Progress
 
 from ...documents import plain
 from ..reading import ReadResult

@@ -8,10 +8,10 @@ from typing import Any
 
 from tailstack.design import Design, load_design
 from tailstack.errors import Problem
+from tailstack.montecarlo.simulate import Progress
 from tailstack.results import Optimisation, Score, Verification
 from tailstack.results.sweep import Sweep
 from tailstack.scoring import score
-from tailstack.verification import Progress
 
 from ...documents import plain
 from ...problems import RequestError

@@ -1,0 +1,209 @@
+"""Trials in parts that can be drawn anywhere: what is kept of them, and how parts become one run.
+
+Trial i depends on (seed, i) alone.  Blocks of ``BLOCK`` trials are the unit of summation and a shard holds whole
+blocks, each with its own moments: merging them one by one in the order of their indices gives the digits of an
+undivided run, wherever it was cut and however many threads drew it.  Of the norms a shard holds the largest; merged,
+the tail is complete down to the highest of the shards' floors.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from math import ceil, inf, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..arrays import Array
+from ..packed import pack, unpack
+from .chain import run_indices
+from .kernel import reduce_block
+from .plan import ChainPlan
+
+BLOCK = 8192
+REPROJECTION_TRIALS = 16384  # the first of a run, whose reprojection errors are kept
+LARGEST_SHARD = 2**18
+SHARD_MICROSECONDS = 60_000.0  # of one core: a hundred times what it costs to hand a shard out and take it back
+PILOT = 256  # trials that tell how many are redone by SVD
+
+
+class Moments(NamedTuple):
+    """Of m error metrics over some trials; mm, mm^2."""
+
+    trials: int
+    mean: Array  # (m, 3)
+    scatter: Array  # (m, 3, 3) sums of products about the mean
+    norm_mean: Array  # (m,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shard:
+    """What is kept of consecutive trials: target by target, the TCP and then the localisation error."""
+
+    moments: tuple[Moments, ...]  # of each block, in order
+    tails: Sequence[Array]  # of each metric, its largest norms, mm, in any order
+    floors: Sequence[float]  # of each metric: every norm above it is in the tail
+    above: tuple[int, ...]  # of each metric: norms beyond its limit
+    redone: int  # trials redone by SVD because the structured solution was not proven
+    reprojection: Array | None  # px, of the trials before ``REPROJECTION_TRIALS``
+
+    @property
+    def trials(self) -> int:
+        return sum(block.trials for block in self.moments)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrialsTask:
+    """Trials ``first`` ... ``stop - 1`` of a plan and seed, and what is to be kept of them."""
+
+    plan: ChainPlan
+    seed: int
+    first: int  # a multiple of BLOCK
+    stop: int
+    quantile: float  # lowest that will be asked for: the tail above it is kept
+    reprojection: bool
+    limits: tuple[float, ...]  # mm, one for each metric; inf: none
+    then: tuple[tuple[int, int], ...] = ()  # ranges that will almost certainly be wanted next
+    expected: int = 0  # trials with which the run will end, as far as is known
+
+
+ShardSampler = Callable[[TrialsTask], Iterable[Shard]]  # shards that cover the range, in order; may raise Pending
+
+
+class Pending(Exception):
+    """Raised by a sampler that does not hold a part yet: what it wants computed, and how much may follow."""
+
+    def __init__(self, wanted: Sequence[Any], remaining: int = 0) -> None:
+        super().__init__(f"{len(wanted)} parts are not there yet")
+        self.wanted, self.remaining = tuple(wanted), remaining
+
+
+def tail_size(trials: int, quantile: float) -> int:
+    """How many of the largest norms to keep for this quantile: its interval at any usual confidence, and slack."""
+    beyond = trials * (1 - quantile)
+    return min(trials, ceil(beyond + 8 * sqrt(beyond + 1)) + 16)
+
+
+def take_largest(values: Array, count: int) -> Array:
+    """The ``count`` largest, in any order."""
+    return values if len(values) <= count else np.partition(values, len(values) - count)[-count:]
+
+
+def merge_moments(a: Moments, b: Moments) -> Moments:
+    """Moments of two disjoint sets (Chan, Golub and LeVeque 1983)."""
+    count = a.trials + b.trials
+    share = b.trials / count
+    gap = b.mean - a.mean
+    scatter = a.scatter + b.scatter + (a.trials * share) * (gap[:, :, None] * gap[:, None, :])
+    norm_mean = a.norm_mean + share * (b.norm_mean - a.norm_mean)
+    return Moments(count, a.mean + share * gap, scatter, norm_mean)
+
+
+def draw_block(task: TrialsTask, first: int) -> Shard:
+    """The block of a task that begins at ``first``, with all of its norms."""
+    count = min(BLOCK, task.stop - first)
+    reprojection = task.reprojection and first < REPROJECTION_TRIALS
+    outcome = run_indices(task.plan, task.seed, first, count, reprojection=reprojection)
+    errors = np.ascontiguousarray(outcome.errors).reshape(-1, 3, count)
+    metrics = len(errors)
+    norms, norm_mean = np.empty((metrics, count)), np.empty(metrics)
+    mean, scatter = np.empty((metrics, 3)), np.empty((metrics, 3, 3))
+    reduce_block(errors.reshape(-1), count, norms.reshape(-1), mean, scatter, norm_mean, np.empty(48))
+    norms[np.isnan(norms)] = np.inf  # a trial without an answer is beyond any limit, not outside the count
+    above = tuple(
+        0 if limit == inf else int(np.count_nonzero(own > limit)) for own, limit in zip(norms, task.limits, strict=True)
+    )
+    moments = (Moments(count, mean, scatter, norm_mean),)
+    return Shard(moments, tuple(norms), (-inf,) * metrics, above, outcome.redone, outcome.reprojection)
+
+
+def draw_shards(task: TrialsTask, threads: int) -> Iterator[Shard]:
+    """Block after block of a task, drawn in this process; at most two for each thread are under way."""
+    firsts = range(task.first, task.stop, BLOCK)
+    if threads == 1:
+        yield from (draw_block(task, first) for first in firsts)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        waiting: deque[Future[Shard]] = deque()
+        for first in firsts:
+            waiting.append(pool.submit(draw_block, task, first))
+            if len(waiting) >= 2 * threads:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+def compute_shard(task: TrialsTask) -> Shard:
+    """The whole range as one shard, its tails cut to what its quantile needs, ascending.  Nothing else is read."""
+    blocks = [draw_block(task, first) for first in range(task.first, task.stop, BLOCK)]
+    keep = tail_size(task.stop - task.first, task.quantile)
+    tails, floors = [], []
+    for k in range(len(task.limits)):
+        norms = np.concatenate([block.tails[k] for block in blocks])
+        tail = np.sort(take_largest(norms, keep))
+        tails.append(tail)
+        floors.append(-inf if len(tail) == len(norms) else float(tail[0]))
+    shots = [block.reprojection for block in blocks if block.reprojection is not None]
+    return Shard(
+        moments=tuple(moments for block in blocks for moments in block.moments),
+        tails=tails,
+        floors=floors,
+        above=tuple(sum(counts) for counts in zip(*(block.above for block in blocks), strict=True)),
+        redone=sum(block.redone for block in blocks),
+        reprojection=np.concatenate(shots) if shots else None,
+    )
+
+
+def shard_trials(plan: ChainPlan, seed: int) -> int:
+    """Trials, a power of two, that take one core some fifty milliseconds; at least one block.
+
+    By the counts of the plan (fitted to 6 ... 100 fiducials, 2 ... 8 views, 1 ... 50 targets) and by how many of the
+    first trials are redone, each of which costs as much as a thousand others.
+    """
+    share = run_indices(plan, seed, 0, PILOT).redone / PILOT
+    views, targets = len(plan.system.views), len(plan.system.targets)
+    microseconds = 0.0011 * plan.dimension + 0.03 * (views + targets) + 140 * share
+    size = LARGEST_SHARD
+    while size > BLOCK and size * microseconds > SHARD_MICROSECONDS:
+        size //= 2
+    return size
+
+
+def spans(first: int, stop: int, size: int) -> Iterator[tuple[int, int]]:
+    """A range cut at the multiples of ``size``."""
+    while first < stop:
+        end = min(stop, (first // size + 1) * size)
+        yield first, end
+        first = end
+
+
+def shard_to_bytes(shard: Shard) -> bytes:
+    """A shard as bytes that :func:`shard_from_bytes` reads back exactly."""
+    head = {"trials": [block.trials for block in shard.moments], "above": shard.above, "redone": shard.redone}
+    arrays = [
+        np.array([block.mean for block in shard.moments]),
+        np.array([block.scatter for block in shard.moments]),
+        np.array([block.norm_mean for block in shard.moments]),
+        np.array(shard.floors),
+        *shard.tails,
+    ]
+    return pack(head, arrays if shard.reprojection is None else [*arrays, shard.reprojection])
+
+
+def shard_from_bytes(content: bytes) -> Shard:
+    """Raises ValueError for bytes that are not a shard."""
+    head, arrays = unpack(content)
+    mean, scatter, norm_mean, floors = arrays[:4]
+    metrics = len(floors)
+    blocks = zip(head["trials"], mean, scatter, norm_mean, strict=True)
+    return Shard(
+        moments=tuple(Moments(*block) for block in blocks),
+        tails=arrays[4 : 4 + metrics],
+        floors=[float(floor) for floor in floors],
+        above=tuple(head["above"]),
+        redone=head["redone"],
+        reprojection=arrays[4 + metrics] if len(arrays) > 4 + metrics else None,
+    )

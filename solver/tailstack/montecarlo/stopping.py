@@ -1,0 +1,214 @@
+"""How many trials: looks at a run that grows, until its quantiles are precise or every question is answered.
+
+*To a precision*: after 16384 trials and at every doubling up to a cap.  Looking repeatedly spends confidence: each look
+uses ``1 - (1 - confidence) / looks`` (Bonferroni over the *planned* looks).
+
+*To a decision*: is a quantile within a limit?  It is looked at after 8192 trials and at every doubling up to a cap,
+with the ranks of ``repeated_ranks``, chosen so that after look k of K at most k/K of ``(1 - confidence) / 2`` is spent
+on either side.  A limit below the whole interval is missed, one above it is kept; whenever one stops looking,
+
+    P(kept is said, x_q > limit) <= (1 - confidence) / 2,    P(missed is said, x_q <= limit) <= (1 - confidence) / 2.
+
+Bonferroni over the same looks takes a tenth more trials, for it forgets that they share most of theirs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import inf
+
+from ..errors import OutOfRangeError, Problem
+from .estimators import QuantileEstimate, RepeatedInterval, quantile_estimate, repeated_interval, repeated_ranks
+from .shards import BLOCK
+from .simulate import Run, Samples, Simulation
+
+TYPICAL = 3.3  # trials times squared relative half-width: what P95 of most errors takes
+SURE = 0.64  # of the trials that a look says are needed: its half-width is itself known to ten per cent
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """One quantile that has to be known to the requested precision."""
+
+    target: str | int
+    error: str
+    quantile: float
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """Does a quantile of an error at a target keep a limit?"""
+
+    target: str
+    error: str  # "tcp" or "localisation"
+    quantile: float
+    limit_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class CvarQuestion:
+    """Does the mean of the worst 5 % of TCP errors at a target keep a limit?"""
+
+    target: str
+    limit_mm: float
+    confidence: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AdaptiveRun:
+    samples: Samples
+    estimates: tuple[QuantileEstimate, ...]  # one per goal, at the confidence of the whole procedure
+    precision_reached: float  # largest relative half-width
+    reached: bool
+    stopping: str  # why it stopped, in a sentence
+    level: float  # confidence of each single look, so that all of them together hold with the stated one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SequentialRun:
+    samples: Samples
+    looks: tuple[int, ...]  # planned
+    decided: bool
+
+
+def precision_looks(max_trials: int) -> tuple[int, ...]:
+    """Trial counts at which the precision is looked at: 16384, doubling, the last one the cap."""
+    return _double(2 * BLOCK, max_trials)
+
+
+def decision_looks(max_trials: int) -> tuple[int, ...]:
+    """Trial counts at which a decision is tried: 8192, doubling, the last one the cap."""
+    return _double(BLOCK, max_trials)
+
+
+def _double(first: int, cap: int) -> tuple[int, ...]:
+    looks = []
+    while first < cap:
+        looks.append(first)
+        first *= 2
+    return (*looks, cap)
+
+
+def simulate_to_precision(
+    simulation: Simulation,
+    *,
+    precision: float,
+    goals: Sequence[Goal] = (),
+    confidence: float = 0.95,
+    max_trials: int = 2**24,
+    settled: Callable[[Samples, float], bool] | None = None,
+) -> AdaptiveRun:
+    """Simulate until the relative half-width of every goal's interval is at most ``precision``.
+
+    goals default to P95 of the TCP error at every target.  The interval reported at the look at which it stops holds
+    with ``confidence``, for each goal.  ``settled(samples, level)``: what else must hold before it stops, judged with
+    intervals of confidence ``level``.  Raises OutOfRangeError.
+    """
+    if not precision > 0:
+        raise OutOfRangeError(Problem("", "precision", f"precision must be positive, got {precision}"))
+    if not 0 < confidence < 1:
+        detail = f"confidence must lie strictly between 0 and 1, got {confidence}"
+        raise OutOfRangeError(Problem("", "confidence", detail))
+    goals = goals or [Goal(k, "tcp", 0.95) for k in range(len(simulation.plan.system.targets))]
+    looks = precision_looks(max_trials)
+    level = 1 - (1 - confidence) / len(looks)
+    highest = max(goal.quantile for goal in goals)
+    while len(looks) > 1 and highest ** looks[0] > (1 - level) / 2:
+        looks = looks[1:]  # so few trials have no interval of that quantile
+    estimates: list[QuantileEstimate] = []
+    worst, finished = inf, False
+
+    def examine(samples: Samples, look: int) -> float | None:
+        nonlocal worst, finished
+        estimates[:] = [quantile_estimate(samples, g.target, g.error, g.quantile, level) for g in goals]
+        worst = max(estimate.relative_half_width for estimate in estimates)
+        finished = worst <= precision and (settled is None or settled(samples, level))
+        # the half-width falls with the square root of the trials
+        return None if finished else samples.trials * (worst / precision) ** 2
+
+    samples = _grow(simulation, looks, TYPICAL / precision**2, examine)
+    if finished:
+        reason = f"every interval is within ±{100 * worst:.2g} % of its quantile, as requested (±{100 * precision:g} %)"
+    else:
+        reason = f"the cap of {max_trials} trials was reached at ±{100 * worst:.2g} %, " + (
+            f"short of the ±{100 * precision:g} % requested" if worst > precision else "with a requirement undecided"
+        )
+    stopping = (
+        f"Stopped after {samples.trials} trials because {reason}; each look used a confidence of {level:.5g}, "
+        f"Bonferroni over {len(looks)} planned looks, for {confidence:g} in all."
+    )
+    return AdaptiveRun(
+        samples, tuple(replace(one, confidence=confidence) for one in estimates), worst, worst <= precision, stopping,
+        level,
+    )  # fmt: skip
+
+
+def simulate_to_decision(
+    simulation: Simulation,
+    questions: Sequence[Question],
+    *,
+    confidence: float,
+    max_trials: int,
+    settled: Callable[[Samples, int], bool] | None = None,
+) -> SequentialRun:
+    """Simulate until every question is answered by the intervals of one look, or ``max_trials`` are drawn.
+
+    ``settled(samples, looks)``: what else must be decided, given how many looks are planned.
+    """
+    looks = decision_looks(max_trials)
+    decided = False
+
+    def examine(samples: Samples, look: int) -> float | None:
+        nonlocal decided
+        intervals = [(question, _interval(samples, question, looks, look, confidence)) for question in questions]
+        undecided = [(question, found) for question, found in intervals if not _answers(found, question)]
+        decided = not undecided and (settled is None or settled(samples, len(looks)))
+        if decided:
+            return None
+        needed = (_trials_needed(samples, question, found) for question, found in undecided)
+        return max(needed, default=2.0 * samples.trials)
+
+    samples = _grow(simulation, looks, 0.0, examine)
+    return SequentialRun(samples, looks, decided)
+
+
+def _grow(
+    simulation: Simulation, looks: tuple[int, ...], needed: float, examine: Callable[[Samples, int], float | None]
+) -> Samples:
+    """Draw to one look after the other until ``examine(samples, number of the look)`` is None.
+
+    Otherwise it returns how many trials are needed as far as can be told: a sampler that works side by side is told of
+    looks that will almost certainly follow.  ``needed``: what is expected before the first look.
+    """
+    run = Run(simulation)
+    for k, look in enumerate(looks):
+        ahead = tuple(pair for pair in pairwise(looks[k:]) if pair[0] < SURE * needed) if k else ()
+        samples = run.grow(look, most=looks[-1], then=ahead, expected=int(min(needed, looks[-1])))
+        found = examine(samples, k)
+        if found is None:
+            break
+        needed = found
+    return samples
+
+
+def _interval(
+    samples: Samples, question: Question, looks: tuple[int, ...], look: int, confidence: float
+) -> RepeatedInterval:
+    ranks = repeated_ranks(looks, question.quantile, confidence)[look]
+    return repeated_interval(samples, question.target, question.error, question.quantile, ranks)
+
+
+def _answers(found: RepeatedInterval, question: Question) -> bool:
+    """Whether an interval leaves the limit on one side."""
+    low, high = found.interval_mm
+    return high <= question.limit_mm or low > question.limit_mm
+
+
+def _trials_needed(samples: Samples, question: Question, found: RepeatedInterval) -> float:
+    """Trials with which a question would be answered if quantile and density stayed as they look now."""
+    low, high = found.interval_mm
+    gap = abs(found.value_mm - question.limit_mm)
+    width = high - found.value_mm if question.limit_mm > found.value_mm else found.value_mm - low
+    return samples.trials * (width / gap) ** 2 if gap > 0 and width < inf else inf
