@@ -15,11 +15,11 @@ from tailstack.contributors import error_law
 from tailstack.design import check_design, load_design
 from tailstack.montecarlo import compile_plan, draw, evaluate, gains_in_plan_order
 from tailstack.propagation.linear import linearise
-from tailstack.results import Check, Verification
+from tailstack.results import Check
 from tailstack.system import System
 from tailstack.tail.declared import law_quantile
-from tailstack_service.gate.case import collect_numbers
-from tailstack_service.gate.judge import Gate, Progress, ScoredDesign, draw_check, judge, needs_check, score_designs
+from tailstack_service.gate.case import compare_numbers
+from tailstack_service.gate.judge import Gate, ScoredDesign, judge, plan_check, score_designs
 from tailstack_service.gate.request import admit_gate, read_gate
 
 ERRORS = ("tcp", "localisation")
@@ -90,19 +90,15 @@ def _gate(document: dict[str, Any], guard: int, max_trials: int, seed: int) -> G
     return read_gate(admit_gate(body, today=TODAY))
 
 
-def _sampled(gate: Gate, computed: ScoredDesign, progress: Progress) -> Verification:
-    return draw_check(gate, computed, progress)
-
-
 def _by_first_order(gate: Gate, computed: ScoredDesign, check: Check) -> str | None:
     """What mode auto says of one of the limits alone without a trial; None: it samples."""
     assert computed.score is not None
-    assert computed.held is not None
     alone = replace(computed, score=replace(computed.score, verdict=replace(computed.score.verdict, checks=(check,))))
-    if needs_check(gate, alone):
+    if plan_check(gate, alone) is not None:
         return None
-    (number,) = collect_numbers(alone.score, None, alone.rules, alone.added, computed.held)  # type: ignore[arg-type]
-    return number.status
+    assert alone.score is not None
+    (comparison,) = compare_numbers(alone.score, None, alone.requirements)
+    return comparison.number.status
 
 
 def held_to_limits(rng: np.random.Generator, *, trials: int, judged_trials: int, nu: tuple[float, float]) -> Trial:
@@ -148,7 +144,7 @@ def held_to_limits(rng: np.random.Generator, *, trials: int, judged_trials: int,
     sampled = None
     if judged_trials:
         with patch("tailstack.scoring.budget", return_value=()):
-            record = judge(_gate(limited(judged_at * value), 10, judged_trials, seed + 1), _sampled)
+            record = judge(_gate(limited(judged_at * value), 10, judged_trials, seed + 1))
         if record.designs[0].basis == "Monte Carlo":
             sampled = (judged_at, str(record.verdict))
             if record.verdict == "pass" and abs(found / (TOLERATED * judged_at) - 1) < 4 * deviation + 0.003:

@@ -102,6 +102,17 @@ def test_findings_of_plain_data_have_a_pointer_and_no_line() -> None:
     assert (finding.pointer, finding.line, finding.column) == ("/requirements/0/limit_mm", None, None)
 
 
+@pytest.mark.parametrize("name", ["p95", "cvar", "exceedance", "policy p95"])
+def test_a_requirement_may_be_called_like_a_rule(name: str) -> None:
+    own = {"name": name, "error": "localisation", "quantile": 0.9, "limit_mm": 0.01}
+    record = gate(small_design(requirements=[own]), policy=policy({"p95": {"limit_mm": 0.02}}))
+    stated, of_the_policy = of_rule(record, "p95")
+    assert stated.pointer == "/requirements/0/limit_mm"
+    assert stated.message.startswith(f"{name}, target tip: P90 of the localisation error is ")
+    assert of_the_policy.pointer == "/targets/0"
+    assert of_the_policy.message.startswith("p95, target tip: P95 of the tcp error is ")
+
+
 def test_nothing_to_judge_is_no_pass() -> None:
     record = gate(bare())
     assert (record.verdict, record.exit_code) == ("not evaluated", 3)

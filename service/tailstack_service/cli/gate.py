@@ -190,9 +190,9 @@ def _judge(arguments: argparse.Namespace, designs: list[str]) -> GateRecord:
 
             return judge_remotely(gate, arguments.remote, progress)
 
-        from ..gate.judge import draw_check, judge
+        from ..gate.judge import judge
 
-        return judge(gate, draw_check, progress.report)
+        return judge(gate, progress.report)
 
 
 def _explain(rule: str) -> str:

@@ -20,7 +20,7 @@ from tailstack.scoring import NOT_INCLUDED
 from tailstack.version import __version__
 
 from ..console.files import Staged, append, is_stream, stage
-from ..gate.records import Fold, GatedDesign, GateFinding, GateProvenance, GateRecord, Level, Mode
+from ..gate.records import Fold, GateFinding, GateProvenance, GateRecord, Level, Mode, record_unread
 
 SUMMARY = "GITHUB_STEP_SUMMARY"
 ROOTS = ("GITHUB_WORKSPACE", "CI_PROJECT_DIR")  # where GitHub and GitLab check the repository out
@@ -226,7 +226,7 @@ def record_unfinished(
         on_inconclusive=on_inconclusive,
         max_regression_percent=max_regression_percent,
         findings=tuple(_finding(rule, problem, files) for problem in problems),
-        designs=tuple(GatedDesign(file, None, None, None, "not evaluated", "none", None, (), ()) for file in files),
+        designs=tuple(record_unread(file) for file in files),
         provenance=GateProvenance(
             tailstack_version=__version__,
             policy_name="(not read)",

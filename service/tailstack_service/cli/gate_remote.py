@@ -12,7 +12,7 @@ from tailstack.errors import Problem
 
 from ..console.progress import Progress
 from ..gate.judge import Gate, conclude, report_refusal, score_designs
-from ..gate.records import WORST_FIRST, GatedDesign, GateFinding, GateRecord
+from ..gate.records import WORST_FIRST, GatedDesign, GateFinding, GateRecord, record_unread
 from ..gate.waivers import describe_waiver
 
 
@@ -84,7 +84,7 @@ def complete_record(record: GateRecord, gate: Gate) -> GateRecord:
             designs.append(next(sent))
         else:
             assert entry.refusal is not None
-            designs.append(GatedDesign(entry.file, None, None, None, "not evaluated", "none", None, (), ()))
+            designs.append(record_unread(entry.file))
             unread += report_refusal(entry, entry.refusal)
     if unread:  # the service did not know of designs that may have what a pattern is for
         findings = [finding for finding in findings if finding.rule != "process-unused"]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
-from math import dist, isfinite
+from math import dist, inf, isfinite
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -13,11 +13,22 @@ from tailstack.design import Design
 from tailstack.design.reading import shown
 from tailstack.design.refusals import escape, place, refuse
 from tailstack.errors import Problem
+from tailstack.version import __version__
 
-from .case import Case, Remark, describe_requirement, name_targets, point_at_requirement
+from .case import Case, describe_requirement, name_targets, point_at_requirement
 from .design_rules import point_at_target
-from .reading import LIMITS, GateError, GateInput, Given, add_prefix, hash_content, read_data
+from .reading import LIMITS, GateError, GateInput, Given, Remark, add_prefix, hash_content, read_data
 from .records import GatedDesign, GateRecord, GateRequirement, GateSection, GateTarget
+
+# A name is what its author writes; these are what is made.  Requirements are left out: they are what is compared.
+SECTIONS = ("views", "interfaces", "targets", "transforms", "execution")
+FEWEST_ALIKE = 3  # sections that have to be the same where the fiducials are not
+# Two machines differ in the last digits of a first-order score; a rise of less is no rise.
+ROUNDING_PERCENT = 1e-6
+ROUNDING = 1e-9  # of limits, relative
+SAME_PLACE_MM = 1e-6
+MOST_FILES = 3  # named in one message
+_WEIGHTS = ("off", "note", "warning", "error")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,6 +36,22 @@ class GateBaseline(GateInput):
     """An earlier gate, to compare with."""
 
     record: GateRecord
+
+    def find_earlier(self, file: str, design: Design, present: Collection[str]) -> GatedDesign | None:
+        """The design of the baseline that this one was.
+
+        That of its file; or, of those whose file is not ``present`` any more, the only one of its content, of the most
+        sections in common (the fiducials, or three), or of its name.
+        """
+        judged = [entry for entry in self.record.designs if entry.targets]
+        gone = [entry for entry in judged if entry.file not in present]
+        searches: tuple[Callable[[], list[GatedDesign]], ...] = (
+            lambda: [entry for entry in judged if entry.file == file],
+            lambda: [entry for entry in gone if entry.sha256 == design.sha256],
+            lambda: _choose_most_alike(gone, set(hash_sections(design))),
+            lambda: [entry for entry in gone if entry.name == design.name],
+        )
+        return next((entries[0] for search in searches if len(entries := search()) == 1), None)
 
 
 def read_baseline(given: Given, *, name: str = "baseline", prefix: str = "") -> GateBaseline:
@@ -62,11 +89,7 @@ def _find_bad_number(data: Any, seed: int) -> Problem | None:
     return None
 
 
-# --- which design it was ---
-
-# A name is what its author writes; these are what is made.  Requirements are left out: they are what is compared.
-SECTIONS = ("views", "interfaces", "targets", "transforms", "execution")
-FEWEST_ALIKE = 3  # sections that have to be the same where the fiducials are not
+# --- which design it was ------------------------------------------------------------------------------
 
 
 def hash_sections(design: Design) -> tuple[GateSection, ...]:
@@ -78,70 +101,35 @@ def hash_sections(design: Design) -> tuple[GateSection, ...]:
     return tuple(GateSection(name, hash_content(content[name])) for name in ("fiducials", *SECTIONS) if name in content)
 
 
-def find_earlier(
-    designs: Sequence[GatedDesign],
-    file: str,
-    name: str,
-    sha256: str,
-    sections: Collection[GateSection],
-    present: Collection[str],
-) -> GatedDesign | None:
-    """The design of a baseline that this one was: of that file; or, of those whose file is not ``present`` any more,
-    the only one of that content, of the most sections in common (fiducials, or three), or of that name."""
-    same_file = [entry for entry in designs if entry.file == file and entry.targets]
-    gone = [entry for entry in designs if entry.file not in present and entry.targets]
-    found: tuple[Callable[[], list[GatedDesign]], ...] = (
-        lambda: same_file,
-        lambda: [entry for entry in gone if entry.sha256 == sha256],
-        lambda: _choose_most_alike(gone, sections),
-        lambda: [entry for entry in gone if entry.name == name],
-    )
-    return next((entries[0] for find in found if len(entries := find()) == 1), None)
+def _choose_most_alike(designs: Sequence[GatedDesign], sections: set[GateSection]) -> list[GatedDesign]:
+    counts = {}
+    for entry in designs:
+        alike = sections & set(entry.sections)
+        if len(alike) >= FEWEST_ALIKE or any(section.name == "fiducials" for section in alike):
+            counts[entry.file] = len(alike)
+    most = max(counts.values(), default=0)
+    return [entry for entry in designs if counts.get(entry.file) == most]
 
 
-def _choose_most_alike(designs: Sequence[GatedDesign], sections: Collection[GateSection]) -> list[GatedDesign]:
-    alike = {entry.file: set(sections) & set(entry.sections) for entry in designs}
-    near = [
-        entry
-        for entry in designs
-        if len(alike[entry.file]) >= FEWEST_ALIKE or any(one.name == "fiducials" for one in alike[entry.file])
-    ]
-    most = max((len(alike[entry.file]) for entry in near), default=0)
-    return [entry for entry in near if len(alike[entry.file]) == most]
-
-
-# --- is it worse ---
-
-# Two machines differ in the last digits of a first-order score; a rise of less is no rise.
-ROUNDING_PERCENT = 1e-6
-ROUNDING = 1e-9  # of limits, relative
-SAME_PLACE_MM = 1e-6
-_WEIGHTS = ("off", "note", "warning", "error")
-_KINDS = {"p95": "quantile", "exceedance": "quantile"}  # an exceedance is a quantile against a limit
+# --- is it worse --------------------------------------------------------------------------------------
 
 
 def find_regressions(case: Case) -> list[Remark]:
-    """regression"""
-    base = case.baseline
-    if base is None:
-        return []
-    before = {target.name: target for target in base.targets}
+    """Rule regression: P95 at a target rose by more than is allowed."""
+    before = {target.name: target for target in case.baseline.targets} if case.baseline else {}
+    allowed = case.max_regression_percent
     remarks = []
-    for index, score in enumerate(case.score.targets):
-        was = before.get(score.name)
-        pointer = point_at_target(case, index)
-        if was is None:
+    for index, target in enumerate(case.score.targets):
+        if case.baseline is None or target.name not in before:
             continue
-        head, then, basis = _choose_basis(case, index, was, base)
-        percent = 100 * (head / then - 1) if then > 0 else (0.0 if head == 0 else float("inf"))
-        if percent > case.max_regression_percent + ROUNDING_PERCENT:
-            message = (
-                f"target {score.name}: P95 ({basis}) rose from {then:.4g} to {head:.4g} mm"
-                + (f", by {percent:.3g} %" if then > 0 else "")
-                + f"; {case.max_regression_percent:g} % are allowed"
-            )
+        head, then, basis = _choose_basis(case, index, before[target.name], case.baseline)
+        percent = 100 * (head / then - 1) if then > 0 else (0.0 if head == 0 else inf)
+        if percent > allowed + ROUNDING_PERCENT:
+            rise = f", by {percent:.3g} %" if then > 0 else ""
+            message = f"target {target.name}: P95 ({basis}) rose from {then:.4g} to {head:.4g} mm{rise}"
             value = percent if then > 0 else None
-            remarks.append(Remark(pointer, message, value, case.max_regression_percent, score.name))
+            message += f"; {allowed:g} % are allowed"
+            remarks.append(Remark(point_at_target(case, index), message, value, allowed, target.name))
     return remarks
 
 
@@ -158,38 +146,42 @@ def _choose_basis(case: Case, index: int, was: GateTarget, base: GatedDesign) ->
     return case.score.targets[index].p95_mm, was.first_order_p95_mm, "first order"
 
 
-# --- what was asked for ---------------------------------------------------------------------------
+# --- what was asked for -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Demand:
+    """A requirement of the baseline.  What an earlier version did not record is the least that can be asked."""
+
+    name: str
+    kind: str
+    targets: tuple[str, ...]
+    words: str
+    limit_mm: float = inf
+    min_yield: float = 0.0
+    quantile: float = 0.0
+    confidence: float = 0.0
+    error: str | None = None  # None: not known
+    origin: str | None = None
+    severity: str | None = None
 
 
 def find_relaxed_limits(case: Case) -> list[Remark]:
-    """limit-relaxed: what the baseline held the design to, and nothing holds it to now"""
+    """Rule limit-relaxed: what the baseline held the design to, and nothing holds it to now."""
     base = case.baseline
     if base is None:
         return []
     names = {target.name for target in case.targets}
     remarks = _find_lost_targets(case, base)
-    for asked in _list_demands(base):
-        left = tuple(name for name in asked.targets if name in names and not _demands_as_much(case, asked, name))
+    for demand in _list_demands(base):
+        left = [name for name in demand.targets if name in names and not _is_met(case, demand, name)]
         if left:
-            remarks.append(_describe_relaxed(case, asked, left))
+            remarks.append(_describe_relaxed(case, demand, left))
     return remarks
 
 
-@dataclass(frozen=True, slots=True)
-class _Demand:
-    """A requirement of the baseline; None where an old record does not say."""
-
-    name: str
-    origin: str | None
-    kind: str
-    severity: str | None
-    error: str | None
-    quantile: float | None
-    limit_mm: float | None
-    min_yield: float | None
-    confidence: float | None
-    targets: tuple[str, ...]
-    words: str
+def _kind_of(rule: str) -> str:
+    return "quantile" if rule in ("p95", "exceedance") else rule  # an exceedance is a quantile against a limit
 
 
 def _list_demands(base: GatedDesign) -> list[_Demand]:
@@ -197,70 +189,66 @@ def _list_demands(base: GatedDesign) -> list[_Demand]:
     if base.requirements:
         return [
             _Demand(
-                entry.name, entry.origin, _KINDS.get(entry.rule, entry.rule), entry.severity, entry.error,
-                entry.quantile, entry.limit_mm, entry.min_yield, entry.confidence, entry.targets,
-                describe_requirement(entry),
+                entry.name, _kind_of(entry.rule), entry.targets, describe_requirement(entry), entry.limit_mm,
+                entry.min_yield or 0.0, entry.quantile, entry.confidence, entry.error, entry.origin, entry.severity,
             )
             for entry in base.requirements
             if entry.severity != "off"
         ]  # fmt: skip
-    found: dict[tuple[str, str], _Demand] = {}
+    demands: dict[tuple[str, str], _Demand] = {}
     for number in base.numbers:
         key = (number.rule, number.requirement)
-        limit, required = (None, number.limit) if number.unit == "fraction" else (number.limit, None)
-        words = f"{100 * required:g} % of installed units" if required is not None else f"{number.limit:g} mm"
-        earlier = found[key].targets if key in found else ()
-        found[key] = _Demand(
-            number.requirement, None, _KINDS.get(number.rule, number.rule), None, None, None, limit, required, None,
-            (*earlier, number.target), words,
-        )  # fmt: skip
-    return list(found.values())
+        targets = (*(demands[key].targets if key in demands else ()), number.target)
+        named = (number.requirement, _kind_of(number.rule), targets)
+        if number.unit == "fraction":
+            words = f"{100 * number.limit:g} % of installed units"
+            demands[key] = _Demand(*named, words, min_yield=number.limit)
+        else:
+            demands[key] = _Demand(*named, f"{number.limit:g} mm", limit_mm=number.limit)
+    return list(demands.values())
 
 
-def _demands_as_much(case: Case, asked: _Demand, target: str) -> bool:
+def _is_met(case: Case, demand: _Demand, target: str) -> bool:
     """Whether some requirement, whatever it is called, asks for as much at the target."""
     return any(
-        target in entry.targets and _KINDS.get(entry.rule, entry.rule) == asked.kind and not _list_less(entry, asked)
+        target in entry.targets and _kind_of(entry.rule) == demand.kind and not _list_less(entry, demand)
         for entry in case.requirements
     )
 
 
-def _list_less(entry: GateRequirement, asked: _Demand) -> list[tuple[str, str]]:
+def _list_less(entry: GateRequirement, demand: _Demand) -> list[tuple[str, str]]:
     """In what a requirement asks for less: field of the document and words."""
-    found: list[tuple[str, str]] = []
-    if asked.error not in (None, entry.error):
-        found.append(("error", f"it is about the {entry.error} error, and was about the {asked.error} error"))
-    if asked.limit_mm is not None and entry.limit_mm > asked.limit_mm * (1 + ROUNDING):
-        found.append(("limit_mm", f"limit raised from {asked.limit_mm:g} to {entry.limit_mm:g} mm"))
-    if asked.quantile is not None and entry.quantile < asked.quantile - ROUNDING:
-        found.append(("quantile", f"quantile lowered from {asked.quantile:g} to {entry.quantile:g}"))
-    if asked.min_yield is not None and (entry.min_yield or 0.0) < asked.min_yield - ROUNDING:
-        found.append(("min_yield", f"yield lowered from {asked.min_yield:g} to {entry.min_yield or 0.0:g}"))
-    if asked.confidence is not None and entry.confidence < asked.confidence - ROUNDING:
-        found.append(("confidence", f"confidence lowered from {asked.confidence:g} to {entry.confidence:g}"))
-    weight = _WEIGHTS.index(asked.severity or "note")
-    if _WEIGHTS.index(entry.severity) < weight:
-        found.append(("", f"rule {entry.rule} counts as {entry.severity}, and counted as {asked.severity or 'more'}"))
-    return found
+    less: list[tuple[str, str]] = []
+    if demand.error not in (None, entry.error):
+        less.append(("error", f"it is about the {entry.error} error, and was about the {demand.error} error"))
+    if entry.limit_mm > demand.limit_mm * (1 + ROUNDING):
+        less.append(("limit_mm", f"limit raised from {demand.limit_mm:g} to {entry.limit_mm:g} mm"))
+    if entry.quantile < demand.quantile - ROUNDING:
+        less.append(("quantile", f"quantile lowered from {demand.quantile:g} to {entry.quantile:g}"))
+    if (entry.min_yield or 0.0) < demand.min_yield - ROUNDING:
+        less.append(("min_yield", f"yield lowered from {demand.min_yield:g} to {entry.min_yield or 0.0:g}"))
+    if entry.confidence < demand.confidence - ROUNDING:
+        less.append(("confidence", f"confidence lowered from {demand.confidence:g} to {entry.confidence:g}"))
+    if _WEIGHTS.index(entry.severity) < _WEIGHTS.index(demand.severity or "note"):
+        less.append(("", f"rule {entry.rule} counts as {entry.severity}, and counted as {demand.severity or 'more'}"))
+    return less
 
 
-def _describe_relaxed(case: Case, asked: _Demand, targets: tuple[str, ...]) -> Remark:
+def _describe_relaxed(case: Case, demand: _Demand, targets: Sequence[str]) -> Remark:
     """What became of a requirement that is not asked for as it was."""
-    begin = f"{asked.name} ({asked.words} in the baseline)"
-    namesake = next(
-        (entry for entry in case.requirements if entry.name == asked.name and asked.origin in (None, entry.origin)),
-        None,
-    )
-    if namesake is None:
-        return Remark(_point_at_requirements(case), f"{begin}: the requirement went {name_targets(targets)}")
+    begin = f"{demand.name} ({demand.words} in the baseline)"
+    namesakes = (entry for entry in case.requirements if entry.name == demand.name)
+    namesake = next((entry for entry in namesakes if demand.origin in (None, entry.origin)), None)
     pointer = point_at_requirement(case.design, namesake)
-    if _KINDS.get(namesake.rule, namesake.rule) != asked.kind:
+    if namesake is None:
+        return Remark(pointer, f"{begin}: the requirement went {name_targets(targets)}")
+    if _kind_of(namesake.rule) != demand.kind:
         return Remark(pointer, f"{begin}: it is judged under {namesake.rule} now, which asks for something else")
-    changes = _list_less(namesake, asked)
+    changes = _list_less(namesake, demand)
     if missing := [name for name in targets if name not in namesake.targets]:
         changes.append(("targets", f"it is not asked for any more {name_targets(missing)}"))
     field = next((field for field, _ in changes if field), "")
-    values = (namesake.limit_mm, asked.limit_mm) if field == "limit_mm" else (None, None)
+    values = (namesake.limit_mm, demand.limit_mm) if field == "limit_mm" else (None, None)
     message = f"{begin}: {'; '.join(words for _, words in changes)}"
     return Remark(point_at_requirement(case.design, namesake, field), message, *values)
 
@@ -288,15 +276,11 @@ def _find_lost_targets(case: Case, base: GatedDesign) -> list[Remark]:
     return remarks
 
 
-def _point_at_requirements(case: Case) -> str:
-    return "/requirements" if case.design.document.requirements else ""
-
-
-# --- what there was to compare with ---------------------------------------------------------------
+# --- what there was to compare with -------------------------------------------------------------------
 
 
 def find_not_compared(case: Case) -> list[Remark]:
-    """not-compared"""
+    """Rule not-compared, of one design: what the baseline has nothing to compare with."""
     base = case.baseline
     if not case.compared:
         return []
@@ -319,3 +303,29 @@ def find_not_compared(case: Case) -> list[Remark]:
         message = f"compared with {base.file} of the baseline, whose file is gone and which is most alike"
         remarks.append(Remark("", message, note=True))
     return remarks
+
+
+def find_missing_designs(
+    baseline: GateBaseline, cases: Sequence[Case], present: Collection[str]
+) -> Iterator[tuple[str, Remark]]:
+    """Rule not-compared, of the baseline: designs whose files went and that no design here was; nobody judges them."""
+    there = {*present, *(case.baseline.file for case in cases if case.baseline is not None)}
+    every = baseline.record.designs
+    left = [index for index, entry in enumerate(every) if entry.targets and entry.file not in there]
+    if left:
+        names = ", ".join(every[index].file for index in left[:MOST_FILES])
+        more = f" and {len(left) - MOST_FILES} more" if len(left) > MOST_FILES else ""
+        new = [case.file for case in cases if case.baseline is None]
+        ending = f"changed beyond recognition and called {new[0]}" if new else "left out"
+        message = f"{names}{more}: judged in the baseline and not here: removed, renamed to what the patterns do not "
+        yield "not-compared", Remark(f"/designs/{left[0]}", f"{message}match, or {ending}")
+
+
+def find_other_version(baseline: GateBaseline) -> Iterator[tuple[str, Remark]]:
+    """Rule model-version: the baseline was computed by another version of tailstack."""
+    version = baseline.record.provenance.tailstack_version
+    if version != __version__:
+        message = (
+            f"the baseline was computed by tailstack {version}, this is {__version__}: numbers may differ for that "
+        )
+        yield "model-version", Remark("/provenance/tailstack_version", f"{message}reason; write a new baseline")

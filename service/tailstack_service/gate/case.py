@@ -1,20 +1,34 @@
-"""One design before the gate: what it is asked for, the numbers held against that, and what was not judged."""
+"""One design before the gate: what it is asked for, the numbers held against that, and what was not judged.
+
+A limit of the policy on a quantile is added to the design as a requirement of its own, so that the score and the
+Monte Carlo check decide it with their intervals like every other; an exceedance of probability p beyond a limit is the
+quantile 1 - p at that limit.  Only CVaR is held against its limit here.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, replace
 
-from tailstack.design import Design
-from tailstack.design.write import design_to_data
+from tailstack.design import Design, design_to_data, load_design
 from tailstack.propagation.validity import error_percent
 from tailstack.results import Check, Score, Verification
-from tailstack.system import System
 from tailstack.verdict import decide
 
 from .policy import ClassOfName, Rules
+from .reading import Remark
 from .records import GatedDesign, GateNumber, GateRequirement, GateTarget, Unjudged
+
+CVAR_LIKE = 0.99  # first order errs in the mean of the worst 5 % as in this quantile (docs/method.md, section 4)
+MOST_NAMES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A requirement at one target, and the number that was held against it."""
+
+    requirement: GateRequirement
+    number: GateNumber
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,8 +40,7 @@ class Case:
     rules: Rules
     score: Score
     verification: Verification | None
-    numbers: tuple[GateNumber, ...]  # what was held against limits
-    added: Mapping[str, str]  # requirements that the policy added: name -> rule
+    comparisons: tuple[Comparison, ...]
     targets: tuple[GateTarget, ...]
     requirements: tuple[GateRequirement, ...]  # of the design and of the policy, judged or not
     not_judged: tuple[Unjudged, ...]
@@ -38,101 +51,198 @@ class Case:
     max_regression_percent: float
 
 
-@dataclass(frozen=True, slots=True)
-class Remark:
-    """What a rule says about a design."""
-
-    pointer: str  # into the design document
-    message: str
-    value: float | None = None
-    limit: float | None = None
-    target: str | None = None
-    bound: float | None = None  # the end of the value's interval that a waiver must cover; None: the value itself
-    about: str | None = None  # the rule whose waivers cover it, where that is another one
-    unbounded: bool = False  # no end of the interval is known: no waiver covers it
-    note: bool = False  # said for information, whatever the rule's severity
+# --- what a design is asked for ---------------------------------------------------------------------
 
 
-CVAR_QUANTILE = 0.95
-MOST_NAMES = 3
+def list_policy_limits(design: Design, rules: Rules) -> dict[str, GateRequirement]:
+    """Limits of the policy on the error at the tool, by names that no requirement of the design has.
 
-
-def list_requirements(design: Design, system: System, rules: Rules) -> tuple[GateRequirement, ...]:
-    """Every requirement of the design, then every limit of the policy, whether its rule is off or not."""
-    every = tuple(target.name for target in system.targets)
-    own = {requirement.name for requirement in design.document.requirements}
-    stated = []
-    for requirement in system.requirements:
-        if requirement.name not in own:  # a limit of the policy, which follows below
-            continue
-        rule: Literal["p95", "per-unit-yield"] = "per-unit-yield" if requirement.risk == "per_unit" else "p95"
-        severity = (rules.per_unit_yield if requirement.risk == "per_unit" else rules.p95).severity
-        stated.append(
-            GateRequirement(
-                name=requirement.name,
-                origin="design",
-                rule=rule,
-                severity=severity,
-                error="tcp" if requirement.error == "tcp" else "localisation",
-                quantile=requirement.quantile,
-                limit_mm=requirement.limit_mm,
-                min_yield=requirement.min_yield,
-                confidence=requirement.confidence,
-                targets=requirement.targets,
-            )
-        )
-    return (*stated, *_list_policy_limits(rules, every))
-
-
-def _list_policy_limits(rules: Rules, targets: tuple[str, ...]) -> list[GateRequirement]:
-    """Limits of the policy, each on the error at the tool of every target."""
+    Their targets are known when the design was scored: all of them.
+    """
     p95, cvar, beyond, units = rules.p95, rules.cvar, rules.exceedance, rules.per_unit_yield
-    found = [
-        ("p95", p95.severity, 0.95, p95.limit_mm, None, p95.confidence),
-        ("cvar", cvar.severity, CVAR_QUANTILE, cvar.limit_mm, None, cvar.confidence),
-        ("exceedance", beyond.severity, 1 - (beyond.max_probability or 0.0), beyond.limit_mm, None, beyond.confidence),
-        ("per-unit-yield", units.severity, 0.95, units.limit_mm, units.min_yield, units.confidence),
-    ]
-    return [
-        GateRequirement(rule, "policy", rule, severity, "tcp", quantile, limit, required, confidence, targets)
-        for rule, severity, quantile, limit, required, confidence in found
-        if limit is not None
-    ]
+    limits = {}
+    for rule, entry, quantile, min_yield in (
+        ("p95", p95, 0.95, None),
+        ("cvar", cvar, 0.95, None),
+        ("exceedance", beyond, 1 - (beyond.max_probability or 0.0), None),
+        ("per-unit-yield", units, 0.95, units.min_yield),
+    ):
+        if entry.limit_mm is not None:
+            name = f"policy {rule}"
+            while any(requirement.name == name for requirement in design.document.requirements):
+                name += "'"
+            limits[name] = GateRequirement(
+                rule, "policy", rule, entry.severity, "tcp", quantile, entry.limit_mm, min_yield, entry.confidence, ()
+            )
+    return limits
+
+
+def add_policy_limits(design: Design, limits: Mapping[str, GateRequirement]) -> Design:
+    """The design with the policy's limits among its requirements, those that are off and CVaR left out.
+
+    Raises DesignError, LimitError.
+    """
+    data = design_to_data(design, inline=True)
+    for name, limit in limits.items():
+        if limit.rule != "cvar" and limit.severity != "off":
+            entry = {"name": name, "quantile": limit.quantile, "limit_mm": limit.limit_mm}
+            units = {} if limit.min_yield is None else {"risk": "per_unit", "min_yield": limit.min_yield}
+            data.setdefault("requirements", []).append({**entry, **units, "confidence": limit.confidence})
+    return load_design(data)
+
+
+def list_requirements(
+    design: Design, rules: Rules, limits: Mapping[str, GateRequirement], score: Score
+) -> dict[str, GateRequirement]:
+    """Every requirement of the design, then every limit of the policy, whether its rule is off or not.
+
+    They go by their names in the design with the policy's limits, which was scored.
+    """
+    stated = {}
+    for entry in design.document.requirements:
+        units = entry.risk == "per_unit"
+        stated[entry.name] = GateRequirement(
+            name=entry.name,
+            origin="design",
+            rule="per-unit-yield" if units else "p95",
+            severity=(rules.per_unit_yield if units else rules.p95).severity,
+            error=entry.error,
+            quantile=entry.quantile,
+            limit_mm=entry.limit_mm,
+            min_yield=entry.min_yield,
+            confidence=entry.confidence,
+            targets=tuple(check.target for check in score.verdict.checks if check.requirement == entry.name),
+        )
+    every = tuple(target.name for target in score.targets)
+    return {**stated, **{name: replace(limit, targets=every) for name, limit in limits.items()}}
+
+
+# --- the numbers held against that -------------------------------------------------------------------
+
+
+def compare_numbers(
+    score: Score, verification: Verification | None, requirements: Mapping[str, GateRequirement], looks: int = 1
+) -> tuple[Comparison, ...]:
+    """Every number with its limit and status; Monte Carlo where it was drawn.  Rules that are off judge nothing.
+
+    requirements: of :func:`list_requirements`.  looks: that the check was planned with.
+    """
+    checks = (score if verification is None else verification).verdict.checks
+    stated = [(requirements[check.requirement], check) for check in checks]
+    # Quantiles share the run's confidence, the largest that is asked for; a yield has its own.
+    largest = max((requirement.confidence for requirement, _ in stated), default=0.95)
+    comparisons = []
+    for requirement, check in stated:
+        if requirement.severity != "off":
+            own = requirement.confidence if check.risk == "per_unit" else largest
+            rate = None if verification is None else _error_rate(own)
+            comparisons.append(Comparison(requirement, _make_number(requirement, check, rate)))
+    for requirement in requirements.values():
+        if requirement.rule == "cvar" and requirement.severity != "off":
+            comparisons += _compare_cvar(score, verification, requirement, looks)
+    return tuple(comparisons)
+
+
+def _error_rate(confidence: float) -> float:
+    return round((1 - confidence) / 2, 12)
+
+
+def _make_number(requirement: GateRequirement, check: Check, rate: float | None) -> GateNumber:
+    named = (requirement.rule, requirement.name, check.target)
+    value, interval, limit = check.value_mm, check.interval_mm, check.limit_mm
+    if check.yield_fraction is None or check.min_yield is None:
+        return GateNumber(*named, "mm", value, interval, limit, check.status, rate, check.headline)
+    return GateNumber(
+        *named, "fraction", check.yield_fraction, None, check.min_yield, check.status, rate, check.headline,
+        value, interval, limit,
+    )  # fmt: skip
+
+
+def _compare_cvar(
+    score: Score, verification: Verification | None, requirement: GateRequirement, looks: int
+) -> list[Comparison]:
+    estimates: list[tuple[str, float, tuple[float, float]]] = []
+    confidence, limit = requirement.confidence, requirement.limit_mm
+    if verification is None:
+        ratio = 1 + error_percent(score.validity, CVAR_LIKE) / 100
+        for target in score.targets:
+            estimates.append((target.name, target.cvar95_mm, (target.cvar95_mm / ratio, target.cvar95_mm * ratio)))
+    else:
+        from tailstack.montecarlo.estimators import cvar_interval
+
+        for drawn in verification.targets:
+            values = (drawn.p95_mm, drawn.cvar95_mm, drawn.worst_mm)
+            ends = cvar_interval(*values, verification.trials, confidence, looks)
+            estimates.append((drawn.name, drawn.cvar95_mm, ends))
+    rate = None if verification is None else _error_rate(confidence)
+    comparisons = []
+    for name, value, (low, high) in estimates:
+        interval = (low, high if high != float("inf") else None)
+        status = decide((low, high), limit)
+        number = GateNumber("cvar", "cvar", name, "mm", value, interval, limit, status, rate, "CVaR95")
+        comparisons.append(Comparison(requirement, number))
+    return comparisons
+
+
+def is_near_limit(
+    numbers: Iterable[GateNumber], guard_band_percent: float, waived_up_to: Callable[[GateNumber], Sequence[float]]
+) -> bool:
+    """Whether first order is too close to a limit to be believed, or cannot decide by itself.
+
+    waived_up_to: values up to which waivers accept a number that fails; each is a limit like any other.
+    """
+    band = guard_band_percent / 100
+    for number in numbers:
+        if number.status == "inconclusive":
+            return True
+        waived = waived_up_to(number) if number.status == "fail" else ()
+        if waived and number.unit == "fraction":
+            return True  # to first order no waiver covers a yield
+        if number.value_mm is None or number.limit_mm is None:
+            continue  # of a yield that an earlier version judged by itself
+        if any(abs(number.value_mm - limit) <= band * limit for limit in (number.limit_mm, *waived)):
+            return True
+    return False
+
+
+def bound_yield(fraction: float) -> float:
+    """Lower Clopper-Pearson limit (97.5 %) of a yield met by ``fraction`` of the units that a check draws."""
+    from scipy.special import betaincinv
+
+    from tailstack.verification import UNITS
+
+    met = min(round(fraction * UNITS), UNITS)
+    return float(betaincinv(met, UNITS - met + 1, 0.025)) if met > 0 else 0.0
+
+
+# --- what was not judged -----------------------------------------------------------------------------
 
 
 def list_unjudged(
-    requirements: Sequence[GateRequirement],
-    numbers: Sequence[GateNumber],
+    requirements: Iterable[GateRequirement],
+    comparisons: Iterable[Comparison],
     targets: Sequence[str],
     design_class: str | None,
 ) -> tuple[Unjudged, ...]:
     """Each requirement at each target that there is no number of, and each target that no requirement is about."""
-    judged = {(number.requirement, number.target) for number in numbers}
-    found = []
+    judged = {(comparison.requirement, comparison.number.target) for comparison in comparisons}
+    where = "in the policy" if design_class is None else f"for class {design_class} of the policy"
+    unjudged: list[Unjudged] = []
+    covered: set[str] = set()
     for entry in requirements:
-        if entry.severity == "off":
-            where = "in the policy" if design_class is None else f"for class {design_class} of the policy"
-            reason = f"rule {entry.rule} is off {where}"
-        else:
-            reason = "it has no number"
-        found += [
+        covered.update(entry.targets)
+        reason = f"rule {entry.rule} is off {where}" if entry.severity == "off" else "it has no number"
+        unjudged += [
             Unjudged(entry.name, target, entry.rule, reason)
             for target in entry.targets
-            if entry.severity == "off" or (entry.name, target) not in judged
+            if (entry, target) not in judged
         ]
-    asked = {target for entry in requirements for target in entry.targets}
-    return (
-        *found,
-        *(
-            Unjudged(None, target, None, "no requirement of the design and no limit of the policy is about it")
-            for target in targets
-            if target not in asked
-        ),
-    )
+    reason = "no requirement of the design and no limit of the policy is about it"
+    return (*unjudged, *(Unjudged(None, target, None, reason) for target in targets if target not in covered))
 
 
 def find_unjudged(case: Case) -> list[Remark]:
-    """not-judged"""
+    """Rule not-judged: requirements of the design, and targets, that nothing was held against."""
     remarks = []
     for entry in case.requirements:
         left = [one for one in case.not_judged if (one.requirement, one.rule) == (entry.name, entry.rule)]
@@ -148,16 +258,19 @@ def find_unjudged(case: Case) -> list[Remark]:
 
 
 def find_class_names(case: Case) -> list[Remark]:
-    """class-by-name"""
+    """Rule class-by-name: the design's own name would choose a class that names do not choose."""
     if case.class_of_name is None:
         return []
-    found = case.class_of_name
     judged = "the policy's rules" if case.design_class is None else f"those of class {case.design_class}"
     message = (
-        f"the name of this design matches {found.pattern!r} of class {found.name}, which does not say by_name: true: "
-        f"it was judged by {judged}; give the class patterns of files, or by_name: true if authors may choose"
+        f"the name of this design matches {case.class_of_name.pattern!r} of class {case.class_of_name.name}, which "
+        f"does not say by_name: true: it was judged by {judged}; give the class patterns of files, or by_name: true if "
+        "authors may choose"
     )
     return [Remark("/name", message)]
+
+
+# --- in words, and at their places -------------------------------------------------------------------
 
 
 def describe_requirement(entry: GateRequirement) -> str:
@@ -175,159 +288,9 @@ def name_targets(targets: Iterable[str]) -> str:
     return f"at target{'s' if len(names) > 1 else ''} {', '.join(names[:MOST_NAMES])}{more}"
 
 
-def point_at_requirement(design: Design, entry: GateRequirement, field: str = "") -> str:
-    """Where a requirement, or a field that it states, stands in the design document."""
+def point_at_requirement(design: Design, entry: GateRequirement | None, field: str = "") -> str:
+    """Where a requirement, or a field that it states, stands in the design document; None: where it should."""
     for index, requirement in enumerate(design.document.requirements):
-        if entry.origin == "design" and requirement.name == entry.name:
+        if entry is not None and entry.origin == "design" and requirement.name == entry.name:
             return f"/requirements/{index}" + (f"/{field}" if field in requirement.model_fields_set else "")
     return "/requirements" if design.document.requirements else ""
-
-
-CVAR_LIKE = 0.99  # first order errs in the mean of the worst 5 % as in this quantile (docs/method.md, section 4)
-UNITS = 2048  # installed units that a check draws for a per-unit requirement (tailstack.verification)
-
-
-def add_policy_limits(design: Design, rules: Rules) -> tuple[dict[str, Any], dict[str, str]]:
-    """The design's document with the policy's limits among its requirements, and which rule each of these is of."""
-    wanted: list[tuple[str, dict[str, Any]]] = []
-    p95, beyond, units = rules.p95, rules.exceedance, rules.per_unit_yield
-    if p95.limit_mm is not None and p95.severity != "off":
-        wanted.append(("p95", {"limit_mm": p95.limit_mm, "confidence": p95.confidence}))
-    if beyond.limit_mm is not None and beyond.max_probability is not None and beyond.severity != "off":
-        quantile = 1 - beyond.max_probability
-        wanted.append(
-            ("exceedance", {"limit_mm": beyond.limit_mm, "quantile": quantile, "confidence": beyond.confidence})
-        )
-    if units.limit_mm is not None and units.min_yield is not None and units.severity != "off":
-        entry = {"limit_mm": units.limit_mm, "min_yield": units.min_yield, "confidence": units.confidence}
-        wanted.append(("per-unit-yield", {**entry, "risk": "per_unit"}))
-    data = design_to_data(design, inline=True)
-    taken = {requirement.name for requirement in design.document.requirements}
-    added = {}
-    for rule, entry in wanted:
-        name = f"policy {rule}"
-        while name in taken:
-            name += "'"
-        taken.add(name)
-        added[name] = rule
-        data.setdefault("requirements", []).append({"name": name, **entry})
-    return data, added
-
-
-def collect_numbers(
-    score: Score,
-    verification: Verification | None,
-    rules: Rules,
-    added: Mapping[str, str],
-    held: Design,
-    looks: int = 1,
-) -> tuple[GateNumber, ...]:
-    """Every number with its limit and status; Monte Carlo where it was drawn.  Rules that are off judge nothing.
-
-    held: the design with the policy's limits among its requirements.  looks: that the check was planned with.
-    """
-    severity = {
-        "p95": rules.p95.severity,
-        "exceedance": rules.exceedance.severity,
-        "per-unit-yield": rules.per_unit_yield.severity,
-    }
-    checks = (score if verification is None else verification).verdict.checks
-    rate = _error_rates(held, verification)
-    numbers = [_make_number(check, added, rate(check)) for check in checks]
-    return (
-        *(number for number in numbers if severity[number.rule] != "off"),
-        *_make_cvar_numbers(score, verification, rules, looks),
-    )
-
-
-def _error_rates(held: Design, verification: Verification | None) -> Callable[[Check], float | None]:
-    """Of each check: quantiles share the run's confidence, the largest that is asked for; a yield has its own."""
-    confidence = {entry.name: entry.confidence for entry in held.document.requirements}
-    largest = max(confidence.values(), default=0.95)
-
-    def rate(check: Check) -> float | None:
-        if verification is None:
-            return None
-        own = confidence[check.requirement] if check.risk == "per_unit" else largest
-        return round((1 - own) / 2, 12)
-
-    return rate
-
-
-def _make_number(check: Check, added: Mapping[str, str], rate: float | None) -> GateNumber:
-    rule = added.get(check.requirement)
-    name = check.requirement if rule is None else rule
-    interval = check.interval_mm
-    if check.yield_fraction is not None and check.min_yield is not None:
-        return GateNumber(
-            "per-unit-yield", name, check.target, "fraction", check.yield_fraction, None, check.min_yield, check.status,
-            rate, check.headline, check.value_mm, interval, check.limit_mm,
-        )  # fmt: skip
-    return GateNumber(
-        rule or "p95", name, check.target, "mm", check.value_mm, interval, check.limit_mm, check.status, rate,
-        check.headline,
-    )  # fmt: skip
-
-
-def _make_cvar_numbers(score: Score, verification: Verification | None, rules: Rules, looks: int) -> list[GateNumber]:
-    limit = rules.cvar.limit_mm
-    if limit is None or rules.cvar.severity == "off":
-        return []
-    found: list[tuple[str, float, tuple[float, float]]] = []
-    if verification is None:
-        for target in score.targets:
-            value = target.cvar95_mm
-            ratio = 1 + error_percent(score.validity, CVAR_LIKE) / 100
-            found.append((target.name, value, (value / ratio, value * ratio)))
-    else:
-        from tailstack.montecarlo.estimators import cvar_interval
-
-        for estimate in verification.targets:
-            ends = cvar_interval(
-                estimate.p95_mm,
-                estimate.cvar95_mm,
-                estimate.worst_mm,
-                verification.trials,
-                rules.cvar.confidence,
-                looks,
-            )
-            found.append((estimate.name, estimate.cvar95_mm, ends))
-    rate = None if verification is None else round((1 - rules.cvar.confidence) / 2, 12)
-    return [
-        GateNumber(
-            "cvar", "cvar", name, "mm", value, (low, high if high != float("inf") else None), limit,
-            decide((low, high), limit), rate, "CVaR95",
-        )
-        for name, value, (low, high) in found
-    ]  # fmt: skip
-
-
-def is_near_limit(
-    numbers: tuple[GateNumber, ...],
-    guard_band_percent: float,
-    accepted: Callable[[GateNumber], Sequence[float]],
-) -> bool:
-    """Whether first order is too close to a limit to be believed, or cannot decide by itself.
-
-    accepted: up to where waivers accept a number that fails; such a value is a limit like any other.
-    """
-    band = guard_band_percent / 100
-    for number in numbers:
-        if number.status == "inconclusive":
-            return True
-        waived = accepted(number) if number.status == "fail" else ()
-        if waived and number.unit == "fraction":
-            return True  # to first order no waiver covers a yield
-        if number.value_mm is None or number.limit_mm is None:
-            continue  # of a yield that an earlier version judged by itself
-        if any(abs(number.value_mm - limit) <= band * limit for limit in (number.limit_mm, *waived)):
-            return True
-    return False
-
-
-def bound_yield(fraction: float) -> float:
-    """Lower Clopper-Pearson limit (97.5 %) of a yield met by ``fraction`` of the units that a check draws."""
-    from scipy.special import betaincinv
-
-    met = min(round(fraction * UNITS), UNITS)
-    return float(betaincinv(met, UNITS - met + 1, 0.025)) if met > 0 else 0.0

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from math import dist
 
@@ -13,53 +14,39 @@ from tailstack.design.write import FIELD
 from tailstack.results import Score, headline_of
 
 from ..rendering.score import shares_of
-from .case import Case, Remark, bound_yield
-from .records import GateNumber
-
-# What carries each limit of the policy in its document.
-_FIELDS = {"p95": "limit_mm", "cvar": "limit_mm", "exceedance": "limit_mm", "per-unit-yield": "min_yield"}
+from .case import Case, Comparison, bound_yield
+from .policy import GatePolicy, Process
+from .reading import Remark
 
 
-def find_quantiles(case: Case) -> list[Remark]:
-    """p95"""
-    return _find_failures(case, "p95")
-
-
-def find_tail_means(case: Case) -> list[Remark]:
-    """cvar"""
-    return _find_failures(case, "cvar")
-
-
-def find_exceedances(case: Case) -> list[Remark]:
-    """exceedance"""
-    return _find_failures(case, "exceedance")
-
-
-def find_yields(case: Case) -> list[Remark]:
-    """per-unit-yield"""
-    return _find_failures(case, "per-unit-yield")
+def find_failures(case: Case, rule: str) -> list[Remark]:
+    """Rules p95, cvar, exceedance and per-unit-yield: limits that are surely missed."""
+    return [
+        _make_remark(case, comparison, "")
+        for comparison in case.comparisons
+        if comparison.number.rule == rule and comparison.number.status == "fail"
+    ]
 
 
 def find_open_questions(case: Case) -> list[Remark]:
-    """inconclusive"""
-    hint = (
-        "first order cannot decide; gate with --mode auto or verify"
-        if case.verification is None
-        else f"open after {case.verification.trials:,} trials; the policy's verification.max_trials allows more"
-    )
-    return [_make_remark(case, number, hint) for number in case.numbers if number.status == "inconclusive"]
+    """Rule inconclusive: limits that an interval holds."""
+    hint = "first order cannot decide; gate with --mode auto or verify"
+    if case.verification is not None:
+        hint = f"open after {case.verification.trials:,} trials; the policy's verification.max_trials allows more"
+    open_ones = (comparison for comparison in case.comparisons if comparison.number.status == "inconclusive")
+    return [_make_remark(case, comparison, hint) for comparison in open_ones]
 
 
 def find_first_order_gaps(case: Case) -> list[Remark]:
-    """first-order-gap"""
+    """Rule first-order-gap: first order is too far from Monte Carlo, or is calibrated to be."""
     allowed = case.rules.first_order_gap.max_percent
     trust = case.score.validity
     if case.verification is None:
         percent = trust.expected_error_percent
         if percent is not None and percent <= allowed:
             return []
-        return [Remark("/views", f"{trust.statement}; {allowed:g} % are allowed", percent, allowed,
-                       unbounded=percent is None)]  # fmt: skip
+        message = f"{trust.statement}; {allowed:g} % are allowed"
+        return [Remark("/views", message, percent, allowed, unbounded=percent is None)]
     remarks = []
     for index, target in enumerate(case.verification.targets):
         low, high = (target.first_order_p95_mm / end for end in reversed(target.p95_interval_mm))
@@ -75,74 +62,48 @@ def find_first_order_gaps(case: Case) -> list[Remark]:
     return remarks
 
 
-def _find_failures(case: Case, rule: str) -> list[Remark]:
-    return [
-        _make_remark(case, number, "") for number in case.numbers if number.rule == rule and number.status == "fail"
-    ]
-
-
-def _make_remark(case: Case, number: GateNumber, hint: str) -> Remark:
-    what = _describe_number(case, number)
-    message = f"{number.requirement}, target {number.target}: {what}" + (f"; {hint}" if hint else "")
-    if not hint and (blame := name_largest_share(case.score, number.target, _find_quantile(case, number)[1])):
-        message += f"; the largest share is {blame}"
-    bound, unbounded = _bound(case, number)
+def _make_remark(case: Case, comparison: Comparison, hint: str) -> Remark:
+    number = comparison.number
+    message = f"{number.requirement}, target {number.target}: {_describe_number(comparison)}"
+    if hint:
+        message += f"; {hint}"
+    elif share := name_largest_share(case.score, number.target, comparison.requirement.error):
+        message += f"; the largest share is {share}"
+    bound: float | None = None  # to first order only the status of a yield is known
+    if number.interval is not None:
+        bound = number.interval[1]
+    elif case.verification is not None:
+        bound = bound_yield(number.value)
     return Remark(
-        pointer=_point_at_limit(case, number),
-        message=message,
-        value=number.value,
-        limit=number.limit,
-        target=number.target,
-        bound=bound,
-        about=number.rule,
-        unbounded=unbounded,
-    )
+        _point_at_limit(case, comparison), message, number.value, number.limit, number.target,
+        bound=bound, about=number.rule, unbounded=bound is None,
+    )  # fmt: skip
 
 
-def _describe_number(case: Case, number: GateNumber) -> str:
+def _describe_number(comparison: Comparison) -> str:
+    number, requirement = comparison.number, comparison.requirement
     assert number.value_mm is not None  # or it would be of an earlier version's record
     low, high = number.interval_mm or (number.value_mm, None)
     ends = f"[{low:.4g}, {'unknown' if high is None else f'{high:.4g}'}]"
-    if number.rule == "cvar":
-        return f"CVaR95 of the tcp error is {number.value:.4g} mm {ends}, limit {number.limit:g} mm"
-    quantile, error = _find_quantile(case, number)
+    quantile = f"P{100 * requirement.quantile:g}"
     if number.unit == "fraction":
-        value = headline_of(quantile, number.limit, f"the {error} error")
+        value = headline_of(requirement.quantile, number.limit, f"the {requirement.error} error")
         good = f"{number.value:.2%} of installed units are good, {number.limit:.2%} required"
         return f"{value} is {number.value_mm:.4g} mm {ends}, limit {number.limit_mm:g} mm: {good}"
-    if number.rule == "exceedance" and case.rules.exceedance.max_probability is not None:
-        quantile = 1 - case.rules.exceedance.max_probability
-        return (
-            f"more than {100 * (1 - quantile):g} % of shots may miss by over {number.limit:g} mm: "
-            f"P{100 * quantile:g} is {number.value:.4g} mm {ends}"
-        )
-    return f"P{100 * quantile:g} of the {error} error is {number.value:.4g} mm {ends}, limit {number.limit:g} mm"
+    if number.rule == "exceedance":
+        asked = f"more than {100 * (1 - requirement.quantile):g} % of shots may miss by over {number.limit:g} mm"
+        return f"{asked}: {quantile} is {number.value:.4g} mm {ends}"
+    what = "CVaR95" if number.rule == "cvar" else quantile
+    return f"{what} of the {requirement.error} error is {number.value:.4g} mm {ends}, limit {number.limit:g} mm"
 
 
-def _find_quantile(case: Case, number: GateNumber) -> tuple[float, str]:
-    """Quantile and error that a number is of: those of its requirement; limits of the policy are of P95 at the tool."""
-    for requirement in case.design.document.requirements:
-        if requirement.name == number.requirement and number.requirement not in _FIELDS:
-            return requirement.quantile, requirement.error
-    return 0.95, "tcp"
-
-
-def _bound(case: Case, number: GateNumber) -> tuple[float | None, bool]:
-    """The end of the interval that a waiver must cover, and whether there is none."""
-    if number.interval is not None:
-        return number.interval[1], number.interval[1] is None
-    if case.verification is None:  # of a yield to first order only the status is known
-        return None, True
-    return bound_yield(number.value), False
-
-
-def _point_at_limit(case: Case, number: GateNumber) -> str:
+def _point_at_limit(case: Case, comparison: Comparison) -> str:
     """The limit in the design; for a limit of the policy, the target that misses it."""
-    for index, requirement in enumerate(case.design.document.requirements):
-        if requirement.name == number.requirement and number.requirement not in _FIELDS:
-            return f"/requirements/{index}/" + ("min_yield" if number.unit == "fraction" else "limit_mm")
-    names = [target.name for target in case.score.targets]
-    return point_at_target(case, names.index(number.target))
+    if comparison.requirement.origin == "design":
+        names = [requirement.name for requirement in case.design.document.requirements]
+        field = "min_yield" if comparison.number.unit == "fraction" else "limit_mm"
+        return f"/requirements/{names.index(comparison.requirement.name)}/{field}"
+    return point_at_target(case, [target.name for target in case.score.targets].index(comparison.number.target))
 
 
 def point_at_target(case: Case, index: int) -> str:
@@ -172,7 +133,7 @@ _COMPONENTS = ("rx", "ry", "rz", "tx", "ty", "tz")
 
 
 def find_weaknesses(case: Case) -> list[Remark]:
-    """conditioning"""
+    """Rule conditioning: the layout barely determines the answer."""
     return [
         Remark(finding.pointer, finding.message, finding.value, finding.limit)
         for finding in case.score.verdict.findings
@@ -181,7 +142,7 @@ def find_weaknesses(case: Case) -> list[Remark]:
 
 
 def find_close_fiducials(case: Case) -> list[Remark]:
-    """fiducial-spacing: the closest pairs, and how many more there are"""
+    """Rule fiducial-spacing: the closest pairs of fiducials, and how many more there are."""
     least = case.rules.fiducial_spacing.min_mm
     if least is None:
         return []
@@ -211,7 +172,7 @@ def find_close_fiducials(case: Case) -> list[Remark]:
 
 
 def find_narrow_margins(case: Case) -> list[Remark]:
-    """visibility"""
+    """Rule visibility: fiducials are imaged too near the border, or a view's image size is not stated."""
     least = case.rules.visibility.min_margin_px
     remarks = []
     for index, view in enumerate(case.score.views):
@@ -228,7 +189,7 @@ def find_narrow_margins(case: Case) -> list[Remark]:
 
 
 def find_close_images(case: Case) -> list[Remark]:
-    """overlap"""
+    """Rule overlap: images of two fiducials may not be told apart."""
     least = case.rules.overlap.min_px
     labels = case.design.fiducials.labels
     return [
@@ -245,7 +206,7 @@ def find_close_images(case: Case) -> list[Remark]:
 
 
 def find_tight_tolerances(case: Case) -> list[Remark]:
-    """process-capability"""
+    """Rule process-capability: half-widths that are smaller than their process can hold."""
     remarks = []
     for process in case.rules.process_capability.processes:
         for tolerance in list_tolerances(case.design):
@@ -315,3 +276,41 @@ def _list_components(tolerances: Tolerances, name: str, at: str) -> Iterator[Tol
             yield Tolerance(f"{name}.{component}", at, 0.0, unit, stated=False)
         else:
             yield Tolerance(f"{name}.{component}", f"{at}/{component}/{field}", getattr(entry, field), unit)
+
+
+def find_idle_processes(
+    policy: GatePolicy, designs: Iterable[tuple[str | None, Design]]
+) -> Iterator[tuple[str, Remark]]:
+    """Rule process-unused: patterns of process-capability that judge no tolerance of any design held to them.
+
+    A slip in a pattern would be a tolerance that nobody judges.  designs: each with its class.
+    """
+    groups: dict[str, tuple[list[Process], list[Design]]] = {}
+    for design_class, design in designs:
+        rule = policy.merge_rules(design_class).process_capability
+        if rule.severity != "off":
+            groups.setdefault(policy.point_at_processes(design_class), (rule.processes, []))[1].append(design)
+    for pointer, (processes, members) in groups.items():
+        tolerances = [tolerance for design in members for tolerance in list_tolerances(design)]
+        for index, process in enumerate(processes):
+            for number, pattern in enumerate(process.tolerances):
+                if (message := _explain_idle(process, pattern, tolerances, len(members))) is not None:
+                    yield "process-unused", Remark(f"{pointer}/{index}/tolerances/{number}", message)
+
+
+def _explain_idle(process: Process, pattern: str, tolerances: list[Tolerance], designs: int) -> str | None:
+    """Why a pattern judges nothing; None if it does."""
+    least = {"deg": process.min_half_width_deg, "mm": process.min_half_width_mm}
+    matched = [tolerance for tolerance in tolerances if fnmatchcase(tolerance.name, pattern)]
+    if any(least[tolerance.unit] is not None for tolerance in matched):
+        return None
+    if matched:
+        unit, words = matched[0].unit, "rotations" if matched[0].unit == "deg" else "lengths"
+        return (
+            f"process {process.name}: {pattern!r} matches only {words} ({matched[0].name}), and the process "
+            f"states no min_half_width_{unit}: nothing is judged by it"
+        )
+    of = "the design" if designs == 1 else f"the {designs} designs"
+    close = get_close_matches(pattern, sorted({tolerance.name for tolerance in tolerances}), 1)
+    meant = f"; did you mean {close[0]}?" if close else ""
+    return f"process {process.name}: {pattern!r} matches no tolerance of {of} held to it{meant}"

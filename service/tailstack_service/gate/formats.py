@@ -186,7 +186,7 @@ def _gitlab_severity(record: GateRecord, finding: GateFinding) -> str:
     """blocker: nothing was judged.  critical, major: fails the gate, as error, as warning.  minor, info: does not."""
     if finding.rule in UNJUDGED:
         return "blocker"
-    if counts(record, finding):
+    if counts(finding, record.fail_level):
         return "critical" if finding.severity == "error" else "major"
     return "info" if finding.severity == "note" else "minor"
 
@@ -255,7 +255,7 @@ def _junit_suite(record: GateRecord, name: str, cases: list[_JunitCase]) -> tupl
 def _decide_outcome(record: GateRecord, case: _JunitCase) -> tuple[str, list[GateFinding]]:
     """What a case comes to, and the findings that say so."""
     unjudged = [finding for finding in case.findings if finding.rule in UNJUDGED]
-    counted = [finding for finding in case.findings if counts(record, finding)]
+    counted = [finding for finding in case.findings if counts(finding, record.fail_level)]
     accepted = [finding for finding in case.findings if finding.suppressed_by is not None]
     if not case.findings and case.name == NOT_EVALUATED:
         return "error", []

@@ -1,7 +1,8 @@
-"""The policy, ``tailstack/policy/1``: which rules count, how much, and with which limits."""
+"""The policy, ``tailstack/policy/1``: which rules count, how much, with which limits, and for which designs."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Annotated, Literal
@@ -11,7 +12,7 @@ from pydantic import Field, model_validator
 from tailstack.design.fields import Length, Name, Record, refusal
 from tailstack.precision import FINEST_PRECISION
 
-from .reading import GateInput, Given, hash_content, read_document
+from .reading import GateInput, Given, Remark, hash_content, read_document
 
 POLICY_SCHEMA = "tailstack/policy/1"
 
@@ -29,6 +30,12 @@ Ratio = Annotated[float, Field(ge=1, le=1e6)]
 
 _WEIGHT = "error, warning, note or off."
 _CONFIDENCE = "Confidence of the interval that decides. Default 0.95."
+
+
+def _refuse_half(rule: Record, first: str, second: str) -> None:
+    missing = [name for name in (first, second) if getattr(rule, name) is None]
+    if len(missing) == 1:
+        raise refusal("missing-field", f"{first} and {second} go together; {missing[0]} is missing")
 
 
 class Rule(Record):
@@ -68,10 +75,8 @@ class ExceedanceRule(Record):
     confidence: Confidence = Field(default=0.95, description=_CONFIDENCE)
 
     @model_validator(mode="after")
-    def _both(self) -> ExceedanceRule:
-        if (self.limit_mm is None) != (self.max_probability is None):
-            missing = "limit_mm" if self.limit_mm is None else "max_probability"
-            raise refusal("missing-field", f"limit_mm and max_probability go together; {missing} is missing")
+    def _require_both(self) -> ExceedanceRule:
+        _refuse_half(self, "limit_mm", "max_probability")
         return self
 
 
@@ -88,10 +93,8 @@ class YieldRule(Record):
     confidence: Confidence = Field(default=0.95, description=_CONFIDENCE)
 
     @model_validator(mode="after")
-    def _both(self) -> YieldRule:
-        if (self.limit_mm is None) != (self.min_yield is None):
-            missing = "limit_mm" if self.limit_mm is None else "min_yield"
-            raise refusal("missing-field", f"limit_mm and min_yield go together; {missing} is missing")
+    def _require_both(self) -> YieldRule:
+        _refuse_half(self, "limit_mm", "min_yield")
         return self
 
 
@@ -148,7 +151,7 @@ class Process(Record):
     )
 
     @model_validator(mode="after")
-    def _something(self) -> Process:
+    def _require_width(self) -> Process:
         if self.min_half_width_deg is None and self.min_half_width_mm is None:
             raise refusal("missing-field", "a process states min_half_width_deg, min_half_width_mm or both")
         return self
@@ -328,13 +331,16 @@ class Policy(Record):
     )
 
     @model_validator(mode="after")
-    def _names(self) -> Policy:
+    def _require_unique_names(self) -> Policy:
         seen: set[str] = set()
         for index, entry in enumerate(self.classes):
             if entry.name in seen:
                 raise refusal("duplicate-name", f"two classes are called {entry.name!r}", at=f"classes/{index}/name")
             seen.add(entry.name)
         return self
+
+
+# --- which rules apply to a design -------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,7 +357,7 @@ class GatePolicy(GateInput):
 
     document: Policy
 
-    def class_of(self, file: str, name: str, given: str | None) -> str | None:
+    def choose_class(self, file: str, name: str, given: str | None) -> str | None:
         """The class of a design: the one that is given, or the first whose patterns match its file; its name counts
         only for a class that says so."""
         if given is not None:
@@ -362,28 +368,35 @@ class GatePolicy(GateInput):
                 return entry.name
         return None
 
-    def class_of_name(self, file: str, name: str, given: str | None) -> ClassOfName | None:
+    def find_class_of_name(self, file: str, name: str, given: str | None) -> ClassOfName | None:
         """The class that the design's own name would choose before the one that it is in."""
-        found = self.class_of(file, name, given)
+        own = self.choose_class(file, name, given)
         for entry in self.document.classes if given is None else ():
-            if entry.name == found:
+            if entry.name == own:
                 return None
             if not entry.by_name and (pattern := _match_name(entry, name)) is not None:
                 return ClassOfName(entry.name, pattern)
         return None
 
-    def rules_for(self, design_class: str | None) -> Rules:
+    def merge_rules(self, design_class: str | None) -> Rules:
         """The rules of a class: its own fields before the policy's."""
         rules = self.document.rules
         own = next((entry.rules for entry in self.document.classes if entry.name == design_class), None)
         if own is None:
             return rules
-        changed = {}
+        changes = {}
         for name in own.model_fields_set:
             entry = getattr(own, name)
-            given = {field: getattr(entry, field) for field in entry.model_fields_set}
-            changed[name] = getattr(rules, name).model_copy(update=given)
-        return rules.model_copy(update=changed)
+            fields = {field: getattr(entry, field) for field in entry.model_fields_set}
+            changes[name] = getattr(rules, name).model_copy(update=fields)
+        return rules.model_copy(update=changes)
+
+    def point_at_processes(self, design_class: str | None) -> str:
+        """Where the processes of a class stand: its own go before the policy's."""
+        for index, entry in enumerate(self.document.classes):
+            if entry.name == design_class and "processes" in entry.rules.process_capability.model_fields_set:
+                return f"/classes/{index}/rules/process-capability/processes"
+        return "/rules/process-capability/processes"
 
 
 def _match_name(entry: DesignClass, name: str) -> str | None:
@@ -393,7 +406,7 @@ def _match_name(entry: DesignClass, name: str) -> str | None:
 def read_policy(given: Given | None, *, name: str = "policy", prefix: str = "") -> GatePolicy:
     """A policy from a path, text or data; None is the default policy.  Raises GateError.
 
-    ``prefix`` is the pointer to the policy inside the request that it came in.
+    prefix: pointer to the policy inside the request that it came in.
     """
     if given is None:
         given = {"schema": POLICY_SCHEMA, "name": "default"}
@@ -401,3 +414,37 @@ def read_policy(given: Given | None, *, name: str = "policy", prefix: str = "") 
     return GatePolicy(
         source, source.file or name, hash_content(document.model_dump(mode="json", by_alias=True)), document
     )
+
+
+# --- what classes take away --------------------------------------------------------------------------
+
+
+def find_weak_classes(policy: Policy, members: Mapping[str | None, Sequence[str]]) -> Iterator[tuple[str, Remark]]:
+    """Rule class-relaxed: what classes switch off or weaken, of those that designs of this gate are in.
+
+    members: files of the designs by class.
+    """
+    for index, entry in enumerate(policy.classes):
+        files = members.get(entry.name, ())
+        for rule, field, words, lost in _list_weaker(policy.rules, entry) if files else ():
+            inside = files[0] if len(files) == 1 else f"{files[0]} and {len(files) - 1} more"
+            message = f"class {entry.name}: {rule} {words}; in it {inside}"
+            yield "class-relaxed", Remark(f"/classes/{index}/rules/{rule}/{field}", message, note=not lost)
+
+
+def _list_weaker(rules: Rules, entry: DesignClass) -> Iterator[tuple[str, str, str, bool]]:
+    """Rule, field, words, and whether the rule is lost altogether."""
+    for name in sorted(entry.rules.model_fields_set):
+        own, before = getattr(entry.rules, name), getattr(rules, name)
+        if before.severity != "error":
+            continue
+        rule = Rules.model_fields[name].alias or name
+        if "severity" in own.model_fields_set and own.severity != "error":
+            lost = own.severity == "off"
+            words = "is off, an error for all others" if lost else f"is a {own.severity}, an error for all others"
+            yield rule, "severity", words, lost
+        for field in ("limit_mm", "min_mm", "max_probability", "min_yield"):
+            if field in own.model_fields_set and getattr(own, field) is None and getattr(before, field) is not None:
+                yield rule, field, f"has no {field}, {getattr(before, field):g} for all others", True
+        if "processes" in own.model_fields_set and not own.processes and before.processes:
+            yield rule, "processes", "has no processes, unlike for all others", True

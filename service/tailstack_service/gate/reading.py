@@ -89,9 +89,25 @@ def hash_content(content: Any) -> str:
     return hashlib.sha256(write_json(content, sort_keys=True).encode()).hexdigest()
 
 
-def place_finding(document: GateInput, pointer: str, rule: str, severity: str, message: str) -> GateFinding:
-    """A finding about a document, at the line and column to which the pointer leads."""
-    return make_finding(rule, severity, document.file, place(Problem(pointer, rule, message), document.source))
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """What a rule says about a document."""
+
+    pointer: str  # into the document
+    message: str
+    value: float | None = None
+    limit: float | None = None
+    target: str | None = None
+    bound: float | None = None  # the end of the value's interval that a waiver must cover; None: the value itself
+    about: str | None = None  # the rule whose waivers cover it, where that is another one
+    unbounded: bool = False  # no end of the interval is known: no waiver covers it
+    note: bool = False  # said for information, whatever the rule's severity
+
+
+def place_finding(document: GateInput, rule: str, severity: str, remark: Remark) -> GateFinding:
+    """A finding about a document that was given beside the designs, at the line and column that it is about."""
+    problem = place(Problem(remark.pointer, rule, remark.message), document.source)
+    return make_finding(rule, "note" if remark.note else severity, document.file, problem)
 
 
 def make_finding(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from tailstack.design import Design
 from tailstack.results import Severity, Vector3
 
 GateVerdict = Literal["pass", "fail", "inconclusive", "not evaluated"]
@@ -229,7 +230,13 @@ class GateRecord:
     """What decided, besides the designs."""
 
 
-def counts(record: GateRecord, finding: GateFinding) -> bool:
+def counts(finding: GateFinding, fail_level: Level) -> bool:
     """Whether a finding fails the gate by its weight."""
-    heavy = ("error",) if record.fail_level == "error" else ("error", "warning")
+    heavy = ("error",) if fail_level == "error" else ("error", "warning")
     return finding.suppressed_by is None and finding.severity in heavy
+
+
+def record_unread(file: str, design: Design | None = None, design_class: str | None = None) -> GatedDesign:
+    """The record of a design of which nothing was computed; without ``design``, it could not be read either."""
+    name, sha256 = (None, None) if design is None else (design.name, design.sha256)
+    return GatedDesign(file, name, sha256, design_class, "not evaluated", "none", None, (), ())

@@ -16,7 +16,7 @@ from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 
 from ..problems import RequestError
 from .baseline import read_baseline
-from .judge import Gate, GateDesign, choose_seed, draw_check, judge
+from .judge import Gate, GateDesign, choose_seed, judge
 from .policy import read_policy
 from .records import Fold, GateRecord, Level, Mode
 from .waivers import read_waivers
@@ -172,8 +172,7 @@ def judge_designs(data: dict[str, Any]) -> GateRecord:
 
     The same record as the job's; in mode analytic a matter of milliseconds.  Raises RequestError, GateError.
     """
-    gate = read_gate(data)
-    return judge(gate, draw_check)
+    return judge(read_gate(data))
 
 
 def _read_request(data: Any, limits: Limits) -> GateRequest:

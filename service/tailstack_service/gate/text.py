@@ -44,7 +44,9 @@ def gate_summary(record: GateRecord) -> list[str]:
     if more := designs[MOST_TOLD:]:
         bad = sum(design.verdict != "pass" for design in more)
         lines.append(f"... and {len(more)} more designs, " + (f"{bad} of which do not pass" if bad else "which pass"))
-    said = [f for f in record.findings if counts(record, f) or (f.rule in DECIDING and f.suppressed_by is None)]
+    said = [
+        f for f in record.findings if counts(f, record.fail_level) or (f.rule in DECIDING and f.suppressed_by is None)
+    ]
     lines += [f"{shortened(name_place(f), 70)}: {shortened(f.message, 200)} [{f.rule}]" for f in said[:MOST_TOLD]]
     if len(said) > MOST_TOLD:
         lines.append(f"... and {len(said) - MOST_TOLD} more findings that count")

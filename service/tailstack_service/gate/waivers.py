@@ -18,14 +18,16 @@ from tailstack.design.reading import shown
 from tailstack.design.refusals import place
 from tailstack.errors import Problem
 
-from .case import Case, Remark
-from .policy import Patterns, Rules, WideWaiverRule
-from .reading import GateError, GateInput, Given, add_prefix, hash_content, place_finding, read_document
-from .records import GateFinding
+from .case import Case
+from .policy import Patterns, WideWaiverRule
+from .reading import GateError, GateInput, Given, Remark, add_prefix, hash_content, read_document
 from .rules import RULES, Rule
 
 WAIVERS_SCHEMA = "tailstack/waivers/1"
 LONGEST_DAYS = 180
+FEWEST_LETTERS = 3  # beside wildcards and an ending, for a pattern to name something
+_WILD = re.compile(r"\[[^\]]*\]|[*?]")
+_ENDING = re.compile(r"\.\w{0,5}")
 
 
 def _read_day(value: Any) -> date:
@@ -97,9 +99,10 @@ def waivers_json_schema() -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GateWaivers(GateInput):
-    """Waivers and where they came from."""
+    """Waivers, where they came from, and the day by which they are judged."""
 
     entries: tuple[Waiver, ...]
+    today: date
 
 
 def read_waivers(given: Given, today: date, *, name: str = "waivers", prefix: str = "") -> GateWaivers:
@@ -110,7 +113,7 @@ def read_waivers(given: Given, today: date, *, name: str = "waivers", prefix: st
         placed = source.placed()
         raise GateError(add_prefix(tuple(place(problem, placed) for problem in problems), prefix))
     content = document.model_dump(mode="json", by_alias=True)
-    return GateWaivers(source, source.file or name, hash_content(content), tuple(document.waivers))
+    return GateWaivers(source, source.file or name, hash_content(content), tuple(document.waivers), today)
 
 
 def _check_waiver(waiver: Waiver, index: int, today: date) -> list[Problem]:
@@ -138,9 +141,7 @@ def _check_waiver(waiver: Waiver, index: int, today: date) -> list[Problem]:
     return problems
 
 
-_WILD = re.compile(r"\[[^\]]*\]|[*?]")
-_ENDING = re.compile(r"\.\w{0,5}")
-FEWEST_LETTERS = 3  # beside wildcards and an ending, for a pattern to name something
+# --- what a waiver accepts ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,45 +149,43 @@ class Acceptance:
     """A finding that a waiver accepts."""
 
     waiver: int
-    rule: str
     remark: Remark
     file: str
 
 
-def find_waiver(
-    waivers: GateWaivers | None, today: date, rule: str, remark: Remark, names: Sequence[str]
-) -> int | None:
+def find_waiver(waivers: GateWaivers | None, rule: str, remark: Remark, names: Sequence[str]) -> int | None:
     """Index of the first waiver in force that accepts what a rule says of a design called ``names``."""
-    if waivers is None or remark.note or remark.unbounded:
-        return None
     rule = remark.about or rule
-    value = remark.value if remark.bound is None else remark.bound
-    for index, waiver in enumerate(waivers.entries):
-        if waiver.rule != rule or waiver.expires < today or not _concerns(waiver, remark, names) or value is None:
-            continue
-        accepted = waiver.max_value if RULES[rule].worse == "more" else waiver.min_value
-        if accepted is not None and (value <= accepted if RULES[rule].worse == "more" else value >= accepted):
-            return index
-    return None
+    value = _value_of(remark)
+    if value is None or remark.note or remark.unbounded:
+        return None
+    more = RULES[rule].worse == "more"
+    values = list_waiver_values(waivers, rule, remark.target, names)
+    return next((index for index, bound in values.items() if (value <= bound if more else value >= bound)), None)
 
 
 def list_waiver_values(
-    waivers: GateWaivers | None, today: date, rule: str, target: str, names: Sequence[str]
-) -> tuple[float, ...]:
+    waivers: GateWaivers | None, rule: str, target: str | None, names: Sequence[str]
+) -> dict[int, float]:
     """Up to where (down to where) waivers in force accept a rule at a target of a design called ``names``."""
-    about = Remark("", "", target=target)
-    values = []
-    for waiver in () if waivers is None else waivers.entries:
+    values = {}
+    for index, waiver in enumerate(() if waivers is None else waivers.entries):
+        assert waivers is not None
         value = waiver.max_value if RULES[rule].worse == "more" else waiver.min_value
-        if waiver.rule == rule and waiver.expires >= today and value is not None and _concerns(waiver, about, names):
-            values.append(value)
-    return tuple(values)
+        if waiver.rule != rule or waiver.expires < waivers.today or waiver.target not in (None, target):
+            continue
+        if value is not None and _names(waiver, names):
+            values[index] = value
+    return values
 
 
-def _concerns(waiver: Waiver, remark: Remark, names: Sequence[str]) -> bool:
-    if waiver.target is not None and waiver.target != remark.target:
-        return False
-    return waiver.designs is None or any(fnmatchcase(n, pattern) for pattern in waiver.designs for n in names)
+def _names(waiver: Waiver, names: Sequence[str]) -> bool:
+    patterns = ["*"] if waiver.designs is None else waiver.designs
+    return any(fnmatchcase(name, pattern) for pattern in patterns for name in names)
+
+
+def _value_of(remark: Remark) -> float | None:
+    return remark.value if remark.bound is None else remark.bound
 
 
 def describe_waiver(waivers: GateWaivers, index: int) -> str:
@@ -197,50 +196,38 @@ def describe_waiver(waivers: GateWaivers, index: int) -> str:
     return f"{where}, {waiver.owner}, until {waiver.expires}: {waiver.reason}"
 
 
+# --- whether a waiver should be there -----------------------------------------------------------------
+
+
 def review_waivers(
-    waivers: GateWaivers | None, today: date, rules: Rules, accepted: Sequence[Acceptance], cases: Sequence[Case]
-) -> list[GateFinding]:
-    """Expired, wide and unused waivers, at their place; the policy's rules say how much each counts."""
-    findings: list[GateFinding] = []
-    used = {entry.waiver for entry in accepted}
-    wide = rules.waiver_wide
-    for index, waiver in enumerate(() if waivers is None else waivers.entries):
-        assert waivers is not None
-        what = f"waiver of {waiver.rule} by {waiver.owner}"
-        if waiver.expires < today:
-            message = f"{what}: expired on {waiver.expires}, today is {today}; remove it or let its owner renew it"
-            findings.append(place_finding(waivers, f"/waivers/{index}/expires", "waiver-expired", "error", message))
+    waivers: GateWaivers, wide: WideWaiverRule, accepted: Sequence[Acceptance], cases: Sequence[Case]
+) -> Iterator[tuple[str, Remark]]:
+    """Rules waiver-expired, waiver-unused and waiver-wide."""
+    for index, waiver in enumerate(waivers.entries):
+        at, what = f"/waivers/{index}", f"waiver of {waiver.rule} by {waiver.owner}"
+        own = [entry for entry in accepted if entry.waiver == index]
+        if waiver.expires < waivers.today:
+            message = (
+                f"{what}: expired on {waiver.expires}, today is {waivers.today}; remove it or let its owner renew it"
+            )
+            yield "waiver-expired", Remark(f"{at}/expires", message)
             continue
-        if index not in used and rules.waiver_unused.severity != "off":
-            findings.append(
-                place_finding(
-                    waivers, f"/waivers/{index}", "waiver-unused", rules.waiver_unused.severity,
-                    f"{what}: accepts nothing here",
-                )
-            )  # fmt: skip
-        if wide.severity != "off":
-            own = [entry for entry in accepted if entry.waiver == index]
-            findings += [
-                place_finding(waivers, f"/waivers/{index}{field}", "waiver-wide", wide.severity, f"{what}: {words}")
-                for field, words in (*_find_wide_patterns(waiver, own), *_find_wide_values(waiver, own, cases, wide))
-            ]
-    return findings
+        if not own:
+            yield "waiver-unused", Remark(at, f"{what}: accepts nothing here")
+        for field, words in (*_find_wide_patterns(waiver, own), *_find_wide_values(waiver, own, cases, wide)):
+            yield "waiver-wide", Remark(at + field, f"{what}: {words}")
 
 
-def _find_wide_patterns(waiver: Waiver, own: Sequence[Acceptance]) -> Iterator[tuple[str, str]]:
+def _find_wide_patterns(waiver: Waiver, own: list[Acceptance]) -> Iterator[tuple[str, str]]:
     """Field and words: what names no design, and what a design got by its own name."""
     if waiver.designs is None:
         yield "", "it names no design, so it accepts this of every design; name the files"
     for index, pattern in enumerate(waiver.designs or ()):
         if _is_vague(pattern):
             yield f"/designs/{index}", f"{pattern!r} names no design; name the files"
-    by_name = [
-        entry.file
-        for entry in own
-        if waiver.designs is not None and not any(fnmatchcase(entry.file, pattern) for pattern in waiver.designs)
-    ]
-    for file in dict.fromkeys(by_name):
-        yield "/designs", f"{file} has it by the name that the design gives itself, not by its file; name the file"
+    for file in dict.fromkeys(entry.file for entry in own):
+        if not _names(waiver, [file]):
+            yield "/designs", f"{file} has it by the name that the design gives itself, not by its file; name the file"
 
 
 def _is_vague(pattern: str) -> bool:
@@ -251,34 +238,28 @@ def _is_vague(pattern: str) -> bool:
 
 
 def _find_wide_values(
-    waiver: Waiver, own: Sequence[Acceptance], cases: Sequence[Case], wide: WideWaiverRule
+    waiver: Waiver, own: list[Acceptance], cases: Sequence[Case], wide: WideWaiverRule
 ) -> Iterator[tuple[str, str]]:
     """Field and words: what is far beyond the limit, and far beyond what is accepted now."""
     rule = RULES[waiver.rule]
-    field, value = ("max_value", waiver.max_value) if rule.worse == "more" else ("min_value", waiver.min_value)
+    more = rule.worse == "more"
+    field, value = ("max_value", waiver.max_value) if more else ("min_value", waiver.min_value)
     if value is None:
         return
-    limits = [entry.remark.limit for entry in own if entry.remark.limit is not None]
-    limits += [
-        number.limit
-        for case in cases
-        for number in case.numbers
-        if number.rule == waiver.rule
-        and _concerns(waiver, Remark("", "", target=number.target), (case.file, case.design.name))
-    ]
     unit = f" {rule.unit}" if rule.unit in ("mm", "%", "px") else ""
+    limits = [entry.remark.limit for entry in own if entry.remark.limit is not None]
+    for case in cases:
+        if _names(waiver, (case.file, case.design.name)):
+            numbers = [comparison.number for comparison in case.comparisons]
+            limits += [n.limit for n in numbers if n.rule == rule.id and waiver.target in (None, n.target)]
     if any(_exceeds(value, limit, rule, wide.max_limit_ratio) for limit in limits):
-        nearest = (min if rule.worse == "more" else max)(limits)
+        nearest = (min if more else max)(limits)
         words = f"{field} {value:g}{unit} is beyond {wide.max_limit_ratio:g} times the limit, {nearest:g}{unit}"
         yield f"/{field}", words
-    ends = [entry.remark.value if entry.remark.bound is None else entry.remark.bound for entry in own]
-    found = [end for end in ends if end is not None]
-    if found and all(_exceeds(value, end, rule, wide.max_value_ratio) for end in found):
-        worst = (max if rule.worse == "more" else min)(found)
-        words = (
-            f"{field} {value:g}{unit} is beyond {wide.max_value_ratio:g} times what it accepts now, {worst:.4g}{unit}"
-        )
-        yield f"/{field}", words
+    ends = [end for entry in own if (end := _value_of(entry.remark)) is not None]
+    if ends and all(_exceeds(value, end, rule, wide.max_value_ratio) for end in ends):
+        times = f"{wide.max_value_ratio:g} times what it accepts now"
+        yield f"/{field}", f"{field} {value:g}{unit} is beyond {times}, {(max if more else min)(ends):.4g}{unit}"
 
 
 def _exceeds(value: float, reference: float, rule: Rule, ratio: float) -> bool:

@@ -9,9 +9,10 @@ from typing import Any
 from tailstack.design import design_to_data
 from tailstack.errors import Problem, TailstackError
 from tailstack.results import Verification
+from tailstack.verification import Sampling
 
 from ..documents import read_record, to_json
-from ..gate.judge import Gate, ScoredDesign, conclude, needs_check, plan_sampling, read_with_limits, score_designs
+from ..gate.judge import Gate, ScoredDesign, conclude, limit_design, plan_check, score_designs
 from ..gate.reading import GateError
 from ..gate.request import read_gate
 from ..problems import RequestError
@@ -31,7 +32,8 @@ def advance(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
     specs: list[bytes] = []
     remaining = 0
     for index, computed in enumerate(scored):
-        if not needs_check(gate, computed):
+        plan = plan_check(gate, computed)
+        if plan is None:
             checks.append(None)
             continue
         own = [result for result in results if json.loads(result.spec)["of"] == index]
@@ -39,7 +41,7 @@ def advance(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
         if refused is not None:
             checks.append(_refusal(refused.result[1:]))
             continue
-        step = _verification(gate, computed, own)
+        step = _verification(computed, plan, own)
         if isinstance(step, More):
             specs += [canonical({"of": index, "spec": json.loads(spec)}) for spec in step.specs]
             remaining += step.remaining
@@ -54,20 +56,22 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     """One unit of one design's check."""
     gate = _gate(canonical(request))
     try:
-        asked = {"design": design_to_data(read_with_limits(gate, spec["of"])), "seed": gate.seed}
+        asked = {"design": design_to_data(limit_design(gate, spec["of"])), "seed": gate.seed}
         return FOUND + verification.compute(asked, spec["spec"])
     except TailstackError as error:
         problems = [[p.pointer, p.code, p.detail, p.hint] for p in error.problems]
         return REFUSED + canonical({"slug": error.slug, "exit_code": error.exit_code, "problems": problems})
 
 
-def _verification(gate: Gate, computed: ScoredDesign, own: list[UnitResult]) -> More | Verification | TailstackError:
+def _verification(
+    computed: ScoredDesign, plan: Sampling, own: list[UnitResult]
+) -> More | Verification | TailstackError:
     plain = tuple(
         UnitResult(result.index, canonical(json.loads(result.spec)["spec"]), result.result[1:]) for result in own
     )
-    assert computed.held is not None
+    assert computed.limited is not None
     try:
-        step = verification.advanced(design_to_data(computed.held), plan_sampling(gate, computed), plain)
+        step = verification.advanced(design_to_data(computed.limited), plan, plain)
     except TailstackError as error:
         return error
     if isinstance(step, More):
