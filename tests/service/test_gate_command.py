@@ -19,7 +19,7 @@ from tailstack_service.cli.main import main
 from tailstack_service.cli.report import _stem
 from tailstack_service.documents import from_plain, to_json
 from tailstack_service.gate.rules import RULES
-from tailstack_service.gate.text import markdown_text
+from tailstack_service.gate.text import render_markdown
 
 PASSING, FAILING = 1.4, 0.3  # limits in mm; P95 of the small design is about 0.65 mm
 
@@ -185,7 +185,7 @@ def test_markdown_shows_names_as_they_stand(folder: Path) -> None:
     hostile["requirements"][0]["name"] = "<img src=x>|`a`[l](http://h)@team"
     (folder / "h.yaml").write_text(data_to_yaml(hostile), encoding="utf-8")
     gate("h.yaml", "--format", "json=h.json")
-    text = markdown_text(from_plain("gate", json.loads((folder / "h.json").read_text())))
+    text = render_markdown(from_plain("gate", json.loads((folder / "h.json").read_text())))
     row = next(line for line in text.splitlines() if line.startswith("| error | p95"))
     assert "\\<img src=x\\>\\|\\`a\\`\\[l\\]\\(http://h\\)\\@team" in row
 

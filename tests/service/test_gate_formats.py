@@ -22,15 +22,15 @@ from tailstack_service.gate.formats import (
     SUMMARY_BYTES,
     cut_text,
     fingerprint_findings,
-    github_text,
-    gitlab_text,
-    junit_text,
     name_from_root,
-    sarif_text,
-    step_summary,
+    render_github,
+    render_gitlab,
+    render_junit,
+    render_sarif,
+    render_step_summary,
 )
 from tailstack_service.gate.records import GateFinding, GateRecord
-from tailstack_service.gate.text import gate_text
+from tailstack_service.gate.text import render_text
 
 SCHEMAS = ROOT / "tests" / "data" / "schemas"
 
@@ -85,20 +85,20 @@ HOSTILE = finding(
 
 def test_the_schemas_refuse_what_is_wrong() -> None:
     """A schema that lets everything through would prove nothing."""
-    log = json.loads(sarif_text(record_of("fail")))
+    log = json.loads(render_sarif(record_of("fail")))
     log["runs"][0]["results"][0]["level"] = "fatal"
     assert list(SARIF.iter_errors(log))
-    log = json.loads(sarif_text(record_of("waived")))
+    log = json.loads(render_sarif(record_of("waived")))
     (suppression,) = log["runs"][0]["results"][0]["suppressions"]
     suppression["state"] = suppression.pop("status")  # as drafts of the standard had it
     assert list(SARIF.iter_errors(log))
-    log = json.loads(sarif_text(record_of("fail")))
+    log = json.loads(render_sarif(record_of("fail")))
     log["runs"][0]["results"][0]["locations"][0]["physicalLocation"]["region"]["startLine"] = 0
     assert list(SARIF.iter_errors(log))
-    report = json.loads(gitlab_text(record_of("fail")))
+    report = json.loads(render_gitlab(record_of("fail")))
     report[0]["location"]["path"] = "./bad.yaml"
     assert list(GITLAB.iter_errors(report))
-    document = junit_text(record_of("fail"))
+    document = render_junit(record_of("fail"))
     for old, new in (
         (' tests="1"', ""), ("<failure ", "<broken "), ("</failure>", "</failure>text"), (' name="p95', ' id="p95'),
         ('tests="1"', 'tests="1" time="soon"'),
@@ -110,7 +110,7 @@ def test_the_schemas_refuse_what_is_wrong() -> None:
 
 def test_workflow_commands_are_escaped() -> None:
     """published: actions/toolkit, packages/core/src/command.ts: % CR LF in data, and : and , in properties."""
-    command, last = github_text(with_findings(HOSTILE)).splitlines()
+    command, last = render_github(with_findings(HOSTILE)).splitlines()
     properties, _, data = command.removeprefix("::error ").partition("::")
     assert properties == "file=a b/100%25%2Cé%3A1/d.yaml,line=3,col=7,title=tailstack p95"
     assert data == "tip, target t: 5 %25, <b>&\"'\x07\ud7ff,%0D%0A::error::stolen%0A##[group]"
@@ -121,7 +121,7 @@ def test_annotations_stay_within_what_github_shows() -> None:
     errors = [finding(message=f"error {k}") for k in range(30)]
     warnings = [finding(message=f"warning {k}", severity="warning") for k in range(10)]
     notes = [finding(message="note", severity="note"), finding(message="waived", suppressed_by="somebody")]
-    lines = github_text(with_findings(*warnings, *errors, *notes)).splitlines()
+    lines = render_github(with_findings(*warnings, *errors, *notes)).splitlines()
     kinds = [line.split(" ")[0] for line in lines]
     assert kinds == ["::error"] * 10 + ["::warning"] * 10 + ["::notice", "tailstack"]
     assert "21 more" in lines[9]
@@ -134,16 +134,16 @@ def test_a_summary_stays_within_its_size() -> None:
     designs = tuple(replace(record_of("fail").designs[0], file=f"{k}-" + "é" * 70) for k in range(9000))
     record = replace(record_of("fail"), designs=designs)
     for taken in (0, 1000, SUMMARY_BYTES - 100, SUMMARY_BYTES - 1, SUMMARY_BYTES):
-        text = step_summary(record, taken)
+        text = render_step_summary(record, taken)
         assert taken + len(text.encode()) <= SUMMARY_BYTES
         assert not text or text.endswith("(cut here: the rest is in the record)\n")
-    assert len(step_summary(record).encode()) > SUMMARY_BYTES - 400
-    assert step_summary(record_of("fail")) == golden("fail", "markdown").read_text(encoding="utf-8")
+    assert len(render_step_summary(record).encode()) > SUMMARY_BYTES - 400
+    assert render_step_summary(record_of("fail")) == golden("fail", "markdown").read_text(encoding="utf-8")
     assert cut_text("whole\n", 6) == "whole\n"
 
 
 def test_junit_holds_whatever_a_name_holds() -> None:
-    text = junit_text(with_findings(HOSTILE, replace(HOSTILE, message="\x00\ufffe", rule="overlap")))
+    text = render_junit(with_findings(HOSTILE, replace(HOSTILE, message="\x00\ufffe", rule="overlap")))
     assert xsd.problems(XSD, text.encode(), "testsuites") == []
     assert "�" in text
     assert "\x07" not in text
@@ -167,7 +167,7 @@ def test_junit_counts_what_it_holds() -> None:
 def test_a_design_whose_fault_is_in_its_fiducial_file_is_no_empty_suite() -> None:
     unread = replace(record_of("invalid").designs[0], file="d.yaml")
     record = with_findings(finding(file="beads.csv", rule="invalid-design"), designs=(unread,), exit_code=2)
-    text = junit_text(record)
+    text = render_junit(record)
     assert 'testsuite name="d.yaml" tests="1" failures="0" errors="1"' in text
     assert xsd.problems(XSD, text.encode(), "testsuites") == []
 
@@ -175,7 +175,7 @@ def test_a_design_whose_fault_is_in_its_fiducial_file_is_no_empty_suite() -> Non
 def test_gitlab_has_no_fingerprint_twice_and_nothing_that_is_accepted() -> None:
     same = [finding(rule="fiducial-spacing", message=f"F1 and F{k} are too close", pointer="/f") for k in (2, 3)]
     accepted = finding(suppressed_by="waivers.yaml:3, somebody")
-    report = json.loads(gitlab_text(with_findings(*same, accepted, HOSTILE)))
+    report = json.loads(render_gitlab(with_findings(*same, accepted, HOSTILE)))
     GITLAB.validate(report)
     assert len({entry["fingerprint"] for entry in report}) == len(report) == 3
     assert report[2]["location"] == {"path": HOSTILE.file, "lines": {"begin": 3}}
@@ -192,14 +192,14 @@ def test_gitlab_has_no_fingerprint_twice_and_nothing_that_is_accepted() -> None:
     ],
 )
 def test_gitlabs_words_of_severity(changes: dict[str, Any], level: Any, severity: str) -> None:
-    report = json.loads(gitlab_text(with_findings(finding(**changes), fail_level=level)))
+    report = json.loads(render_gitlab(with_findings(finding(**changes), fail_level=level)))
     assert [entry["severity"] for entry in report] == [severity]
 
 
 def test_what_github_asks_of_sarif() -> None:
     """published: docs.github.com, "SARIF support for code scanning": relative URIs, a line, help, the fingerprint."""
     record = with_findings(HOSTILE, finding(line=None, column=None), finding(suppressed_by="somebody"))
-    log = json.loads(sarif_text(record))
+    log = json.loads(render_sarif(record))
     SARIF.validate(log)
     (run_,) = log["runs"]
     for rule in run_["tool"]["driver"]["rules"]:
@@ -233,5 +233,5 @@ def test_files_are_named_from_the_root_of_the_repository() -> None:
 def test_text_gives_no_command_to_a_runner() -> None:
     name = "::stop-commands::x"
     hostile = finding(message=" ".join(["word " * 15, name, "word " * 17, "##[group]x"] * 4))
-    for line in gate_text(with_findings(hostile)).splitlines():
+    for line in render_text(with_findings(hostile)).splitlines():
         assert not line.strip().startswith(("::", "##["))

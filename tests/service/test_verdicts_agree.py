@@ -288,7 +288,7 @@ def test_a_gate_says_the_same_in_each_of_its_formats(design: Design, checks: dic
         same = ("headline", "value_mm", "interval_mm", "limit_mm", "margin_mm", "status")
         assert {key: number[key] for key in same} == {key: check[key] for key in same}
         assert (number["status"] == "pass") == (number["margin_mm"] >= 0)
-    texts = {name: form.write(record).decode() for name, form in FORMATS.items()}
+    texts = {name: render(record) for name, render in FORMATS.items()}
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in texts["markdown"].splitlines()]
     table = {row[1]: row for row in rows if len(row) == 8 and row[1] in checks}
     assert set(table) == set(checks)

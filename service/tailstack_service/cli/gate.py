@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     if arguments.explain is not None:
         return Answer(_explain(arguments.explain), PASS)
 
-    from ..gate.text import gate_summary
+    from ..gate.text import summarise
     from .gate_outputs import FOR_PEOPLE, choose_outputs, record_unwritten, say
     from .refusals import problem_text
 
@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         for _, file in outputs.usable:
             print(f"wrote {file}", file=sys.stderr)
     if unprinted or not (refused or outputs.on_stdout in FOR_PEOPLE):
-        say(gate_summary(record))
+        say(summarise(record))
     return Answer("", record.exit_code)
 
 

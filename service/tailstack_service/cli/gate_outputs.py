@@ -105,11 +105,11 @@ class Outputs:
     def stdout(self, record: GateRecord) -> str | bytes:
         """What goes to stdout."""
         from ..console.arguments import coloured_output
-        from ..gate.text import gate_text
+        from ..gate.text import render_text
 
         name = self.on_stdout
         if name == "text":
-            return gate_text(record, colour=coloured_output())
+            return render_text(record, colour=coloured_output())
         return "" if name is None else render_record(name, record)
 
     @property
@@ -122,11 +122,11 @@ class Outputs:
         file = os.environ.get(SUMMARY)
         if not file or not any(name == "github" for name, _ in self.formats):
             return []
-        from ..gate.formats import name_from_root, step_summary
+        from ..gate.formats import name_from_root, render_step_summary
 
         try:
             with open(file, "ab") as stream:
-                stream.write(step_summary(name_from_root(record, find_prefix()), stream.tell()).encode())
+                stream.write(render_step_summary(name_from_root(record, find_prefix()), stream.tell()).encode())
         except OSError as error:
             return [_refuse_file(f"{SUMMARY} {file}", error)]
         return []
@@ -163,10 +163,9 @@ def choose_outputs(formats: Iterable[tuple[str, str | None]], inputs: Iterable[s
 
 def render_record(name: str, record: GateRecord) -> bytes:
     """A record in a format."""
-    from ..gate.formats import FORMATS, name_from_root
+    from ..gate.formats import render
 
-    chosen = FORMATS[name]
-    return chosen.write(name_from_root(record, find_prefix()) if chosen.in_repository else record)
+    return render(record, name, find_prefix())
 
 
 def find_prefix() -> str:

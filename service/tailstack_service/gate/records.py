@@ -236,6 +236,12 @@ def counts(finding: GateFinding, fail_level: Level) -> bool:
     return finding.suppressed_by is None and finding.severity in heavy
 
 
+def split_findings(record: GateRecord) -> tuple[list[GateFinding], list[GateFinding]]:
+    """Findings that no waiver accepts, and those that one does."""
+    counted = [finding for finding in record.findings if finding.suppressed_by is None]
+    return counted, [finding for finding in record.findings if finding.suppressed_by is not None]
+
+
 def record_unread(file: str, design: Design | None = None, design_class: str | None = None) -> GatedDesign:
     """The record of a design of which nothing was computed; without ``design``, it could not be read either."""
     name, sha256 = (None, None) if design is None else (design.name, design.sha256)

@@ -8,24 +8,20 @@ from __future__ import annotations
 import re
 
 from ..rendering.tables import coloured, fixed, number, percent, shortened, signed, table, wrapped
-from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord, counts
+from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord, counts, split_findings
 
 _COMMAND = re.compile(r"(?m)^([ \t]*)(?=::|##\[)")
 MOST_TOLD = 10  # of a kind, in a summary
-DECIDING = ("inconclusive",)  # decides whatever its weight
 _ROLE = {"error": "fail", "warning": "warning", "pass": "pass", "fail": "fail", "inconclusive": "inconclusive"}
 
 
-def gate_text(record: GateRecord, *, colour: bool = False) -> str:
+def render_text(record: GateRecord, *, colour: bool = False) -> str:
     """Designs and their numbers, findings at their places, verdict and exit code."""
-    parts = [_text_designs(record, colour)]
-    counted = [finding for finding in record.findings if finding.suppressed_by is None]
-    accepted = [finding for finding in record.findings if finding.suppressed_by is not None]
-    if counted:
-        parts.append("\n".join(_text_finding(finding, colour) for finding in counted))
-    if accepted:
-        lines = [_text_finding(finding, colour) for finding in accepted]
-        parts.append("accepted by waivers\n" + "\n".join(lines))
+    parts = [_list_designs(record, colour)]
+    counted, accepted = split_findings(record)
+    for heading, findings in (([], counted), (["accepted by waivers"], accepted)):
+        if findings:
+            parts.append("\n".join([*heading, *(_write_finding(finding, colour) for finding in findings)]))
     parts.append(
         coloured(f"verdict: {record.verdict}", _ROLE.get(record.verdict, "fail"), colour)
         + f" (exit code {record.exit_code}; mode {record.mode}, seed {record.seed}, policy "
@@ -36,7 +32,7 @@ def gate_text(record: GateRecord, *, colour: bool = False) -> str:
     return _COMMAND.sub(r"\1\\", "\n\n".join(parts)) + "\n"
 
 
-def gate_summary(record: GateRecord) -> list[str]:
+def summarise(record: GateRecord) -> list[str]:
     """In a few lines what the gate came to and why, for a log that gets no other words: designs, the worst first, the
     findings that decide, the verdict."""
     designs = sorted(record.designs, key=lambda design: WORST_FIRST.index(design.verdict))
@@ -44,16 +40,20 @@ def gate_summary(record: GateRecord) -> list[str]:
     if more := designs[MOST_TOLD:]:
         bad = sum(design.verdict != "pass" for design in more)
         lines.append(f"... and {len(more)} more designs, " + (f"{bad} of which do not pass" if bad else "which pass"))
-    said = [
-        f for f in record.findings if counts(f, record.fail_level) or (f.rule in DECIDING and f.suppressed_by is None)
-    ]
+    counted, _ = split_findings(record)
+    said = [finding for finding in counted if counts(finding, record.fail_level) or finding.rule == "inconclusive"]
     lines += [f"{shortened(name_place(f), 70)}: {shortened(f.message, 200)} [{f.rule}]" for f in said[:MOST_TOLD]]
     if len(said) > MOST_TOLD:
         lines.append(f"... and {len(said) - MOST_TOLD} more findings that count")
-    accepted = sum(finding.suppressed_by is not None for finding in record.findings)
-    waived = f", {accepted} accepted by waivers" if accepted else ""
-    lines.append(f"verdict: {record.verdict} (exit code {record.exit_code}{waived}{count_not_judged(record)})")
+    lines.append(f"verdict: {describe_outcome(record)}")
     return [_COMMAND.sub(r"\1\\", " ".join(line.split())) for line in lines]
+
+
+def describe_outcome(record: GateRecord) -> str:
+    """Verdict and exit code, what waivers accept and what was not judged, for a closing line."""
+    accepted = len(split_findings(record)[1])
+    waived = f", {accepted} accepted by waivers" if accepted else ""
+    return f"{record.verdict} (exit code {record.exit_code}{waived}{count_not_judged(record)})"
 
 
 def name_place(finding: GateFinding) -> str:
@@ -63,7 +63,7 @@ def name_place(finding: GateFinding) -> str:
     return f"{finding.file}#{finding.pointer}" if finding.pointer else finding.file
 
 
-def _text_designs(record: GateRecord, colour: bool) -> str:
+def _list_designs(record: GateRecord, colour: bool) -> str:
     blocks = []
     for design in record.designs:
         basis = "" if design.basis == "none" else f"{design.basis}"
@@ -75,7 +75,7 @@ def _text_designs(record: GateRecord, colour: bool) -> str:
         basis += f"; each status wrong with a probability of at most {100 * max(rates):.3g} %" if rates else ""
         blocks.append(f"{shortened(design.file, 60)}{name}{kind}: {verdict}" + (f" ({basis})" if basis else ""))
         if design.numbers:
-            lines = _text_table(design.numbers).splitlines()
+            lines = _write_table(design.numbers).splitlines()
             blocks.append("\n".join("  " + line for line in lines))
     return "\n".join(blocks)
 
@@ -93,17 +93,17 @@ def choose_numbers(numbers: tuple[GateNumber, ...]) -> list[tuple[GateNumber, st
     return found
 
 
-def _text_table(numbers: tuple[GateNumber, ...]) -> str:
+def _write_table(numbers: tuple[GateNumber, ...]) -> str:
     """What decided, in mm, and of a yield the fraction of units beside it."""
     header = (
         "requirement", "target", "rule", "value\nmm", "interval\nmm", "limit\nmm", "margin\nmm", "yield\n%", "status",
     )  # fmt: skip
-    rows = [_text_row(entry, target) for entry, target in choose_numbers(numbers)]
+    rows = [_write_row(entry, target) for entry, target in choose_numbers(numbers)]
     shown = [k for k in range(len(header)) if k != 7 or any(row[k] != "-" for row in rows)]
     return table([header[k] for k in shown], [[row[k] for k in shown] for row in rows], left=3)
 
 
-def _text_row(entry: GateNumber, target: str) -> tuple[str, ...]:
+def _write_row(entry: GateNumber, target: str) -> tuple[str, ...]:
     ends = "-"
     if entry.interval_mm is not None:
         ends = f"{fixed(entry.interval_mm[0], 3)} .. {fixed(entry.interval_mm[1], 3)}"
@@ -113,7 +113,7 @@ def _text_row(entry: GateNumber, target: str) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def _text_finding(finding: GateFinding, colour: bool) -> str:
+def _write_finding(finding: GateFinding, colour: bool) -> str:
     severity = coloured(finding.severity, _ROLE.get(finding.severity, "none"), colour)
     text = f"{finding.message} [{finding.rule}]"
     lines = wrapped(text, first=f"{shortened(name_place(finding), 70)}: {severity}: ", indent="  ")
@@ -136,15 +136,14 @@ _SPECIAL = re.compile(r"([\\`*_{}\[\]<>()#+!|~$@&])")
 _MARK = {"pass": "✅", "fail": "❌", "inconclusive": "❔", "not evaluated": "⛔"}
 
 
-def markdown_text(record: GateRecord) -> str:
+def render_markdown(record: GateRecord) -> str:
     """Verdict, one row per design, then findings, then what waivers accept."""
-    counted = [finding for finding in record.findings if finding.suppressed_by is None]
-    accepted = [finding for finding in record.findings if finding.suppressed_by is not None]
+    counted, accepted = split_findings(record)
     lines = [
         f"## {_MARK[record.verdict]} Gate: {record.verdict}",
         "",
         f"Exit code {record.exit_code} · mode {record.mode} · seed {record.seed} · policy "
-        f"{plain(record.provenance.policy_name, 60)} · tailstack {record.provenance.tailstack_version}"
+        f"{escape_markdown(record.provenance.policy_name, 60)} · tailstack {record.provenance.tailstack_version}"
         + count_not_judged(record).replace(", ", " · "),
         "",
         "| design | verdict | largest P95, mm | basis |",
@@ -155,17 +154,17 @@ def markdown_text(record: GateRecord) -> str:
         largest = number(max(values)) if values else "–"
         verdict = f"{_MARK[design.verdict]} {design.verdict}"
         basis = design.basis + (f", {design.trials:,} trials" if design.trials is not None else "")
-        lines.append(f"| {plain(design.file, 80)} | {verdict} | {largest} | {basis} |")
+        lines.append(f"| {escape_markdown(design.file, 80)} | {verdict} | {largest} | {basis} |")
     if any(design.numbers for design in record.designs):
-        lines += ["", "### Requirements", "", *_markdown_numbers(record)]
+        lines += ["", "### Requirements", "", *_write_markdown_numbers(record)]
     if counted:
-        lines += ["", "### Findings", "", *_markdown_table(counted)]
+        lines += ["", "### Findings", "", *_write_markdown_findings(counted)]
     if accepted:
-        lines += ["", "### Accepted by waivers", "", *_markdown_table(accepted)]
+        lines += ["", "### Accepted by waivers", "", *_write_markdown_findings(accepted)]
     return "\n".join(lines) + "\n"
 
 
-def _markdown_numbers(record: GateRecord) -> list[str]:
+def _write_markdown_numbers(record: GateRecord) -> list[str]:
     """Each requirement at the target that is nearest to its limit, and every one that does not pass."""
     lines = [
         "| design | requirement | target | what | value, mm | limit, mm | margin, mm | status |",
@@ -173,7 +172,9 @@ def _markdown_numbers(record: GateRecord) -> list[str]:
     ]
     rows = [(design, *entry) for design in record.designs for entry in choose_numbers(design.numbers)]
     for design, entry, target in rows[:MOST_ROWS]:
-        texts = " | ".join(plain(text, 80) for text in (design.file, entry.requirement, target, entry.headline))
+        texts = " | ".join(
+            escape_markdown(text, 80) for text in (design.file, entry.requirement, target, entry.headline)
+        )
         values = " | ".join((number(entry.value_mm), number(entry.limit_mm), signed(entry.margin_mm)))
         lines.append(f"| {texts} | {values} | {_MARK[entry.status]} {entry.status} |")
     if len(rows) > MOST_ROWS:
@@ -181,18 +182,20 @@ def _markdown_numbers(record: GateRecord) -> list[str]:
     return lines
 
 
-def plain(text: str, width: int = 400) -> str:
+def escape_markdown(text: str, width: int = 400) -> str:
     """Text that Markdown shows as it stands, on one line."""
     return _SPECIAL.sub(r"\\\1", shortened(" ".join(text.split()), width))
 
 
-def _markdown_table(findings: list[GateFinding]) -> list[str]:
+def _write_markdown_findings(findings: list[GateFinding]) -> list[str]:
     lines = ["| | rule | place | finding |", "|---|---|---|---|"]
     for finding in findings[:MOST_ROWS]:
-        message = plain(finding.message)
+        message = escape_markdown(finding.message)
         if finding.suppressed_by is not None:
-            message += f"<br>accepted by {plain(finding.suppressed_by)}"
-        lines.append(f"| {finding.severity} | {finding.rule} | {plain(name_place(finding), 90)} | {message} |")
+            message += f"<br>accepted by {escape_markdown(finding.suppressed_by)}"
+        lines.append(
+            f"| {finding.severity} | {finding.rule} | {escape_markdown(name_place(finding), 90)} | {message} |"
+        )
     if len(findings) > MOST_ROWS:
         lines.append(f"| | | | {len(findings) - MOST_ROWS} more are in the record |")
     return lines
