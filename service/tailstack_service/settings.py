@@ -6,9 +6,11 @@ import difflib
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+from pydantic import Field, ValidationError
+from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from tailstack.cores import usable_cores
 from tailstack.errors import Problem
@@ -23,86 +25,92 @@ _OF_KUBERNETES = re.compile(
 _KUBERNETES_ADDRESS = re.compile(r"(tcp|udp|sctp)://.+")  # the value of ..._PORT, of which people think otherwise
 
 
-def _setting(default: Any, meaning: str, low: float, high: float) -> Any:
-    return field(default=default, metadata={"meaning": meaning, "low": low, "high": high})
+def variable(name: str) -> str:
+    """The environment variable of a setting."""
+    return PREFIX + name.upper()
 
 
-def _text(default: str, meaning: str, *, choices: tuple[str, ...] = ()) -> Any:
-    return field(default=default, metadata={"meaning": meaning, "choices": choices})
+def _number(default: float, low: float, high: float, meaning: str) -> Any:
+    return Field(default, ge=low, le=high, description=meaning)
 
 
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """Everything that an operator can set.  Field ``max_trials`` is the variable ``TAILSTACK_MAX_TRIALS``."""
+class Settings(BaseSettings):
+    """Everything that an operator can set.  Field ``max_trials`` is the variable ``TAILSTACK_MAX_TRIALS``.
+
+    Read from the environment when it is made; what it is given by name goes before.
+    """
+
+    # the alias is the variable; without the prefix a variable called ``auth`` would be taken for the field
+    model_config = SettingsConfigDict(
+        alias_generator=variable, env_prefix=PREFIX, populate_by_name=True, case_sensitive=True, env_ignore_empty=True,
+        str_strip_whitespace=True, allow_inf_nan=False, extra="forbid", frozen=True,
+    )  # fmt: skip
 
     # What one request may ask for
-    max_body_bytes: int = _setting(1_000_000, "bytes of a request body", 1_000, 100_000_000)
-    body_seconds: float = _setting(20.0, "seconds for a body to arrive", 0.1, 3_600)
-    max_fiducials: int = _setting(200, "fiducials of a design", 6, 1000)
-    max_targets: int = _setting(50, "targets of a design, regions expanded", 1, 200)
-    max_views: int = _setting(8, "views of a design", 2, 16)
-    max_trials: int = _setting(5_000_000, "trials of one verification", 100, 1_000_000_000)
-    max_starts: int = _setting(32, "starts of one optimisation", 1, 256)
-    max_sweep_points: int = _setting(2_000, "points of one sweep", 1, 1_000_000)
-    max_gate_designs: int = _setting(50, "designs of one gate", 1, 1_000)
+    max_body_bytes: int = _number(1_000_000, 1_000, 100_000_000, "bytes of a request body")
+    body_seconds: float = _number(20.0, 0.1, 3_600, "seconds for a body to arrive")
+    max_fiducials: int = _number(200, 6, 1000, "fiducials of a design")
+    max_targets: int = _number(50, 1, 200, "targets of a design, regions expanded")
+    max_views: int = _number(8, 2, 16, "views of a design")
+    max_trials: int = _number(5_000_000, 100, 1_000_000_000, "trials of one verification")
+    max_starts: int = _number(32, 1, 256, "starts of one optimisation")
+    max_sweep_points: int = _number(2_000, 1, 1_000_000, "points of one sweep")
+    max_gate_designs: int = _number(50, 1, 1_000, "designs of one gate")
 
     # What is computed while the caller waits
-    max_seconds: float = _setting(60.0, "seconds of one computation that is answered at once", 0.1, 86_400)
-    warm_up_seconds: float = _setting(5.0, "seconds that a request waits for the kernels to be compiled", 0, 600)
-    max_wait_seconds: float = _setting(60.0, "seconds that `Prefer: wait` may ask for", 0, 600)
-    short_workers: int = _setting(2, "processes that compute what is answered at once, per API process", 1, 256)
-    max_waiting: int = _setting(64, "computations that may wait for one of them, per API process", 0, 100_000)
-    max_streams: int = _setting(100, "event streams open at once, per API process", 1, 10_000)
-    max_tenant_streams: int = _setting(
-        25, "event streams of one tenant open at once, per API process, where callers are told apart", 1, 10_000
+    max_seconds: float = _number(60.0, 0.1, 86_400, "seconds of one computation that is answered at once")
+    warm_up_seconds: float = _number(5.0, 0, 600, "seconds that a request waits for the kernels to be compiled")
+    max_wait_seconds: float = _number(60.0, 0, 600, "seconds that `Prefer: wait` may ask for")
+    short_workers: int = _number(2, 1, 256, "processes that compute what is answered at once, per API process")
+    max_waiting: int = _number(64, 0, 100_000, "computations that may wait for one of them, per API process")
+    max_streams: int = _number(100, 1, 10_000, "event streams open at once, per API process")
+    max_tenant_streams: int = _number(
+        25, 1, 10_000, "event streams of one tenant open at once, per API process, where callers are told apart"
     )
-    api_processes: int = _setting(1, "API processes behind one port", 1, 64)
+    api_processes: int = _number(1, 1, 64, "API processes behind one port")
 
     # Jobs
-    database: str = _text(
-        "", "where jobs are kept: sqlite:///PATH or postgresql://USER:PASSWORD@HOST/NAME; empty: a SQLite file of yours"
+    database: str = Field(
+        default="",
+        repr=False,
+        description="where jobs are kept: sqlite:///PATH or postgresql://USER:PASSWORD@HOST/NAME; empty: a SQLite file "
+        "of yours",
     )
-    max_queued_jobs: int = _setting(2_000, "unfinished jobs of one tenant", 1, 1_000_000)
-    cpu_seconds_per_hour: float = _setting(0.0, "CPU seconds of one tenant's jobs in an hour; 0: any", 0, 1e9)
-    max_job_seconds: float = _setting(3_600.0, "CPU seconds of one job", 1, 1e7)
-    keep_days: float = _setting(30.0, "days for which finished jobs and their results are kept", 0.001, 36_500)
-    audit_days: float = _setting(365.0, "days for which entries of the audit log are kept", 1, 36_500)
-    worker_processes: int = _setting(usable_cores(), "computing processes of one worker (engine pool)", 1, 256)
-    lease_seconds: float = _setting(15.0, "seconds after which a silent worker's units are given to another", 1, 3_600)
-    poll_seconds: float = _setting(0.05, "seconds between an idle worker's looks for work", 0.005, 60)
-    hang_seconds: float = _setting(
-        30.0, "seconds for which a computing process may use no processor time before it counts as hung", 1, 86_400
+    max_queued_jobs: int = _number(2_000, 1, 1_000_000, "unfinished jobs of one tenant")
+    cpu_seconds_per_hour: float = _number(0.0, 0, 1e9, "CPU seconds of one tenant's jobs in an hour; 0: any")
+    max_job_seconds: float = _number(3_600.0, 1, 1e7, "CPU seconds of one job")
+    keep_days: float = _number(30.0, 0.001, 36_500, "days for which finished jobs and their results are kept")
+    audit_days: float = _number(365.0, 1, 36_500, "days for which entries of the audit log are kept")
+    worker_processes: int = _number(usable_cores(), 1, 256, "computing processes of one worker (engine pool)")
+    lease_seconds: float = _number(15.0, 1, 3_600, "seconds after which a silent worker's units are given to another")
+    poll_seconds: float = _number(0.05, 0.005, 60, "seconds between an idle worker's looks for work")
+    hang_seconds: float = _number(
+        30.0, 1, 86_400, "seconds for which a computing process may use no processor time before it counts as hung"
     )
-    max_unit_deaths: int = _setting(5, "computing processes that one unit may take with it", 1, 100)
-    max_unit_attempts: int = _setting(25, "times that one unit is begun, whatever ended it", 1, 1_000)
+    max_unit_deaths: int = _number(5, 1, 100, "computing processes that one unit may take with it")
+    max_unit_attempts: int = _number(25, 1, 1_000, "times that one unit is begun, whatever ended it")
 
     # Where units are computed
-    engine: str = _text("pool", "where units are computed", choices=("pool", "dask"))
-    dask_scheduler: str = _text("", "address of the Dask scheduler, tls://HOST:PORT")
-    dask_ca_file: str = _text("", "certificate authority of the Dask cluster, PEM")
-    dask_cert_file: str = _text("", "certificate shown to the Dask cluster, PEM")
-    dask_key_file: str = _text("", "private key of that certificate, PEM")
+    engine: Literal["pool", "dask"] = Field(default="pool", description="where units are computed")
+    dask_scheduler: str = Field(default="", description="address of the Dask scheduler, tls://HOST:PORT")
+    dask_ca_file: str = Field(default="", description="certificate authority of the Dask cluster, PEM")
+    dask_cert_file: str = Field(default="", description="certificate shown to the Dask cluster, PEM")
+    dask_key_file: str = Field(default="", description="private key of that certificate, PEM")
 
     # Who may ask
-    auth: str = _text("none", "none (loopback only) or required", choices=("none", "required"))
-    jwt_key_file: str = _text("", "PEM public key, JWKS file or shared secret that JSON Web Tokens are checked with")
-    jwt_algorithm: str = _text(
-        "RS256", "the only algorithm accepted in JSON Web Tokens", choices=("RS256", "ES256", "EdDSA", "HS256")
+    auth: Literal["none", "required"] = Field(default="none", description="none (loopback only) or required")
+    jwt_key_file: str = Field(
+        default="", description="PEM public key, JWKS file or shared secret that JSON Web Tokens are checked with"
     )
-    jwt_issuer: str = _text("", "required `iss` of JSON Web Tokens")
-    jwt_audience: str = _text("tailstack", "required `aud` of JSON Web Tokens")
-    allowed_hosts: str = _text("", "further names, comma-separated, that the Host header may carry")
+    jwt_algorithm: Literal["RS256", "ES256", "EdDSA", "HS256"] = Field(
+        default="RS256", description="the only algorithm accepted in JSON Web Tokens"
+    )
+    jwt_issuer: str = Field(default="", description="required `iss` of JSON Web Tokens")
+    jwt_audience: str = Field(default="tailstack", description="required `aud` of JSON Web Tokens")
+    allowed_hosts: str = Field(default="", description="further names, comma-separated, that the Host header may carry")
 
     # What is told
-    log_format: str = _text("text", "log lines on stderr as text or as JSON", choices=("text", "json"))
-
-    def __post_init__(self) -> None:
-        for entry in fields(self):
-            value, rule = getattr(self, entry.name), entry.metadata
-            if "low" in rule and not rule["low"] <= value <= rule["high"]:
-                raise _bad(entry.name, f"must lie between {rule['low']:g} and {rule['high']:g}; got {value}")
-            if rule.get("choices") and value not in rule["choices"]:
-                raise _bad(entry.name, f"must be one of {', '.join(rule['choices'])}; got {value[:40]!r}")
+    log_format: Literal["text", "json"] = Field(default="text", description="log lines on stderr as text or as JSON")
 
     @property
     def database_url(self) -> str:
@@ -115,18 +123,47 @@ def _state_directory() -> Path:
     return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "tailstack"
 
 
-def _bad(name: str, detail: str) -> SettingsError:
-    return SettingsError(Problem("", "bad-setting", f"{variable(name)} {detail}", "docs/settings.md lists them all"))
+def load_settings(**flags: Any) -> Settings:
+    """Settings from the environment; flags go before.
+
+    Raises SettingsError for every value that breaks its rule, and for a TAILSTACK_ name that is no setting.
+    """
+    refuse_unknown(os.environ)
+    try:
+        return Settings(**flags)
+    except ValidationError as error:
+        raise SettingsError([_refusal(entry) for entry in error.errors(include_url=False)]) from None
 
 
-def variable(name: str) -> str:
-    """The environment variable of a setting."""
-    return PREFIX + name.upper()
+def default_settings() -> Settings:
+    """The defaults, whatever the environment says."""
+    return Settings.model_construct()
+
+
+def schemas() -> dict[str, dict[str, Any]]:
+    """JSON Schema of each setting by its variable: its default, what it means (``description``) and its bounds."""
+    properties: dict[str, dict[str, Any]] = Settings.model_json_schema()["properties"]
+    return properties
+
+
+def _refusal(entry: Any) -> Problem:
+    """The rule that a value breaks, and what arrived."""
+    [name] = entry["loc"]
+    name = name if name.startswith(PREFIX) else variable(name)
+    schema = schemas()[name]
+    if entry["type"] in ("int_parsing", "int_from_float", "float_parsing"):
+        rule = "must be a whole number" if schema["type"] == "integer" else "must be a number"
+    elif "enum" in schema:
+        rule = f"must be one of {', '.join(schema['enum'])}"
+    else:
+        rule = f"must lie between {schema['minimum']:g} and {schema['maximum']:g}"
+    detail = f"{name} {rule}; got {str(entry['input'])[:40]!r}"
+    return Problem("", "bad-setting", detail, "docs/settings.md lists them all")
 
 
 def refuse_unknown(environment: Mapping[str, str]) -> None:
     """Raise SettingsError for names that look like settings and are none: a slip would be a limit that is not kept."""
-    known = [*meanings(), *OTHERS]
+    known = [*map(variable, Settings.model_fields), *OTHERS]
     problems = [
         _unknown(name, known)
         for name, value in sorted(environment.items())
@@ -160,32 +197,7 @@ def _unknown(name: str, known: list[str]) -> Problem:
     return Problem("", "unknown-setting", detail, f"{meant}docs/settings.md lists them all")
 
 
-def settings_from(environment: Mapping[str, str]) -> Settings:
-    """Settings from an environment.
-
-    Raises SettingsError for a value that is not a number or out of range, and for a TAILSTACK_ name that is no setting.
-    """
-    refuse_unknown(environment)
-    given: dict[str, Any] = {}
-    for entry in fields(Settings):
-        text = environment.get(variable(entry.name), "").strip()
-        if not text:
-            continue
-        kind = {"float": float, "int": int}.get(str(entry.type), str)
-        try:
-            given[entry.name] = kind(text)
-        except ValueError:
-            what = "a number" if kind is float else "a whole number"
-            raise _bad(entry.name, f"must be {what}; got {text[:40]!r}") from None
-    return Settings(**given)
-
-
-def told_to_child(settings: Settings, environment: Mapping[str, str]) -> dict[str, str]:
+def child_environment(settings: Settings, environment: Mapping[str, str]) -> dict[str, str]:
     """The environment for a process of ours: these settings, and of this process's own none."""
     others = {name: value for name, value in environment.items() if not name.startswith(PREFIX) or name in OF_PROCESSES}
-    return others | {variable(entry.name): str(getattr(settings, entry.name)) for entry in fields(settings)}
-
-
-def meanings() -> dict[str, tuple[Any, str]]:
-    """Variable, its default and what it bounds, for help texts and documentation."""
-    return {variable(entry.name): (entry.default, entry.metadata["meaning"]) for entry in fields(Settings)}
+    return others | {variable(name): str(value) for name, value in settings}

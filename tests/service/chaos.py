@@ -78,10 +78,10 @@ ANSWERED_WITHIN_SECONDS = 10.0  # a small score, after large gates were abandone
 AHEAD = f"""
 import os, time
 from functools import partial
-from tailstack_service.settings import settings_from
+from tailstack_service.settings import load_settings
 from tailstack_service.worker import process
 process.open_database = partial(process.open_database, clock=lambda: time.time() + {AHEAD_SECONDS})
-process.run_worker(settings_from(os.environ))
+process.run_worker(load_settings())
 """
 
 

@@ -6,7 +6,6 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,7 @@ from dask_cluster import Cluster
 from strange_units import request
 
 from tailstack_service.problems import RequestError
-from tailstack_service.settings import Settings, settings_from
+from tailstack_service.settings import Settings
 from tailstack_service.work.task import Task
 
 if TYPE_CHECKING:
@@ -64,7 +63,7 @@ def engine(dask_cluster: Cluster) -> Iterator[DaskEngine]:
     from tailstack_service.compute.dask import DaskEngine
 
     dask_cluster.revive()
-    with closing(DaskEngine(settings_from(dask_cluster.settings), function=strange_units.FUNCTION)) as engine:
+    with closing(DaskEngine(Settings(**dask_cluster.settings), function=strange_units.FUNCTION)) as engine:
         until(lambda: engine.capacity == 2)
         yield engine
 
@@ -147,7 +146,7 @@ def test_without_a_connection_tasks_are_given_back_at_once(dask_cluster: Cluster
     from tailstack_service.compute.dask import DaskEngine
     from tailstack_service.compute.engine import GivenBack
 
-    nowhere = replace(settings_from(dask_cluster.settings), dask_scheduler="tls://127.0.0.1:1")
+    nowhere = Settings(**dask_cluster.settings | {"TAILSTACK_DASK_SCHEDULER": "tls://127.0.0.1:1"})
     with closing(DaskEngine(nowhere)) as engine:
         assert engine.capacity == 0
         with pytest.raises(GivenBack):

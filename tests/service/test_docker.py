@@ -22,7 +22,7 @@ import yaml
 from service_scenes import ROOT
 
 from tailstack_service.cli.main import build_parser
-from tailstack_service.settings import Settings, meanings
+from tailstack_service.settings import Settings, schemas
 
 DOCKER = ROOT / "docker"
 DOCKERFILE = (DOCKER / "Dockerfile").read_text(encoding="utf-8")
@@ -90,7 +90,7 @@ def test_what_the_image_runs_are_commands_of_ours() -> None:
 def test_every_variable_of_the_image_is_a_setting() -> None:
     given = dict(entry.split("=", 1) for _, rest in instructions("ENV") for entry in shlex.split(rest))
     settings = {name for name in given if name.startswith("TAILSTACK_")}
-    assert settings <= set(meanings())
+    assert settings <= set(schemas())
     assert given["TAILSTACK_AUTH"] == "required"  # it listens on every address of its container
     for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"):
         assert given[name].startswith("/tmp")
@@ -225,7 +225,7 @@ def test_commands_and_variables_are_known_to_tailstack(name: str) -> None:
     if test[1:2] == ["tailstack"]:
         build_parser().parse_args(test[2:])
     variables = {key for key in service.get("environment", {}) if key.startswith("TAILSTACK_")}
-    assert variables <= set(meanings())
+    assert variables <= set(schemas())
     assert not any(key in str(service).upper() for key in ("PASSWORD=", "TSK_"))
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import fields
-from typing import Any
 
 import pytest
 from service_scenes import ROOT
@@ -14,7 +12,7 @@ from tailstack_service.cli.verbs import VERBS
 from tailstack_service.http.openapi import openapi_json
 from tailstack_service.names import OTHERS
 from tailstack_service.problems import CATALOGUE
-from tailstack_service.settings import Settings, meanings, variable
+from tailstack_service.settings import schemas
 
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
 HTTP = (ROOT / "docs" / "http.md").read_text(encoding="utf-8")
@@ -43,9 +41,9 @@ def row_of(variable: str) -> list[str]:
     return [cell.strip() for cell in line.strip("| ").split(" | ")]
 
 
-@pytest.mark.parametrize("variable", meanings())
+@pytest.mark.parametrize("variable", schemas())
 def test_every_setting_is_listed_with_its_default(variable: str) -> None:
-    default, _ = meanings()[variable]
+    default = schemas()[variable]["default"]
     cell = row_of(variable)[1]
     if isinstance(default, str):
         assert cell == (f"`{default}`" if default else "(empty)")
@@ -53,18 +51,18 @@ def test_every_setting_is_listed_with_its_default(variable: str) -> None:
         assert cell == "the cores" if variable == "TAILSTACK_WORKER_PROCESSES" else float(cell) == default
 
 
-@pytest.mark.parametrize("setting", fields(Settings), ids=lambda setting: setting.name)
-def test_every_setting_is_listed_with_its_meaning(setting: Any) -> None:
-    meaning = row_of(variable(setting.name))[2]
-    words = [word.strip("`;,.:()") for word in setting.metadata["meaning"].split()]
+@pytest.mark.parametrize("variable", schemas())
+def test_every_setting_is_listed_with_its_meaning(variable: str) -> None:
+    schema, meaning = schemas()[variable], row_of(variable)[2]
+    words = [word.strip("`;,.:()") for word in schema["description"].split()]
     assert all(word in meaning for word in words), meaning
-    if "low" in setting.metadata:
+    if schema["type"] != "string":
         low, high = (float(number) for number in re.findall(r"[\d.e+]+", meaning.rpartition("(")[2]))
-        assert (low, high) == (setting.metadata["low"], setting.metadata["high"])
-    assert all(f"`{choice}`" in meaning or choice in words for choice in setting.metadata.get("choices", ()))
+        assert (low, high) == (schema["minimum"], schema["maximum"])
+    assert all(f"`{choice}`" in meaning or choice in words for choice in schema.get("enum", ()))
 
 
 def test_settings_are_listed_in_their_order_and_no_others() -> None:
     listed = re.findall(r"^\| `(TAILSTACK_\w+)` \|", SETTINGS, re.MULTILINE)
-    assert listed[: len(meanings())] == list(meanings())
-    assert sorted(listed[len(meanings()) :]) == sorted(OTHERS)
+    assert listed[: len(schemas())] == list(schemas())
+    assert sorted(listed[len(schemas()) :]) == sorted(OTHERS)

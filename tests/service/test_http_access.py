@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -261,7 +261,7 @@ def tokens_with(tmp_path: Path, content: bytes, algorithm: str, **changes: str) 
     path = tmp_path / "key"
     path.write_bytes(content)
     settings = Settings(auth="required", jwt_key_file=str(path), jwt_issuer=ISSUER, jwt_algorithm=algorithm)
-    return Tokens(replace(settings, **changes))  # type: ignore[arg-type]
+    return Tokens(settings.model_copy(update=changes))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 
 import httpx
 import pytest
@@ -14,7 +13,7 @@ from service_scenes import check_problem, client_with, read_answer
 from tailstack_service.settings import Settings
 
 HEAD = b"POST %b HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
-QUICK = replace(Settings(), body_seconds=0.3, max_body_bytes=50_000)
+QUICK = Settings(body_seconds=0.3, max_body_bytes=50_000)
 
 
 @pytest.fixture(scope="module")

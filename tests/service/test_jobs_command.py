@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import io
 import json
 import socket
+import ssl
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import httpx
@@ -183,7 +185,7 @@ def test_a_key_is_not_carried_to_another_address(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv("TAILSTACK_KEY", "tsk_secret")
     elsewhere = b"HTTP/1.1 303 See Other\r\nLocation: http://127.0.0.1:1/x\r\nContent-Length: 0\r\n\r\n"
     with server(elsewhere) as (url, heard):
-        assert Service(url).ask("GET", "/v1/jobs/x/result").status == 303
+        assert Service(url).ask("GET", "/v1/jobs/x/result").status_code == 303
     assert b"Bearer tsk_secret" in heard[0]
 
 
@@ -197,6 +199,115 @@ def test_answers_that_are_not_ours(body: bytes) -> None:
     assert (raised.value.slug, raised.value.exit_code) == ("unexpected-answer", 3)
 
 
+@pytest.mark.parametrize("body", [b"<html>Log in to this network</html>", b"", b"[]", b"{}"])
+def test_a_page_of_somebody_else_is_no_list_of_jobs(body: bytes, capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in (["list"], ["show", "x"], ["follow", "x"]):
+        with server(b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n" % len(body) + body) as (url, _):
+            assert main(["jobs", *arguments, "--url", url]) == 3
+        assert "is this a tailstack?" in capsys.readouterr().err
+
+
 def test_lines_of_a_stream() -> None:
-    text = b'\xef\xbb\xbfdata: {}\n\n: c\n\nevent: a\n\nid:7\ndata:{"a": 1}\nevent:b\r\n\r\ndata: {}\n'
-    assert list(read_events(io.BytesIO(text[3:]))) == [Event("", "message", {}), Event("7", "b", {"a": 1})]
+    text = b'data: {}\n\n: c\n\nevent: a\n\nid:7\ndata:{"a": 1}\nevent:b\r\n\r\ndata: {}\n'
+    answer = httpx.Response(200, headers={"Content-Type": "text/event-stream"}, content=text)
+    assert list(read_events(answer)) == [Event("", "message", {}), Event("7", "b", {"a": 1})]
+
+
+def test_a_service_on_this_machine_is_asked_without_the_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("http_proxy", "HTTP_PROXY", "all_proxy", "ALL_PROXY"):
+        monkeypatch.setenv(name, "http://127.0.0.1:1")
+    with server(b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\n{}") as (url, heard):
+        assert Service(url, key="").ask("GET", "/version").json() == {}
+    assert heard[0].startswith(b"GET /version HTTP/1.1\r\n")
+
+
+def test_another_service_is_asked_through_the_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
+    with server(b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\n{}") as (url, heard):
+        monkeypatch.setenv("http_proxy", url)
+        assert Service("http://tailstack.invalid", key="").ask("GET", "/version").json() == {}
+    assert heard[0].startswith(b"GET http://tailstack.invalid/version HTTP/1.1\r\n")
+
+
+def test_a_certificate_that_nobody_vouches_for_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    certificate, key = self_signed(tmp_path)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate, key)
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.listen()
+
+        def answer() -> None:
+            with suppress(OSError), context.wrap_socket(listening.accept()[0], server_side=True):
+                pass
+
+        threading.Thread(target=answer, daemon=True).start()
+        port = listening.getsockname()[1]
+        assert main(["jobs", "list", "--url", f"https://127.0.0.1:{port}"]) == 3
+    assert "certificate verify failed" in capsys.readouterr().err
+
+
+def self_signed(folder: Path) -> tuple[Path, Path]:
+    """A certificate of 127.0.0.1 and its key."""
+    from cryptography import x509
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "127.0.0.1")])
+    made = x509.CertificateBuilder().subject_name(name).issuer_name(name).public_key(key.public_key())
+    today = datetime.now(UTC)
+    made = made.serial_number(1).not_valid_before(today).not_valid_after(today + timedelta(days=1))
+    files = folder / "certificate.pem", folder / "key.pem"
+    files[0].write_bytes(made.sign(key, hashes.SHA256()).public_bytes(serialization.Encoding.PEM))
+    form = serialization.PrivateFormat.PKCS8
+    files[1].write_bytes(key.private_bytes(serialization.Encoding.PEM, form, serialization.NoEncryption()))
+    return files
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [b"", b"HTTP/1.1 200 OK\r\nContent-Length: 10\r\n\r\n{}", b"220 mail.example\r\n", b"\x15\x03\x01\x00\x02\x02F"],
+    ids=["nothing", "half", "mail", "tls"],
+)
+def test_answers_that_break_off_or_are_not_http_count_as_none(answer: bytes) -> None:
+    with server(answer) as (url, _), pytest.raises(RemoteError) as raised:
+        Service(url, key="").ask("GET", "/v1/jobs")
+    assert (raised.value.slug, raised.value.status, raised.value.exit_code) == ("unreachable", 0, 3)
+    assert f"no answer from {url}: " in str(raised.value)
+
+
+def test_a_silent_service_is_not_waited_for() -> None:
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.listen()
+        begun = time.monotonic()
+        with pytest.raises(RemoteError, match="timed out"):
+            Service(f"http://127.0.0.1:{listening.getsockname()[1]}", key="").ask("GET", "/version", seconds=0.3)
+        assert time.monotonic() - begun < 5
+
+
+@pytest.mark.parametrize("url", ["http://h:99999", "http://h:x", "http://[::1", "http://user:hush@h"])
+def test_addresses_that_are_none_are_bad_usage(url: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["jobs", "list", "--url", url]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "internal error" not in err
+    assert "hush" not in err
+
+
+def test_a_stream_without_events_outlives_a_restart_of_the_service() -> None:
+    """A job that waits for long says nothing; the patience counts from the moment when nobody answers."""
+    quiet = STREAM + b": still here\n\n"
+    refused = b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/plain\r\nContent-Length: 4\r\n\r\nbusy"
+    rest = STREAM + b'id: 1\nevent: state\ndata: {"state": "failed"}\n\n'
+    with server(quiet, refused, rest) as (url, _):
+        events = list(Service(url, key="").events("x", patience=0.4))  # the first pause alone is longer
+    assert [event.id for event in events] == ["1"]
+
+
+def test_what_is_no_stream_of_events_is_not_asked_for_ever() -> None:
+    with (
+        server(b"HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nContent-Length: 5\r\n\r\nhello") as (url, _),
+        pytest.raises(RemoteError, match="is this a tailstack"),
+    ):
+        list(Service(url, key="").events("x"))

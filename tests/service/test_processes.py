@@ -242,8 +242,7 @@ def test_events_go_on_after_the_service_was_killed(tmp_path: Path) -> None:
             suppress(httpx.HTTPError),
             httpx.stream("GET", url + job["links"]["events"], timeout=60, trust_env=False) as r,
         ):
-            lines = r.iter_lines()
-            for event in read_events(_Lines(lines)):
+            for event in read_events(r):
                 first.append(event)
                 if len(first) == 4:
                     family = family_of(process)
@@ -254,20 +253,10 @@ def test_events_go_on_after_the_service_was_killed(tmp_path: Path) -> None:
     with service(tmp_path, TAILSTACK_LEASE_SECONDS="1", **limit) as (_, url):
         header = {"Last-Event-ID": first[-1].id}
         with httpx.stream("GET", url + job["links"]["events"], headers=header, timeout=90, trust_env=False) as r:
-            rest = list(read_events(_Lines(r.iter_lines())))
+            rest = list(read_events(r))
     ids = [int(event.id) for event in first + rest]
     assert ids == list(range(1, len(ids) + 1))
     assert rest[-1].data["state"] == "succeeded"
-
-
-class _Lines:
-    """An iterator of lines, as a file."""
-
-    def __init__(self, lines: Iterator[str]) -> None:
-        self.lines = lines
-
-    def readline(self, _limit: int) -> bytes:
-        return next((f"{line}\n".encode() for line in self.lines), b"")
 
 
 def test_a_worker_that_dies_is_replaced(tmp_path: Path) -> None:

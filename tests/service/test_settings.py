@@ -2,23 +2,65 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 
 from tailstack_service.cli.main import main
 from tailstack_service.problems import SettingsError
-from tailstack_service.settings import Settings, meanings, refuse_unknown, settings_from, told_to_child, variable
+from tailstack_service.settings import child_environment, default_settings, load_settings, refuse_unknown, schemas
 
 NOWHERE = "sqlite:////nowhere/at/all.sqlite3"
 
 
-def test_a_setting_is_read_and_a_child_is_told_it() -> None:
-    settings = settings_from({"TAILSTACK_MAX_TRIALS": " 1000 ", "TAILSTACK_BODY_SECONDS": "", "PATH": "/bin"})
-    assert settings == Settings(max_trials=1000)
+@pytest.fixture
+def environment(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """An environment that says nothing about tailstack."""
+    for name in [name for name in os.environ if name.startswith("TAILSTACK_")]:
+        monkeypatch.delenv(name)
+    return monkeypatch
+
+
+def test_a_setting_is_read_and_a_child_is_told_it(environment: pytest.MonkeyPatch) -> None:
+    environment.setenv("TAILSTACK_MAX_TRIALS", " 1000 ")
+    environment.setenv("TAILSTACK_BODY_SECONDS", "")
+    settings = load_settings()
+    assert settings == default_settings().model_copy(update={"max_trials": 1000})
     here = {"PATH": "/bin", "TAILSTACK_KEY": "tsk_secret", "TAILSTACK_MAX_TRIALS": "7", "TAILSTACK_SLIP": "1"}
-    told = told_to_child(settings, here)
+    told = child_environment(settings, here)
     assert (told["PATH"], told["TAILSTACK_MAX_TRIALS"]) == ("/bin", "1000")
     assert "tsk_secret" not in told.values()
-    assert settings_from(told) == settings
+    for name, value in told.items():
+        environment.setenv(name, value)
+    assert load_settings() == settings
+
+
+def test_a_flag_goes_before_the_environment_and_a_plain_name_is_no_setting(environment: pytest.MonkeyPatch) -> None:
+    environment.setenv("TAILSTACK_ENGINE", "nothing of the kind")
+    environment.setenv("max_trials", "7")
+    environment.setenv("MAX_TRIALS", "8")
+    settings = load_settings(engine="dask")
+    assert (settings.engine, settings.max_trials) == ("dask", 5_000_000)
+
+
+def test_every_value_that_cannot_be_is_named_at_once(environment: pytest.MonkeyPatch) -> None:
+    for name, value in (("MAX_TRIALS", "many"), ("KEEP_DAYS", "soon"), ("MAX_VIEWS", "17"), ("AUTH", "maybe")):
+        environment.setenv("TAILSTACK_" + name, value)
+    with pytest.raises(SettingsError) as refused:
+        load_settings()
+    assert {problem.detail for problem in refused.value.problems} == {
+        "TAILSTACK_MAX_TRIALS must be a whole number; got 'many'",
+        "TAILSTACK_KEEP_DAYS must be a number; got 'soon'",
+        "TAILSTACK_MAX_VIEWS must lie between 2 and 16; got '17'",
+        "TAILSTACK_AUTH must be one of none, required; got 'maybe'",
+    }
+
+
+def test_a_password_is_not_shown_with_the_settings(environment: pytest.MonkeyPatch) -> None:
+    environment.setenv("TAILSTACK_DATABASE", "postgresql://u:hush@h/d")
+    settings = load_settings()
+    assert "hush" in settings.database_url
+    assert "hush" not in f"{settings} {settings!r}"
 
 
 @pytest.mark.parametrize(
@@ -34,9 +76,13 @@ def test_a_setting_is_read_and_a_child_is_told_it() -> None:
         ("TAILSTACK_Ω", "1", "docs/settings.md"),
     ],
 )
-def test_a_name_that_is_no_setting_is_refused_with_the_nearest(name: str, value: str, meant: str) -> None:
+def test_a_name_that_is_no_setting_is_refused_with_the_nearest(
+    name: str, value: str, meant: str, environment: pytest.MonkeyPatch
+) -> None:
+    environment.setenv(name, value)
+    environment.setenv("TAILSTACK_MAX_STARTS", "2")
     with pytest.raises(SettingsError) as refused:
-        settings_from({name: value, "TAILSTACK_MAX_STARTS": "2"})
+        load_settings()
     (problem,) = refused.value.problems
     assert name in problem.detail
     assert meant in problem.hint
@@ -46,7 +92,7 @@ def test_a_name_that_is_no_setting_is_refused_with_the_nearest(name: str, value:
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        *((name, "") for name in meanings()), ("TAILSTACK_KEY", "x"), ("TAILSTACK_URL", "x"),
+        *((name, "") for name in schemas()), ("TAILSTACK_KEY", "x"), ("TAILSTACK_URL", "x"),
         ("TAILSTACK_TRACEBACK", "1"), ("TAILSTACK_COMMAND", "./run tailstack"), ("TAILSTACK_TESTS_REQUIRE", "node"),
         ("tailstack_max_trial", "1"), ("MY_TAILSTACK_X", "1"),
         # a Kubernetes Service called tailstack, and one called tailstack-api
@@ -59,9 +105,10 @@ def test_names_that_have_their_place_are_not_refused(name: str, value: str) -> N
 
 
 @pytest.mark.parametrize("value", ["many", "1e3", "0", "1000000001", "nan"])
-def test_a_value_that_cannot_be_is_refused_with_its_name(value: str) -> None:
-    with pytest.raises(SettingsError, match=r"TAILSTACK_MAX_TRIALS must"):
-        settings_from({variable("max_trials"): value})
+def test_a_value_that_cannot_be_is_refused_with_its_name(value: str, environment: pytest.MonkeyPatch) -> None:
+    environment.setenv("TAILSTACK_MAX_TRIALS", value)
+    with pytest.raises(SettingsError, match=rf"TAILSTACK_MAX_TRIALS must .*; got '{value}'"):
+        load_settings()
 
 
 @pytest.mark.parametrize(

@@ -199,9 +199,9 @@ def test_the_health_check_sees_a_worker_of_this_host(database_url: str, tmp_path
 
 PARENT = """
 import os, sys, time
-from tailstack_service.settings import settings_from
+from tailstack_service.settings import load_settings
 from tailstack_service.worker.process import start_worker_process
-child = start_worker_process(settings_from(os.environ))
+child = start_worker_process(load_settings())
 print(child.pid, flush=True)
 time.sleep(60)
 """

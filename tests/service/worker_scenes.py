@@ -33,10 +33,10 @@ PROGRAM = """
 import logging
 import os
 from tailstack_service.logs import log_to_stderr
-from tailstack_service.settings import settings_from
+from tailstack_service.settings import load_settings
 from tailstack_service.worker.process import run_worker
 log_to_stderr(level=logging.DEBUG)
-run_worker(settings_from(os.environ), function=os.environ["FUNCTION"], solver_version=os.environ["VERSION"])
+run_worker(load_settings(), function=os.environ["FUNCTION"], solver_version=os.environ["VERSION"])
 """
 
 

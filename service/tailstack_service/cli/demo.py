@@ -54,6 +54,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     from ..rendering.optimisation import optimisation_text
     from ..rendering.score import score_text
     from ..rendering.verification import verification_text
+    from ..settings import default_settings
     from .remote import Service
 
     log_to_stderr(level=logging.WARNING)
@@ -74,11 +75,11 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     design = design_to_data(load_design(demo_text()))
     tell("starting the service on a free loopback port, a worker beside it")
-    with running_service(demo_settings(), worker=True, worker_log=output / "worker.log") as (host, port):
+    with running_service(default_settings(), worker=True, worker_log=output / "worker.log") as (host, port):
         service = Service(f"http://{host}:{port}", key="")
         wait_until_ready(service, tell)
         tell(f"service ready at {service.url}; POST /v1/scores")
-        body = service.ask("POST", "/v1/scores", {"design": design}).body
+        body = service.ask("POST", "/v1/scores", {"design": design}).content
         score = read_record("score", body)
         keep("score.json", body)
         show("Score: first order", score_text(score, colour=colour))
@@ -97,25 +98,18 @@ def run(arguments: argparse.Namespace) -> Answer:
         show("Optimised: layout and rotational tolerances", optimisation_text(optimised, colour=colour))
 
         tell("POST /v1/scores and /v1/verifications of the optimised design")
-        score_after = read_record("score", service.ask("POST", "/v1/scores", {"design": optimised.design}).body)
+        score_after = read_record("score", service.ask("POST", "/v1/scores", {"design": optimised.design}).content)
         again = {"design": optimised.design, "precision": PRECISION, "seed": 2}
         body, _ = computed(service, "/v1/verifications", again, tell)
         after = read_record("verification", body)
         show("Before -> after", before_after_text(score, before, score_after, after, optimised))
 
         tell(f"GET {result}/report?format=html")
-        keep("report.html", service.ask("GET", f"{result}/report?format=html", seconds=REPORT_SECONDS).body)
+        keep("report.html", service.ask("GET", f"{result}/report?format=html", seconds=REPORT_SECONDS).content)
         tell("stopping the service")
     names = ", ".join(sorted(path.name for path in output.iterdir()))
     closing = f"\nwritten to {output}/: {names}\nnext: {program()} score {output}/optimised.yaml\n"
     return Answer(closing, exit_code_of(after.verdict))
-
-
-def demo_settings() -> Any:
-    """Settings of the embedded service: the defaults, whatever the environment says, and a database of its own."""
-    from ..settings import Settings
-
-    return Settings()
 
 
 def wait_until_ready(service: Service, tell: Callable[[str], None], seconds: float = READY_SECONDS) -> None:
@@ -144,7 +138,7 @@ def computed(service: Service, path: str, request: dict[str, Any], tell: Callabl
     """The result of a job and its path, its progress told on the way.  Raises RemoteError if it fails."""
     from ..rendering.jobs import advance_text
 
-    job = service.ask("POST", path, request).json()
+    job = service.ask_record("POST", path, request)
     said = time.monotonic()
     for event in service.events(job["id"]):
         if event.name == "progress" and time.monotonic() - said > TELL_SECONDS:
@@ -153,5 +147,5 @@ def computed(service: Service, path: str, request: dict[str, Any], tell: Callabl
             words = advance_text(done / expected, done, expected, event.data["eta_seconds"])
             tell(f"  job {job['id']}: {words}, {event.data['note']}")
     reply = service.ask("GET", f"/v1/jobs/{job['id']}/result")
-    record = service.ask("GET", f"/v1/jobs/{job['id']}").json()
-    return reply.body, record["links"]["result"]
+    record = service.ask_record("GET", f"/v1/jobs/{job['id']}")
+    return reply.content, record["links"]["result"]

@@ -130,13 +130,13 @@ def _chain() -> str:
 
 def _port() -> str:
     from ..http.server import DEFAULT_PORT, address_of, bind
-    from ..settings import Settings
+    from ..settings import default_settings
 
     try:
-        bound = bind("127.0.0.1", DEFAULT_PORT, Settings())
+        bound = bind("127.0.0.1", DEFAULT_PORT, default_settings())
         words = f"{address_of(bound)} is free"
     except Exception:
-        bound = bind("127.0.0.1", 0, Settings())
+        bound = bind("127.0.0.1", 0, default_settings())
         words = f"{DEFAULT_PORT} is taken; others are free (serve --port 0)"
     bound.close()
     return words

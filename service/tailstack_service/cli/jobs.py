@@ -71,7 +71,7 @@ def _list(service: Service, arguments: argparse.Namespace) -> Answer:
     path: str | None = "/v1/jobs?" + urlencode({name: value for name, value in query.items() if value is not None})
     found: list[dict[str, Any]] = []
     while path is not None and len(found) < arguments.limit:
-        page = service.ask("GET", path).json()
+        page = service.ask_record("GET", path)
         found += page["jobs"]
         path = page["next"]
     found = found[: arguments.limit]
@@ -99,25 +99,25 @@ def _path(arguments: argparse.Namespace) -> str:
 
 
 def _show(service: Service, arguments: argparse.Namespace) -> Answer:
-    return _record(service.ask("GET", _path(arguments)).json(), arguments)
+    return _record(service.ask_record("GET", _path(arguments)), arguments)
 
 
 def _cancel(service: Service, arguments: argparse.Namespace) -> Answer:
-    return _record(service.ask("POST", _path(arguments) + "/cancel").json(), arguments)
+    return _record(service.ask_record("POST", _path(arguments) + "/cancel"), arguments)
 
 
 def _follow(service: Service, arguments: argparse.Namespace) -> Answer:
     """Exit code 0 when the job has succeeded, that of its problem when it failed, 3 when it was cancelled."""
     from .remote import EXIT_CODE
 
-    record = service.ask("GET", _path(arguments)).json()
+    record = service.ask_record("GET", _path(arguments))
     line = _Line(f"{record['kind']} {record['id']}")
     try:
         for event in service.events(record["id"]):
             line.show(event.name, event.data)
     finally:
         line.end()
-    record = service.ask("GET", _path(arguments)).json()
+    record = service.ask_record("GET", _path(arguments))
     if record["state"] == "succeeded":
         return _record(record, arguments)
     slug = record["problem"]["type"].rpartition("/")[2] if record["problem"] else ""

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import hashlib
-import http.client
 import json
 import os
+import ssl
 import sys
 import time
-import urllib.error
-import urllib.parse
-import urllib.request
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any
+
+import httpx
+from httpx_sse import EventSource
 
 from tailstack.errors import IllPosedError, InfeasibleError, NotConvergedError, OutOfRangeError, Problem, TailstackError
 from tailstack.json_text import write_json
@@ -27,7 +28,9 @@ DEFAULT_URL = "http://127.0.0.1:8321"
 SECONDS = 30.0  # for an answer that does not wait for anything
 SENDING_SECONDS = 120.0  # for the service to accept a request, or to answer it at once
 SILENCE_SECONDS = 45.0  # an event stream says something more often than that
-LARGEST_EVENT = 1_000_000
+EVENT_STREAM = "text/event-stream"
+LOOPBACK = ("localhost", "127.0.0.1", "::1")
+LARGEST_PORT = 65_535
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 10.0
 # A service gives its hints to whoever speaks HTTP; these are for whoever types commands, by code of the problem
 HINTS = {
@@ -47,18 +50,8 @@ class RemoteError(TailstackError):
     def __init__(self, slug: str, title: str, status: int, problems: tuple[Problem, ...]) -> None:
         super().__init__(problems)
         self.slug, self.title, self.status = slug, title, status
-        later = status == 0 or status in (408, 409, 429) or status >= 500
+        later = status < 400 or status in (408, 409, 429) or status >= 500
         self.exit_code = EXIT_CODE.get(slug, NOT_EVALUATED if later else BAD_INPUT)
-
-
-@dataclass(frozen=True, slots=True)
-class Reply:
-    status: int
-    headers: Mapping[str, str]  # names in small letters
-    body: bytes
-
-    def json(self) -> Any:
-        return json.loads(self.body)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,13 +63,6 @@ class Event:
     data: dict[str, Any]
 
 
-class _NoRedirect(urllib.request.HTTPRedirectHandler):
-    """A redirect could carry the key to another host; the one that the service sends is followed by hand."""
-
-    def redirect_request(self, *_: Any) -> None:
-        return None
-
-
 class Service:
     """A service at a URL; the key comes from TAILSTACK_KEY and is never shown.  Raises RemoteError for a bad URL.
 
@@ -85,100 +71,115 @@ class Service:
 
     def __init__(self, url: str | None = None, key: str | None = None) -> None:
         url = os.environ.get(URL, "").strip() or DEFAULT_URL if url is None else url
-        parts = urllib.parse.urlsplit(url)
-        if parts.scheme not in ("http", "https") or not parts.hostname:
-            detail = f"{url[:200]!r} is not the URL of a service"
-            problem = Problem("", "bad-url", detail, f"for example {DEFAULT_URL}")
-            raise RemoteError("invalid-request", "The request is not valid", 400, (problem,))
         self.url = url.rstrip("/")
-        self._key = key if key is not None else os.environ.get(KEY, "").strip()
-        loopback = parts.hostname in ("localhost", "127.0.0.1", "::1")
-        if self._key and parts.scheme == "http" and not loopback:
-            print(f"warning: {KEY} is sent to {parts.hostname} unencrypted; use https", file=sys.stderr)
-        proxies: dict[str, str] | None = {} if loopback else None
-        self._opener = urllib.request.build_opener(urllib.request.ProxyHandler(proxies), _NoRedirect())
+        parts = _address(url)
+        key = key if key is not None else os.environ.get(KEY, "").strip()
+        loopback = parts.host in LOOPBACK
+        if key and parts.scheme == "http" and not loopback:
+            print(f"warning: {KEY} is sent to {parts.host} unencrypted; use https", file=sys.stderr)
+        try:
+            self._client = httpx.Client(
+                headers={"Authorization": f"Bearer {key}"} if key else None,
+                follow_redirects=False,  # one could carry the key to another host; that of the service is followed here
+                limits=httpx.Limits(max_keepalive_connections=0),  # a service may close one that waits, unseen
+                trust_env=not loopback,  # proxies
+                verify=ssl.create_default_context() if parts.scheme == "https" else False,  # the system's authorities
+            )
+        except (ImportError, ValueError) as error:  # a kind of proxy that is not known, or not installed
+            detail = f"the proxy of the environment cannot be used: {error}"
+            raise _bad_request("bad-proxy", detail, f"name an http:// proxy, or {parts.host} in NO_PROXY") from None
 
     def ask(
         self, method: str, path: str, data: Any = None, *, headers: Mapping[str, str] | None = None,
         seconds: float = SECONDS,
-    ) -> Reply:  # fmt: skip
+    ) -> httpx.Response:  # fmt: skip
         """The answer to a request; ``data`` goes as JSON.  Raises RemoteError for a refusal and a silent service."""
         body = None if data is None else write_json(data).encode()
-        sent = {"Accept": "application/json, */*"} | ({} if body is None else {"Content-Type": "application/json"})
-        with self._open(method, path, body, {**sent, **(headers or {})}, seconds) as answer:
-            try:
-                content = answer.read()
-            except (OSError, http.client.HTTPException) as error:
-                raise self._unreachable(error) from None
-            status, named = answer.status, {name.lower(): value for name, value in answer.headers.items()}
-        if status == 303 and named.get("location", "").startswith("/"):
-            return self.ask("GET", named["location"], seconds=seconds)
-        if status >= 400:
-            raise read_refusal(status, content)
-        return Reply(status, named, content)
+        form = {"Accept": "application/json, */*"} | ({} if body is None else {"Content-Type": "application/json"})
+        with self._answer(method, path, body, {**form, **(headers or {})}, seconds) as answer:
+            answer.read()
+        if answer.status_code == 303 and answer.headers.get("location", "").startswith("/"):
+            return self.ask("GET", answer.headers["location"], seconds=seconds)
+        if answer.status_code >= 400:
+            raise read_refusal(answer.status_code, answer.content)
+        return answer
 
-    def _open(self, method: str, path: str, body: bytes | None, headers: Mapping[str, str], seconds: float) -> Any:
-        request = urllib.request.Request(self.url + path, body, dict(headers), method=method)
-        if self._key:
-            request.add_unredirected_header("Authorization", f"Bearer {self._key}")
+    def ask_record(self, method: str, path: str, data: Any = None) -> dict[str, Any]:
+        """The record that answers a request.  Raises what ``ask`` raises, also for an answer that is none."""
+        return read_record(self.ask(method, path, data))
+
+    @contextmanager
+    def _answer(
+        self, method: str, path: str, body: bytes | None, headers: Mapping[str, str], seconds: float
+    ) -> Iterator[httpx.Response]:
+        """An answer whose body is still to come.  Raises RemoteError if it does not come, or breaks off."""
         try:
-            return self._opener.open(request, timeout=seconds)
-        except urllib.error.HTTPError as error:
-            return error  # an answer like any other
-        except (OSError, http.client.HTTPException) as error:
-            raise self._unreachable(error) from None
-
-    def _unreachable(self, error: Exception) -> RemoteError:
-        reason = getattr(error, "reason", None) or getattr(error, "strerror", None) or error
-        problem = Problem(
-            "", "unreachable", f"no answer from {self.url}: {reason}",
-            "start one with tailstack serve, or name another (--url; of sweep and gate: --remote)",
-        )  # fmt: skip
-        return RemoteError("unreachable", "The service cannot be reached", 0, (problem,))
+            with self._client.stream(method, self.url + path, content=body, headers=headers, timeout=seconds) as answer:
+                yield answer
+        except httpx.HTTPError as error:
+            detail = f"no answer from {self.url}: {error or type(error).__name__}"
+            hint = "start one with tailstack serve, or name another (--url; of sweep and gate: --remote)"
+            problem = Problem("", "unreachable", detail, hint)
+            raise RemoteError("unreachable", "The service cannot be reached", 0, (problem,)) from None
 
     def events(self, job_id: str, *, patience: float = 60.0) -> Iterator[Event]:
         """What happens to a job, from its first event to its last; a stream that breaks is taken up where it ended.
 
         Raises RemoteError when the service refuses, or does not come back within ``patience`` seconds.
         """
-        last, pause, silent_since = "", FIRST_PAUSE, time.monotonic()
+        last, pause, lost_since = "", FIRST_PAUSE, None
         while True:
+            headers = {"Accept": EVENT_STREAM} | ({"Last-Event-ID": last} if last else {})
             try:
-                headers = {"Accept": "text/event-stream"} | ({"Last-Event-ID": last} if last else {})
-                with self._open("GET", f"/v1/jobs/{job_id}/events", None, headers, SILENCE_SECONDS) as answer:
-                    if answer.status == 204:
+                with self._answer("GET", f"/v1/jobs/{job_id}/events", None, headers, SILENCE_SECONDS) as answer:
+                    if answer.status_code == 204:
                         return
-                    if answer.status != 200:
-                        raise read_refusal(answer.status, answer.read(LARGEST_EVENT))
+                    if answer.status_code != 200 or not answer.headers.get("content-type", "").startswith(EVENT_STREAM):
+                        raise read_refusal(answer.status_code, answer.read())
+                    lost_since = None
                     for event in read_events(answer):
-                        last, pause, silent_since = event.id, FIRST_PAUSE, time.monotonic()
+                        last, pause = event.id, FIRST_PAUSE
                         yield event
                         if event.name == "state" and event.data.get("state") in ENDED:
                             return
-            except (OSError, http.client.HTTPException):
-                pass
             except RemoteError as error:
-                if error.status not in (0, 503) or time.monotonic() - silent_since > patience:
+                lost_since = lost_since or time.monotonic()
+                if error.status not in (0, 503) or time.monotonic() - lost_since > patience:
                     raise
             time.sleep(pause)
             pause = min(2 * pause, LONGEST_PAUSE)
 
 
-def read_events(lines: Any) -> Iterator[Event]:
-    """Events of a stream of byte lines (HTML standard, 9.2.6).  One that is cut off by the end is dropped."""
-    fields: dict[str, list[str]] = {}
-    last = ""
-    while line := lines.readline(LARGEST_EVENT):
-        text = line.decode("utf-8").rstrip("\r\n")
-        if text:
-            name, _, value = text.partition(":")
-            if name:
-                fields.setdefault(name, []).append(value.removeprefix(" "))
-            continue
-        last = fields.get("id", [last])[-1]
-        if "data" in fields:
-            yield Event(last, fields.get("event", ["message"])[-1], json.loads("\n".join(fields["data"])))
-        fields = {}
+def _address(url: str) -> httpx.URL:
+    """The parts of a URL.  Raises RemoteError for one that names no service."""
+    detail = f"{url[:200]!r} is not the URL of a service"
+    with suppress(httpx.InvalidURL):
+        parts = httpx.URL(url)
+        if parts.scheme in ("http", "https") and parts.host and (parts.port or 1) <= LARGEST_PORT:
+            if not parts.userinfo:
+                return parts
+            detail = f"the URL of a service carries no name or password; the key is in {KEY}"
+    raise _bad_request("bad-url", detail, f"for example {DEFAULT_URL}")
+
+
+def _bad_request(code: str, detail: str, hint: str) -> RemoteError:
+    return RemoteError("invalid-request", "The request is not valid", 400, (Problem("", code, detail, hint),))
+
+
+def read_events(answer: httpx.Response) -> Iterator[Event]:
+    """Events of a stream, those with data.  One that is cut off by the end is dropped."""
+    for event in EventSource(answer).iter_sse():
+        if event.data:
+            yield Event(event.id, event.event, event.json())
+
+
+def read_record(answer: httpx.Response) -> dict[str, Any]:
+    """A JSON object of tailstack's.  Raises RemoteError for anything else, such as a page of a proxy."""
+    with suppress(ValueError):
+        record = answer.json()
+        if isinstance(record, dict) and "schema" in record:
+            return record
+    raise read_refusal(answer.status_code, b"")
 
 
 def read_refusal(status: int, content: bytes) -> RemoteError:
@@ -189,28 +190,28 @@ def read_refusal(status: int, content: bytes) -> RemoteError:
         problems = tuple(replace(problem, hint=HINTS.get(problem.code, problem.hint)) for problem in told)
         return RemoteError(document["type"].rpartition("/")[2], document["title"], status, problems)
     except (ValueError, KeyError, TypeError, AttributeError):
-        problem = Problem("", "unexpected-answer", f"status {status}, and not a problem document: is this a tailstack?")
+        problem = Problem("", "unexpected-answer", f"status {status}, and no document of ours: is this a tailstack?")
         return RemoteError("unexpected-answer", "The service gave an unexpected answer", status, (problem,))
 
 
 def compute_remotely(service: Service, path: str, request: dict[str, Any], progress: Progress) -> bytes:
     """The document that a service makes of a request.  Ctrl-C cancels the job.  Raises RemoteError."""
     reply = service.ask("POST", path, request, seconds=SENDING_SECONDS)
-    if reply.status != 202:
-        return reply.body
-    job = reply.json()
+    if reply.status_code != 202:
+        return reply.content
+    job = read_record(reply)
     place = f"/v1/jobs/{job['id']}"
     try:
         for event in service.events(job["id"]):
             if event.name == "progress":
                 progress.report(event.data["units_done"], event.data["units_expected"], f"job {job['id']}")
-        job = service.ask("GET", place).json()
+        job = service.ask_record("GET", place)
     except KeyboardInterrupt:
         _cancel(service, place)
         raise
     if job["state"] != "succeeded":
         raise _unfinished_error(job)
-    body = service.ask("GET", f"/v1/results/{job['result_sha256']}").body
+    body = service.ask("GET", f"/v1/results/{job['result_sha256']}").content
     if hashlib.sha256(body).hexdigest() != job["result_sha256"]:
         raise _damage_error(job)
     return body

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -83,9 +82,7 @@ def add_database(parser: argparse.ArgumentParser) -> None:
 
 def read_settings(arguments: argparse.Namespace) -> Settings:
     """Raises RequestError for a setting that cannot be, or a TAILSTACK_ name in the environment that is none."""
-    from dataclasses import replace
-
-    from ..settings import settings_from
+    from ..settings import load_settings
 
     flags = {setting: getattr(arguments, flag, None) for flag, setting in SETTING_OF.items()}
-    return replace(settings_from(os.environ), **{name: value for name, value in flags.items() if value is not None})
+    return load_settings(**{name: value for name, value in flags.items() if value is not None})

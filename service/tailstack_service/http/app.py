@@ -23,7 +23,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from tailstack.errors import Problem, TailstackError
 
 from ..problems import TransportError
-from ..settings import Settings, settings_from
+from ..settings import Settings, load_settings
 from . import events, information, jobs, posting
 from .access import Access
 from .metrics import NO_ROUTE, Metrics
@@ -45,7 +45,7 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
     when that is done.  The database is opened when it is first needed.  ``app.state.service.stopping`` ends every
     computation, wait and stream.  Raises RequestError for settings of authentication that cannot work.
     """
-    settings = settings_from(os.environ) if settings is None else settings
+    settings = load_settings() if settings is None else settings
     app = _Application(
         title="tailstack", docs_url=None, redoc_url=None, openapi_url=None, redirect_slashes=False, lifespan=_lifespan,
         exception_handlers=HANDLERS,

@@ -12,7 +12,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -230,7 +229,7 @@ def running_service(
         settings = settings or Settings()
         if not settings.database:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="tailstack-"))
-            settings = replace(settings, database=f"sqlite:///{Path(folder) / 'jobs.sqlite3'}")
+            settings = settings.model_copy(update={"database": f"sqlite:///{Path(folder) / 'jobs.sqlite3'}"})
         open_database(settings.database_url, migrate=True).close()
         log = None if worker_log is None else stack.enter_context(worker_log.open("wb"))
         family = _Family(settings, worker, log)
@@ -239,7 +238,7 @@ def running_service(
         from .app import create_app
 
         app = create_app(settings, warm_up=warm_up)
-        server = uvicorn.Server(_config(lambda: app, replace(settings, api_processes=1)))
+        server = uvicorn.Server(_config(lambda: app, settings.model_copy(update={"api_processes": 1})))
         thread = threading.Thread(target=server.run, args=([bound],), name="tailstack-service", daemon=True)
         thread.start()
         stack.callback(thread.join)

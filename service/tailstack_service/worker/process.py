@@ -18,7 +18,7 @@ from tailstack.version import __version__
 from ..compute.choosing import engine_for
 from ..compute.engine import PERFORM
 from ..compute.interpreter import command, environment
-from ..settings import Settings, told_to_child
+from ..settings import Settings, child_environment
 from ..store.database import Database, open_database, parse_url
 from ..store.errors import StoreError, StoreUnavailable
 from .loop import Worker
@@ -75,7 +75,7 @@ def start_worker_process(settings: Settings, log: IO[bytes] | None = None) -> su
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=log,
-        env=told_to_child(settings, environment()),
+        env=child_environment(settings, environment()),
     )
 
 
