@@ -68,7 +68,8 @@ def system_of(p: np.ndarray, reading: Reading) -> System:
         for k, distance in enumerate(distances)
     )
     mounts = [
-        Mount(name, np.zeros(3), np.zeros(6), no_sources(6)) for name in ("interface_1", "interface_2", "hand_eye")
+        Mount(name, np.zeros(3), np.zeros(6), no_sources(6))
+        for name in ("structure_connector", "connector_flange", "hand_eye")
     ]
     return System(
         "fit", views, tuple(f"F{k + 1}" for k in range(8)), p[1:4] + half * CORNERS, Law.NORMAL, np.zeros((8, 3)), 1.0,

@@ -16,7 +16,7 @@ DEVIATES = 64
 
 def scaled_deviates(system: System, rng: np.random.Generator, trials: int) -> Array:
     """(trials, 64): fiducial noise of both views, target noise of both views, torsors 1 and 2, in px, rad and mm."""
-    mounts = (system.interface_1, system.interface_2)
+    mounts = (system.structure_connector, system.connector_flange)
     noise = [np.full(2 * len(system.fiducials_mm), v.fiducial_noise_px) for v in system.views]
     noise += [np.full(2, v.target_noise_px) for v in system.views]
     scale = np.concatenate([*noise, *[m.sources.std for m in mounts]])
@@ -71,7 +71,7 @@ def split(system: System, z: Array) -> tuple[list[Array], list[Array], Array, Ar
 def observe(system: System, z: Array) -> tuple[list[Array], list[Array], Array]:
     """Images of fiducials and target in both views for a batch of deviates, and the second torsor."""
     fiducial, aim, first, second = split(system, z)
-    true = moved(system.fiducials_mm, first, system.interface_1.pivot_mm)
+    true = moved(system.fiducials_mm, first, system.structure_connector.pivot_mm)
     target = system.targets[0].position_mm
     seen = [images(v.projection, true) + n for v, n in zip(system.views, fiducial, strict=True)]
     aimed = [images(v.projection, target[None])[0] + n for v, n in zip(system.views, aim, strict=True)]
@@ -79,7 +79,7 @@ def observe(system: System, z: Array) -> tuple[list[Array], list[Array], Array]:
 
 
 def finish(system: System, found: Array, second: Array) -> Array:
-    end = moved(found[..., None, :], second, system.interface_2.pivot_mm)[..., 0, :]
+    end = moved(found[..., None, :], second, system.connector_flange.pivot_mm)[..., 0, :]
     return np.linalg.norm(end - system.targets[0].position_mm, axis=-1)
 
 
@@ -138,6 +138,6 @@ def openturns(system: System, rng: np.random.Generator, trials: int) -> Array:
     deviates = ot.MonteCarloExperiment(ot.Normal(DEVIATES), trials).generate()
     unit = [v.fiducial_noise_px for v in system.views for _ in range(2 * len(system.fiducials_mm))]
     unit += [v.target_noise_px for v in system.views for _ in range(2)]
-    scale = np.concatenate([unit, system.interface_1.sources.std, system.interface_2.sources.std])
+    scale = np.concatenate([unit, system.structure_connector.sources.std, system.connector_flange.sources.std])
     chain = ot.PythonFunction(DEVIATES, 1, func_sample=lambda z: batched_chain(system, np.asarray(z) * scale)[:, None])
     return np.asarray(chain(deviates))[:, 0]

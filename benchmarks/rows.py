@@ -86,10 +86,10 @@ def agreement() -> list[Row]:
     names = [view.name for view in system.views]
     order = [slice(places[f"fiducial_noise:{n}"], places[f"fiducial_noise:{n}"] + width) for n in names]
     order += [slice(places[f"target_noise:{n}"], places[f"target_noise:{n}"] + 2) for n in names]
-    order += [slice(places[n], places[n] + 6) for n in ("interface_1", "interface_2")]
+    order += [slice(places[n], places[n] + 6) for n in ("structure_connector", "connector_flange")]
     scale = [np.full(width, v.fiducial_noise_px) for v in system.views]
     scale += [np.full(2, v.target_noise_px) for v in system.views]
-    scale += [system.interface_1.sources.std, system.interface_2.sources.std]
+    scale += [system.structure_connector.sources.std, system.connector_flange.sources.std]
     native = np.hstack([z[:, s] for s in order]) * np.concatenate(scale)
     reference = np.concatenate([peers.batched_chain(system, part) for part in np.array_split(native, 10)])
     return [Row("largest relative difference from SVD, 20,000 trials", float(np.max(np.abs(ours / reference - 1))), "",

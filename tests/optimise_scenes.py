@@ -39,7 +39,7 @@ def requirement(limit_mm: float, **changes: Any) -> Requirement:
 def free_rotations(components: tuple[str, ...] = ROTATIONS, max_deg: float = 3.0) -> tuple[FreeHalfWidth, ...]:
     return tuple(
         FreeHalfWidth(interface, component, np.deg2rad(1e-3), np.deg2rad(max_deg), reciprocal())
-        for interface in ("interface_1", "interface_2")
+        for interface in ("structure_connector", "connector_flange")
         for component in components
     )
 
@@ -58,8 +58,8 @@ def oracle_problem(
     layout = np.random.default_rng(7).uniform(BOX_MM[0], BOX_MM[1], (fiducials, 3))
     system = system_of(
         layout,
-        interface_1=mount("interface_1", (0.0, 0.0, -95.0), half_width=half, law=law),
-        interface_2=mount("interface_2", (0.0, 0.0, -145.0), half_width=half, law=law),
+        structure_connector=mount("structure_connector", (0.0, 0.0, -95.0), half_width=half, law=law),
+        connector_flange=mount("connector_flange", (0.0, 0.0, -145.0), half_width=half, law=law),
     )
     problem = PlacementProblem(
         system=system,
@@ -91,17 +91,17 @@ def silent_problem(
     system = replace(
         problem.system,
         views=with_noise(0.0),
-        interface_1=mount("interface_1", (0.0, 0.0, -95.0), half_width=half, law=law),
-        interface_2=mount("interface_2", (0.0, 0.0, -145.0), half_width=half, law=law),
+        structure_connector=mount("structure_connector", (0.0, 0.0, -95.0), half_width=half, law=law),
+        connector_flange=mount("connector_flange", (0.0, 0.0, -145.0), half_width=half, law=law),
     )
     return replace(problem, system=system, half_widths=free_rotations(components, max_deg), **changes)
 
 
 def first_interface_only(problem: PlacementProblem) -> PlacementProblem:
     """The second interface exact, and nothing of it free."""
-    exact = replace(problem.system.interface_2, sources=mount("x").sources)
-    free = tuple(item for item in problem.half_widths if item.contributor == "interface_1")
-    return replace(problem, system=replace(problem.system, interface_2=exact), half_widths=free)
+    exact = replace(problem.system.connector_flange, sources=mount("x").sources)
+    free = tuple(item for item in problem.half_widths if item.contributor == "structure_connector")
+    return replace(problem, system=replace(problem.system, connector_flange=exact), half_widths=free)
 
 
 def at_prices(problem: PlacementProblem, *prices: Price) -> PlacementProblem:
@@ -147,22 +147,24 @@ def general_problem(seed: int, *, error: str = "tcp", **system_changes: Any) -> 
     rng = np.random.default_rng(seed)
     system = random_system(rng, fiducials=7, targets=2, **system_changes)
     laws = (Law.UNIFORM, Law.NORMAL, Law.TRIANGULAR, Law.UNIFORM, Law.NORMAL, Law.UNIFORM)
-    first = replace(seat("interface_1", rng.uniform(-80, 80, 3), [0.02] * 6, laws), bias=system.interface_1.bias)
+    first = replace(
+        seat("structure_connector", rng.uniform(-80, 80, 3), [0.02] * 6, laws), bias=system.structure_connector.bias
+    )
     free = (
-        FreeHalfWidth("interface_1", "L1", 1e-3, 0.3, reciprocal(0.02)),
-        FreeHalfWidth("interface_1", "L4", 1e-3, 0.3, reciprocal(0.03)),
-        *(FreeHalfWidth("interface_2", name, 1e-4, 0.05, reciprocal()) for name in ("rx", "rz")),
+        FreeHalfWidth("structure_connector", "L1", 1e-3, 0.3, reciprocal(0.02)),
+        FreeHalfWidth("structure_connector", "L4", 1e-3, 0.3, reciprocal(0.03)),
+        *(FreeHalfWidth("connector_flange", name, 1e-4, 0.05, reciprocal()) for name in ("rx", "rz")),
     )
     return PlacementProblem(
-        system=replace(system, interface_1=first),
+        system=replace(system, structure_connector=first),
         requirements=(requirement(5.0, error=error, targets=("t0", "t1")),),
         places=places_in_box((0, 2, 5), np.array([[-60.0] * 3, [50.0] * 3])),
         half_widths=free,
         pivots=(
-            pivot_in("interface_1", first.pivot_mm - 30, first.pivot_mm + 20),
-            pivot_in("interface_2", system.interface_2.pivot_mm - 20, system.interface_2.pivot_mm + 30),
+            pivot_in("structure_connector", first.pivot_mm - 30, first.pivot_mm + 20),
+            pivot_in("connector_flange", system.connector_flange.pivot_mm - 20, system.connector_flange.pivot_mm + 30),
         ),
-        spacings=(free_spacing("interface_1", first.pivot_mm, 0.6, 1.8),),
+        spacings=(free_spacing("structure_connector", first.pivot_mm, 0.6, 1.8),),
         min_spacing_mm=5.0,
     )
 

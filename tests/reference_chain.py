@@ -36,12 +36,12 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
 
     points = system.fiducials_mm
     true = points + inputs.get("fiducial_manufacturing", np.zeros(points.size)).reshape(points.shape)
-    first = torsor(system.interface_1)
+    first = torsor(system.structure_connector)
     told = points
     if system.reading is Reading.PHYSICAL:
-        true = move(first, system.interface_1.pivot_mm, form, true)
+        true = move(first, system.structure_connector.pivot_mm, form, true)
     else:
-        told = move(first, system.interface_1.pivot_mm, form, points)
+        told = move(first, system.structure_connector.pivot_mm, form, points)
     estimates, seen = [], []
     for view in system.views:
         noise = inputs.get(f"fiducial_noise:{view.name}", np.zeros(2 * len(points))).reshape(-1, 2)
@@ -49,7 +49,7 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
         noise = inputs.get(f"target_noise:{view.name}", np.zeros(2))
         seen.append(project(view.projection, target.position_mm[None])[0] + noise)
     found = triangulate(np.stack(estimates), np.stack(seen), told, system.triangulation)
-    moved = move(torsor(system.interface_2), system.interface_2.pivot_mm, form, found)
+    moved = move(torsor(system.connector_flange), system.connector_flange.pivot_mm, form, found)
     to_tool = system.T_tcp_flange @ system.T_flange_con
     tool = (to_tool @ np.append(moved, 1))[:3]
     tool = move(torsor(system.hand_eye), system.hand_eye.pivot_mm, form, tool)

@@ -102,8 +102,8 @@ def system_of(fiducials_mm: Any, **changes: Any) -> System:
         manufacturing_law=Law.NORMAL,
         manufacturing_half_width_mm=read_only(np.zeros_like(fiducials)),
         manufacturing_coverage_factor=1.0,
-        interface_1=mount("interface_1", (0.0, 0.0, -95.0)),
-        interface_2=mount("interface_2", (0.0, 0.0, -145.0)),
+        structure_connector=mount("structure_connector", (0.0, 0.0, -95.0)),
+        connector_flange=mount("connector_flange", (0.0, 0.0, -145.0)),
         T_flange_con=read_only(np.eye(4)),
         T_tcp_flange=read_only(np.eye(4)),
         hand_eye=mount("hand_eye"),
@@ -149,8 +149,8 @@ def cios_system(**changes: Any) -> System:
     (standard deviations): 64 normal deviates a trial."""
     base = system_of(
         CIOS_FIDUCIALS_MM,
-        interface_1=installation("interface_1", (0.0, 0.0, -95.0)),
-        interface_2=installation("interface_2", (0.0, 0.0, -145.0)),
+        structure_connector=installation("structure_connector", (0.0, 0.0, -95.0)),
+        connector_flange=installation("connector_flange", (0.0, 0.0, -145.0)),
     )
     return replace(base, **changes)
 
@@ -193,8 +193,8 @@ def random_system(
         views=seen,
         manufacturing_half_width_mm=read_only(rng.uniform(0.01, 0.05, (fiducials, 3))),
         manufacturing_law=Law(str(rng.choice([Law.NORMAL, Law.UNIFORM, Law.TRIANGULAR]))),
-        interface_1=tilted("interface_1"),
-        interface_2=tilted("interface_2"),
+        structure_connector=tilted("structure_connector"),
+        connector_flange=tilted("connector_flange"),
         T_flange_con=random_rigid(rng),
         T_tcp_flange=random_rigid(rng),
         hand_eye=tilted("hand_eye"),

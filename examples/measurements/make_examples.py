@@ -49,13 +49,13 @@ def levels_text(system: System, count: int, seed: int) -> str:
 def files() -> dict[str, str]:
     """Text of every simulated file, by name."""
     system = compile_design(load_design(HERE.parent / "demo.yaml"))
-    flange = system.interface_2
+    flange = system.connector_flange
     bent = replace(flange, bias=flange.bias + np.array([radians(0.46), 0, 0, 0, 0, 0]))
     loud = tuple(replace(v, fiducial_noise_px=0.6, target_noise_px=0.6) for v in system.views)
     return {
         "bench_as_designed.csv": points_text(system, (8,) * 4, 101, "the design as it stands"),
         "bench_tilted_flange.csv": points_text(
-            replace(system, interface_2=bent), (8,) * 4, 102, "connector on flange tilted by 0.46 deg about x"
+            replace(system, connector_flange=bent), (8,) * 4, 102, "connector on flange tilted by 0.46 deg about x"
         ),
         "bench_noisy_views.csv": points_text(
             replace(system, views=loud), (25,), 103, "image noise of 0.6 px instead of 0.3 px, fiducials and target"

@@ -502,7 +502,7 @@ export interface components {
             target: string;
             /**
              * Contributor
-             * @description Source of error: interface_1, fiducial_manufacturing, ...
+             * @description Source of error: structure_connector, fiducial_manufacturing, ...
              */
             contributor: string;
             /**
@@ -556,6 +556,12 @@ export interface components {
              * @description Upper bound in the optimise section, in `unit`; null: none.
              */
             largest: number | null;
+            /**
+             * Label
+             * @description What people call the source: the label that the design gives an interface, otherwise its name or words for it.
+             * @default
+             */
+            label: string;
         };
         /**
          * Axis
@@ -806,7 +812,7 @@ export interface components {
         ChangedSpacing: {
             /**
              * Contributor
-             * @description interface_1 or interface_2.
+             * @description structure_connector or connector_flange.
              */
             contributor: string;
             /**
@@ -827,7 +833,7 @@ export interface components {
         ChangedTolerance: {
             /**
              * Contributor
-             * @description interface_1 or interface_2.
+             * @description structure_connector or connector_flange.
              */
             contributor: string;
             /**
@@ -1166,7 +1172,7 @@ export interface components {
         Contributor: {
             /**
              * Name
-             * @description Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing, interface_1, interface_2, hand_eye or execution.
+             * @description Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing, structure_connector, connector_flange, hand_eye or execution.
              */
             name: string;
             /**
@@ -1214,6 +1220,12 @@ export interface components {
              * @description P95 with this contributor removed, mm.
              */
             p95_without_mm: number;
+            /**
+             * Label
+             * @description What people call the source: the label that the design gives an interface, otherwise its name or words for it.
+             * @default
+             */
+            label: string;
         };
         /**
          * Convergence
@@ -3501,7 +3513,7 @@ export interface components {
         MovedPivot: {
             /**
              * Contributor
-             * @description interface_1 or interface_2.
+             * @description structure_connector or connector_flange.
              */
             contributor: string;
             /**
@@ -5251,7 +5263,7 @@ export interface components {
         } & (unknown | unknown);
         /**
          * TargetEstimate
-         * @description ``bias_mm`` ... ``exceedance`` are the TCP error; ``localisation`` is the same before interface 2.
+         * @description ``bias_mm`` ... ``exceedance`` are the TCP error; ``localisation`` is the same before connector_flange.
          */
         TargetEstimate: {
             /**
@@ -5332,12 +5344,12 @@ export interface components {
              * @description First-order P95 over the sampled one: below 1, first order is optimistic.
              */
             first_order_ratio: number;
-            /** @description The same of the localisation error: of the triangulated target in con, before interface 2. */
+            /** @description The same of the localisation error: of the triangulated target in con, before connector_flange. */
             localisation: components["schemas"]["MetricEstimate"];
         };
         /**
          * TargetScore
-         * @description ``bias_mm`` ... ``bounds_mm`` are the TCP error; ``localisation`` is the same before interface 2.
+         * @description ``bias_mm`` ... ``bounds_mm`` are the TCP error; ``localisation`` is the same before connector_flange.
          */
         TargetScore: {
             /**
@@ -5426,7 +5438,7 @@ export interface components {
              * @description Probability that the error's norm is beyond `limit_mm`; null without a limit.
              */
             exceedance_probability: number | null;
-            /** @description The same of the localisation error: of the triangulated target in con, before interface 2. */
+            /** @description The same of the localisation error: of the triangulated target in con, before connector_flange. */
             localisation: components["schemas"]["MetricScore"];
             /**
              * Block Diagonal P95 Mm
@@ -5440,7 +5452,7 @@ export interface components {
             contributors: components["schemas"]["Contributor"][];
             /**
              * Worst Vertex
-             * @description Bounded components at those ends of their ranges that are worst together, such as interface_1.rz=+0.10 deg.
+             * @description Bounded components at those ends of their ranges that are worst together: structure_connector.rz=+0.10 deg.
              */
             worst_vertex: string[];
             /** @description The second reading of risk: the installation is drawn once per unit and stays. */

@@ -23,6 +23,7 @@ from pydantic.json_schema import GenerateJsonSchema
 from tailstack.design import Design, check_design, design_json_schema, list_presets
 from tailstack.json_text import write_json
 from tailstack.results import Finding, Optimisation, Score, Verification, ViewCheck
+from tailstack.results.older import in_words_of_today
 from tailstack.results.sweep import Sweep
 from tailstack.studies.bench.compare import StudyComparison
 from tailstack.studies.coupling import StudyCoupling
@@ -161,13 +162,16 @@ def to_json(record: Any) -> bytes:
 
 
 def read_record(name: str, content: bytes) -> Any:
-    """The record of a published document: what :func:`to_json` wrote.  Raises pydantic's ValidationError."""
-    return _adapter(RECORDS[name]).validate_json(content)
+    """The record of a published document: what :func:`to_json` of this version or an older one wrote.
+
+    Raises ValueError, of which pydantic's ValidationError is one.
+    """
+    return from_plain(name, json.loads(content))
 
 
 def from_plain(name: str, data: Any) -> Any:
     """The record of a published document given as plain data.  Raises pydantic's ValidationError."""
-    return _adapter(RECORDS[name]).validate_python(data)
+    return _adapter(RECORDS[name]).validate_python(in_words_of_today(data))
 
 
 def record_json_schema(record: type) -> dict[str, Any]:

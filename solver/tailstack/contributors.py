@@ -108,7 +108,7 @@ class WorstCase:
 
     mean_mm: Array  # (3,)
     signs: dict[tuple[str, int], float]  # (contributor, source) -> +1 or -1
-    names: tuple[str, ...]  # e.g. ("interface_1.rz=+0.1 deg",)
+    names: tuple[str, ...]  # e.g. ("structure_connector.rz=+0.1 deg",)
 
     def vertex(self, model: LinearModel) -> dict[str, float]:
         """The same ends by name, "contributor.component", as the simulation takes them."""

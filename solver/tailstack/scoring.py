@@ -410,12 +410,24 @@ def _row(line: Line, share: float, without_mm: float, square: float, slope: floa
     law = block.laws[j]
     if len(line.sources) > 1 and not (block.grouped and bool((block.half_width == block.half_width[0]).all())):
         named = str(law) if block.laws.count(law) == len(block.laws) else "mixed"
-        return Contributor(block.contributor, line.component, named, None, "", None, None, share, None, without_mm)
+        return Contributor(
+            block.contributor, line.component, named, None, "", None, None, share, None, without_mm, block.label
+        )
     unit, factor = unit_for_people(block.units[j])
     half_width, std = float(block.half_width[j]) * factor, float(block.std[j]) * factor
     sensitivity, slope = sqrt(square) / factor, slope / factor
     return Contributor(  # by place: names would be a quarter of the time
-        block.contributor, line.component, str(law), half_width, unit, std, sensitivity, share, slope, without_mm
+        block.contributor,
+        line.component,
+        str(law),
+        half_width,
+        unit,
+        std,
+        sensitivity,
+        share,
+        slope,
+        without_mm,
+        block.label,
     )
 
 

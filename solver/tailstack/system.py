@@ -16,6 +16,8 @@ import numpy as np
 
 from .arrays import Array
 
+# The interfaces of the chain, called here and in every result as in the design document, in the order of the chain
+INTERFACES = ("structure_connector", "connector_flange")
 TORSOR_COMPONENTS = ("rx", "ry", "rz", "tx", "ty", "tz")
 
 
@@ -84,11 +86,16 @@ def no_sources(dimension: int) -> Sources:
 class Mount:
     """A rigid installation error: a known bias plus independent sources, about a pivot."""
 
-    name: str  # contributor name: "interface_1", "interface_2", "hand_eye"
+    name: str  # the contributor of the budget: one of INTERFACES, or "hand_eye"
     pivot_mm: Array  # (3,) in the frame the error acts in (con for the interfaces, tcp for hand-eye)
     bias: Array  # (6,) rad, mm
     sources: Sources  # direction is (6, k)
-    label: str = ""  # what the user calls it
+    label: str = ""  # what the design's author calls it; empty where the design does not say
+
+    @property
+    def title(self) -> str:
+        """What people call it: the label that the author gave it, otherwise the name."""
+        return self.label or self.name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,8 +145,8 @@ class System:
     manufacturing_law: Law  # NORMAL, UNIFORM or TRIANGULAR
     manufacturing_half_width_mm: Array  # (N, 3)
     manufacturing_coverage_factor: float
-    interface_1: Mount  # structure-connector, T_err1, acts in con
-    interface_2: Mount  # connector-end effector, T_err2, acts in con
+    structure_connector: Mount  # seat of the structure on the connector, T_err1, acts in con
+    connector_flange: Mount  # connector on the end effector's flange, T_err2, acts in con
     T_flange_con: Array  # (4, 4)
     T_tcp_flange: Array  # (4, 4)
     hand_eye: Mount  # acts in tcp, after T_tcp_flange
@@ -152,6 +159,11 @@ class System:
     triangulation: Triangulation = Triangulation.NORMALISED
     design_sha256: str | None = None  # of the document it was compiled from
     notes: tuple[str, ...] = field(default=())  # assumptions recorded on the way (e.g. RAS converted to LPS)
+
+    @property
+    def interfaces(self) -> tuple[Mount, Mount]:
+        """Both interfaces, in the order of the chain."""
+        return self.structure_connector, self.connector_flange
 
     @property
     def projections(self) -> Array:

@@ -26,7 +26,7 @@ def well_posed(seed: int, **changes) -> System:
     count = len(system.fiducials_mm)
     changes.setdefault("manufacturing_half_width_mm", read_only(np.full((count, 3), 0.05)))
     changes.setdefault("manufacturing_law", Law.NORMAL)
-    for name in ("interface_1", "interface_2", "hand_eye"):
+    for name in ("structure_connector", "connector_flange", "hand_eye"):
         changes.setdefault(name, replace(getattr(system, name), bias=read_only(np.zeros(6))))
     return replace(system, **changes)
 
@@ -49,8 +49,8 @@ def moved(system: System, transform: Array) -> System:
         views=tuple(replace(v, projection=read_only(v.projection @ back)) for v in system.views),
         fiducials_mm=points(system.fiducials_mm),
         targets=tuple(replace(t, position_mm=points(t.position_mm)) for t in system.targets),
-        interface_1=moved_mount(system.interface_1, transform),
-        interface_2=moved_mount(system.interface_2, transform),
+        structure_connector=moved_mount(system.structure_connector, transform),
+        connector_flange=moved_mount(system.connector_flange, transform),
         T_flange_con=read_only(system.T_flange_con @ back),
     )
 
@@ -76,8 +76,8 @@ def in_other_units(system: System, factor: float) -> System:
         fiducials_mm=read_only(factor * system.fiducials_mm),
         manufacturing_half_width_mm=read_only(factor * system.manufacturing_half_width_mm),
         targets=tuple(replace(t, position_mm=read_only(factor * t.position_mm)) for t in system.targets),
-        interface_1=mount_in(system.interface_1),
-        interface_2=mount_in(system.interface_2),
+        structure_connector=mount_in(system.structure_connector),
+        connector_flange=mount_in(system.connector_flange),
         hand_eye=mount_in(system.hand_eye),
         T_flange_con=pose(system.T_flange_con),
         T_tcp_flange=pose(system.T_tcp_flange),
@@ -87,7 +87,7 @@ def in_other_units(system: System, factor: float) -> System:
 
 
 def noise_only(system: System) -> System:
-    bare = {n: mount(n, getattr(system, n).pivot_mm) for n in ("interface_1", "interface_2", "hand_eye")}
+    bare = {n: mount(n, getattr(system, n).pivot_mm) for n in ("structure_connector", "connector_flange", "hand_eye")}
     return replace(
         system, **bare, manufacturing_half_width_mm=read_only(np.zeros_like(system.fiducials_mm)),
         execution_bias_mm=read_only(np.zeros(3)), execution=execution_sources(0.0),

@@ -67,9 +67,9 @@ def _with_translations(problem: PlacementProblem) -> PlacementProblem:
     half = (np.deg2rad(0.05),) * 3 + (0.05,) * 3
     mounts = {
         name: mount(name, getattr(problem.system, name).pivot_mm, half_width=half, law=Law.UNIFORM)
-        for name in ("interface_1", "interface_2")
+        for name in ("structure_connector", "connector_flange")
     }
-    shifts = tuple(FreeHalfWidth("interface_1", name, 1e-3, 1.0, reciprocal(10.0)) for name in TORSOR[3:])
+    shifts = tuple(FreeHalfWidth("structure_connector", name, 1e-3, 1.0, reciprocal(10.0)) for name in TORSOR[3:])
     return replace(problem, system=replace(problem.system, **mounts), half_widths=free_rotations() + shifts)
 
 
@@ -99,7 +99,7 @@ def _times(problem: PlacementProblem, factor: float) -> PlacementProblem:
         problem,
         system=replace(
             system, views=views, fiducials_mm=read_only(system.fiducials_mm * factor),
-            interface_1=scaled(system.interface_1), interface_2=scaled(system.interface_2),
+            structure_connector=scaled(system.structure_connector), connector_flange=scaled(system.connector_flange),
             targets=tuple(target(item.position_mm * factor, item.name) for item in system.targets),
         ),
         requirements=(requirement(LIMIT_MM * factor),),
@@ -228,8 +228,8 @@ def test_a_rigid_motion_of_the_scene_does_not_matter() -> None:
         system,
         views=tuple(replace(v, projection=read_only(v.projection @ np.linalg.inv(motion))) for v in system.views),
         fiducials_mm=read_only(system.fiducials_mm @ turn.T + shift),
-        interface_1=moved(system.interface_1),
-        interface_2=moved(system.interface_2),
+        structure_connector=moved(system.structure_connector),
+        connector_flange=moved(system.connector_flange),
         targets=tuple(target(turn @ t.position_mm + shift, t.name) for t in system.targets),
     )
     first, second = (solve_placement(replace(problem, system=s)) for s in (system, away))
@@ -249,8 +249,10 @@ def test_a_shift_of_the_scene_moves_the_layout_with_it() -> None:
         system,
         views=tuple(replace(v, projection=read_only(v.projection @ np.linalg.inv(motion))) for v in system.views),
         fiducials_mm=read_only(system.fiducials_mm + shift),
-        interface_1=replace(system.interface_1, pivot_mm=read_only(system.interface_1.pivot_mm + shift)),
-        interface_2=replace(system.interface_2, pivot_mm=read_only(system.interface_2.pivot_mm + shift)),
+        structure_connector=replace(
+            system.structure_connector, pivot_mm=read_only(system.structure_connector.pivot_mm + shift)
+        ),
+        connector_flange=replace(system.connector_flange, pivot_mm=read_only(system.connector_flange.pivot_mm + shift)),
         targets=tuple(target(t.position_mm + shift, t.name) for t in system.targets),
     )
     shifted = replace(problem, system=away, places=places_in_box(range(6), BOX_MM + shift))

@@ -51,7 +51,7 @@ def verification(status: Any = "pass", p95_mm: float = 0.9985) -> Verification:
 
 def tolerance(component: str, cost_after: float, **changes: Any) -> ChangedTolerance:
     fields: dict[str, Any] = {
-        "contributor": "interface_1", "component": component, "label": f"{SEAT} {component}", "unit": "deg",
+        "contributor": "structure_connector", "component": component, "label": f"{SEAT} {component}", "unit": "deg",
         "before_half_width": 0.1, "after_half_width": 0.1234, "at_target_before_mm": 0.288, "at_target_mm": 0.355,
         "cost_before": 573.0, "cost_after": cost_after, "grade": None,
     }  # fmt: skip
@@ -91,10 +91,10 @@ def full_result(**changes: Any) -> Optimisation:
         "tolerances": (
             tolerance("rx", 400.0, grade="ground, IT5"),
             tolerance("ry", 350.0, cost_before=None, grade="milled, IT7"),
-            tolerance("tz", 250.0, contributor="interface_2", label="connector on flange tz", unit="mm"),
+            tolerance("tz", 250.0, contributor="connector_flange", label="connector on flange tz", unit="mm"),
         ),
-        "pivots": (MovedPivot("interface_1", SEAT, (0.0, 0.0, -95.0), (0.0, 0.0, -80.0)),),
-        "spacings": (ChangedSpacing("interface_2", "connector on flange", 1.25),),
+        "pivots": (MovedPivot("structure_connector", SEAT, (0.0, 0.0, -95.0), (0.0, 0.0, -80.0)),),
+        "spacings": (ChangedSpacing("connector_flange", "connector on flange", 1.25),),
         "scaling": 1.375,
         "certificate": certificate,
         "shadow_prices": (ShadowPrice("limit", "mm", -1800.0, "0.1 mm of limit is worth about 180"),),

@@ -92,7 +92,7 @@ def test_a_finding_stands_at_the_line_of_the_limit_and_names_what_is_to_blame() 
     assert "limit_mm" in lines[finding.line - 1]
     lines_of_budget = [c for c in score(load_design(small_design())).targets[0].contributors if c.component != "all"]
     heaviest = max(lines_of_budget, key=lambda line: line.variance_share)
-    in_document = {"interface_1": "structure_connector", "interface_2": "connector_flange"}
+    in_document = {"structure_connector": "structure_connector", "connector_flange": "connector_flange"}
     assert in_document.get(heaviest.name, heaviest.name) in finding.message
     assert finding.value == pytest.approx(P95, rel=1e-12)
 

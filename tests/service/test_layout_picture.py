@@ -34,8 +34,8 @@ def moved_demo() -> System:
     moved = BEFORE.fiducials_mm[1:11] + rng.uniform(5, 12, (10, 3)) * np.array([1.0, -1.0, 1.0])
     positions = np.vstack([moved, BEFORE.fiducials_mm[11:], [[0.0, 0.0, 8.0]]])
     labels = (*BEFORE.fiducial_labels[1:], "F13")
-    mount = replace(BEFORE.interface_1, pivot_mm=np.array([0.0, 0.0, -80.0]))
-    return replace(with_fiducials(BEFORE, positions, labels), interface_1=mount)
+    mount = replace(BEFORE.structure_connector, pivot_mm=np.array([0.0, 0.0, -80.0]))
+    return replace(with_fiducials(BEFORE, positions, labels), structure_connector=mount)
 
 
 AFTER = moved_demo()
@@ -145,7 +145,7 @@ def test_the_oblique_view_is_orthographic_and_its_bar_has_its_length() -> None:
         assert right @ down == pytest.approx(0, abs=2e-3)
         assert np.linalg.norm(right) == pytest.approx(np.linalg.norm(down), rel=5e-3)
         assert down[2] < 0  # z is up
-        for pivot, mount in (("pivot 1", system.interface_1), ("pivot 2", system.interface_2)):
+        for pivot, mount in (("pivot 1", system.structure_connector), ("pivot 2", system.connector_flange)):
             at = next(at for name, at in found.items() if name.startswith(pivot))
             expected = np.append(mount.pivot_mm, 1.0) @ affine
             np.testing.assert_allclose(at, expected, atol=1.2)  # a triangle's middle is not its box's
@@ -192,8 +192,8 @@ def test_nothing_moved() -> None:
 
 
 def test_a_perfect_seat_has_no_pivot() -> None:
-    perfect = replace(BEFORE.interface_2, sources=no_sources(6), bias=np.zeros(6))
-    root = read(layout_svg(replace(BEFORE, interface_2=perfect), replace(AFTER, interface_2=perfect), "x"))
+    perfect = replace(BEFORE.connector_flange, sources=no_sources(6), bias=np.zeros(6))
+    root = read(layout_svg(replace(BEFORE, connector_flange=perfect), replace(AFTER, connector_flange=perfect), "x"))
     assert {mark.kind for mark in marks(root)} == {"fiducial", "new", "target", "pivot-1"}
     assert "pivot 2" not in " ".join(str(text.text) for text in root.findall(f"{SVG}text"))
 

@@ -406,12 +406,12 @@ def by_document(design: Design, path: str, values: list[float], target: str) -> 
 @pytest.mark.parametrize(
     ("name", "contributor", "component", "path"),
     [
-        ("demo", "interface_1", "rx", "interfaces.structure_connector.tolerances.rx.half_width_deg"),
-        ("demo", "interface_2", "ry", "interfaces.connector_flange.tolerances.ry.half_width_deg"),
+        ("demo", "structure_connector", "rx", "interfaces.structure_connector.tolerances.rx.half_width_deg"),
+        ("demo", "connector_flange", "ry", "interfaces.connector_flange.tolerances.ry.half_width_deg"),
         ("demo", "fiducial_noise:LAT", "all", "views.LAT.fiducial_noise_px"),
         ("demo", "fiducial_manufacturing", "all", "fiducials.manufacturing.half_width_mm"),
-        ("locators_321", "interface_1", "A3", "interfaces.structure_connector.locators.A3.half_width_mm"),
-        ("slicer_markups", "interface_1", "rz", "interfaces.structure_connector.tolerances.rz.half_width_deg"),
+        ("locators_321", "structure_connector", "A3", "interfaces.structure_connector.locators.A3.half_width_mm"),
+        ("slicer_markups", "structure_connector", "rz", "interfaces.structure_connector.tolerances.rz.half_width_deg"),
     ],
 )
 def test_curves_are_the_scores_of_changed_documents(name: str, contributor: str, component: str, path: str) -> None:
@@ -433,7 +433,7 @@ def test_a_bounded_tolerance_moves_the_mean() -> None:
     data["interfaces"]["structure_connector"]["tolerances"]["rx"]["distribution"] = "bounded"
     design = load_design(data)
     found = tolerance_curves(design, "tip", most=40)
-    curve = next(e for e in found.curves if (e.contributor, e.component) == ("interface_1", "rx"))
+    curve = next(e for e in found.curves if (e.contributor, e.component) == ("structure_connector", "rx"))
     path = "interfaces.structure_connector.tolerances.rx.half_width_deg"
     expected = by_document(design, path, list(curve.half_widths[::3]), "tip")
     np.testing.assert_allclose(curve.quantile_mm[::3], expected, rtol=2e-6)
@@ -442,12 +442,12 @@ def test_a_bounded_tolerance_moves_the_mean() -> None:
 def test_where_the_limit_is_met_the_score_is_at_it() -> None:
     """independent: a document with that half-width scores the limit, from below."""
     found = tolerance_curves(DEMO, "tip", limit_mm=1.0)
-    curve = next(e for e in found.curves if (e.contributor, e.component) == ("interface_2", "rx"))
+    curve = next(e for e in found.curves if (e.contributor, e.component) == ("connector_flange", "rx"))
     assert curve.meets == "up to largest"
     assert curve.largest is not None
     (value,) = by_document(DEMO, "interfaces.connector_flange.tolerances.rx.half_width_deg", [curve.largest], "tip")
     assert 1 - 3e-5 < value <= 1 + 1e-9
-    never = next(e for e in found.curves if (e.contributor, e.component) == ("interface_1", "rx"))
+    never = next(e for e in found.curves if (e.contributor, e.component) == ("structure_connector", "rx"))
     assert (never.meets, never.largest) == ("never", None)
     assert min(never.quantile_mm) > 1.0
     loose = tolerance_curves(DEMO, "tip", limit_mm=9.0)

@@ -39,7 +39,7 @@ def test_at_its_limit_a_tolerance_gives_the_limit(limit_mm: float) -> None:
     """independent: the design is scored again with that half-width written into the document."""
     design = limited(limit_mm)
     before = score(load_design(design)).targets[0].p95_mm
-    found = of(reported(design), "interface_1", "rx")
+    found = of(reported(design), "structure_connector", "rx")
     assert found.status == ("spare" if before < limit_mm else "too wide")
     assert found.at_limit is not None
     assert found.slack == pytest.approx(found.at_limit - 0.1, rel=1e-9)
@@ -57,7 +57,7 @@ def test_the_noise_of_a_view_has_room_as_well() -> None:
 
 def test_a_tolerance_that_cannot_help_says_so() -> None:
     design = limited(0.1)
-    found = of(reported(design), "interface_1", "rx")
+    found = of(reported(design), "structure_connector", "rx")
     assert (found.status, found.at_limit, found.slack) == ("zero is not enough", None, None)
     assert score(load_design(with_width(design, "rx", 0.0))).targets[0].p95_mm > 0.1
     assert "not even at zero" in " ".join(what_binds(reported(design).score, reported(design).allowances))
@@ -70,19 +70,19 @@ def test_without_a_requirement_there_is_no_room() -> None:
 
 def test_costs_and_bounds_are_those_of_the_optimise_section() -> None:
     """closed_form: weight / half-width in radians, weight 1."""
-    found = of(reported(limited(0.9)), "interface_1", "rx")
+    found = of(reported(limited(0.9)), "structure_connector", "rx")
     assert found.cost == pytest.approx(1 / radians(0.1), rel=1e-12)
     assert (found.smallest, found.largest) == (pytest.approx(0.01), pytest.approx(0.5))
     assert of(reported(limited(0.9)), "fiducial_manufacturing", "all").cost is None
     at_bound = reported(with_width(limited(0.9), "rx", 0.5))
-    assert "structure–connector rx at its largest, 0.5 deg" in " ".join(what_binds(at_bound.score, at_bound.allowances))
+    assert "structure_connector rx at its largest, 0.5 deg" in " ".join(what_binds(at_bound.score, at_bound.allowances))
 
 
 def test_another_quantile_and_error_are_judged_by_their_own_requirement() -> None:
     design = limited(0.9)
     own = {"name": "deep", "limit_mm": 0.5, "error": "localisation", "quantile": 0.99}
     design["requirements"] = [own]
-    found = of(reported(design), "interface_1", "rx")
+    found = of(reported(design), "structure_connector", "rx")
     assert found.requirement == "deep"
     assert found.at_limit is not None
     checks = score(load_design(with_width(design, "rx", found.at_limit))).verdict.checks

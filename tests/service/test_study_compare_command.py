@@ -36,7 +36,7 @@ def test_the_tilted_flange_is_found(capfdbinary: pytest.CaptureFixture[bytes], t
     assert code == 1
     jsonschema.Draft202012Validator(json_schema("study-comparison")).validate(document)
     assert document["verdict"] == "differs"
-    named = [e for e in document["explanations"] if (e["contributor"], e["component"]) == ("interface_2", "rx")]
+    named = [e for e in document["explanations"] if (e["contributor"], e["component"]) == ("connector_flange", "rx")]
     assert named[0]["intervals"][0][0] < 0.46 < named[0]["intervals"][0][1]
     study = from_plain("study-comparison", document)
     assert figure.read_text() == comparison_svg(study)
@@ -49,7 +49,7 @@ def test_the_tilted_flange_is_found(capfdbinary: pytest.CaptureFixture[bytes], t
     assert max(map(len, text.splitlines())) <= 100
     unwrapped = " ".join(text.split())
     assert all(said in unwrapped for said in study.conclusions)
-    assert "interface_2.rx" in text
+    assert "connector on flange, spigot and four bolts rx" in unwrapped
     assert unwrapped.endswith("measurements and prediction: differs")
 
 

@@ -96,7 +96,9 @@ def test_transforms_and_defaults():
     bare = {key: DEMO[key] for key in ("schema", "name", "views", "targets")}
     bare["fiducials"] = {"points": DEMO["fiducials"]["points"]}
     system = compile_design(load_design(bare))
-    assert system.interface_1.sources.count == system.interface_2.sources.count == system.execution.count == 0
+    assert (
+        system.structure_connector.sources.count == system.connector_flange.sources.count == system.execution.count == 0
+    )
     assert system.requirements == ()
     assert not system.manufacturing_std_mm.any()
     assert (system.reading, system.rotation_form) == (Reading.PHYSICAL, RotationForm.FULL)
@@ -122,7 +124,9 @@ def test_laws_and_coverage_factors():
         "tz": {"half_width_mm": 0.6, "distribution": "bounded"},
     }
     data = {key: value for key, value in DEMO.items() if key != "optimise"}
-    sources = compile_design(load_design({**data, "interfaces": {"structure_connector": seat}})).interface_1.sources
+    sources = compile_design(
+        load_design({**data, "interfaces": {"structure_connector": seat}})
+    ).structure_connector.sources
     assert sources.names == ("rx", "rz", "ty", "tz")
     assert sources.laws == (Law.NORMAL, Law.NORMAL, Law.TRIANGULAR, Law.BOUNDED)
     closed_form = [np.deg2rad(0.1), np.deg2rad(0.1), 0.6 / np.sqrt(6), 0.0]

@@ -38,7 +38,7 @@ def test_example_compiles_and_its_geometry_holds(path):
     assert {finding.severity for finding in findings} <= {"warning", "note"}
     expected = {"flat-structure"} if path.stem == "flat_plate" else set()
     assert {finding.rule for finding in findings} == expected
-    for array in (system.fiducials_mm, system.views[0].projection, system.interface_1.sources.direction):
+    for array in (system.fiducials_mm, system.views[0].projection, system.structure_connector.sources.direction):
         assert not array.flags.writeable
 
 
@@ -60,9 +60,9 @@ def test_demo_is_what_its_comments_say():
     system = compile_design(load_design(EXAMPLES / "demo.yaml"))
     assert len(system.fiducial_labels) == 12
     np.testing.assert_allclose(system.T_tcp_con @ [0, 0, 70, 1], [0, 0, 0, 1], atol=1e-12)
-    assert system.interface_2.sources.laws[:3] == (Law.NORMAL,) * 3
-    np.testing.assert_allclose(system.interface_2.sources.std[0], np.deg2rad(0.1), rtol=1e-14)
-    np.testing.assert_allclose(system.interface_1.bias, [0, 0, np.deg2rad(0.05), 0, 0, 0.03], rtol=1e-14)
+    assert system.connector_flange.sources.laws[:3] == (Law.NORMAL,) * 3
+    np.testing.assert_allclose(system.connector_flange.sources.std[0], np.deg2rad(0.1), rtol=1e-14)
+    np.testing.assert_allclose(system.structure_connector.bias, [0, 0, np.deg2rad(0.05), 0, 0, 0.03], rtol=1e-14)
     np.testing.assert_allclose(system.execution_bias_mm, [0, 0.008, -0.008], rtol=1e-14)
     assert system.execution.names == (*(f"repeatability.{a}" for a in "xyz"), *(f"load.{a}" for a in "xyz"))
     np.testing.assert_allclose(system.manufacturing_std_mm, 0.05 / np.sqrt(3), rtol=1e-14)
@@ -71,10 +71,10 @@ def test_demo_is_what_its_comments_say():
 def test_a_design_can_be_revised():
     design = load_design(EXAMPLES / "demo.yaml")
     moved = compile_design(design).fiducials_mm + 1.5
-    new = revise_design(design, Revision(fiducials_mm=moved, half_width={("interface_2", "rz"): np.deg2rad(0.4)}))
+    new = revise_design(design, Revision(fiducials_mm=moved, half_width={("connector_flange", "rz"): np.deg2rad(0.4)}))
     system = compile_design(new)
     np.testing.assert_array_equal(system.fiducials_mm, moved)
-    np.testing.assert_allclose(system.interface_2.sources.half_width[2], np.deg2rad(0.4), rtol=1e-14)
+    np.testing.assert_allclose(system.connector_flange.sources.half_width[2], np.deg2rad(0.4), rtol=1e-14)
     assert new.sha256 != design.sha256
 
 

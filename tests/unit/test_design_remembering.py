@@ -44,7 +44,7 @@ def test_a_moved_fiducial_leaves_the_rest_as_it_was():
         assert getattr(first.document, name) is getattr(moved.document, name)
     assert all(a is b for a, b in zip(first.document.views, moved.document.views, strict=True))
     one, other = compile_design(first), compile_design(moved)
-    for name in ("interface_1", "interface_2", "hand_eye", "execution", "T_flange_con", "T_tcp_flange"):
+    for name in ("structure_connector", "connector_flange", "hand_eye", "execution", "T_flange_con", "T_tcp_flange"):
         assert getattr(one, name) is getattr(other, name)
     assert one.fiducials_mm[0, 2] != other.fiducials_mm[0, 2] == -61.5
     assert first.sha256 != moved.sha256
@@ -55,7 +55,9 @@ def test_a_moved_fiducial_leaves_the_rest_as_it_was():
 def test_a_negative_zero_is_not_a_zero_that_came_first(order):
     path = ("interfaces", "structure_connector", "pivot_mm")
     systems = [compile_design(load_design(changed([zero, 1.0, -95.0], *path))) for zero in order]
-    assert [copysign(1, system.interface_1.pivot_mm[0]) for system in systems] == [copysign(1, zero) for zero in order]
+    assert [copysign(1, system.structure_connector.pivot_mm[0]) for system in systems] == [
+        copysign(1, zero) for zero in order
+    ]
     assert systems[0].design_sha256 != systems[1].design_sha256
 
 

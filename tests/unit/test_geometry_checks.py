@@ -131,8 +131,8 @@ def test_behind_the_source_and_outside_the_image():
 
 
 def test_visibility_is_judged_where_the_structure_really_is():
-    bias = mount("interface_1", bias=(0, 0, 0, 0, 0, -30.0))
-    system = system_of(CUBE, interface_1=bias)
+    bias = mount("structure_connector", bias=(0, 0, 0, 0, 0, -30.0))
+    system = system_of(CUBE, structure_connector=bias)
     np.testing.assert_allclose(imaged_fiducials(system), CUBE + np.array([0, 0, -30]))
     assert refused(system).code == "outside-view"
     assert check_geometry(replace(system, reading=Reading.EQ18)) == ()

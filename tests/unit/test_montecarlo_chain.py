@@ -85,11 +85,13 @@ def test_every_model_runs_in_lanes_and_agrees_with_svd(changes: dict) -> None:
     The published form minimises in connector millimetres; small angles stretch the coordinates that Eq 18 tells the
     estimator, and with them Hartley's frame.
     """
-    turned = mount("interface_1", (0.0, 0.0, -95.0), bias=(0.2, -0.1, 0.25, 3.0, -2.0, 4.0), half_width=[0.05] * 6)
+    turned = mount(
+        "structure_connector", (0.0, 0.0, -95.0), bias=(0.2, -0.1, 0.25, 3.0, -2.0, 4.0), half_width=[0.05] * 6
+    )
     four_views = with_noise(2.0, 1.2, azimuths_rad=(0.0, 0.8, 1.6, 2.2))
     for system in (
-        cios_system(interface_1=turned, **changes),
-        cios_system(interface_1=turned, views=four_views, **changes),
+        cios_system(structure_connector=turned, **changes),
+        cios_system(structure_connector=turned, views=four_views, **changes),
         cios_system(views=with_noise(0.0), **changes),
         random_system(np.random.default_rng(3), 9, 3, targets=2, **changes),
     ):
@@ -145,8 +147,8 @@ def test_one_trial_of_a_random_scene_by_the_plain_chain(seed: int) -> None:
     z = draw(plan, 11, np.arange(3))
     errors = evaluate(plan, z)
     scales = {
-        "interface_1": system.interface_1.sources,
-        "interface_2": system.interface_2.sources,
+        "structure_connector": system.structure_connector.sources,
+        "connector_flange": system.connector_flange.sources,
         "hand_eye": system.hand_eye.sources,
         "execution": system.execution,
     }
@@ -195,7 +197,9 @@ def test_oracle_rigid_bias(reading: Reading, expected: str) -> None:
     case = oracle("rigid_bias_exact")
     torsor = [*np.deg2rad([1.0, -0.5, 2.0]), 2.0, -1.0, 3.0]
     system = cube8_system(
-        views=with_noise(0.0), reading=reading, interface_1=mount("interface_1", (0.0, 0.0, -95.0), bias=torsor)
+        views=with_noise(0.0),
+        reading=reading,
+        structure_connector=mount("structure_connector", (0.0, 0.0, -95.0), bias=torsor),
     )
     plan = compile_plan(system)
     found = evaluate(plan, np.zeros((1, plan.dimension)))[0, 0, 1] + case["target"]
@@ -240,10 +244,13 @@ def test_reprojection_rms_agrees_with_svd() -> None:
 def test_bounded_sources_stand_at_their_vertex() -> None:
     """Closed form: interface 2 translates the tool by its bounded translation, and nothing else moves."""
     half = np.array([0, 0, 0, 0.3, 0, 0.7])
-    bounded = mount("interface_2", (0, 0, -145.0), half_width=half, law=Law.BOUNDED)
-    system = cube8_system(interface_2=bounded)
-    assert bounded_names(system) == ("interface_2.tx", "interface_2.tz")
-    plain, held = compile_plan(system), compile_plan(system, vertex={"interface_2.tz": -1.0, "interface_2.tx": 1.0})
+    bounded = mount("connector_flange", (0, 0, -145.0), half_width=half, law=Law.BOUNDED)
+    system = cube8_system(connector_flange=bounded)
+    assert bounded_names(system) == ("connector_flange.tx", "connector_flange.tz")
+    plain, held = (
+        compile_plan(system),
+        compile_plan(system, vertex={"connector_flange.tz": -1.0, "connector_flange.tx": 1.0}),
+    )
     assert plain.dimension == held.dimension == 36
     z = draw(plain, 1, np.arange(5))
     moved = evaluate(held, z) - evaluate(plain, z)
@@ -254,9 +261,9 @@ def test_bounded_sources_stand_at_their_vertex() -> None:
 
 
 def test_unknown_vertices_and_shapes_are_refused() -> None:
-    system = cube8_system(interface_2=mount("interface_2", half_width=(0, 0, 0, 1, 0, 0), law=Law.BOUNDED))
-    with pytest.raises(OutOfRangeError, match=r"interface_2\.ry"):
-        compile_plan(system, vertex={"interface_2.ry": 1.0})
+    system = cube8_system(connector_flange=mount("connector_flange", half_width=(0, 0, 0, 1, 0, 0), law=Law.BOUNDED))
+    with pytest.raises(OutOfRangeError, match=r"connector_flange\.ry"):
+        compile_plan(system, vertex={"connector_flange.ry": 1.0})
     with pytest.raises(OutOfRangeError, match="1 finite values"):
         compile_plan(system, vertex=np.zeros(2))
     plan = compile_plan(system)
@@ -265,17 +272,17 @@ def test_unknown_vertices_and_shapes_are_refused() -> None:
 
 
 def test_installation_is_shared_by_the_shots_of_a_unit() -> None:
-    system = cios_system(interface_1=installation("interface_1", (0, 0, -95.0)))
+    system = cios_system(structure_connector=installation("structure_connector", (0, 0, -95.0)))
     plan = compile_plan(system, shots_per_unit=4)
     z = draw(plan, 5, np.arange(8, 24))
     by_name = {block.name: z[:, block.start : block.stop].reshape(4, 4, -1) for block in plan.blocks}
-    for name in ("interface_1", "interface_2"):
+    for name in ("structure_connector", "connector_flange"):
         assert (by_name[name] == by_name[name][:, :1]).all()
         assert len(np.unique(by_name[name][:, 0, 0])) == 4
     assert len(np.unique(by_name["fiducial_noise:view0"][..., 0])) == 16
     # one shot per unit draws the same installations as the units of another grouping
     single = draw(compile_plan(system), 5, np.arange(2, 6))
-    start = next(block.start for block in plan.blocks if block.name == "interface_1")
+    start = next(block.start for block in plan.blocks if block.name == "structure_connector")
     np.testing.assert_array_equal(single[:, start:], z[::4, start:])
 
 

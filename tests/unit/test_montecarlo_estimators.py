@@ -207,11 +207,13 @@ SCENES = {
     "demo-like": cios_system(),
     "5px": cube8_system(views=with_noise(5.0)),
     "bias": cios_system(
-        interface_1=replace(installation("interface_1", (0, 0, -95.0)), bias=read_only([0.03, 0.02, 0, 1, 2, 0]))
+        structure_connector=replace(
+            installation("structure_connector", (0, 0, -95.0)), bias=read_only([0.03, 0.02, 0, 1, 2, 0])
+        )
     ),
     "uniform and triangular": cios_system(
-        interface_1=mount("interface_1", (0, 0, -95.0), half_width=HALF, law=Law.UNIFORM),
-        interface_2=mount("interface_2", (0, 0, -145.0), half_width=HALF, law=Law.TRIANGULAR),
+        structure_connector=mount("structure_connector", (0, 0, -95.0), half_width=HALF, law=Law.UNIFORM),
+        connector_flange=mount("connector_flange", (0, 0, -145.0), half_width=HALF, law=Law.TRIANGULAR),
     ),
     "everything": random_system(np.random.default_rng(3), 10),
 }

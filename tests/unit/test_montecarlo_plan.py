@@ -49,7 +49,7 @@ def test_blocks_cover_the_columns_in_order() -> None:
     assert plan.blocks[-1].stop == plan.dimension == len(plan.laws) == len(plan.standard_std)
     names = [block.name for block in plan.blocks]
     assert names[:2] == ["fiducial_noise:view0", "target_noise:view0"]
-    assert names[6:] == ["fiducial_manufacturing", "interface_1", "interface_2", "hand_eye", "execution"]
+    assert names[6:] == ["fiducial_manufacturing", "structure_connector", "connector_flange", "hand_eye", "execution"]
     std = {Law.NORMAL: 1, Law.UNIFORM: 1 / np.sqrt(3), Law.TRIANGULAR: 1 / np.sqrt(6)}
     np.testing.assert_allclose(plan.standard_std, [std[law] for law in plan.laws])
 
@@ -74,7 +74,7 @@ import numpy as np
 from scenes import CIOS_FIDUCIALS_MM, installation, read_only, system_of, with_noise
 from tailstack.montecarlo.plan import compile_plan
 views = [replace(v, projection=read_only(p)) for v, p in zip(with_noise(), json.load(open({str(ORACLE)!r}))["P"])]
-mounts = {{name: installation(name, (1, 2, -95)) for name in ("interface_1", "interface_2")}}
+mounts = {{name: installation(name, (1, 2, -95)) for name in ("structure_connector", "connector_flange")}}
 plan = compile_plan(system_of(np.array(CIOS_FIDUCIALS_MM) * 1.01, views=tuple(views), **mounts))
 print(hashlib.sha256(b"".join(t.tobytes() for t in plan.tables)).hexdigest())
 """

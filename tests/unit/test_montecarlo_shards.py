@@ -168,7 +168,7 @@ class Slowly:
 def _bounded_and_per_unit():
     half = [0.003, 0.002, 0.001, 0.1, 0.1, 0.1]
     return cube8_system(
-        interface_2=mount("interface_2", (0, 0, -145), half_width=half, law=Law.BOUNDED),
+        connector_flange=mount("connector_flange", (0, 0, -145), half_width=half, law=Law.BOUNDED),
         requirements=(
             Requirement("each", "tcp", 0.95, 0.95, 0.95, ("target",), risk="per_unit", min_yield=0.5),
             Requirement("close", "localisation", 0.9, 0.2, 0.99, ("target",)),

@@ -133,13 +133,13 @@ def test_uniform_and_triangular_laws() -> None:
     half = (0.01,) * 3 + (0.5,) * 3
     plan = compile_plan(
         cube8_system(
-            interface_1=mount("interface_1", half_width=half, law=Law.UNIFORM),
-            interface_2=mount("interface_2", half_width=half, law=Law.TRIANGULAR),
+            structure_connector=mount("structure_connector", half_width=half, law=Law.UNIFORM),
+            connector_flange=mount("connector_flange", half_width=half, law=Law.TRIANGULAR),
         )
     )
     z = draw(plan, 8, np.arange(TRIALS))
     for block in plan.blocks:
-        if block.name.startswith("interface"):
+        if block.name in ("structure_connector", "connector_flange"):
             law = stats.uniform(-1, 2) if block.laws[0] is Law.UNIFORM else stats.triang(0.5, -1, 2)
             for k in range(block.start, block.stop):
                 assert stats.kstest(z[:, k], law.cdf).pvalue > 1e-6

@@ -73,7 +73,7 @@ def test_costs_are_those_of_the_documents() -> None:
     assert result.p95_before_mm > 1.0  # as drawn, the demo misses its limit
     by_name = {(item.contributor, item.component): item for item in result.tolerances}
     # closed form: lever from the pivot at z = -95 mm to the tip at z = 70 mm, bias of 0.05 deg neglected
-    turned = by_name["interface_1", "rx"]
+    turned = by_name["structure_connector", "rx"]
     assert turned.at_target_mm == pytest.approx(165 * radians(turned.after_half_width), rel=1e-3)
 
 
@@ -170,7 +170,7 @@ def test_another_quantile_of_another_error() -> None:
     assert result.p95_after_mm == pytest.approx(max(t.localisation.p95_mm for t in scored.targets), rel=1e-9)
     assert 0.59 < max(item.value_mm for item in scored.verdict.checks) <= 0.6
     # interface 2 comes after localisation: nothing depends on it
-    widths = [item.after_half_width for item in result.tolerances if item.contributor == "interface_2"]
+    widths = [item.after_half_width for item in result.tolerances if item.contributor == "connector_flange"]
     assert widths == pytest.approx([0.5] * 2)
 
 
@@ -178,7 +178,7 @@ def test_only_what_is_free_changes() -> None:
     data = document(tolerances=[free("connector_flange", "rx", min_deg=0.01, max_deg=0.4)])
     result = optimised(data)
     assert not result.moved
-    assert [(t.contributor, t.component) for t in result.tolerances] == [("interface_2", "rx")]
+    assert [(t.contributor, t.component) for t in result.tolerances] == [("connector_flange", "rx")]
     before, after = (design_to_data(load_design(d)) for d in (data, result.design))
     assert after["interfaces"]["connector_flange"]["tolerances"].pop("rx") != before["interfaces"]["connector_flange"][
         "tolerances"

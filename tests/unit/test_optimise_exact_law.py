@@ -52,10 +52,11 @@ def test_the_promise_is_the_quantile_of_the_score(seed: int, error: str) -> None
 def _bounded(problem: PlacementProblem) -> PlacementProblem:
     """Two bounded shifts of the seat, fixed, besides what is there."""
     seat = mount(
-        "interface_2", (0.0, 0.0, -145.0), bias=(0, 0, 0, 0.02, -0.01, 0), half_width=[1e-3, 1e-3, 1e-3, 0.06, 0, 0.04],
+        "connector_flange", (0.0, 0.0, -145.0), bias=(0, 0, 0, 0.02, -0.01, 0),
+        half_width=[1e-3, 1e-3, 1e-3, 0.06, 0, 0.04],
         law=(Law.UNIFORM,) * 3 + (Law.BOUNDED,) * 3,
     )  # fmt: skip
-    return replace(problem, system=replace(problem.system, interface_2=seat))
+    return replace(problem, system=replace(problem.system, connector_flange=seat))
 
 
 NORMAL = {"manufacturing_law": Law.NORMAL}
@@ -128,7 +129,7 @@ OPTIMA: dict[str, PlacementProblem] = {
     "bounded": fixed_layout(oracle_problem(8, law=Law.BOUNDED), cube_fiducials()),
     "layout and tolerances": _free_of_rules(oracle_problem(6, 0.6, places=SMALL)),
     "layout, tolerances and a pivot": _free_of_rules(
-        oracle_problem(6, 0.6, places=SMALL, pivots=(pivot_in("interface_1", (-10, -10, -100), (10, 10, -80)),))
+        oracle_problem(6, 0.6, places=SMALL, pivots=(pivot_in("structure_connector", (-10, -10, -100), (10, 10, -80)),))
     ),
     "two targets, mixed laws, locators": replace(
         general_problem(11), requirements=(requirement(3.2, targets=("t0", "t1")),), min_spacing_mm=0.0

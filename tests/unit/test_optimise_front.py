@@ -31,7 +31,7 @@ def at_point(data: dict[str, Any], result: Optimisation, index: int) -> dict[str
     for entry, position in zip(data["fiducials"]["points"], point.fiducials_mm, strict=True):
         entry["position_mm"] = list(position)
     for item, value in zip(result.tolerances, point.half_widths, strict=True):
-        interface = {"interface_1": SEAT, "interface_2": FLANGE}[item.contributor]
+        interface = {"structure_connector": SEAT, "connector_flange": FLANGE}[item.contributor]
         field = f"half_width_{item.unit}"
         data["interfaces"][interface]["tolerances"][item.component][field] = value
     return data
@@ -58,7 +58,8 @@ def test_every_point_reproduces_its_quantile_and_its_cost() -> None:
     """independent: the score of a document with the point's numbers; closed form: sum of 1 / half-width in rad."""
     result = placed()
     assert [(item.contributor, item.component) for item in result.tolerances] == [
-        ({SEAT: "interface_1", FLANGE: "interface_2"}[interface], component) for interface, component in FREE
+        ({SEAT: "structure_connector", FLANGE: "connector_flange"}[interface], component)
+        for interface, component in FREE
     ]
     for index, point in enumerate(result.front):
         scored = score(load_design(at_point(document(), result, index)))

@@ -20,10 +20,10 @@ def _with_shifts(problem: PlacementProblem, bias_mm: float = 0.0, bounded: bool 
     """Fixed shifts of the second interface besides its free rotations."""
     laws = (Law.UNIFORM,) * 3 + ((Law.BOUNDED,) * 3 if bounded else (Law.NORMAL, Law.UNIFORM, Law.TRIANGULAR))
     held = mount(
-        "interface_2", (0.0, 0.0, -145.0), bias=(0, 0, 0, bias_mm, 0, 0),
+        "connector_flange", (0.0, 0.0, -145.0), bias=(0, 0, 0, bias_mm, 0, 0),
         half_width=(np.deg2rad(0.05),) * 3 + (0.15, 0.2, 0.1), law=laws,
     )  # fmt: skip
-    return replace(problem, system=replace(problem.system, interface_2=held))
+    return replace(problem, system=replace(problem.system, connector_flange=held))
 
 
 CUBE = fixed_layout(oracle_problem(8, 1.0), cube_fiducials())
@@ -67,7 +67,7 @@ def _cured(system: System, what: str, factor: float) -> System:
             for v in system.views
         )  # fmt: skip
         system = replace(system, views=views)
-    for name in ("interface_1", "interface_2"):
+    for name in ("structure_connector", "connector_flange"):
         if name in what or what == "every random contributor":
             system = replace(system, **{name: _scaled(getattr(system, name), factor)})
     return system
@@ -79,7 +79,7 @@ def _with_least(problem: PlacementProblem, what: str, factor: float) -> float:
     held = {
         name: replace(getattr(problem.system, name), sources=replace(
             getattr(problem.system, name).sources, half_width=_widths(problem, least, name)))
-        for name in ("interface_1", "interface_2")
+        for name in ("structure_connector", "connector_flange")
     }  # fmt: skip
     system = _cured(replace(problem.system, **held), what, factor)
     bare = replace(problem, system=system, half_widths=())

@@ -90,7 +90,7 @@ def test_the_flange_does_not_act_on_localisation() -> None:
     both["requirements"][0]["error"] = "localisation"
     assert {re.match(r"flange r[xy]", finding.message) is not None for finding in findings(both, "no-lever")} == {True}
     result = optimised(both)
-    assert {item.after_half_width for item in result.tolerances if item.contributor == "interface_2"} == {0.5}
+    assert {item.after_half_width for item in result.tolerances if item.contributor == "connector_flange"} == {0.5}
 
 
 def test_an_idle_pivot_is_said_and_alone_refused() -> None:

@@ -109,8 +109,8 @@ def test_an_axis_without_lever_goes_to_its_bound() -> None:
     words = binding(solution.program, solution.found.point, solution.found.parameters)
     assert set(words) == {
         "P95 at target 'target', limit 0.5 mm (accuracy)",
-        "interface_1 rz at its largest half-width, 0.7 deg",
-        "interface_2 rz at its largest half-width, 0.7 deg",
+        "structure_connector rz at its largest half-width, 0.7 deg",
+        "connector_flange rz at its largest half-width, 0.7 deg",
     }
 
 
@@ -175,15 +175,15 @@ def test_an_optimum_built_from_its_multiplier_is_found(law: Law) -> None:
     system = replace(
         problem.system,
         targets=(target((40.0, -25.0, 60.0)),),
-        interface_1=mount("interface_1", (0, 0, -95), half_width=[*half[:3], 0, 0, 0], law=law),
-        interface_2=mount("interface_2", (0, 0, -145), half_width=[*half[3:], 0, 0, 0], law=law),
+        structure_connector=mount("structure_connector", (0, 0, -95), half_width=[*half[:3], 0, 0, 0], law=law),
+        connector_flange=mount("connector_flange", (0, 0, -145), half_width=[*half[3:], 0, 0, 0], law=law),
     )
     model = linearise(system, system.targets[0])
     declared, where = declared_law(model, "tcp", model.bias_mm("tcp"))
     slopes = law_budget(declared, 0.95, [])
     by_log = []  # dr / dlog h
     for block in model.blocks:
-        if block.contributor.startswith("interface"):
+        if block.contributor in ("structure_connector", "connector_flange"):
             for j in range(3):
                 g = block.tcp[:, j] * block.std[j]
                 column = where.get((block.contributor, j))
@@ -202,7 +202,7 @@ def test_a_free_pivot_goes_to_the_bound_nearest_the_target() -> None:
     """closed form: one rotation about a pivot on the z axis has the lever |70 - z|."""
     problem = first_interface_only(silent_problem(0.5, ("rx",)))
     for low, high, lever in ((-140.0, -60.0, 130.0), (120.0, 190.0, 50.0)):
-        freed = replace(problem, pivots=(pivot_in("interface_1", (0, 0, low), (0, 0, high)),))
+        freed = replace(problem, pivots=(pivot_in("structure_connector", (0, 0, low), (0, 0, high)),))
         solution = solve_placement(freed)
         assert abs(solution.choice.pivots_mm[0, 2] - 70) == pytest.approx(lever, rel=1e-7)
         assert solution.choice.half_width[0] == pytest.approx(0.5 / (NORMAL_P95 * lever), rel=1e-5)
@@ -215,17 +215,21 @@ def test_a_free_pivot_goes_to_the_bound_nearest_the_target() -> None:
 def test_a_pivot_that_can_reach_the_target_goes_there() -> None:
     """closed form: rotations about the target itself do not move it; what is left is the quantile of the noise."""
     problem = first_interface_only(fixed_layout(oracle_problem(8, 0.5), cube_fiducials()))
-    wide = mount("interface_1", (0.0, 0.0, -95.0), half_width=(np.deg2rad(0.5),) * 3 + (0.0,) * 3, law=Law.UNIFORM)
+    wide = mount(
+        "structure_connector", (0.0, 0.0, -95.0), half_width=(np.deg2rad(0.5),) * 3 + (0.0,) * 3, law=Law.UNIFORM
+    )
     problem = replace(
         problem,
-        system=replace(problem.system, interface_1=wide),
+        system=replace(problem.system, structure_connector=wide),
         half_widths=(),
         objective="quantile",
-        pivots=(pivot_in("interface_1", (-40, -30, -95), (30, 40, 120)),),
+        pivots=(pivot_in("structure_connector", (-40, -30, -95), (30, 40, 120)),),
     )
     solution = solve_placement(problem)
     np.testing.assert_allclose(solution.choice.pivots_mm[0], [0, 0, 70], atol=0.05)
-    still = replace(problem, system=replace(problem.system, interface_1=mount("interface_1")), pivots=())
+    still = replace(
+        problem, system=replace(problem.system, structure_connector=mount("structure_connector")), pivots=()
+    )
     (noise,) = score_mm(still, present_choice(still))
     assert solution.worst_ratio * 0.5 == pytest.approx(noise, rel=1e-6)
 
@@ -233,12 +237,12 @@ def test_a_pivot_that_can_reach_the_target_goes_there() -> None:
 def test_locators_spread_to_their_largest_spacing() -> None:
     """independent: the seat solved again at contacts 2.5 times as far apart, one contact of which may deviate."""
     base = silent_problem(0.5, ("rx",))
-    held = seat("interface_1", (0.0, 0.0, -95.0), [0.01, 0, 0, 0, 0, 0])
-    spread = free_spacing("interface_1", (0.0, 0.0, -95.0), 1.0, 2.5)
+    held = seat("structure_connector", (0.0, 0.0, -95.0), [0.01, 0, 0, 0, 0, 0])
+    spread = free_spacing("structure_connector", (0.0, 0.0, -95.0), 1.0, 2.5)
     problem = replace(
         first_interface_only(base),
-        system=replace(first_interface_only(base).system, interface_1=held),
-        half_widths=(FreeHalfWidth("interface_1", "L1", 1e-4, 5.0, reciprocal()),),
+        system=replace(first_interface_only(base).system, structure_connector=held),
+        half_widths=(FreeHalfWidth("structure_connector", "L1", 1e-4, 5.0, reciprocal()),),
         spacings=(replace(spread, shift=spread.shift[:, :1], turn=spread.turn[:, :1]),),
     )
 

@@ -236,21 +236,21 @@ def test_variables_stand_for_what_they_say() -> None:
         count = len(problem.places)
         np.testing.assert_allclose(choice.fiducials_mm, expected, atol=1e-12)
         np.testing.assert_allclose(choice.half_width, np.exp(x[3 * count : 3 * count + 4]), rtol=1e-14)
-        first = problem.system.interface_1.pivot_mm - 5 + 25 * x[3 * count + 4 : 3 * count + 7]
-        second = problem.system.interface_2.pivot_mm + 5 + 25 * x[3 * count + 7 : 3 * count + 10]
+        first = problem.system.structure_connector.pivot_mm - 5 + 25 * x[3 * count + 4 : 3 * count + 7]
+        second = problem.system.connector_flange.pivot_mm + 5 + 25 * x[3 * count + 7 : 3 * count + 10]
         np.testing.assert_allclose(choice.pivots_mm, [first, second], rtol=1e-12)
         assert choice.spacing[0] == pytest.approx(np.exp(x[-2]), rel=1e-14)
         np.testing.assert_allclose(program.join(choice, x[-1]), x, atol=1e-12)
         made = apply_choice(problem, choice)
-        np.testing.assert_array_equal(made.interface_1.pivot_mm, choice.pivots_mm[0])
-        np.testing.assert_array_equal(made.interface_2.pivot_mm, choice.pivots_mm[1])
-        np.testing.assert_allclose(made.interface_1.sources.half_width[[0, 3]], choice.half_width[:2])
-        np.testing.assert_allclose(made.interface_2.sources.half_width[[0, 2]], choice.half_width[2:])
+        np.testing.assert_array_equal(made.structure_connector.pivot_mm, choice.pivots_mm[0])
+        np.testing.assert_array_equal(made.connector_flange.pivot_mm, choice.pivots_mm[1])
+        np.testing.assert_allclose(made.structure_connector.sources.half_width[[0, 3]], choice.half_width[:2])
+        np.testing.assert_allclose(made.connector_flange.sources.half_width[[0, 2]], choice.half_width[2:])
         # independent: the seat solved again at contacts that were really moved apart
         seated = torsor_from_locators(
-            locators_at(float(choice.spacing[0])), NORMALS, problem.system.interface_1.pivot_mm
+            locators_at(float(choice.spacing[0])), NORMALS, problem.system.structure_connector.pivot_mm
         )
-        np.testing.assert_allclose(made.interface_1.sources.direction, seated, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(made.structure_connector.sources.direction, seated, rtol=1e-9, atol=1e-12)
 
 
 def _random_choice(problem: PlacementProblem, rng: np.random.Generator) -> Choice:
@@ -311,7 +311,7 @@ def _images(problem: PlacementProblem, layout: Array) -> list[Array]:
     moved = np.hstack([layout, np.ones((len(layout), 1))])
     if system.reading is Reading.PHYSICAL:
         moved = moved @ torsor_transform(
-            system.interface_1.bias, system.interface_1.pivot_mm, system.rotation_form
+            system.structure_connector.bias, system.structure_connector.pivot_mm, system.rotation_form
         ).T  # fmt: skip
     for view in system.views:
         image = moved @ view.projection.T
@@ -326,11 +326,14 @@ def test_geometric_rows_hold_where_the_rules_are_kept(reading: Reading) -> None:
     tube = Cylinder(np.array([0.0, 0, -60]), UP, 90.0, 50.0, 20.0)
     problem = oracle_problem(6)
     biased = mount(
-        "interface_1", (0.0, 0.0, -95.0), bias=(0.02, -0.03, 0.01, 1.0, 2.0, -1.0), half_width=(1e-3,) * 3 + (0.0,) * 3
+        "structure_connector",
+        (0.0, 0.0, -95.0),
+        bias=(0.02, -0.03, 0.01, 1.0, 2.0, -1.0),
+        half_width=(1e-3,) * 3 + (0.0,) * 3,
     )
     problem = replace(
         problem,
-        system=replace(problem.system, interface_1=biased, reading=reading),
+        system=replace(problem.system, structure_connector=biased, reading=reading),
         places=(*places_in_box((1,), np.array([[-90.0, -90, -120], [90, 90, 40]])), FreeFiducial((4,), tube)),
         keep_out=(zone,),
         min_projected_spacing_px=80.0,

@@ -20,7 +20,7 @@ from tailstack.optimisation.regions import Ball, Box, Cylinder, KeepOut, Shape, 
 UP = np.array([0.0, 0.0, 1.0])
 CENTRE_MM = np.array([0.0, 0.0, -40.0])
 BASE_MM = np.array([0.0, 0.0, -90.0])
-FIRST = free_rotations()[0]  # interface_1 rx
+FIRST = free_rotations()[0]  # structure_connector rx
 
 
 def _only(error: pytest.ExceptionInfo[Any]) -> Problem:
@@ -50,11 +50,11 @@ def _kept_out(zone: Shape, clearance_mm: float = 0.0) -> dict[str, Any]:
 
 
 def _pivot(low: float, high: float) -> FreePivot:
-    return FreePivot("interface_1", np.array([0.0, low, 0.0]), np.array([0.0, high, 0.0]), "/optimise/pivots/0")
+    return FreePivot("structure_connector", np.array([0.0, low, 0.0]), np.array([0.0, high, 0.0]), "/optimise/pivots/0")
 
 
 def _spread(low: float, high: float) -> FreeSpacing:
-    return FreeSpacing("interface_2", low, high, np.eye(6), np.eye(6), "/optimise/locator_spacing/0")
+    return FreeSpacing("connector_flange", low, high, np.eye(6), np.eye(6), "/optimise/locator_spacing/0")
 
 
 TOO_SMALL = Cylinder(CENTRE_MM, UP, 4.0, 3.0)
@@ -213,12 +213,12 @@ def test_a_layout_that_cannot_matter_is_refused() -> None:
 
 
 def _present(problem: PlacementProblem, component: int, half_width_deg: float) -> PlacementProblem:
-    """The same with another present half-width of one component of interface_1."""
-    first = problem.system.interface_1
+    """The same with another present half-width of one component of structure_connector."""
+    first = problem.system.structure_connector
     widths = first.sources.half_width.copy()
     widths[component] = np.deg2rad(half_width_deg)
     sources = replace(first.sources, half_width=read_only(widths))
-    return replace(problem, system=replace(problem.system, interface_1=replace(first, sources=sources)))
+    return replace(problem, system=replace(problem.system, structure_connector=replace(first, sources=sources)))
 
 
 def test_a_factor_on_a_tolerance_of_zero_is_refused_and_only_that() -> None:
@@ -227,7 +227,7 @@ def test_a_factor_on_a_tolerance_of_zero_is_refused_and_only_that() -> None:
     refuse_contradictions(replace(zero, objective="quantile", cost_limit=1e4))
     refused = _refused(replace(zero, objective="scaling"))
     assert (refused.pointer, refused.code) == ("/optimise/tolerances", "zero-half-width")
-    assert "interface_1 rz" in refused.detail
+    assert "structure_connector rz" in refused.detail
 
 
 def test_one_factor_must_suit_every_tolerance() -> None:
@@ -237,8 +237,8 @@ def test_one_factor_must_suit_every_tolerance() -> None:
     problem = oracle_problem(objective="scaling", half_widths=(rx, replace(ry, maximum=np.deg2rad(0.9))))
     refused = _refused(problem)
     assert (refused.pointer, refused.code) == ("/optimise/tolerances/0", "no-common-factor")
-    assert "at least 20 for interface_1 rx" in refused.detail
-    assert "at most 18 for interface_1 ry" in refused.detail
+    assert "at least 20 for structure_connector rx" in refused.detail
+    assert "at most 18 for structure_connector ry" in refused.detail
     refuse_contradictions(replace(problem, half_widths=(rx, replace(ry, maximum=np.deg2rad(1.0)))))
 
 
@@ -273,14 +273,14 @@ def test_a_limit_out_of_reach_says_what_is_attainable() -> None:
 def test_infeasible_at_a_fixed_layout_names_the_tolerance_that_is_not_free() -> None:
     """closed form: a fixed tolerance of std 0.5 mm along one axis alone has P95 0.98 mm."""
     problem = fixed_layout(oracle_problem(), cube_fiducials())
-    second = mount("interface_2", (0.0, 0.0, -145.0), half_width=[0, 0, 0, 0.5, 0, 0])
+    second = mount("connector_flange", (0.0, 0.0, -145.0), half_width=[0, 0, 0, 0.5, 0, 0])
     problem = replace(
         problem,
-        system=replace(problem.system, interface_2=second),
-        half_widths=tuple(free for free in problem.half_widths if free.contributor == "interface_1"),
+        system=replace(problem.system, connector_flange=second),
+        half_widths=tuple(free for free in problem.half_widths if free.contributor == "structure_connector"),
     )
     detail = _attainable(problem, 0.9)
-    assert "interface_2 " in detail
+    assert "connector_flange " in detail
     assert float(detail.split(" is ")[1].split(" mm")[0]) > 0.98
 
 

@@ -258,20 +258,20 @@ def test_common_bounds_and_exceptions() -> None:
         )
     )  # fmt: skip
     found = {(item.contributor, item.component): item for item in result.tolerances}
-    assert list(found) == [("interface_1", axis) for axis in ("rx", "ry", "tx")] + [
-        ("interface_2", axis) for axis in ("rx", "ry")
+    assert list(found) == [("structure_connector", axis) for axis in ("rx", "ry", "tx")] + [
+        ("connector_flange", axis) for axis in ("rx", "ry")
     ]
-    limits = {("interface_1", "rx"): (0.15, 0.4, 2.0), ("interface_1", "ry"): (0.03, 0.03, 1.0),
-              ("interface_1", "tx"): (0.001, 0.06, 0.5), ("interface_2", "rx"): (0.02, 0.05, 9.0),
-              ("interface_2", "ry"): (0.15, 0.4, 2.0)}  # fmt: skip
+    limits = {("structure_connector", "rx"): (0.15, 0.4, 2.0), ("structure_connector", "ry"): (0.03, 0.03, 1.0),
+              ("structure_connector", "tx"): (0.001, 0.06, 0.5), ("connector_flange", "rx"): (0.02, 0.05, 9.0),
+              ("connector_flange", "ry"): (0.15, 0.4, 2.0)}  # fmt: skip
     for key, (low, high, weight) in limits.items():
         item = found[key]
-        interface = {"interface_1": "structure_connector", "interface_2": "connector_flange"}[key[0]]
+        interface = {"structure_connector": "structure_connector", "connector_flange": "connector_flange"}[key[0]]
         assert item.after_half_width == pytest.approx(half_width(result.design, interface, key[1]), rel=1e-9)
         assert low * (1 - 1e-9) <= item.after_half_width <= high * (1 + 1e-9)
         native = radians(item.after_half_width) if item.unit == "deg" else item.after_half_width
         assert item.cost_after == pytest.approx(weight / native, rel=1e-9)
-    assert found["interface_1", "tx"].unit == "mm"
+    assert found["structure_connector", "tx"].unit == "mm"
     assert not result.moved
     assert result.placement_value is None
     assert_scores_as_promised(result)

@@ -50,14 +50,14 @@ def _free_layout() -> PlacementProblem:
 def _mechanical() -> PlacementProblem:
     """A seat on locators whose spacing is free and an interface with a free pivot, layout fixed."""
     problem = fixed_layout(oracle_problem(8, LIMIT_MM), cube_fiducials())
-    held = seat("interface_1", (0.0, 0.0, -95.0), [0.02] * 6)
-    widths = (FreeHalfWidth("interface_1", "L1", 1e-3, 0.5, reciprocal(0.2)), *problem.half_widths[3:])
+    held = seat("structure_connector", (0.0, 0.0, -95.0), [0.02] * 6)
+    widths = (FreeHalfWidth("structure_connector", "L1", 1e-3, 0.5, reciprocal(0.2)), *problem.half_widths[3:])
     return replace(
         problem,
-        system=replace(problem.system, interface_1=held),
+        system=replace(problem.system, structure_connector=held),
         half_widths=widths,
-        pivots=(pivot_in("interface_2", (-5, -5, -150), (5, 5, -120)),),
-        spacings=(free_spacing("interface_1", (0.0, 0.0, -95.0), 0.8, 1.5),),
+        pivots=(pivot_in("connector_flange", (-5, -5, -150), (5, 5, -120)),),
+        spacings=(free_spacing("structure_connector", (0.0, 0.0, -95.0), 0.8, 1.5),),
     )
 
 
@@ -139,9 +139,9 @@ CHANGES: dict[str, tuple[Callable[[PlacementProblem, float], PlacementProblem], 
     "target_clearance_px": (_with_field("target_clearance_px"), 0.2),
     "cost_limit": (_with_field("cost_limit"), 2.0),
     "lower x face of the box": (_with_face(0, 0), 0.02),
-    "interface_2 rz largest half-width": (_with_largest(-1, radians(0.01)), 1.0),
-    "upper z bound of the pivot of interface_2": (_with_pivot(1, 2), 0.05),
-    "largest locator spacing of interface_1": (_with_spacing, 0.002),
+    "connector_flange rz largest half-width": (_with_largest(-1, radians(0.01)), 1.0),
+    "upper z bound of the pivot of connector_flange": (_with_pivot(1, 2), 0.05),
+    "largest locator spacing of structure_connector": (_with_spacing, 0.002),
 }  # fmt: skip
 
 
@@ -150,11 +150,12 @@ EXPECTED = {
     "quantile, layout free": ("cost_limit",),
     "scaling, layout free": ("limit",),
     "cost, mechanics free": (
-        "limit", "upper z bound of the pivot of interface_2", "largest locator spacing of interface_1",
-        "interface_2 rz largest half-width",
+        "limit", "upper z bound of the pivot of connector_flange", "largest locator spacing of structure_connector",
+        "connector_flange rz largest half-width",
     ),
     "quantile, mechanics free": (
-        "cost_limit", "upper z bound of the pivot of interface_2", "largest locator spacing of interface_1",
+        "cost_limit", "upper z bound of the pivot of connector_flange",
+        "largest locator spacing of structure_connector",
     ),
 }  # fmt: skip
 
@@ -186,7 +187,9 @@ def _per_unit(limit_mm: float, **changes: Any) -> PlacementProblem:
         problem.system,
         manufacturing_law=Law.UNIFORM,
         manufacturing_half_width_mm=np.full((8, 3), 0.05),
-        interface_1=replace(problem.system.interface_1, bias=np.array([0.0, 0.0, 0.0, 0.05, 0.0, 0.03])),
+        structure_connector=replace(
+            problem.system.structure_connector, bias=np.array([0.0, 0.0, 0.0, 0.05, 0.0, 0.03])
+        ),
     )
     wanted = requirement(limit_mm, risk="per_unit", min_yield=0.9, **changes)
     return replace(problem, system=system, requirements=(wanted,))
@@ -201,7 +204,10 @@ def test_the_price_of_a_per_unit_limit_is_the_slope_of_the_optimum(law: Law) -> 
         system = found.system
         mounts = {
             name: replace(part, sources=replace(part.sources, laws=(law,) * part.sources.count))
-            for name, part in (("interface_1", system.interface_1), ("interface_2", system.interface_2))
+            for name, part in (
+                ("structure_connector", system.structure_connector),
+                ("connector_flange", system.connector_flange),
+            )
         }
         return replace(found, system=replace(system, **mounts))
 
@@ -218,10 +224,12 @@ def test_what_a_tolerance_between_its_bounds_is_worth() -> None:
     solution = _solved("cost, mechanics free")
     prices = {price.name: price for price in shadow_prices(solution.program, solution.found.point, solution.cost)}
     contact, turn = solution.choice.half_width[:2]
-    assert prices["interface_1 L1 half-width"].unit == "0.01 mm"
-    assert prices["interface_1 L1 half-width"].cost_per_unit == pytest.approx(-0.2 / contact**2 * 0.01, rel=1e-9)
-    assert prices["interface_2 rx half-width"].unit == "0.01 deg"
-    assert prices["interface_2 rx half-width"].cost_per_unit == pytest.approx(-radians(0.01) / turn**2, rel=1e-9)
+    assert prices["structure_connector L1 half-width"].unit == "0.01 mm"
+    assert prices["structure_connector L1 half-width"].cost_per_unit == pytest.approx(
+        -0.2 / contact**2 * 0.01, rel=1e-9
+    )
+    assert prices["connector_flange rx half-width"].unit == "0.01 deg"
+    assert prices["connector_flange rx half-width"].cost_per_unit == pytest.approx(-radians(0.01) / turn**2, rel=1e-9)
 
 
 def test_binding_names_exactly_what_holds_with_equality() -> None:

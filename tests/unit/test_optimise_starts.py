@@ -179,9 +179,9 @@ def test_the_exchange_weighs_targets_by_their_limits() -> None:
     near = replace(oracle_problem(8), target_clearance_px=0.0)
     far = target((0.0, 0.0, 200.0), "far")
     turned = mount(
-        "interface_2", (0.0, 0.0, -145.0), bias=(0.01, 0, 0, 0, 0, 0), half_width=[np.deg2rad(0.05)] * 3 + [0] * 3
+        "connector_flange", (0.0, 0.0, -145.0), bias=(0.01, 0, 0, 0, 0, 0), half_width=[np.deg2rad(0.05)] * 3 + [0] * 3
     )
-    near = replace(near, system=replace(near.system, targets=(*near.system.targets, far), interface_2=turned))
+    near = replace(near, system=replace(near.system, targets=(*near.system.targets, far), connector_flange=turned))
     first = near.requirements[0]
     alone = starting_layouts(*given(near), 3, 3)
     for limit_mm, same in ((100.0, True), (first.limit_mm, False)):

@@ -30,7 +30,9 @@ def scene(name: str, noise_px: float, level_deg: float = 0.0, level_mm: float = 
         views.append(View(f"v{k}", read_only(projection * np.sign(depth)), noise_px, noise_px, None))
     bias = [np.deg2rad(level_deg)] * 3 + [level_mm * 1e-3 / np.sqrt(3)] * 3
     system = system_of(case["fiducials_m"], views=tuple(views), targets=(target(case["target_m"]),))
-    return replace(system, interface_1=mount("interface_1", (0, 0, 0), bias=bias), reading=READINGS[name])
+    return replace(
+        system, structure_connector=mount("structure_connector", (0, 0, 0), bias=bias), reading=READINGS[name]
+    )
 
 
 def imhof_tail(r: float, mean, covariance) -> float:

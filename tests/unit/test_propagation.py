@@ -180,9 +180,9 @@ def test_without_noise_the_bias_is_exact_for_every_layout(form):
     bias = [*np.deg2rad([1, -0.5, 2]), 2, -1, 3]
     from scenes import mount
 
-    first = mount("interface_1", (0, 0, -95), bias=bias)
+    first = mount("structure_connector", (0, 0, -95), bias=bias)
     for reading, key in ((Reading.PHYSICAL, "qhat_physical"), (Reading.EQ18, "qhat_eq18")):
-        system = cube8_system(interface_1=first, reading=reading, triangulation=form, views=with_noise(0.5))
+        system = cube8_system(structure_connector=first, reading=reading, triangulation=form, views=with_noise(0.5))
         model = linearise(system, system.targets[0])
         assert np.allclose(model.reconstructed_mm, case[key], rtol=0, atol=case["tol_mm"])
         assert np.allclose(

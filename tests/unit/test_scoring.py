@@ -37,7 +37,11 @@ DEGREES = np.deg2rad(1.0)
 
 
 def with_sources(system: System, contributor: str, **changes):
-    place = {"interface_1": "interface_1", "interface_2": "interface_2", "hand_eye": "hand_eye"}[contributor]
+    place = {
+        "structure_connector": "structure_connector",
+        "connector_flange": "connector_flange",
+        "hand_eye": "hand_eye",
+    }[contributor]
     there = getattr(system, place)
     return replace(system, **{place: replace(there, sources=replace(there.sources, **changes))})
 
@@ -67,9 +71,9 @@ def test_reference_values_of_the_cube():
 
 def test_uniform_tolerances_are_not_gaussian():
     """independent: the linear model sampled elsewhere gave 1.2889 (10^6 draws: +-0.0008 at 4 se), Gaussian 1.3574."""
-    first = mount("interface_1", (0, 0, -95), half_width=[0.25 * DEGREES] * 3 + [0.1] * 3, law=Law.UNIFORM)
-    second = mount("interface_2", (0, 0, -145), half_width=[0.15 * DEGREES] * 3 + [0.2] * 3, law=Law.UNIFORM)
-    result = score(cube8_system(interface_1=first, interface_2=second)).targets[0]
+    first = mount("structure_connector", (0, 0, -95), half_width=[0.25 * DEGREES] * 3 + [0.1] * 3, law=Law.UNIFORM)
+    second = mount("connector_flange", (0, 0, -145), half_width=[0.15 * DEGREES] * 3 + [0.2] * 3, law=Law.UNIFORM)
+    result = score(cube8_system(structure_connector=first, connector_flange=second)).targets[0]
     assert result.p95_mm == pytest.approx(1.2889, abs=8e-4)
     assert result.bounds_mm.gaussian == pytest.approx(1.3574, abs=1e-4)
 
@@ -78,7 +82,7 @@ def test_shares_add_up_and_groups_are_the_sum_of_their_components():
     rows = lines(random_system(np.random.default_rng(11)))
     groups = [row for (_, component), row in rows.items() if component == "all"]
     assert sum(row.variance_share for row in groups) == pytest.approx(1.0, rel=1e-9)
-    for name in ("interface_1", "interface_2", "hand_eye"):
+    for name in ("structure_connector", "connector_flange", "hand_eye"):
         parts = [row.variance_share for (owner, c), row in rows.items() if owner == name and c != "all"]
         assert sum(parts) == pytest.approx(rows[name, "all"].variance_share, rel=1e-9)
 
@@ -87,7 +91,7 @@ def test_marginal_p95_is_the_slope_of_re_scoring():
     """independent: central difference of P95 in the half-width of every component, all laws."""
     system = random_system(np.random.default_rng(5))
     rows = lines(system)
-    for contributor in ("interface_1", "interface_2", "hand_eye"):
+    for contributor in ("structure_connector", "connector_flange", "hand_eye"):
         sources = getattr(system, contributor).sources
         for j, name in enumerate(sources.names):
             up, down = (p95(scaled(system, contributor, j, f)) for f in (1.05, 0.95))
@@ -112,7 +116,7 @@ def test_marginal_p95_of_noise_and_beads():
 def test_p95_without_a_contributor_is_the_score_without_it():
     system = random_system(np.random.default_rng(8))
     rows = lines(system)
-    for contributor in ("interface_1", "interface_2"):
+    for contributor in ("structure_connector", "connector_flange"):
         for j, name in enumerate(getattr(system, contributor).sources.names):
             gone = p95(scaled(system, contributor, j, 0.0))
             assert rows[contributor, name].p95_without_mm == pytest.approx(gone, rel=1e-3)
@@ -123,22 +127,27 @@ def test_p95_without_a_contributor_is_the_score_without_it():
 def test_bounded_components_take_their_worst_ends():
     """independent: every vertex scored as a bias."""
     half = [0.2 * DEGREES, 0.1 * DEGREES, 0.15 * DEGREES, 0.1, 0.05, 0.08]
-    bounded = mount("interface_2", (10, -20, -145), half_width=half, law=Law.BOUNDED)
-    system = cube8_system(interface_2=bounded, interface_1=mount("interface_1", bias=[0, 0, 0, 0.1, 0.02, -0.05]))
+    bounded = mount("connector_flange", (10, -20, -145), half_width=half, law=Law.BOUNDED)
+    system = cube8_system(
+        connector_flange=bounded, structure_connector=mount("structure_connector", bias=[0, 0, 0, 0.1, 0.02, -0.05])
+    )
     result = score(system).targets[0]
     vertices = np.array(np.meshgrid(*[[-1, 1]] * 6)).reshape(6, -1).T
-    held = [p95(replace(system, interface_2=mount("interface_2", (10, -20, -145), bias=v * half))) for v in vertices]
+    held = [
+        p95(replace(system, connector_flange=mount("connector_flange", (10, -20, -145), bias=v * half)))
+        for v in vertices
+    ]
     # The vertices are finite rotations here and first order there: 0.2 deg squared times the lever, a few micrometres.
     assert result.p95_mm == pytest.approx(max(held), abs=5e-3)
     assert len(result.worst_vertex) == 6
-    assert all(name.startswith("interface_2.") for name in result.worst_vertex)
+    assert all(name.startswith("connector_flange.") for name in result.worst_vertex)
 
 
 def test_per_unit_yield_against_nested_sampling():
     """sampled: 600 units x 400 shots of the linear law; yield within 4 standard errors (1 in 16,000)."""
     rng = np.random.default_rng(21)
     system = cube8_system(
-        interface_2=mount("interface_2", (0, 0, -145), half_width=[0.1 * DEGREES] * 3 + [0.05] * 3),
+        connector_flange=mount("connector_flange", (0, 0, -145), half_width=[0.1 * DEGREES] * 3 + [0.05] * 3),
         views=with_noise(1.0),
     )
     limit = 0.75
@@ -147,7 +156,7 @@ def test_per_unit_yield_against_nested_sampling():
     from tailstack.propagation.linear import linearise
 
     model = linearise(system, system.targets[0])
-    unit = next(b for b in model.blocks if b.contributor == "interface_2")
+    unit = next(b for b in model.blocks if b.contributor == "connector_flange")
     shot = sum((b.tcp * b.std) @ (b.tcp * b.std).T for b in model.blocks if b is not unit)
     offsets = rng.standard_normal((600, 6)) * unit.std @ unit.tcp.T
     shots = rng.multivariate_normal(np.zeros(3), shot, 40_000)
@@ -168,8 +177,8 @@ def test_verdict_from_first_order_leaves_a_band_open():
 
 
 def test_per_unit_requirement_asks_for_a_yield():
-    installed = mount("interface_2", (0, 0, -145), half_width=[0.1 * DEGREES] * 3 + [0.05] * 3)
-    system = cube8_system(interface_2=installed)
+    installed = mount("connector_flange", (0, 0, -145), half_width=[0.1 * DEGREES] * 3 + [0.05] * 3)
+    system = cube8_system(connector_flange=installed)
     for limit, expected in ((3.0, "pass"), (0.2, "fail")):
         requirement = Requirement("r", "tcp", 0.95, limit, 0.95, ("target",), "per_unit", 0.9)
         verdict = score(replace(system, requirements=(requirement,))).verdict
@@ -179,18 +188,18 @@ def test_per_unit_requirement_asks_for_a_yield():
 
 def test_the_summary_per_unit_is_that_of_the_requirement_on_each_unit():
     """A tighter pooled limit beside it says nothing of units: 0.684 stood beside the check's 0.970."""
-    installed = mount("interface_2", (0, 0, -145), half_width=[0.1 * DEGREES] * 3 + [0.05] * 3)
+    installed = mount("connector_flange", (0, 0, -145), half_width=[0.1 * DEGREES] * 3 + [0.05] * 3)
     pooled = Requirement("all", "tcp", 0.95, 0.5, 0.95, ("target",))
     each = Requirement("each", "tcp", 0.99, 0.8, 0.95, ("target",), "per_unit", 0.9)
-    result = score(cube8_system(interface_2=installed, requirements=(pooled, each)))
+    result = score(cube8_system(connector_flange=installed, requirements=(pooled, each)))
     unit, check = result.targets[0].per_unit, result.verdict.checks[1]
     assert (unit.limit_mm, unit.quantile, unit.units_fraction) == (0.8, 0.99, 0.9)
     assert (unit.value_mm, unit.yield_fraction) == (check.value_mm, check.yield_fraction)
     assert 0.0 < unit.yield_fraction < 1.0
-    assert unit.p95_of_units_mm == score(cube8_system(interface_2=installed)).targets[0].per_unit.p95_of_units_mm
+    assert unit.p95_of_units_mm == score(cube8_system(connector_flange=installed)).targets[0].per_unit.p95_of_units_mm
     assert result.targets[0].limit_mm == 0.5
     # of all units together nothing is asked by a requirement on each
-    alone = score(cube8_system(interface_2=installed, requirements=(each,))).targets[0]
+    alone = score(cube8_system(connector_flange=installed, requirements=(each,))).targets[0]
     assert (alone.limit_mm, alone.exceedance_probability) == (None, None)
 
 
@@ -230,8 +239,8 @@ def test_validity_levels_are_ordered():
 
 def test_large_random_rotations_are_not_called_linear():
     """sampled: at a standard deviation of 15 deg first order is more than 1 % off (60,000 trials: 0.5 %)."""
-    turned = mount("interface_2", (0, 0, -145), half_width=[15 * DEGREES] * 3 + [0.1] * 3)
-    system = cube8_system(interface_2=turned)
+    turned = mount("connector_flange", (0, 0, -145), half_width=[15 * DEGREES] * 3 + [0.1] * 3)
+    system = cube8_system(connector_flange=turned)
     result = score(system)
     assert result.validity.status == "good to 20 %"
     assert "deg" in result.validity.statement
@@ -276,7 +285,7 @@ def test_more_of_anything_is_never_less_risk_at_zero_bias():
     assert p95(replace(system, views=with_noise(0.6))) > base
     assert p95(replace(system, execution=execution_sources(0.1, Law.UNIFORM))) > base
     assert p95(replace(system, manufacturing_half_width_mm=read_only(np.full((12, 3), 0.06)))) > base
-    for contributor in ("interface_1", "interface_2"):
+    for contributor in ("structure_connector", "connector_flange"):
         for j in range(6):
             assert p95(scaled(system, contributor, j, 1.5)) >= base * (1 - 1e-9)
 

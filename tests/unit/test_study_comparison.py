@@ -45,8 +45,8 @@ def scene() -> System:
     base = cube8_system()
     return replace(
         base,
-        interface_1=mount("interface_1", (0, 0, -95.0), half_width=HALF, law=Law.UNIFORM),
-        interface_2=mount("interface_2", (0, 0, -145.0), half_width=HALF, coverage_factor=2.0),
+        structure_connector=mount("structure_connector", (0, 0, -95.0), half_width=HALF, law=Law.UNIFORM),
+        connector_flange=mount("connector_flange", (0, 0, -145.0), half_width=HALF, coverage_factor=2.0),
         hand_eye=mount("hand_eye", half_width=HALF * [0, 0, 0, 1, 1, 1], law=Law.TRIANGULAR),
         manufacturing_half_width_mm=np.full(base.fiducials_mm.shape, 0.03),
     )
@@ -133,7 +133,7 @@ def test_a_bench_shares_what_it_shares() -> None:
     for block in plan.blocks:
         columns = z[:, block.start : block.stop].reshape(2, 12, -1)
         distinct = [len(np.unique(columns[bench], axis=0)) for bench in range(2)]
-        wanted = 1 if block.name in ONCE else 3 if block.name.startswith("interface") else 12
+        wanted = 1 if block.name in ONCE else 3 if block.name in ("structure_connector", "connector_flange") else 12
         assert distinct == [wanted, wanted], block.name
         assert not np.array_equal(columns[0], columns[1])
 
@@ -162,7 +162,7 @@ def plain_bench(system: System, rng: np.random.Generator, sizes: tuple[int, ...]
     }
     found = []
     for count in sizes:
-        mounted = {"interface_1": rng.uniform(-HALF, HALF), "interface_2": rng.normal(0, HALF / 2)}
+        mounted = {"structure_connector": rng.uniform(-HALF, HALF), "connector_flange": rng.normal(0, HALF / 2)}
         for _ in range(count):
             shot = {
                 f"{kind}_noise:{view.name}": rng.normal(0, noise, size)
@@ -227,26 +227,26 @@ def test_a_bench_as_designed_agrees() -> None:
     assert "That is not equality" in study.conclusions[1]
     one = found_in(study, "image_noise")
     assert one.intervals[0][0] < 1 < one.intervals[0][1]
-    assert found_in(study, "interface_2", "rx").declared == pytest.approx(0.1)
+    assert found_in(study, "connector_flange", "rx").declared == pytest.approx(0.1)
 
 
 def test_a_tilt_is_found_and_named() -> None:
-    """closed_form: a tilt of interface_2 by rx about (0, 0, -145) displaces the target at z = 70 by 215 mm times the
-    angle along -y; independent: the bench is the plain chain's, seed 8."""
+    """closed_form: a tilt of connector_flange by rx about (0, 0, -145) displaces the target at z = 70 by 215 mm times
+    the angle along -y; independent: the bench is the plain chain's, seed 8."""
     tilt = np.deg2rad(0.35)
-    seat = scene().interface_2
-    bent = replace(scene(), interface_2=replace(seat, bias=np.array([tilt, 0, 0, 0, 0, 0])))
+    seat = scene().connector_flange
+    bent = replace(scene(), connector_flange=replace(seat, bias=np.array([tilt, 0, 0, 0, 0, 0])))
     study = studied(scene(), plain_bench(bent, np.random.default_rng(8), (3,) * 6), (3,) * 6)
     assert study.verdict == "differs"
     level = study.levels[0]
     assert level.bias is not None
     low, high = level.bias.interval_mm[1]
     assert low < -215 * tilt < high
-    named = found_in(study, "interface_2", "rx")
+    named = found_in(study, "connector_flange", "rx")
     assert named.unit == "deg"
     assert named.intervals[0][0] < 0.35 < named.intervals[0][1]
     assert abs((named.most_plausible or 0) - 0.35) < 0.1
-    assert found_in(study, "interface_2", "ry").most_plausible is None  # it moves along x
+    assert found_in(study, "connector_flange", "ry").most_plausible is None  # it moves along x
     assert found_in(study, "image_noise").intervals == ()
     assert any("mean" in said and "outside the predicted range in y" in said for said in study.conclusions)
 
@@ -261,8 +261,10 @@ def test_loud_images_are_found_and_named() -> None:
     assert spread.interval[0] < 2 < spread.interval[1]
     named = found_in(study, "image_noise")
     assert named.intervals[0][0] < 2 < named.intervals[0][1]
-    assert all(found_in(study, name).intervals == () for name in ("interface_1", "interface_2", "hand_eye"))
-    assert "image_noise" in study.conclusions[-1]
+    assert all(
+        found_in(study, name).intervals == () for name in ("structure_connector", "connector_flange", "hand_eye")
+    )
+    assert "image noise" in study.conclusions[-1]
 
 
 def test_the_interval_of_a_factor_covers() -> None:
@@ -330,7 +332,7 @@ def test_a_narrow_value_is_not_stepped_over_in_norms() -> None:
     sigma = covariance(linearise(system, system.targets[0]), "tcp")
     errors = np.array([0, 0, 3.3]) + np.random.default_rng(21).multivariate_normal(np.zeros(3), sigma, 12)
     study = studied(system, np.linalg.norm(errors, axis=1), (12,))
-    named = found_in(study, "interface_2", "tz")
+    named = found_in(study, "connector_flange", "tz")
     assert len(named.intervals) == 2
     for (low, high), truth in zip(named.intervals, (-3.3, 3.3), strict=True):
         assert low < truth < high
@@ -339,13 +341,14 @@ def test_a_narrow_value_is_not_stepped_over_in_norms() -> None:
 
 
 def test_the_interval_of_a_value_is_that_of_its_test() -> None:
-    """closed_form: of a bench with noise alone whose mean is exactly 1 mm along z, the values v of interface_2.tz that
-    keep (1 - v)^2 (S^-1)_zz n within the 95 % quantile of chi-squared with three degrees; 999 benches: to 8 %."""
+    """closed_form: of a bench with noise alone whose mean is exactly 1 mm along z, the values v of
+    connector_flange.tz that keep (1 - v)^2 (S^-1)_zz n within the 95 % quantile of chi-squared with three degrees; 999
+    benches: to 8 %."""
     system = cube8_system()
     sigma = covariance(linearise(system, system.targets[0]), "tcp")
     errors = np.random.default_rng(24).multivariate_normal(np.zeros(3), sigma, 10)
     errors += np.array([0, 0, 1.0]) - errors.mean(axis=0)
-    named = found_in(studied(system, errors, (10,)), "interface_2", "tz")
+    named = found_in(studied(system, errors, (10,)), "connector_flange", "tz")
     half = np.sqrt(chi2(3).ppf(0.95) / (10 * np.linalg.inv(sigma)[2, 2]))
     ((low, high),) = named.intervals
     assert (low + high) / 2 == pytest.approx(1.0, abs=1e-3)
@@ -393,7 +396,7 @@ def test_bounded_components_are_given_the_benefit_of_the_doubt() -> None:
     """closed_form: a bounded seat of +-1 mm along z.  A mean at its end is no difference, one 1 mm beyond it is; norms
     cannot be held against it."""
     half = np.array([0, 0, 0, 0, 0, 1.0])
-    system = cube8_system(interface_2=mount("interface_2", (0, 0, -145.0), half_width=half, law=Law.BOUNDED))
+    system = cube8_system(connector_flange=mount("connector_flange", (0, 0, -145.0), half_width=half, law=Law.BOUNDED))
     noise = np.random.default_rng(13).normal(0, 0.09, (12, 3))
     for shift, differs in ((1.0, False), (-1.0, False), (2.0, True)):
         study = studied(system, noise + np.array([0, 0, shift]), (12,))
@@ -404,12 +407,14 @@ def test_bounded_components_are_given_the_benefit_of_the_doubt() -> None:
 
 def test_norms_say_less_and_say_so() -> None:
     """The sign of a component is not in a norm: its plausible values lie on both sides of zero."""
-    bent = replace(scene(), interface_2=replace(scene().interface_2, bias=np.array([np.deg2rad(0.5), 0, 0, 0, 0, 0])))
+    bent = replace(
+        scene(), connector_flange=replace(scene().connector_flange, bias=np.array([np.deg2rad(0.5), 0, 0, 0, 0, 0]))
+    )
     norms = np.linalg.norm(plain_bench(bent, np.random.default_rng(14), (12,)), axis=1)
     study = studied(scene(), norms, (12,))
     assert study.verdict == "differs"
     assert study.levels[0].bias is None
-    named = found_in(study, "interface_2", "rx")
+    named = found_in(study, "connector_flange", "rx")
     assert len(named.intervals) == 2
     assert any(low <= 0.5 <= high for low, high in named.intervals)
     assert any(low <= -0.5 <= high for low, high in named.intervals)

@@ -92,7 +92,7 @@ def test_gain_at_the_biased_geometry_is_the_plain_chain_s(cube: StudyCoupling) -
     """independent: 2000 trials of the plain SVD chain on the same noise with and without the level.  A trial's ratio
     spreads by 4 %, so theirs is good to 0.35 % (4 sigma); known: -1.7 % at 2 deg + 5 mm, -5 % at 10 deg + 20 mm."""
     system = cube8_system()
-    moved = replace(system, interface_1=mount("interface_1", PIVOT, bias=level_torsor(LEVEL)))
+    moved = replace(system, structure_connector=mount("structure_connector", PIVOT, bias=level_torsor(LEVEL)))
     rng = np.random.default_rng(11)
     squares = np.zeros(2)
     still = reference_chain.run(moved, moved.targets[0], {})["localisation"]
@@ -131,7 +131,7 @@ def test_declared_laws_are_sampled_as_declared() -> None:
     sampled: 0.4 % is 3 sigma of P95 at 32,768 trials (density 1 / h)."""
     half = np.zeros(6)
     half[3] = 0.3
-    system = cube8_system(interface_1=mount("interface_1", PIVOT, half_width=half, law=Law.UNIFORM))
+    system = cube8_system(structure_connector=mount("structure_connector", PIVOT, half_width=half, law=Law.UNIFORM))
     quiet = replace(system, views=tuple(replace(v, fiducial_noise_px=1e-4, target_noise_px=1e-4) for v in system.views))
     study = study_coupling(quiet, levels=(), trials=2**15)
     assert {case.reading for case in study.cases} == {"physical", "eq18"}
@@ -145,8 +145,8 @@ def test_bounded_components_stand_at_their_worst_end() -> None:
     """closed_form: a bias of 0.2 mm and a bounded 0.3 mm along it make 0.5 mm (within the noise of 1e-4 px)."""
     half, bias = np.zeros(6), np.zeros(6)
     half[5], bias[5] = 0.3, 0.2
-    seat = mount("interface_1", PIVOT, bias=bias, half_width=half, law=Law.BOUNDED)
-    system = cube8_system(interface_1=seat)
+    seat = mount("structure_connector", PIVOT, bias=bias, half_width=half, law=Law.BOUNDED)
+    system = cube8_system(structure_connector=seat)
     quiet = replace(system, views=tuple(replace(v, fiducial_noise_px=1e-4, target_noise_px=1e-4) for v in system.views))
     study = study_coupling(quiet, levels=((0.0, 1.0),), trials=2**13)
     designed, moved = (case_of(study, "physical", degrees) for degrees in (None, 0.0))

@@ -56,8 +56,8 @@ def test_ratio_against_plain_monte_carlo(noise_px: float):
 @pytest.mark.parametrize(("rotation_deg", "ratio"), [(1.0, 1.0008), (2.0, 1.0020), (5.0, 1.0054)])
 def test_ratio_over_random_rotations_of_both_interfaces(rotation_deg: float, ratio: float):
     """independent: random rotations of 1, 2 and 5 deg give 1.0008, 1.0020 and 1.0054."""
-    second = mount("interface_2", (0, 0, -145), half_width=[radians(rotation_deg)] * 3 + [0] * 3)
-    point = examined(cube8_system(interface_2=second), 0, "tcp", Place(0.5, rotation_deg, 1.0, 8), TRIALS, 2)
+    second = mount("connector_flange", (0, 0, -145), half_width=[radians(rotation_deg)] * 3 + [0] * 3)
+    point = examined(cube8_system(connector_flange=second), 0, "tcp", Place(0.5, rotation_deg, 1.0, 8), TRIALS, 2)
     assert point.ratio == pytest.approx(ratio, abs=0.0015)
 
 
@@ -131,18 +131,20 @@ def test_second_order_of_the_papers_scenario():
 def test_what_a_point_changes_and_what_it_leaves():
     """closed form: distances scale with the spread, rotations get their standard deviation, translations stay."""
     half = [radians(0.3)] * 3 + [0.4] * 3
-    system = cube8_system(interface_1=mount("interface_1", (0, 0, -95), half_width=half, law=Law.UNIFORM))
+    system = cube8_system(
+        structure_connector=mount("structure_connector", (0, 0, -95), half_width=half, law=Law.UNIFORM)
+    )
     here = changed(system, Place(2.0, 1.5, 0.5, 6))
     assert len(here.fiducials_mm) == len(here.fiducial_labels) == 6
     centre = system.fiducials_mm.mean(axis=0)
     kept = np.sort(far_apart(system.fiducials_mm)[:6])
     assert here.fiducials_mm - centre == pytest.approx(0.5 * (system.fiducials_mm[kept] - centre))
     assert {view.fiducial_noise_px for view in here.views} == {view.target_noise_px for view in here.views} == {2.0}
-    sources = here.interface_1.sources
+    sources = here.structure_connector.sources
     assert sources.names == ("rx", "ry", "rz", "tx", "ty", "tz")
     assert sources.laws == (Law.NORMAL,) * 3 + (Law.UNIFORM,) * 3
     assert sources.std == pytest.approx([radians(1.5)] * 3 + [0.4 / 3**0.5] * 3)
-    still = changed(system, Place(2.0, 0.0, 1.0, 8)).interface_1.sources
+    still = changed(system, Place(2.0, 0.0, 1.0, 8)).structure_connector.sources
     assert still.names == ("tx", "ty", "tz")
     assert still.direction == pytest.approx(np.eye(6)[:, 3:])
 
@@ -187,10 +189,12 @@ def test_a_locator_keeps_its_shift_and_loses_its_turn():
     """closed form: a source along (rx, ty) leaves ty at the pivot, one that only turns leaves nothing."""
     both = np.array([[1e-3, 0, 0, 0, 1, 0], [0, 0, 1e-3, 0, 0, 0], [0, 0, 0, 0, 0, 1.0]]).T
     sources = Sources(("A1", "A2", "A3"), (Law.UNIFORM,) * 3, np.full(3, 0.3), np.ones(3), ("mm",) * 3, both)
-    first = cube8_system().interface_1
+    first = cube8_system().structure_connector
     for rotation_deg, names in ((0.0, ("A1", "A3")), (2.0, ("rx", "ry", "rz", "A1", "A3"))):
-        here = changed(cube8_system(interface_1=replace(first, sources=sources)), Place(1.0, rotation_deg, 1.0, 8))
-        kept = here.interface_1.sources
+        here = changed(
+            cube8_system(structure_connector=replace(first, sources=sources)), Place(1.0, rotation_deg, 1.0, 8)
+        )
+        kept = here.structure_connector.sources
         assert kept.names == names
         assert kept.direction[:, -2:] == pytest.approx(np.eye(6)[:, [4, 5]])
         assert kept.std[-2:] == pytest.approx([0.3 / 3**0.5] * 2)
@@ -229,10 +233,10 @@ def test_what_is_bounded_and_what_risk_is_read_are_said():
     said = study_linearity(cube8_system(), **free).varied
     assert "pooled" in said
     assert "bounded" not in said
-    second = mount("interface_2", (0, 0, -145), half_width=[0] * 3 + [0.2] * 3, law=Law.BOUNDED)
+    second = mount("connector_flange", (0, 0, -145), half_width=[0] * 3 + [0.2] * 3, law=Law.BOUNDED)
     assert (
         "bounded components stand where they are worst"
-        in study_linearity(cube8_system(interface_2=second), **free).varied
+        in study_linearity(cube8_system(connector_flange=second), **free).varied
     )
 
 

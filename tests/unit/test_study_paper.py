@@ -54,7 +54,10 @@ def oracle_system(name: str):
         projection *= np.sign(depths(projection, fiducials).mean())
         views.append(View(f"v{k + 1}", read_only(projection), 1.0, 1.0, None))
     system = system_of(
-        fiducials, views=tuple(views), targets=(target(aim),), interface_1=mount("interface_1", DEPTHLESS)
+        fiducials,
+        views=tuple(views),
+        targets=(target(aim),),
+        structure_connector=mount("structure_connector", DEPTHLESS),
     )
     return replace(system, reading=READINGS[name])
 
@@ -253,7 +256,7 @@ def test_levels_of_s4_move_the_target_rigidly_and_leave_no_residual(reading: Rea
     system = cube8_system(reading=reading)
     rows = level_ratios(system, 0, dict(zip(LEVELS, (0.1, 0.2, 0.3), strict=True)))
     assert [row.level for row in rows] == list(LEVELS)
-    q, pivot = system.targets[0].position_mm, system.interface_1.pivot_mm
+    q, pivot = system.targets[0].position_mm, system.structure_connector.pivot_mm
     for row in rows:
         turn = rotation(np.full(3, radians(row.rotation_deg)), RotationForm.FULL)
         shift = np.full(3, row.translation_mm / sqrt(3))
@@ -393,9 +396,11 @@ def test_what_the_design_has_of_its_own_errors_stays_out():
     design = load_design(ROOT / "examples" / "demo.yaml")
     loud = compile_design(design)
     quiet = replace(
-        loud, interface_1=replace(loud.interface_1, bias=read_only(np.zeros(6))), manufacturing_half_width_mm=read_only(
-            np.zeros_like(loud.fiducials_mm)), requirements=(),
-    )  # fmt: skip
+        loud,
+        structure_connector=replace(loud.structure_connector, bias=read_only(np.zeros(6))),
+        manufacturing_half_width_mm=read_only(np.zeros_like(loud.fiducials_mm)),
+        requirements=(),
+    )
     found = [paper_study([Case(one, False)], trials=40_000).geometries[0] for one in (loud, quiet)]
     assert [cell.value_mm for cell in found[0].cells] == [cell.value_mm for cell in found[1].cells]
     at_rest = next(cell for cell in found[0].cells if cell.row == "L2, 0 px")

@@ -91,7 +91,7 @@ def test_where_first_order_breaks_the_check_says_which_way(fiducials, aim, noise
 
 def test_bounded_components_stand_at_the_worst_vertex():
     half = [0.003, 0.002, 0.001, 0.1, 0.1, 0.1]
-    system = cube8_system(interface_2=mount("interface_2", (0, 0, -145), half_width=half, law=Law.BOUNDED))
+    system = cube8_system(connector_flange=mount("connector_flange", (0, 0, -145), half_width=half, law=Law.BOUNDED))
     first, check = score(system).targets[0], verify(system, trials=60_000, seed=9).targets[0]
     assert np.linalg.norm(check.bias_mm) > 0.5
     assert check.p95_mm == pytest.approx(first.p95_mm, rel=0.01)
@@ -106,7 +106,7 @@ def test_the_worse_of_two_opposite_ends_is_reported_whichever_it_is(aim, bias_mm
     worse, and which one it is changes with the side on which the target lies."""
     half = np.array([0.05, 0.04, 0.03, 0.5])
     pivot, aimed = np.array([0.0, 0.0, -145.0]), np.array(aim, dtype=float)
-    second = mount("interface_2", pivot, bias=(0, 0, 0, bias_mm, 0, 0), half_width=(*half, 0, 0), law=Law.BOUNDED)
+    second = mount("connector_flange", pivot, bias=(0, 0, 0, bias_mm, 0, 0), half_width=(*half, 0, 0), law=Law.BOUNDED)
 
     def displacement(ends):
         rx, ry, rz, tx = half * ends
@@ -118,7 +118,7 @@ def test_the_worse_of_two_opposite_ends_is_reported_whichever_it_is(aim, bias_mm
     assert sizes[tuple(-end for end in worst)] < 0.995 * sizes[worst]
     limit = 0.998 * sizes[worst]
     system = cube8_system(
-        views=with_noise(0.01), targets=(target(aim),), interface_2=second,
+        views=with_noise(0.01), targets=(target(aim),), connector_flange=second,
         requirements=(requirement(limit, risk="per_unit", min_yield=0.5), requirement(limit)),
     )  # fmt: skip
     check = verify(system, trials=4000, seed=9)
@@ -130,8 +130,8 @@ def test_the_worse_of_two_opposite_ends_is_reported_whichever_it_is(aim, bias_mm
 
 def test_bounded_components_by_radial_and_by_plain_sampling_agree():
     """sampled: two 95 % intervals fail to overlap in fewer than 1 of 150 seeds."""
-    ends = mount("interface_2", (0, 0, -145), half_width=[0.03, 0.02, 0.01, 0.1, 0.1, 0.1], law=Law.BOUNDED)
-    system = cube8_system(interface_2=ends)
+    ends = mount("connector_flange", (0, 0, -145), half_width=[0.03, 0.02, 0.01, 0.1, 0.1, 0.1], law=Law.BOUNDED)
+    system = cube8_system(connector_flange=ends)
     plain, ray = verify(system, trials=40_000, seed=5), verify(system, trials=1000, seed=6, method="radial")
     assert ray.targets[0].p95_interval_mm[0] < plain.targets[0].p95_interval_mm[1]
     assert plain.targets[0].p95_interval_mm[0] < ray.targets[0].p95_interval_mm[1]
@@ -166,8 +166,8 @@ def test_a_radial_check_reaches_the_precision_that_was_asked_for():
 
 def test_per_unit_yield_by_nested_sampling_agrees_with_the_score():
     """sampled: 2048 units; 4 standard errors (1 in 16,000)."""
-    installed = mount("interface_2", (0, 0, -145), half_width=[0.002] * 3 + [0.05] * 3)
-    system = cube8_system(interface_2=installed, views=with_noise(1.0))
+    installed = mount("connector_flange", (0, 0, -145), half_width=[0.002] * 3 + [0.05] * 3)
+    system = cube8_system(connector_flange=installed, views=with_noise(1.0))
     middle = score(system).targets[0].p95_mm * 0.85
     system = replace(system, requirements=(requirement(middle, risk="per_unit", min_yield=0.5),))
     expected = score(system).verdict.checks[0].yield_fraction

@@ -10,7 +10,6 @@ from math import dist
 
 from tailstack.design import Design
 from tailstack.design.document import Interface, Tolerances
-from tailstack.design.write import FIELD
 from tailstack.results import Score, headline_of
 
 from ..rendering.score import shares_of
@@ -124,7 +123,7 @@ def name_largest_share(score: Score, target: str, error: str) -> str:
     first, share = shares[0]
     component = "" if first.component == "all" else f".{first.component}"
     width = "" if first.half_width is None else f" (half-width {first.half_width:.3g} {first.unit})"
-    return f"{FIELD.get(first.name, first.name)}{component}{width}, {share:.0%} of the variance"
+    return f"{first.name}{component}{width}, {share:.0%} of the variance"
 
 
 WEAKNESSES = ("flat-structure", "weak-resection", "small-parallax")

@@ -52,7 +52,7 @@ def _join_name(prefix: str, file: str) -> str:
     return normpath(f"{prefix}/{file}")
 
 
-def fingerprint_findings(findings: Iterable[GateFinding]) -> list[str]:
+def fingerfingerprintfindings(findings: Iterable[GateFinding]) -> list[str]:
     """One for each finding: the same for the same rule at the same place of the same document, whatever line or value
     it has today.  Several findings of a rule at one place are told apart by their order."""
     seen: Counter[tuple[str, ...]] = Counter()
@@ -98,7 +98,7 @@ def render_sarif(record: GateRecord) -> str:
         "invocations": [{"executionSuccessful": record.verdict != "not evaluated", "exitCode": record.exit_code}],
         "results": [
             _write_sarif_result(finding, order[finding.rule], fingerprint)
-            for finding, fingerprint in zip(record.findings, fingerprint_findings(record.findings), strict=True)
+            for finding, fingerprint in zip(record.findings, fingerfingerprintfindings(record.findings), strict=True)
         ],
         "properties": {
             "verdict": record.verdict,
@@ -165,7 +165,7 @@ def render_gitlab(record: GateRecord) -> str:
     """A list of findings, [] where there are none."""
     reported = [
         _write_gitlab_issue(record, finding, fingerprint)
-        for finding, fingerprint in zip(record.findings, fingerprint_findings(record.findings), strict=True)
+        for finding, fingerprint in zip(record.findings, fingerfingerprintfindings(record.findings), strict=True)
         if finding.suppressed_by is None
     ]
     return write_json(reported, indent=2) + "\n"

@@ -99,12 +99,12 @@ def marks_of(system: System, before: System | None) -> list[Mark]:
     for pivot, mount, previous in zip(kinds, _mounts(system), _mounts(before or system), strict=True):
         if turns(mount):
             was = _moved_from(previous.pivot_mm, mount.pivot_mm)
-            marks.append(Mark(pivot, f"{pivot}, {mount.label or mount.name}", pivot, mount.pivot_mm, was))
+            marks.append(Mark(pivot, f"{pivot}, {mount.title}", pivot, mount.pivot_mm, was))
     return marks
 
 
 def _mounts(system: System) -> tuple[Mount, Mount]:
-    return system.interface_1, system.interface_2
+    return system.structure_connector, system.connector_flange
 
 
 def _moved_from(was: Array | None, now: Array) -> Array | None:
@@ -347,7 +347,7 @@ def _legend(after: System) -> list[str]:
     kinds: tuple[Kind, Kind] = ("pivot 1", "pivot 2")
     for kind, mount in zip(kinds, _mounts(after), strict=True):
         if turns(mount):
-            words = f"{kind}: {printable(mount.label or mount.name, 60)}"
+            words = f"{kind}: {printable(mount.title, 60)}"
             parts += [shape(kind, x, y), text(x + 12, y + 4, words)]
             x += 40 + 6.2 * len(words)
     return parts

@@ -3,15 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 from tailstack.results import Contributor, MetricScore, Score, TargetScore, ViewCheck
+from tailstack.system import INTERFACES
 
 from .tables import WIDTH, coloured, fixed, number, percent, table, wrapped
 from .verdict import heading, joined, provenance_text, verdict_text
 
 SMALL_SHARE = 5e-4  # components below 0.05 % of the variance are summed into one line of the table
 
-BEHIND_LOCALISATION = ("interface_2", "hand_eye", "execution")  # contributors that act on the TCP error alone
+BEHIND_LOCALISATION = ("connector_flange", "hand_eye", "execution")  # contributors that act on the TCP error alone
+
+
+class Line(Protocol):
+    """What is said of one line of a budget, wherever it stands."""
+
+    @property
+    def label(self) -> str: ...
+    @property
+    def component(self) -> str: ...
+
+
+def source_name(line: Line) -> str:
+    """A line of the budget as people call it: the label of its source and the component."""
+    return line.label if line.component == "all" else f"{line.label} {line.component}"
 
 
 def score_text(score: Score, *, target: str | None = None, colour: bool = False) -> str:
@@ -35,7 +51,7 @@ def worst_target(score: Score) -> TargetScore:
 
 
 def targets_text(targets: Sequence[TargetScore]) -> str:
-    """Two rows per target: error at the tool, and of the located target before the second interface."""
+    """Two rows per target: error at the tool, and of the located target before the error of connector_flange."""
     rows = []
     for target in targets:
         rows.append(_metric_row(target.name, target))
@@ -88,7 +104,7 @@ def budget_text(target: TargetScore, targets: int = 1, colour: bool = False) -> 
     title = coloured(f"Budget at target {target.name}", "bold", colour) + f", P95 {target.p95_mm:.4f} mm{note}"
     rows: list[tuple[str, ...]] = []
     for total, components in grouped(target.contributors):
-        rows.append(_line(total, total.name if not components else f"{total.name}, all {len(components)}"))
+        rows.append(_line(total, heading_of(total) + (f", all {len(components)}" if components else "")))
         kept = [entry for entry in components if entry.variance_share >= SMALL_SHARE or _moves(entry)]
         rows += [_line(entry, f"  {entry.component}") for entry in kept]
         dropped = len(components) - len(kept)
@@ -103,6 +119,12 @@ def budget_text(target: TargetScore, targets: int = 1, colour: bool = False) -> 
     if target.worst_vertex:
         parts.append(wrapped(", ".join(target.worst_vertex), first="bounded, at their worst: ", indent="  "))
     return "\n".join(parts)
+
+
+def heading_of(total: Contributor) -> str:
+    """A source by its label, and of an interface also by the name that it has in the design document."""
+    named = total.name in INTERFACES and total.label != total.name
+    return f"{total.label} ({total.name})" if named else total.label
 
 
 def _moves(entry: Contributor) -> bool:
@@ -138,8 +160,8 @@ def shares_of(target: TargetScore, error: str) -> list[tuple[Contributor, float]
     """Single lines with their shares of the variance of ``error`` (tcp or localisation), largest share first.
 
     The budget is of the TCP error.  Only rigid motions lie between the target as localised and the tool: they keep the
-    trace of a covariance, so what acts before them adds the same mm^2 to both errors, and what acts behind them (the
-    second interface, hand-eye, execution) adds nothing to the error of localisation.
+    trace of a covariance, so what acts before them adds the same mm^2 to both errors, and what acts behind them
+    (connector_flange, hand-eye, execution) adds nothing to the error of localisation.
     """
     lines = single_lines(target.contributors)
     if error == "tcp":

@@ -15,7 +15,7 @@ from ..problems import RequestError
 from ..rendering.verdict import urgency
 from .assembling import ReportOptions, assemble, drawing_options, drawn_norms
 from .changes import changes_of
-from .headline import contributor_name, decisive_check, verdict_sentence
+from .headline import decisive_check, verdict_sentence
 from .paired import FEWEST, SECTIONS, paired_difference
 from .records import Comparison, ComparisonHeadline, Difference, Report
 
@@ -214,11 +214,18 @@ def _budget(first: Report, second: Report, target: str) -> list[str]:
     if abs(moved[name]) <= SAME:
         return []
     way = "less" if moved[name] < 0 else "more"
+    label = _label(second, name) or _label(first, name)
     was, now = (values.get(name, 0.0) ** 0.5 for values in (before, after))
     return [
-        f"What changed most is {contributor_name(name)}: {way} spread at {target}, {was:.3f} mm in the first and "
+        f"What changed most is {label}: {way} spread at {target}, {was:.3f} mm in the first and "
         f"{now:.3f} mm in the second design (standard deviation, first order)."
     ]
+
+
+def _label(report: Report, contributor: str) -> str:
+    """What a design calls a contributor; "" where its budget has no line of it."""
+    lines = (line for target in report.score.targets for line in target.contributors)
+    return next((line.label for line in lines if line.name == contributor), "")
 
 
 def _variances(report: Report, name: str) -> dict[str, float]:

@@ -9,12 +9,11 @@ from tailstack.results import Check, Contributor, Finding, Optimisation, Score, 
 from tailstack.results import headline_of as words
 from tailstack.scoring import P95
 
-from ..rendering.score import shares_of
+from ..rendering.score import shares_of, source_name
 from ..rendering.verdict import urgency
 from .records import Headline
 
 STATED = ("requirement-failed", "requirement-inconclusive")  # findings that repeat the verdict
-IN_DOCUMENT = {"interface_1": "structure–connector", "interface_2": "connector–flange"}
 
 
 def headline_of(score: Score, verification: Verification | None, optimisation: Optimisation | None = None) -> Headline:
@@ -120,7 +119,7 @@ def _dominant(line: Contributor, share: float, target: TargetScore, error: str) 
     if error != "tcp":
         return (
             f"The largest contributor to the error of localisation at {target.name} is {named(line)}, with {share:.0%} "
-            "of its variance (first order); what acts behind it (second interface, hand-eye, execution) does not count."
+            "of its variance (first order); what acts behind it (connector_flange, hand-eye, execution) does not count."
         )
     return (
         f"The largest contributor is {named(line)}, with {line.variance_share:.0%} of the variance; were it perfect, "
@@ -177,14 +176,8 @@ def _caution(score: Score, verification: Verification | None) -> str:
     )
 
 
-def contributor_name(name: str) -> str:
-    """A contributor as the design document calls it."""
-    return IN_DOCUMENT.get(name, name).replace("_", " ").replace(":", ", ")
-
-
 def named(line: Contributor) -> str:
     """A line of the budget in words, with its half-width."""
-    component = "" if line.component == "all" else f" {line.component}"
     sign = "σ" if line.unit == "px" else "±"  # image noise has a standard deviation, no half-width
     width = "" if line.half_width is None else f" ({sign} {line.half_width:.3g} {line.unit})"
-    return contributor_name(line.name) + component + width
+    return source_name(line) + width

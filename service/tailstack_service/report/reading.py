@@ -15,6 +15,7 @@ from tailstack.design.loading import read_source
 from tailstack.design.reading import Limits, Source, shown
 from tailstack.design.refusals import escape, place, refuse
 from tailstack.errors import DesignError, LimitError, Problem
+from tailstack.results.older import in_words_of_today
 
 from ..documents import from_plain, plain, to_json
 from ..gate.reading import LIMITS
@@ -57,12 +58,13 @@ def result_of(source: Source, schema: str, file: str, limits: Limits = LIMITS) -
             "/schema", "unsupported-schema", f"no report is made of {shown(schema)}", f"results: {', '.join(CHAPTERS)}"
         )
         raise RequestError(_in_file(place(problem, source), file))
+    data = in_words_of_today(source.data)
     try:
-        record = from_plain(kind, source.data)
+        record = from_plain(kind, data)
     except ValidationError as error:
         refused = refuse(error, source, limits, BaseModel)
         raise RequestError([_in_file(_of_result(problem, schema), file) for problem in refused.problems]) from None
-    stray = next(chain(_strays(source.data, plain(record), ""), _gaps(source.data, "")), None)
+    stray = next(chain(_strays(data, plain(record), ""), _gaps(data, "")), None)
     if stray is not None:
         raise RequestError(_in_file(place(_of_result(stray, schema), source.placed()), file))
     try:

@@ -100,7 +100,7 @@ class Allowance:
     target: str
     """Name of the target."""
     contributor: str
-    """Source of error: interface_1, fiducial_manufacturing, ..."""
+    """Source of error: structure_connector, fiducial_manufacturing, ..."""
     component: str
     """Its component; all for a line of sources that are alike."""
     unit: str
@@ -126,6 +126,8 @@ class Allowance:
     """Lower bound in the optimise section, in `unit`; null: none."""
     largest: float | None
     """Upper bound in the optimise section, in `unit`; null: none."""
+    label: str = ""
+    """What people call the source: the label that the design gives an interface, otherwise its name or words for it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -67,6 +67,7 @@ def allowances(
                 cost=None if price is None else price.cost,
                 smallest=None if price is None else price.smallest,
                 largest=None if price is None else price.largest,
+                label=block.label,
             )
         )
     return tuple(found)
@@ -141,7 +142,7 @@ def prices(design: Design, system: System) -> dict[tuple[str, str], Priced]:
     from tailstack.optimisation.request import read_request
 
     free_widths = read_request(design).problem.half_widths
-    mounts = {mount.name: mount for mount in (system.interface_1, system.interface_2)}
+    mounts = {mount.name: mount for mount in system.interfaces}
     found = {}
     for free in free_widths:
         sources = mounts[free.contributor].sources

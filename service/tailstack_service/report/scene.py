@@ -191,7 +191,7 @@ MOST_DROPS = 60  # lines down to the floor; more would be a curtain
 
 def structure_points(system: System) -> Array:
     """(M, 3) mm: fiducials, targets, and pivots that turn."""
-    pivots = [mount.pivot_mm for mount in (system.interface_1, system.interface_2) if turns(mount)]
+    pivots = [mount.pivot_mm for mount in system.interfaces if turns(mount)]
     return np.vstack(
         [system.fiducials_mm, [target.position_mm for target in system.targets], *([pivots] if pivots else [])]
     )
@@ -262,13 +262,13 @@ def mounts(design: Design, system: System, old: System | None, length: float) ->
     interfaces = design.document.interfaces
     items = []
     mounts = (
-        ("pivot 1", system.interface_1, interfaces.structure_connector, old and old.interface_1),
-        ("pivot 2", system.interface_2, interfaces.connector_flange, old and old.interface_2),
+        ("pivot 1", system.structure_connector, interfaces.structure_connector, old and old.structure_connector),
+        ("pivot 2", system.connector_flange, interfaces.connector_flange, old and old.connector_flange),
     )
     for name, mount, document, was in mounts:
         if not turns(mount):
             continue
-        title = f"{name}, {printable(mount.label or mount.name, 60)}: {place_in_words(mount.pivot_mm)}"
+        title = f"{name}, {printable(mount.title, 60)}: {place_in_words(mount.pivot_mm)}"
         items.append(Item("mark", "pivots", name, (point(mount.pivot_mm),), name, title))
         if was and differ(was.pivot_mm, mount.pivot_mm):
             items.append(Item("line", "before", "moved", points_of([was.pivot_mm, mount.pivot_mm])))

@@ -8,8 +8,6 @@ from .loading import Design, load_design
 from .presets import list_presets
 from .reading import DEFAULT_LIMITS, Limits
 from .write import (
-    CONTRIBUTOR,
-    FIELD,
     Conversion,
     Revision,
     convert,
@@ -21,9 +19,7 @@ from .write import (
 )
 
 __all__ = [
-    "CONTRIBUTOR",
     "DEFAULT_LIMITS",
-    "FIELD",
     "Conversion",
     "Design",
     "Limits",

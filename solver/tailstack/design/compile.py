@@ -5,7 +5,6 @@ Presets of views are filled in, poses are read, and the rounding of written rota
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import chain, product
 from math import radians
 from typing import Any
@@ -90,8 +89,8 @@ def _compile(design: Design) -> System:
         manufacturing_law=Law.NORMAL if made is None else Law(made.distribution),
         manufacturing_half_width_mm=frozen(half_width),
         manufacturing_coverage_factor=1.0 if made is None else _coverage(made.distribution, made.coverage_factor),
-        interface_1=_interface(document.interfaces.structure_connector, "interface_1", "structure_connector"),
-        interface_2=_interface(document.interfaces.connector_flange, "interface_2", "connector_flange"),
+        structure_connector=_interface(document.interfaces.structure_connector, "structure_connector"),
+        connector_flange=_interface(document.interfaces.connector_flange, "connector_flange"),
         T_flange_con=compile_transform(transforms.T_flange_con, "/transforms/T_flange_con", notes),
         T_tcp_flange=compile_transform(transforms.T_tcp_flange, "/transforms/T_tcp_flange", notes),
         hand_eye=_hand_eye(document.execution.hand_eye),
@@ -120,9 +119,9 @@ def _coverage(distribution: str, factor: float | None) -> float:
 
 
 @kept
-def _interface(interface: Interface | None, name: str, field: str) -> Mount:
+def _interface(interface: Interface | None, name: str) -> Mount:
     if interface is None:
-        return replace(_perfect(name), label=field.replace("_", "-"))
+        return _perfect(name)
     pivot = frozen(interface.pivot_mm)
     sources = no_sources(6)
     if interface.tolerances is not None:
@@ -133,7 +132,7 @@ def _interface(interface: Interface | None, name: str, field: str) -> Mount:
             np.array([locator.position_mm for locator in held]),
             np.array([locator.normal for locator in held]),
             pivot,
-            f"/interfaces/{field}/locators",
+            f"/interfaces/{name}/locators",
         )
         sources = Sources(
             tuple(locator.name for locator in held),
@@ -143,7 +142,7 @@ def _interface(interface: Interface | None, name: str, field: str) -> Mount:
             ("mm",) * 6,
             frozen(direction),
         )
-    return Mount(name, pivot, _bias(interface.bias), sources, interface.label or field.replace("_", "-"))
+    return Mount(name, pivot, _bias(interface.bias), sources, interface.label)
 
 
 @kept

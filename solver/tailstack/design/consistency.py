@@ -9,6 +9,7 @@ import difflib
 from collections.abc import Callable, Sequence
 
 from ..errors import Problem
+from ..system import INTERFACES
 from .document import Box, DesignDocument, Interface, PresetView, TargetDocument
 from .fiducial_files import FiducialList
 from .presets import PRESETS
@@ -107,7 +108,6 @@ def _preset(view: PresetView, pointer: str) -> list[Problem]:
     return problems
 
 
-INTERFACES = ("structure_connector", "connector_flange")
 ROTATIONS, TRANSLATIONS = ("rx", "ry", "rz"), ("tx", "ty", "tz")
 
 

@@ -89,22 +89,16 @@ def data_to_yaml(data: Any) -> str:
     return text
 
 
-CONTRIBUTOR = {"structure_connector": "interface_1", "connector_flange": "interface_2"}
-
-
-FIELD = {contributor: name for name, contributor in CONTRIBUTOR.items()}
-
-
 ROTATIONS = ("rx", "ry", "rz")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Revision:
-    """What to change.  Contributors are "interface_1" and "interface_2"; half-widths in rad or mm."""
+    """What to change: interfaces as the document calls them, half-widths in rad or mm."""
 
     labels: Sequence[str] | None = None  # of fiducials_mm; None: those of the design
     fiducials_mm: Array | None = None  # (N, 3) con; None: they stay
-    half_width: Mapping[tuple[str, str], float] = field(default_factory=dict)  # (contributor, component or locator)
+    half_width: Mapping[tuple[str, str], float] = field(default_factory=dict)  # (interface, component or locator)
     pivot_mm: Mapping[str, Array] = field(default_factory=dict)  # (3,) con
     locator_scale: Mapping[str, float] = field(default_factory=dict)  # about the locators' centre
 
@@ -128,11 +122,11 @@ def revise_design(design: Design, change: Revision, limits: Limits = DEFAULT_LIM
             data["fiducials"]["origin"]["changed"] = True
         _forget_missing_labels(data, set(labels))
     for (contributor, component), value in change.half_width.items():
-        _set_half_width(data["interfaces"][FIELD[contributor]], component, float(value))
+        _set_half_width(data["interfaces"][contributor], component, float(value))
     for contributor, position in change.pivot_mm.items():
-        data["interfaces"][FIELD[contributor]]["pivot_mm"] = [float(value) for value in position]
+        data["interfaces"][contributor]["pivot_mm"] = [float(value) for value in position]
     for contributor, scale in change.locator_scale.items():
-        locators = data["interfaces"][FIELD[contributor]]["locators"]
+        locators = data["interfaces"][contributor]["locators"]
         positions = np.array([locator["position_mm"] for locator in locators], dtype=float)
         centre = positions.mean(axis=0)
         for locator, position in zip(locators, centre + scale * (positions - centre), strict=True):

@@ -272,7 +272,7 @@ def imaged_fiducials(system: System) -> Array:
     """Where the fiducials stand when they are imaged: (N, 3) mm, con (conventions, *two readings*)."""
     if system.reading is Reading.EQ18:
         return system.fiducials_mm
-    mount = system.interface_1
+    mount = system.structure_connector
     at = displacement(mount.bias, mount.pivot_mm, system.rotation_form)
     return np.asarray(system.fiducials_mm @ at.rotation.T + at.shift_mm)
 

@@ -145,7 +145,7 @@ def errors_by_svd(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
         true = points + tables.spread * z[:, start : start + 3 * count].reshape(trials, count, 3)
 
     transforms = []
-    for k, mount in enumerate((system.interface_1, system.interface_2, system.hand_eye)):
+    for k, mount in enumerate((*system.interfaces, system.hand_eye)):
         offset, sources = tables.gain_starts[k]
         gain = tables.gains[offset : offset + 6 * sources].reshape(6, sources)
         start = tables.starts[1 + k]

@@ -8,8 +8,8 @@ block                  columns                                                  
 fiducial_noise:VIEW    2 N: fiducial by fiducial (u, v)                              shot
 target_noise:VIEW      2 for each target (u, v); follows its view's fiducials        shot
 fiducial_manufacturing 3 N, fiducial by fiducial (x, y, z); absent when all zero     installation
-interface_1            one per source that is not BOUNDED                            installation
-interface_2            likewise                                                      installation
+structure_connector            one per source that is not BOUNDED                            installation
+connector_flange            likewise                                                      installation
 hand_eye               likewise                                                      installation
 execution              likewise                                                      shot
 =====================  ============================================================  ============
@@ -90,7 +90,7 @@ class ChainPlan:
     system: System
     tables: Tables
     blocks: tuple[Block, ...]
-    bounded: tuple[str, ...]  # "interface_1.rz", ...
+    bounded: tuple[str, ...]  # "structure_connector.rz", ...
     vertex: tuple[float, ...]  # of the bounded sources, fractions of the half-width
     shots_per_unit: int
 
@@ -134,7 +134,7 @@ def _bounded(sources: Sources) -> list[int]:
 
 
 def _named_sources(system: System) -> list[tuple[str, Sources]]:
-    mounts: list[Mount] = [system.interface_1, system.interface_2, system.hand_eye]
+    mounts: list[Mount] = [*system.interfaces, system.hand_eye]
     return [(m.name, m.sources) for m in mounts] + [("execution", system.execution)]
 
 
@@ -206,7 +206,7 @@ def compile_plan(
     """Compile a system for simulation.
 
     vertex: where the BOUNDED sources stand, fractions of their half-widths, by name
-    ("interface_1.rz": 1.0) or as an array in the order of ``bounded_names``; default 0.
+    ("structure_connector.rz": 1.0) or as an array in the order of ``bounded_names``; default 0.
     shots_per_unit: this many consecutive trials share one installation.
     Raises OutOfRangeError for an unknown vertex or a count below 1.
     """
@@ -243,7 +243,7 @@ def compile_plan(
         at = np.array(values[taken : taken + len(held)])
         taken += len(held)
         shifts.append((sources.direction[:, held] * (sources.half_width[held] * at)).sum(axis=1))
-    mounts = (system.interface_1, system.interface_2, system.hand_eye)
+    mounts = (*system.interfaces, system.hand_eye)
     torsors = np.array([m.bias + s for m, s in zip(mounts, shifts[:3], strict=True)])
 
     standard = system.manufacturing_half_width_mm / (

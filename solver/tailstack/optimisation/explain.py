@@ -18,6 +18,7 @@ from ..errors import DesignError, IllPosedError, InfeasibleError, NotConvergedEr
 from ..estimation.checks import check_geometry
 from ..propagation.linear import LinearModel, linearise
 from ..results import Finding
+from ..system import INTERFACES
 from ..verification import UNITS
 from .exact_law import Evaluation, evaluate_demand, exact_quantile
 from .problem import Demand, PlacementProblem, apply_choice, in_words, label_of, least_half_widths, present_choice
@@ -97,7 +98,7 @@ def _noise_or_itself(contributor: str) -> str:
 
 
 def _in_words(problem: PlacementProblem, name: str) -> str:
-    if name in ("interface_1", "interface_2"):
+    if name in INTERFACES:
         return f"every tolerance of {label_of(problem, name)} ({name})"
     return {"image noise": "the image noise"}.get(name, f"{name}")
 

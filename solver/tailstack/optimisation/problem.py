@@ -21,7 +21,7 @@ MOST_FIDUCIALS = 64  # memory and time of the programme go as their square
 class FreeHalfWidth:
     """One half-width of a mount that may be set, and what it costs."""
 
-    contributor: str  # "interface_1" or "interface_2"
+    contributor: str  # "structure_connector" or "connector_flange"
     component: str  # name of the source: rx ... tz, or a locator
     minimum: float  # native unit of the source (rad, mm)
     maximum: float
@@ -162,13 +162,12 @@ class PlacementProblem:
 
 def mount_named(system: System, contributor: str) -> Mount:
     """The interface a contributor name stands for."""
-    return {mount.name: mount for mount in (system.interface_1, system.interface_2)}[contributor]
+    return {mount.name: mount for mount in system.interfaces}[contributor]
 
 
 def label_of(problem: PlacementProblem, contributor: str) -> str:
-    """What the user calls an interface."""
-    mount = mount_named(problem.system, contributor)
-    return mount.label or mount.name
+    """What people call an interface."""
+    return mount_named(problem.system, contributor).title
 
 
 def in_words(problem: PlacementProblem, index: int) -> str:
@@ -218,7 +217,7 @@ def least_half_widths(problem: PlacementProblem, present: Array) -> Array:
 
 def apply_choice(problem: PlacementProblem, choice: Choice) -> System:
     """The system with a choice made."""
-    mounts = {mount.name: mount for mount in (problem.system.interface_1, problem.system.interface_2)}
+    mounts = {mount.name: mount for mount in problem.system.interfaces}
 
     def change(contributor: str, **fields: Any) -> None:
         mount = mounts[contributor]
@@ -238,5 +237,7 @@ def apply_choice(problem: PlacementProblem, choice: Choice) -> System:
         change(spacing.contributor, direction=spacing.shift + spacing.turn / float(factor))
     placed = np.array(choice.fiducials_mm, dtype=float)
     placed.setflags(write=False)
-    first, second = problem.system.interface_1.name, problem.system.interface_2.name
-    return replace(problem.system, fiducials_mm=placed, interface_1=mounts[first], interface_2=mounts[second])
+    first, second = problem.system.structure_connector.name, problem.system.connector_flange.name
+    return replace(
+        problem.system, fiducials_mm=placed, structure_connector=mounts[first], connector_flange=mounts[second]
+    )

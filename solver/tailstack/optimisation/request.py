@@ -8,7 +8,7 @@ from math import degrees, floor, radians
 import numpy as np
 
 from ..arrays import Array
-from ..design import CONTRIBUTOR, Design, Revision, compile_design, revise_design
+from ..design import Design, Revision, compile_design, revise_design
 from ..design.compile import torsor_from_locators
 from ..design.consistency import ROTATIONS, TRANSLATIONS, declared
 from ..design.optimise_document import (
@@ -23,7 +23,7 @@ from ..design.optimise_document import (
     TranslationBounds,
 )
 from ..errors import DesignError, Problem
-from ..system import Requirement, System
+from ..system import INTERFACES, Requirement, System
 from .prices import Grade, Price, of_grades, reciprocal
 from .problem import (
     MOST_FIDUCIALS,
@@ -154,23 +154,18 @@ def _half_widths(design: Design, wanted: Optimise) -> tuple[FreeHalfWidth, ...]:
             continue
         low, high = _bounds(bounds)
         found += [
-            FreeHalfWidth(
-                CONTRIBUTOR[interface], component, low, high, _price(bounds.cost, bounds.cost_weight), pointer
-            )
+            FreeHalfWidth(interface, component, low, high, _price(bounds.cost, bounds.cost_weight), pointer)
             for interface, component in declared(design.document, components)
             if (interface, component) not in listed
         ]
     found += [_read_listed(free, f"/optimise/tolerances/{index}") for index, free in enumerate(wanted.tolerances)]
-    order = list(CONTRIBUTOR.values())
-    names = (*ROTATIONS, *TRANSLATIONS)
-    return tuple(
-        sorted(
-            found,
-            key=lambda free: (
-                order.index(free.contributor), names.index(free.component) if free.component in names else len(names),
-            ),
-        )
-    )  # fmt: skip
+    order = (*ROTATIONS, *TRANSLATIONS)  # locators follow, in the order of the document
+
+    def place(free: FreeHalfWidth) -> tuple[int, int]:
+        component = order.index(free.component) if free.component in order else len(order)
+        return INTERFACES.index(free.contributor), component
+
+    return tuple(sorted(found, key=place))
 
 
 def _bounds(bounds: RotationBounds | TranslationBounds) -> tuple[float, float]:
@@ -199,13 +194,13 @@ def _read_listed(free: FreeTolerance, pointer: str) -> FreeHalfWidth:
     else:
         price = _price(free.cost, free.cost_weight)
         low, high = (native(getattr(free, f"{end}_{free.unit}")) for end in ("min", "max"))
-    return FreeHalfWidth(CONTRIBUTOR[free.interface], free.component, low, high, price, pointer)
+    return FreeHalfWidth(free.interface, free.component, low, high, price, pointer)
 
 
 def _pivots(wanted: Optimise) -> tuple[FreePivot, ...]:
     return tuple(
         FreePivot(
-            CONTRIBUTOR[free.interface], np.array(free.box.min_mm), np.array(free.box.max_mm),
+            free.interface, np.array(free.box.min_mm), np.array(free.box.max_mm),
             f"/optimise/pivots/{index}",
         )
         for index, free in enumerate(wanted.pivots)
@@ -226,7 +221,7 @@ def _spacings(design: Design, system: System, wanted: Optimise) -> tuple[FreeSpa
         turn = twice - once  # the part that goes as 1/s doubles
         found.append(
             FreeSpacing(
-                CONTRIBUTOR[free.interface], free.min_scale, free.max_scale, once - turn, turn,
+                free.interface, free.min_scale, free.max_scale, once - turn, turn,
                 f"/optimise/locator_spacing/{index}",
             )
         )  # fmt: skip

@@ -95,6 +95,7 @@ class Block(NamedTuple):
     tcp: Array  # (3, k) tcp, mm per native unit
     grouped: bool  # reported as one line (all columns are alike), not component by component
     per_unit: bool  # drawn once per installed unit (True) or at each shot (False)
+    label: str = ""  # what people call the contributor
 
 
 class Kind(NamedTuple):
@@ -109,12 +110,13 @@ class Kind(NamedTuple):
     units: tuple[str, ...]
     grouped: bool
     per_unit: bool
+    label: str
 
     def block(self, localisation: Array, tcp: Array) -> Block:
         """With its columns of the gains (3, K) of all sources."""
         return Block(
             self.contributor, self.components, self.laws, self.half_width, self.std, self.units,
-            localisation[:, self.place], tcp[:, self.place], self.grouped, self.per_unit,
+            localisation[:, self.place], tcp[:, self.place], self.grouped, self.per_unit, self.label,
         )  # fmt: skip
 
 
@@ -146,7 +148,7 @@ def estimator_geometry(system: System) -> tuple[Array, Array, Array]:
     fiducials.  Eq 18: ``P_v T_err1^-1`` and the moved ones.  The rescaling matters for the small-angle form,
     which is not rigid.
     """
-    mount = system.interface_1
+    mount = system.structure_connector
     return _estimator_geometry(system, displacement(mount.bias, mount.pivot_mm, system.rotation_form))
 
 
@@ -169,12 +171,13 @@ def _kinds(system: System, std: Array) -> tuple[Kind, ...]:
 
     def add(
         name: str, laws: tuple[Law, ...], half_width: Array, std: Array, units: tuple[str, ...], *,
-        components: tuple[str, ...] = (), per_unit: bool,
+        components: tuple[str, ...] = (), per_unit: bool, label: str = "",
     ) -> None:  # fmt: skip
         nonlocal start
         place = slice(start, start := start + len(laws))
         named = components or ("all",) * len(laws)
-        kinds.append(Kind(place, name, named, laws, half_width, std, units, not components, per_unit))
+        label = label or name.replace("_", " ").replace(":", ", ")
+        kinds.append(Kind(place, name, named, laws, half_width, std, units, not components, per_unit, label))
 
     for view in system.views:
         for name, px, scalars in (
@@ -186,12 +189,12 @@ def _kinds(system: System, std: Array) -> tuple[Kind, ...]:
     if std.any():
         laws, wide = (system.manufacturing_law,) * (3 * count), system.manufacturing_half_width_mm.ravel()
         add("fiducial_manufacturing", laws, wide, std.ravel(), ("mm",) * (3 * count), per_unit=True)
-    mounts = ((mount.name, mount.sources, True) for mount in (system.interface_1, system.interface_2, system.hand_eye))
-    for name, sources, per_unit in (*mounts, ("execution", system.execution, False)):
+    mounts = ((mount.name, mount.title, mount.sources, True) for mount in (*system.interfaces, system.hand_eye))
+    for name, title, sources, per_unit in (*mounts, ("execution", "execution", system.execution, False)):
         if sources.names:
             add(
                 name, sources.laws, sources.half_width, sources.std, sources.units,
-                components=sources.names, per_unit=per_unit,
+                components=sources.names, per_unit=per_unit, label=title,
             )  # fmt: skip
     return tuple(kinds)
 
@@ -200,8 +203,7 @@ def chain_of(system: System) -> Chain:
     """Everything :func:`linearise` needs that does not depend on the target."""
     form = system.rotation_form
     first, second, third = (
-        displacement(mount.bias, mount.pivot_mm, form)
-        for mount in (system.interface_1, system.interface_2, system.hand_eye)
+        displacement(mount.bias, mount.pivot_mm, form) for mount in (*system.interfaces, system.hand_eye)
     )
     projections, points, per_error = _estimator_geometry(system, first)
     std = system.manufacturing_std_mm
@@ -313,12 +315,12 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
     from_moved = chain.third.rotation @ turn
     to_tcp = from_moved @ chain.second.rotation
     place = {kind.contributor: kind.place for kind in chain.kinds}
-    mount = system.interface_1
+    mount = system.structure_connector
     if mount.name in place:
         localisation[:, place[mount.name]] = torsor_1 @ mount.sources.direction
     tcp = to_tcp @ localisation
     for name, sources, acting in (
-        (system.interface_2.name, system.interface_2.sources, from_moved @ torsor_2),
+        (system.connector_flange.name, system.connector_flange.sources, from_moved @ torsor_2),
         (system.hand_eye.name, system.hand_eye.sources, chain.third.by_torsor(at_tool)),
         ("execution", system.execution, None),
     ):

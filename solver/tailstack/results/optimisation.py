@@ -26,7 +26,7 @@ class ChangedTolerance:
     """A half-width that was free.  ``at_target_*_mm``: what it moves the worst target by, half-width times lever."""
 
     contributor: str
-    """interface_1 or interface_2."""
+    """structure_connector or connector_flange."""
     component: str
     """rx ... tz, or the name of a locator."""
     label: str
@@ -56,7 +56,7 @@ class MovedPivot:
     """A pivot that was free."""
 
     contributor: str
-    """interface_1 or interface_2."""
+    """structure_connector or connector_flange."""
     label: str
     """What the document calls the interface."""
     before_mm: Vector3
@@ -70,7 +70,7 @@ class ChangedSpacing:
     """Locators that could be spread about their centre, by which factor."""
 
     contributor: str
-    """interface_1 or interface_2."""
+    """structure_connector or connector_flange."""
     label: str
     """What the document calls the interface."""
     scale: float

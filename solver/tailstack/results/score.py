@@ -25,8 +25,8 @@ class Contributor:
     """One line of the budget."""
 
     name: str
-    """Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing, interface_1, interface_2,
-    hand_eye or execution.
+    """Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing, structure_connector,
+    connector_flange, hand_eye or execution.
     """
     component: str
     """Its component: rx ... tz, repeatability.x, load.x, the name of a locator, or all for the source as a whole."""
@@ -46,6 +46,8 @@ class Contributor:
     """Slope of P95 by the half-width (of noise: by its standard deviation), mm per `unit`; null where there is none."""
     p95_without_mm: float
     """P95 with this contributor removed, mm."""
+    label: str = ""
+    """What people call the source: the label that the design gives an interface, otherwise its name or words for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +122,7 @@ class MetricScore:
 
 @dataclass(frozen=True, slots=True)
 class TargetScore:
-    """``bias_mm`` ... ``bounds_mm`` are the TCP error; ``localisation`` is the same before interface 2."""
+    """``bias_mm`` ... ``bounds_mm`` are the TCP error; ``localisation`` is the same before connector_flange."""
 
     name: str
     """Name of the target, or of one sample of a region (zone[3])."""
@@ -149,13 +151,13 @@ class TargetScore:
     exceedance_probability: float | None
     """Probability that the error's norm is beyond `limit_mm`; null without a limit."""
     localisation: MetricScore
-    """The same of the localisation error: of the triangulated target in con, before interface 2."""
+    """The same of the localisation error: of the triangulated target in con, before connector_flange."""
     block_diagonal_p95_mm: float
     """Gaussian P95 with the covariance between views dropped (Eq 16 of the paper), mm: compare bounds_mm.gaussian."""
     contributors: tuple[Contributor, ...]
     """The budget: what each source of error contributes."""
     worst_vertex: tuple[str, ...]
-    """Bounded components at those ends of their ranges that are worst together, such as interface_1.rz=+0.10 deg."""
+    """Bounded components at those ends of their ranges that are worst together: structure_connector.rz=+0.10 deg."""
     per_unit: PerUnit
     """The second reading of risk: the installation is drawn once per unit and stays."""
     second_order: SecondOrder

@@ -44,7 +44,7 @@ class MetricEstimate:
 
 @dataclass(frozen=True, slots=True)
 class TargetEstimate:
-    """``bias_mm`` ... ``exceedance`` are the TCP error; ``localisation`` is the same before interface 2."""
+    """``bias_mm`` ... ``exceedance`` are the TCP error; ``localisation`` is the same before connector_flange."""
 
     name: str
     """Name of the target, or of one sample of a region (zone[3])."""
@@ -76,7 +76,7 @@ class TargetEstimate:
     first_order_ratio: float
     """First-order P95 over the sampled one: below 1, first order is optimistic."""
     localisation: MetricEstimate
-    """The same of the localisation error: of the triangulated target in con, before interface 2."""
+    """The same of the localisation error: of the triangulated target in con, before connector_flange."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -498,8 +498,8 @@ def in_place(system: System) -> System:
 
     return replace(
         system,
-        interface_1=unbiased(system.interface_1),
-        interface_2=unbiased(system.interface_2),
+        structure_connector=unbiased(system.structure_connector),
+        connector_flange=unbiased(system.connector_flange),
         hand_eye=unbiased(system.hand_eye),
         execution_bias_mm=np.zeros(3),
     )
@@ -513,8 +513,8 @@ def cases_of(system: System, nominal: System, levels: Sequence[Level], error: st
     plans = tuple(compile_plan(system, vertex=dict(vertex)) for vertex in distinct)
     yield Case(system.reading, None, plans, tuple(distinct.index(vertex) for vertex in ends), models)
     for level in levels:
-        mount = replace(nominal.interface_1, bias=level_torsor(level))
-        moved = replace(nominal, reading=system.reading, interface_1=mount)
+        mount = replace(nominal.structure_connector, bias=level_torsor(level))
+        moved = replace(nominal, reading=system.reading, structure_connector=mount)
         remark, plan = _remark(moved, level), compile_plan(moved)
         yield Case(system.reading, level, (plan,), (0,) * len(ends), linearise_all(moved), remark)
 

@@ -219,7 +219,7 @@ def study_linearity(
         calibration=calibration(points),
         sentences=sentences(points),
         varied="noise: of every image coordinate, in place of the design's; rotation: standard deviation of three "
-        f"normal rotations of {system.interface_1.label or 'the structure on its connector'}, in place of its own; "
+        f"normal rotations of {system.structure_connector.title}, in place of its own; "
         "spread: factor on the layout about its centroid; fiducials: so many are kept, far apart. Everything else is "
         f"as designed{WORST if _any_bounded(system) else ''}. P95 is pooled over installations and shots.",
         provenance=provenance(system, NOT_IN_A_CHECK),
@@ -228,9 +228,9 @@ def study_linearity(
 
 def _any_bounded(system: System) -> bool:
     """Of what stays as designed; rotations of the first mount do not."""
-    first = system.interface_1.sources
+    first = system.structure_connector.sources
     laws = [law for law, direction in zip(first.laws, first.direction.T, strict=True) if direction[3:].any()]
-    kept = (system.interface_2.sources, system.hand_eye.sources, system.execution)
+    kept = (system.connector_flange.sources, system.hand_eye.sources, system.execution)
     return Law.BOUNDED in [*laws, *(law for sources in kept for law in sources.laws)]
 
 
@@ -406,7 +406,7 @@ def changed(system: System, place: Place) -> System:
         fiducials_mm=spread,
         fiducial_labels=tuple(system.fiducial_labels[k] for k in kept),
         manufacturing_half_width_mm=system.manufacturing_half_width_mm[kept],
-        interface_1=_turning(system.interface_1, place.rotation_deg),
+        structure_connector=_turning(system.structure_connector, place.rotation_deg),
         requirements=(),
     )
     return with_noise(layout, place.noise_px)

@@ -24,7 +24,7 @@ class Allowance:
 
         Attributes:
             target (str): Name of the target.
-            contributor (str): Source of error: interface_1, fiducial_manufacturing, ...
+            contributor (str): Source of error: structure_connector, fiducial_manufacturing, ...
             component (str): Its component; all for a line of sources that are alike.
             unit (str): Unit of the half-widths: deg, mm, px or N.
             half_width (float): Half-width as it is, in `unit`.
@@ -39,6 +39,8 @@ class Allowance:
             cost (float | None): Cost by the price in the design's optimise section; null: no price.
             smallest (float | None): Lower bound in the optimise section, in `unit`; null: none.
             largest (float | None): Upper bound in the optimise section, in `unit`; null: none.
+            label (str): What people call the source: the label that the design gives an interface, otherwise its name or
+                words for it. Default: ''.
     """
 
     target: str
@@ -53,6 +55,7 @@ class Allowance:
     cost: float | None
     smallest: float | None
     largest: float | None
+    label: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         target = self.target
@@ -85,6 +88,8 @@ class Allowance:
         largest: float | None
         largest = self.largest
 
+        label = self.label
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -101,6 +106,7 @@ class Allowance:
                 "cost": cost,
                 "smallest": smallest,
                 "largest": largest,
+                "label": label,
             }
         )
 
@@ -163,6 +169,8 @@ class Allowance:
 
         largest = _parse_largest(d.pop("largest"))
 
+        label = d.pop("label")
+
         allowance = cls(
             target=target,
             contributor=contributor,
@@ -176,6 +184,7 @@ class Allowance:
             cost=cost,
             smallest=smallest,
             largest=largest,
+            label=label,
         )
 
         return allowance

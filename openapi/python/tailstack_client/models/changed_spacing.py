@@ -17,7 +17,7 @@ class ChangedSpacing:
     """Locators that could be spread about their centre, by which factor.
 
     Attributes:
-        contributor (str): interface_1 or interface_2.
+        contributor (str): structure_connector or connector_flange.
         label (str): What the document calls the interface.
         scale (float): Factor by which its locators were spread about their centre.
     """

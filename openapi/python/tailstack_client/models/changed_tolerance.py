@@ -19,7 +19,7 @@ class ChangedTolerance:
     """A half-width that was free.  ``at_target_*_mm``: what it moves the worst target by, half-width times lever.
 
     Attributes:
-        contributor (str): interface_1 or interface_2.
+        contributor (str): structure_connector or connector_flange.
         component (str): rx ... tz, or the name of a locator.
         label (str): What the document calls the interface, and the component.
         unit (str): Unit of the half-widths: deg or mm.

@@ -19,8 +19,8 @@ class Contributor:
     """One line of the budget.
 
     Attributes:
-        name (str): Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing, interface_1,
-            interface_2, hand_eye or execution.
+        name (str): Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing,
+            structure_connector, connector_flange, hand_eye or execution.
         component (str): Its component: rx ... tz, repeatability.x, load.x, the name of a locator, or all for the source
             as a whole.
         law (str): Declared law: normal, uniform, triangular or bounded; mixed for a line of several.
@@ -34,6 +34,8 @@ class Contributor:
         dp95_per_unit (float | None): Slope of P95 by the half-width (of noise: by its standard deviation), mm per
             `unit`; null where there is none.
         p95_without_mm (float): P95 with this contributor removed, mm.
+        label (str): What people call the source: the label that the design gives an interface, otherwise its name or
+            words for it. Default: ''.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Contributor:
     variance_share: float
     dp95_per_unit: float | None
     p95_without_mm: float
+    label: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         name = self.name
@@ -72,6 +75,8 @@ class Contributor:
 
         p95_without_mm = self.p95_without_mm
 
+        label = self.label
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -86,6 +91,7 @@ class Contributor:
                 "variance_share": variance_share,
                 "dp95_per_unit": dp95_per_unit,
                 "p95_without_mm": p95_without_mm,
+                "label": label,
             }
         )
 
@@ -134,6 +140,8 @@ class Contributor:
 
         p95_without_mm = d.pop("p95_without_mm")
 
+        label = d.pop("label")
+
         contributor = cls(
             name=name,
             component=component,
@@ -145,6 +153,7 @@ class Contributor:
             variance_share=variance_share,
             dp95_per_unit=dp95_per_unit,
             p95_without_mm=p95_without_mm,
+            label=label,
         )
 
         return contributor

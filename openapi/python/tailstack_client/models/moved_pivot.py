@@ -19,7 +19,7 @@ class MovedPivot:
     """A pivot that was free.
 
     Attributes:
-        contributor (str): interface_1 or interface_2.
+        contributor (str): structure_connector or connector_flange.
         label (str): What the document calls the interface.
         before_mm (list[float]): Pivot before, con, mm.
         after_mm (list[float]): Pivot after, con, mm.

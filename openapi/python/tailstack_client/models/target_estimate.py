@@ -20,7 +20,7 @@ T = TypeVar("T", bound="TargetEstimate")
 
 @_attrs_define
 class TargetEstimate:
-    """``bias_mm`` ... ``exceedance`` are the TCP error; ``localisation`` is the same before interface 2.
+    """``bias_mm`` ... ``exceedance`` are the TCP error; ``localisation`` is the same before connector_flange.
 
     Attributes:
         name (str): Name of the target, or of one sample of a region (zone[3]).

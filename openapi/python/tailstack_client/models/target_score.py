@@ -23,7 +23,7 @@ T = TypeVar("T", bound="TargetScore")
 
 @_attrs_define
 class TargetScore:
-    """``bias_mm`` ... ``bounds_mm`` are the TCP error; ``localisation`` is the same before interface 2.
+    """``bias_mm`` ... ``bounds_mm`` are the TCP error; ``localisation`` is the same before connector_flange.
 
     Attributes:
         name (str): Name of the target, or of one sample of a region (zone[3]).
@@ -45,8 +45,8 @@ class TargetScore:
         block_diagonal_p95_mm (float): Gaussian P95 with the covariance between views dropped (Eq 16 of the paper), mm:
             compare bounds_mm.gaussian.
         contributors (list[Contributor]): The budget: what each source of error contributes.
-        worst_vertex (list[str]): Bounded components at those ends of their ranges that are worst together, such as
-            interface_1.rz=+0.10 deg.
+        worst_vertex (list[str]): Bounded components at those ends of their ranges that are worst together:
+            structure_connector.rz=+0.10 deg.
         per_unit (PerUnit): The second reading of risk: the installation is drawn once per unit and stays.
         second_order (SecondOrder): Correction of the TCP error by the Hessian of the chain; see its own range of
             validity.

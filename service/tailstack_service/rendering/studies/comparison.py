@@ -9,6 +9,7 @@ from tailstack.studies.bench.compare import StudyComparison, interval_text
 from tailstack.studies.bench.explain import Explanation
 from tailstack.studies.bench.levels import LevelCompared, QuantilePoint
 
+from ..score import source_name
 from ..tables import coloured, number, percent, shortened, table, wrapped
 from ..verdict import findings_text, joined, provenance_text
 
@@ -152,7 +153,7 @@ def _factors(explained: Sequence[Explanation]) -> str:
         return ""
     several = len({one.target for one in chosen}) > 1
     rows = [
-        ((f"{one.target}: " if several else "") + one.contributor, interval_text(one), one.explains) for one in chosen
+        ((f"{one.target}: " if several else "") + source_name(one), interval_text(one), one.explains) for one in chosen
     ]
     header = ("contributor", "plausible factor", "held against")
     return (
@@ -170,7 +171,7 @@ def _values(study: StudyComparison) -> str:
     several = len(wanted) > 1
     rows = [
         (
-            (f"{one.target}: " if several else "") + f"{one.contributor}.{one.component}",
+            (f"{one.target}: " if several else "") + source_name(one),
             interval_text(one) + (f" {one.unit}" if one.intervals else ""),
             "-" if one.declared is None else f"{number(one.declared, 3)} {one.unit}",
             "-" if not one.declared or one.most_plausible is None else f"{abs(one.most_plausible) / one.declared:.1f}",

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from tailstack.results import Contributor, Score, TargetEstimate, TargetScore
 from tailstack.scoring import P95
 
+from ...rendering.score import source_name
 from ...rendering.verdict import decided_by
 from ..blocks import (
     Block,
@@ -27,7 +28,7 @@ from ..blocks import (
 from ..figures.comparison import budgets_svg, differences_svg, distributions_svg
 from ..figures.errors import scale_svg
 from ..figures.tolerances import curves_svg
-from ..headline import contributor_name, tightest_check
+from ..headline import tightest_check
 from ..records import Comparison, Difference, Report
 from .layout import layout_blocks, loaded
 from .optimisation import design_listing
@@ -265,7 +266,7 @@ def _budget_table(first: Score, second: Score, target: str, place: int) -> Table
     rows = []
     for key in [*after, *(key for key in before if key not in after)]:
         pair = (before.get(key), after.get(key))
-        label = contributor_name(key[0]) + ("" if key[1] == "all" else f" {key[1]}")
+        label = source_name(after.get(key) or before[key])
         unit = next((line.unit for line in pair if line is not None and line.unit), "")
         cells: list[Cell] = [label, unit]
         cells += [None if line is None else line.half_width for line in pair]

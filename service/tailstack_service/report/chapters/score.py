@@ -8,12 +8,12 @@ from tailstack.results import Score, TargetEstimate, TargetScore
 from tailstack.results import headline_of as headline_words
 from tailstack.scoring import P95
 
-from ...rendering.score import units_in_words, worst_target
+from ...rendering.score import source_name, units_in_words, worst_target
 from ...rendering.tables import signed
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
 from ..figures.budget import waterfall_svg, without_svg
 from ..figures.errors import scale_svg
-from ..headline import contributor_name, headline_of
+from ..headline import headline_of
 from ..records import Allowance, Headline
 from .tables import (
     budget_table,
@@ -207,7 +207,7 @@ def _at_bound(entry: Allowance) -> str:
 
 def allowance_name(entry: Allowance) -> str:
     """A half-width as the budget calls it."""
-    return contributor_name(entry.contributor) + ("" if entry.component == "all" else f" {entry.component}")
+    return source_name(entry)
 
 
 def method_blocks(score: Score) -> tuple[Block, ...]:

@@ -20,10 +20,9 @@ from tailstack.results import (
 )
 from tailstack.results import headline_of as words
 
-from ...rendering.score import grouped
+from ...rendering.score import grouped, heading_of
 from ...rendering.verdict import decided_by, urgency
 from ..blocks import Bullets, Cell, Column, Facts, Row, Table
-from ..headline import contributor_name
 from ..records import Allowance
 
 BUDGET_NOTE = (
@@ -164,7 +163,7 @@ def budget_table(target: TargetScore, name: str = "Budget", allowances: Sequence
     known = {(entry.contributor, entry.component): entry for entry in allowances if entry.target == target.name}
     for total, components in grouped(target.contributors):
         for depth, entry in ((0, total), *((1, part) for part in components)):
-            label = contributor_name(entry.name) if depth == 0 else entry.component
+            label = heading_of(entry) if depth == 0 else entry.component
             own = known.get((entry.name, entry.component))
             rows.append(Row(
                 (

@@ -7,9 +7,8 @@ from math import sqrt
 
 from tailstack.results import TargetScore
 
-from ...rendering.score import single_lines
+from ...rendering.score import single_lines, source_name
 from ...rendering.tables import fixed
-from ..headline import contributor_name
 from ..records import Difference, ErrorDistribution
 from ..svg import FAINT, INK, MUTED, box, line, printable, rounded, text
 from .frame import BAR, LIMIT_COLOUR, ROW, VALUE_COLOUR, WIDTH, Scale, density_axis, picture
@@ -27,8 +26,9 @@ def budgets_svg(
     """Standard deviation that each source adds at a target, in both designs; what only one of them has is there too."""
     both = [_spreads(target) for target in (first, second)]
     keys = sorted({**both[0], **both[1]}, key=lambda key: -max(each.get(key, 0.0) for each in both))
+    labels = {(e.name, e.component): source_name(e) for target in (first, second) for e in target.contributors}
     rows: list[tuple[str, float | None, float | None]] = [
-        (_source(key), both[0].get(key), both[1].get(key)) for key in keys[:MOST]
+        (labels[key], both[0].get(key), both[1].get(key)) for key in keys[:MOST]
     ]
     if len(keys) > MOST:
         rest = [sqrt(sum(each.get(key, 0.0) ** 2 for key in keys[MOST:])) for each in both]
@@ -65,10 +65,6 @@ def _spreads(target: TargetScore) -> dict[tuple[str, str], float]:
         for entry in single_lines(target.contributors)
     }
     return {key: value for key, value in found.items() if value > 0}
-
-
-def _source(key: tuple[str, str]) -> str:
-    return contributor_name(key[0]) + ("" if key[1] == "all" else f" {key[1]}")
 
 
 def _said(value: float | None) -> str:

@@ -23,6 +23,7 @@ class ToleranceCurve:
 
     contributor: str  # as in the budget
     component: str
+    label: str  # what people call the contributor
     unit: str
     half_width: float  # as it is
     half_widths: tuple[float, ...]
@@ -133,6 +134,7 @@ def _curve(
     return ToleranceCurve(
         contributor=line.block.contributor,
         component=line.component,
+        label=line.block.label,
         unit=unit,
         half_width=own,
         half_widths=tuple(own * factor for factor in FACTORS),

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from math import ceil, floor
 
 from ...rendering.panels import round_step
-from ..headline import contributor_name
+from ...rendering.score import source_name
 from ..svg import FAINT, INK, MUTED, box, line, printable, rounded, text
 from .frame import LIMIT_COLOUR, VALUE_COLOUR, WIDTH, picture
 from .tolerance_curves import ToleranceCurve, ToleranceCurves
@@ -74,9 +74,7 @@ def _small(
 
     colour = {"never": LIMIT_COLOUR, "always": "#176332"}.get(curve.meets, INK)
     parts = [
-        text(
-            x0 - 30, top + 12, printable(f"{contributor_name(curve.contributor)}{_component(curve)}", 36), weight="bold"
-        ),
+        text(x0 - 30, top + 12, printable(f"{source_name(curve)}", 36), weight="bold"),
         text(x0 - 30, top + 27, _met(curve, shown), colour=colour),
         box(x0, y0, x1, y1, f'fill="#ffffff" stroke="{FAINT}" stroke-width="0.7"'),
     ]
@@ -143,10 +141,6 @@ def _ticks(x0: float, y0: float, x1: float, y1: float, ends: tuple[float, float]
     return parts
 
 
-def _component(curve: ToleranceCurve) -> str:
-    return "" if curve.component == "all" else f" {curve.component}"
-
-
 def _met(curve: ToleranceCurve, shown: ToleranceCurves) -> str:
     """What it is, and how far it may go."""
     word = "σ" if curve.unit == "px" else "±"
@@ -182,7 +176,7 @@ def _legend(shown: ToleranceCurves, other: ToleranceCurves | None, called: tuple
 
 def _words(shown: ToleranceCurves) -> str:
     listed = "; ".join(
-        f"{contributor_name(curve.contributor)}{_component(curve)} {_met(curve, shown)}, "
+        f"{source_name(curve)} {_met(curve, shown)}, "
         f"{curve.quantile_mm[0]:.3f} mm at 0 and {curve.quantile_mm[-1]:.3f} mm at three times"
         for curve in shown.curves
     )

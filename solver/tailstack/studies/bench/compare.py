@@ -350,7 +350,7 @@ def _in_half_widths(one: Explanation) -> float:
 def _listed(explained: Sequence[Explanation]) -> str:
     parts = []
     for one in explained[:MOST_LISTED]:
-        name = one.contributor if one.kind == "factor" else f"{one.contributor}.{one.component}"
+        name = one.label if one.kind == "factor" else f"{one.label} {one.component}"
         parts.append(f"{name} {interval_text(one)}" + (f" {one.unit}" if one.unit else ""))
     more = len(explained) - MOST_LISTED
     return ", ".join(parts) + (f" and {more} more" if more > 0 else "")

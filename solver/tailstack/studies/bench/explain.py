@@ -93,6 +93,7 @@ def factor_of(scenes: Sequence[Scene], name: str, alpha: float) -> Explanation:
         kind="factor",
         target=scenes[0].target,
         contributor=name,
+        label=pairs[0][1].label,
         component="all",
         unit="",
         declared=1.0,
@@ -269,6 +270,7 @@ def value_of(scenes: Sequence[Scene], key: tuple[str, str], alpha: float) -> Exp
         kind="value",
         target=pairs[0][0].target,
         contributor=key[0],
+        label=pairs[0][1].label,
         component=key[1],
         unit=unit,
         declared=None if half is None else half * factor,
@@ -415,6 +417,7 @@ class Contribution:
     """One contributor of B benches."""
 
     name: str
+    label: str  # what people call it
     when: str  # unit, installation, shot
     errors: Array  # (B, n, 3) mm; its own part
     covariance: Array  # (3, 3) mm^2 of one draw
@@ -425,6 +428,7 @@ class Displacement:
     """One component of a mount: what a fixed value of it does, and its own random part."""
 
     contributor: str
+    label: str  # what people call the contributor
     component: str
     unit: str  # rad or mm
     gain: Array  # (3,) mm per unit
@@ -485,18 +489,20 @@ def sampled_law(
         scaled = model.gain(block, error) * block.std
         if np.trace(scaled @ scaled.T) > VANISHING_MM2:
             contributions.append(
-                Contribution(block.contributor, when(block), np.broadcast_to(whole, total.shape), scaled @ scaled.T)
+                Contribution(
+                    block.contributor, block.label, when(block), np.broadcast_to(whole, total.shape), scaled @ scaled.T
+                )
             )
         parts.update({(block.contributor, name): (block, j, errors) for (j, name), errors in columns.items()})
     seen = [part for part in contributions if part.name.split(":")[0] in ("fiducial_noise", "target_noise")]
     if len(seen) > 1:
         together = np.sum([part.errors for part in seen], axis=0)
         covariance = np.sum([part.covariance for part in seen], axis=0)
-        contributions.insert(0, Contribution(IMAGE_NOISE, "shot", together, covariance))
+        contributions.insert(0, Contribution(IMAGE_NOISE, "image noise", "shot", together, covariance))
     if instrument_sd_mm:
         noise = rng.normal(0.0, instrument_sd_mm, total.shape)
         total += noise
-        contributions.append(Contribution("instrument", "shot", noise, instrument_sd_mm**2 * np.eye(3)))
+        contributions.append(Contribution("instrument", "instrument", "shot", noise, instrument_sd_mm**2 * np.eye(3)))
     moved = tuple(_displacements(system, target, error, model, parts, total.shape))
     return Law1(tuple(sizes), model.bias_mm(error), total, tuple(contributions), moved)
 
@@ -546,7 +552,7 @@ def _displacements(
 ) -> list[Displacement]:
     """All six components of every mount, whether the design gives them a tolerance or not."""
     probed = replace(
-        system, interface_1=_six(system.interface_1), interface_2=_six(system.interface_2),
+        system, structure_connector=_six(system.structure_connector), connector_flange=_six(system.connector_flange),
         hand_eye=_six(system.hand_eye),
     )  # fmt: skip
     full = linearise(probed, system.targets[target])
@@ -567,9 +573,17 @@ def _displacements(
                 errors = np.broadcast_to(drawn, shape)
             found.append(
                 Displacement(
-                    block.contributor, component, block.units[j], gain, half, errors, covariance, when(block)
+                    contributor=block.contributor,
+                    label=block.label,
+                    component=component,
+                    unit=block.units[j],
+                    gain=gain,
+                    half_width=half,
+                    errors=errors,
+                    covariance=covariance,
+                    when=when(block),
                 )
-            )  # fmt: skip
+            )
     return found
 
 
@@ -622,3 +636,5 @@ class Explanation:
     """Largest factor or value that was tried, in `unit`."""
     explains: str
     """Which tests it is held against."""
+    label: str = ""
+    """What people call the source: the label that the design gives an interface, otherwise its name or words for it."""

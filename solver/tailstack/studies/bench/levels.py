@@ -515,8 +515,8 @@ def at_level(system: System, deliberate: Array | None) -> System:
     """The system with a level's installation error (6,) rad, mm on top of the known bias of the structure's mount."""
     if deliberate is None or not deliberate.any():
         return system
-    mount = system.interface_1
-    return replace(system, interface_1=replace(mount, bias=mount.bias + deliberate))
+    mount = system.structure_connector
+    return replace(system, structure_connector=replace(mount, bias=mount.bias + deliberate))
 
 
 def benches_for(trials: Sequence[int], tests: int, alpha: float) -> int:

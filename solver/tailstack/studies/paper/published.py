@@ -152,7 +152,7 @@ def nominal(system: System) -> System:
         array.setflags(write=False)
     mounts = {
         name: replace(getattr(system, name), bias=still, sources=no_sources(6))
-        for name in ("interface_1", "interface_2", "hand_eye")
+        for name in ("structure_connector", "connector_flange", "hand_eye")
     }
     shift = np.zeros(3)
     shift.setflags(write=False)
@@ -173,7 +173,7 @@ def with_installation(system: System, rotation_deg: float, translation_mm: float
     Eq 12, and a translation of this length along (1, 1, 1)."""
     bias = np.array([radians(rotation_deg)] * 3 + [translation_mm / sqrt(3.0)] * 3)
     bias.setflags(write=False)
-    return replace(system, interface_1=replace(system.interface_1, bias=bias))
+    return replace(system, structure_connector=replace(system.structure_connector, bias=bias))
 
 
 def under(system: System, setting: Setting) -> System:

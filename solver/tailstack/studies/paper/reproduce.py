@@ -504,7 +504,7 @@ def _geometry(
 ) -> Geometry:
     compared = [one for one in cells if one.z is not None]
     target = system.targets[case.target]
-    pivot = system.interface_1.pivot_mm
+    pivot = system.structure_connector.pivot_mm
     second = {(one.row.partition(",")[0], one.noise_px): one for one in cells if one.table == "S2"}
     loud = with_noise(system, max(NOISES_PX))
     return Geometry(

@@ -1,0 +1,34 @@
+"""Results that an older version wrote, in the words of today."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+NUMBERED = {"interface_1": "structure_connector", "interface_2": "connector_flange"}
+
+
+def in_words_of_today(data: Any) -> Any:
+    """Plain data of a result, its sources of error named as in the design document; the data itself stays as it is.
+
+    Until version 0.1 results called the interfaces ``interface_1`` and ``interface_2``, and stated no labels.
+    """
+    if isinstance(data, list):
+        return [in_words_of_today(entry) for entry in data]
+    if not isinstance(data, dict):
+        return data
+    read = {key: in_words_of_today(value) for key, value in data.items()}
+    key = "name" if "variance_share" in read else "contributor"  # a line of a budget is named by its source
+    if isinstance(name := read.get(key), str):
+        read[key] = NUMBERED.get(name, name)
+        read.setdefault("label", read[key].replace("_", " ").replace(":", ", ") if name not in NUMBERED else read[key])
+    if isinstance(ends := read.get("worst_vertex"), list):
+        read["worst_vertex"] = [_renamed(end) for end in ends]
+    return read
+
+
+def _renamed(end: Any) -> Any:
+    """``interface_1.rz=+0.1 deg`` by the interface's name."""
+    if not isinstance(end, str):
+        return end
+    return re.sub(r"^interface_[12](?=\.)", lambda match: NUMBERED[match[0]], end)
