@@ -60,7 +60,7 @@ def write_json(path: Path, data: Any) -> Path:
 def client_with(settings: Settings | None = None, *, worker: bool = False) -> Iterator[httpx.Client]:
     """A client of a service that runs in this process, over a real connection; jobs end only with a worker."""
     with (
-        running_service(settings or Settings(), warm_up=False, worker=worker) as (host, port),
+        running_service(settings or Settings(worker_processes=1), warm_up=False, worker=worker) as (host, port),
         httpx.Client(base_url=f"http://{host}:{port}", timeout=120.0, trust_env=False) as client,
     ):
         yield client

@@ -22,7 +22,6 @@ from tailstack_service.work.task import Task
 if TYPE_CHECKING:
     from tailstack_service.compute.dask import DaskEngine
 
-pytestmark = pytest.mark.xdist_group("dask")
 LONG = 60.0  # s, for what takes a few
 
 

@@ -57,7 +57,6 @@ from tailstack_client.models import (
 )
 from tailstack_client.types import File
 
-pytestmark = pytest.mark.xdist_group("generated-client")
 SECONDS = 300.0  # a cold compile cache takes a while
 LARGEST_BYTES, MOST_FILES = 1_500_000, 300
 

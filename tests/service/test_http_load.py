@@ -24,7 +24,6 @@ import pytest
 from served import Served, served
 from service_scenes import read_answer, small_design
 
-pytestmark = pytest.mark.xdist_group("load")  # one service for all of them
 CONNECTIONS = 60
 TIMES = 10  # its time on an idle service that a small score may take
 STOP_SECONDS = 10.0  # docs/http.md

@@ -44,7 +44,6 @@ from tailstack.version import __version__
 from tailstack_service.cli.main import main
 from tailstack_service.gate.waivers import read_waivers
 
-pytestmark = pytest.mark.xdist_group("pipelines")  # they share an installed environment
 SCHEMAS = ROOT / "tests" / "data" / "schemas"
 HOOKS = yaml.safe_load((ROOT / ".pre-commit-hooks.yaml").read_text(encoding="utf-8"))
 PAGE = (ROOT / "docs" / "pipelines.md").read_text(encoding="utf-8")

@@ -97,7 +97,11 @@ def test_a_stream_that_cannot_be_written_is_not_an_answer(tmp_path: Path) -> Non
 @contextmanager
 def service(folder: Path, *arguments: str, **changes: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """A service process on a free port with a database of its own; it and its family are ended whatever happens."""
-    own = {"TAILSTACK_DATABASE": f"sqlite:///{folder / 'jobs.sqlite3'}", "TAILSTACK_WORKER_PROCESSES": "1"}
+    own = {
+        "TAILSTACK_DATABASE": f"sqlite:///{folder / 'jobs.sqlite3'}",
+        "TAILSTACK_WORKER_PROCESSES": "1",  # every process more is two seconds of a core before the first request
+        "TAILSTACK_SHORT_WORKERS": "1",
+    }
     process = subprocess.Popen(
         [*COMMAND, "serve", "--port", "0", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=environment(**{**own, **changes}),

@@ -21,7 +21,7 @@ from tailstack_service.report.comparing import compute_comparison
 
 __all__ = ["browser"]
 
-pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.usefixtures("browser")]
+pytestmark = pytest.mark.usefixtures("browser")
 WIDE, NARROW = 1280, 360
 LEAST_DRAWN = 0.01  # of the canvas is not the ground
 LEAST_COLOURS = 20

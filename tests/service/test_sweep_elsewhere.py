@@ -55,7 +55,6 @@ def test_pool_and_service_give_the_bytes_of_the_sweep_here(design: Path, capsys:
     assert capsys.readouterr().out == here
 
 
-@pytest.mark.xdist_group("dask")
 def test_a_dask_cluster_gives_the_bytes_of_the_sweep_here(
     design: Path, dask_cluster: Cluster, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -22,7 +22,6 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from openapi_scenes import is_secured, json_examples, light, operations, parameters
 from served import Served, served
 
-pytestmark = pytest.mark.xdist_group("tenants")  # one service for all of them
 ISSUER, AUDIENCE = "https://identity.example", "tailstack"
 SECURED = {o["operationId"]: (path, method, o) for path, method, o in operations() if is_secured(o)}
 OPEN = {o["operationId"]: path for path, _, o in operations() if not is_secured(o)}

@@ -1,14 +1,19 @@
-"""A test that leaves the process changed fails, and the next test does not meet the change."""
+"""A test that leaves the process changed fails, and the next test does not meet the change.
+
+And what a file of tests starts for all of them is started once.
+"""
 
 from __future__ import annotations
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
 CONFTEST = Path(__file__).parents[1] / "conftest.py"
+RUN = Path(__file__).parents[2] / "run"
 
 # Each pair: a test that leaks, and one that fails if it meets the leak
 TESTS = """
@@ -77,3 +82,31 @@ def test_a_test_that_leaves_the_process_changed_fails(tmp_path: Path) -> None:
     assert "os.environ 'NUMBA_CPU_NAME' was None, is 'x86-64-v4'" in done.stdout
     assert "os.environ 'KEPT' was '1', is None" in done.stdout
     assert "log level of 'library' was 40, is 50" in done.stdout
+
+
+SHARING = """
+import os
+import pytest
+
+@pytest.fixture(scope="module")
+def shared():
+    with open(os.environ["STARTED"], "a") as started:
+        print(os.path.basename(__file__), file=started)
+
+@pytest.mark.parametrize("number", range(8))
+def test_shares(shared, number): pass
+"""
+
+
+def test_what_a_file_of_tests_starts_is_started_once(tmp_path: Path) -> None:
+    """With the very arguments of ./run test.  pytest 9.2 once made xdist's groups do nothing, and nobody noticed that
+    every service of the tests was started up to four times."""
+    for name in ("test_one.py", "test_other.py"):
+        (tmp_path / name).write_text(SHARING, encoding="utf-8")
+    given = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "PYTEST_"))}
+    given |= {"STARTED": str(tmp_path / "started"), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    side_by_side = runpy.run_path(str(RUN))["SIDE_BY_SIDE"]
+    command = [sys.executable, "-m", "pytest", "-p", "xdist", "--rootdir", str(tmp_path), *side_by_side, "."]
+    done = subprocess.run(command, cwd=tmp_path, env=given, capture_output=True, text=True, timeout=60, check=False)
+    assert "16 passed" in done.stdout, done.stdout
+    assert sorted((tmp_path / "started").read_text().split()) == ["test_one.py", "test_other.py"]
