@@ -9,7 +9,7 @@ from .logs import moment
 from .problems import ProblemDocument, ProblemEntry
 
 if TYPE_CHECKING:
-    from .store.jobs import Job
+    from .jobs.store.jobs import Job
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 JobKind = Literal["verification", "optimisation", "sweep", "gate", "report", "comparison"]

@@ -20,7 +20,7 @@ from tailstack.errors import (
     TailstackError,
 )
 
-from .store.errors import IdempotencyConflict, QueueFull, StoreError, StoreUnavailable, UnitLost
+from .jobs.store.errors import IdempotencyConflict, QueueFull, StoreError, StoreUnavailable, UnitLost
 
 
 class RequestError(TailstackError):

@@ -41,12 +41,12 @@ from worker_scenes import end
 
 from optimise_documents import BOX, document
 from tailstack.version import __version__
-from tailstack_service.compute.interpreter import command, environment
 from tailstack_service.http.example import EXAMPLE_DESIGN
-from tailstack_service.store import jobs, results, tables, units
-from tailstack_service.store.database import Database, open_database, reading
-from tailstack_service.store.errors import StoreError, StoreUnavailable
-from tailstack_service.store.upkeep import migrate
+from tailstack_service.jobs.store import jobs, results, tables, workers
+from tailstack_service.jobs.store.database import Database, reading
+from tailstack_service.jobs.store.errors import StoreError, StoreUnavailable
+from tailstack_service.jobs.store.schema import migrate_database, open_database
+from tailstack_service.processes.interpreter import command, environment
 from tailstack_service.work.perform import perform
 from tailstack_service.work.requests import canonical
 from tailstack_service.work.task import ADVANCE, Task, UnitResult
@@ -79,7 +79,7 @@ AHEAD = f"""
 import os, time
 from functools import partial
 from tailstack_service.settings import load_settings
-from tailstack_service.worker import process
+from tailstack_service.jobs import process
 process.open_database = partial(process.open_database, clock=lambda: time.time() + {AHEAD_SECONDS})
 process.run_worker(load_settings())
 """
@@ -417,10 +417,10 @@ class Chaos:
         self.report.kills.append(Kill(kind, at, under_way))
         return True
 
-    def _victim(self) -> units.Worker | None:
+    def _victim(self) -> workers.WorkerEntry | None:
         """A worker that has something to lose and is not frozen."""
         pids = self.fleet.pids() - {pid for _, pid in self.frozen}
-        there = [worker for worker in self._insist(lambda: units.workers(self.db)) if worker.pid in pids]
+        there = [worker for worker in self._insist(lambda: workers.workers(self.db)) if worker.pid in pids]
         busy = [worker for worker in there if self._leased(worker.id)]
         return self.random.choice(busy) if busy else None
 
@@ -442,7 +442,7 @@ class Chaos:
     def _kill_server(self) -> tuple[Units, Callable[[], None]] | None:
         serve = self.fleet.processes["serve"]
         family = {child.pid for child in psutil.Process(serve.pid).children()} if serve.poll() is None else set()
-        its = [worker.id for worker in self._insist(lambda: units.workers(self.db)) if worker.pid in family]
+        its = [worker.id for worker in self._insist(lambda: workers.workers(self.db)) if worker.pid in family]
         under_way = {unit: begun for name in its for unit, begun in self._leased(name).items()}
         return (under_way, serve.kill) if under_way else None
 
@@ -503,7 +503,7 @@ class Chaos:
         try:
             until = time.monotonic() + AHEAD_PATIENCE_SECONDS
             while time.monotonic() < until:
-                its = [w.id for w in self._insist(lambda: units.workers(self.db)) if w.pid == ahead.pid]
+                its = [w.id for w in self._insist(lambda: workers.workers(self.db)) if w.pid == ahead.pid]
                 under_way = self._leased(its[0]) if its else {}
                 if under_way:
                     return under_way, lambda: end(ahead)
@@ -624,7 +624,7 @@ def run_chaos(
     """Kill ``kills`` times on the database at ``url``, which has no tables yet; logs go into ``folder``."""
     for request in asked:
         undisturbed(request)
-    migrate(url)
+    migrate_database(url)
     report = Report(name, seed)
     told = {"TAILSTACK_WORKER_PROCESSES": str(processes)} | (cluster.settings if cluster else {})
     with ExitStack() as stack:

@@ -11,12 +11,12 @@ import pytest
 from postgres import Server
 
 from tailstack_service.cli.main import main
-from tailstack_service.store import jobs, units
-from tailstack_service.store.database import Database, open_database, writing
-from tailstack_service.store.jobs import Job
-from tailstack_service.store.schema import migrate
-from tailstack_service.store.tables import metadata
-from tailstack_service.store.units import Claim
+from tailstack_service.jobs.store import jobs, queue
+from tailstack_service.jobs.store.database import Database, writing
+from tailstack_service.jobs.store.jobs import Job
+from tailstack_service.jobs.store.queue import Claim
+from tailstack_service.jobs.store.schema import migrate_database, open_database
+from tailstack_service.jobs.store.tables import metadata
 from tailstack_service.work.task import ADVANCE, Outcome
 
 VERSION = "1.0"
@@ -47,14 +47,14 @@ def clock() -> Clock:
 @pytest.fixture(scope="session")
 def migrated_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("migrated") / "store.sqlite3"
-    migrate(f"sqlite:///{path}")
+    migrate_database(f"sqlite:///{path}")
     return path
 
 
 @pytest.fixture(scope="session")
 def migrated_database(postgres_server: Server) -> str:
     url = postgres_server.url(postgres_server.create_database())
-    migrate(url)
+    migrate_database(url)
     return url
 
 
@@ -99,7 +99,7 @@ def claim(db: Database, worker_id: str = "w1", limit: int = 1, **changes: Any) -
         "max_attempts": MAX_ATTEMPTS,
         "max_deaths": MAX_DEATHS,
     }
-    return units.claim(db, worker_id=worker_id, limit=limit, **(given | changes))
+    return queue.claim(db, worker_id=worker_id, limit=limit, **(given | changes))
 
 
 def claim_one(db: Database, worker_id: str = "w1", **changes: Any) -> Claim:
@@ -108,7 +108,7 @@ def claim_one(db: Database, worker_id: str = "w1", **changes: Any) -> Claim:
 
 
 def record(db: Database, held: Claim, max_job_seconds: float = 3_600.0, **outcome: Any) -> bool:
-    return units.record(db, held, Outcome(**({"cpu_seconds": 0.5} | outcome)), max_job_seconds=max_job_seconds)
+    return queue.record(db, held, Outcome(**({"cpu_seconds": 0.5} | outcome)), max_job_seconds=max_job_seconds)
 
 
 def specs(count: int, first: int = 1) -> tuple[bytes, ...]:

@@ -16,11 +16,12 @@ from service_scenes import client_with, limited
 from store_scenes import Clock
 from worker_scenes import until
 
+from tailstack_service.jobs.store import audit, upkeep
+from tailstack_service.jobs.store.database import Database
+from tailstack_service.jobs.store.errors import StoreUnavailable
+from tailstack_service.jobs.store.keys import create_key, revoke
+from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.settings import Settings
-from tailstack_service.store import audit, upkeep
-from tailstack_service.store.database import Database, open_database
-from tailstack_service.store.errors import StoreUnavailable
-from tailstack_service.store.keys import create_key, revoke
 
 DAY = 86_400.0
 HOUR = 3_600.0

@@ -20,7 +20,7 @@ from tailstack_service.settings import Settings
 from tailstack_service.work.task import Task
 
 if TYPE_CHECKING:
-    from tailstack_service.compute.dask import DaskEngine
+    from tailstack_service.jobs.engines.dask import DaskEngine
 
 LONG = 60.0  # s, for what takes a few
 
@@ -59,7 +59,7 @@ def burning(cluster: Cluster) -> list[psutil.Process]:
 
 @pytest.fixture
 def engine(dask_cluster: Cluster) -> Iterator[DaskEngine]:
-    from tailstack_service.compute.dask import DaskEngine
+    from tailstack_service.jobs.engines.dask import DaskEngine
 
     dask_cluster.revive()
     with closing(DaskEngine(Settings(**dask_cluster.settings), function=strange_units.FUNCTION)) as engine:
@@ -79,7 +79,7 @@ def test_tasks_are_computed_and_nothing_stays_in_the_cluster(dask_cluster: Clust
 
 
 def test_a_death_is_that_of_one_task_and_not_of_the_dask_worker(dask_cluster: Cluster, engine: DaskEngine) -> None:
-    from tailstack_service.compute.engine import Defect, Died
+    from tailstack_service.processes.frames import Defect, Died
 
     before = [worker.pid for worker in dask_cluster.workers if worker]
     futures = [engine.submit(task("die" if k % 4 == 0 else "answer", n=k), f"mixed-{k}") for k in range(12)]
@@ -123,7 +123,7 @@ def test_a_lost_dask_worker_costs_only_time(dask_cluster: Cluster, engine: DaskE
 
 
 def test_a_lost_scheduler_gives_everything_back_and_is_found_again(dask_cluster: Cluster, engine: DaskEngine) -> None:
-    from tailstack_service.compute.engine import GivenBack
+    from tailstack_service.processes.frames import GivenBack
 
     futures = [engine.submit(task("burn", seconds=30.0, n=number), f"away-{number}") for number in range(4)]
     until(lambda: len(burning(dask_cluster)) == 2)
@@ -142,8 +142,8 @@ def test_a_lost_scheduler_gives_everything_back_and_is_found_again(dask_cluster:
 
 
 def test_without_a_connection_tasks_are_given_back_at_once(dask_cluster: Cluster) -> None:
-    from tailstack_service.compute.dask import DaskEngine
-    from tailstack_service.compute.engine import GivenBack
+    from tailstack_service.jobs.engines.dask import DaskEngine
+    from tailstack_service.processes.frames import GivenBack
 
     nowhere = Settings(**dask_cluster.settings | {"TAILSTACK_DASK_SCHEDULER": "tls://127.0.0.1:1"})
     with closing(DaskEngine(nowhere)) as engine:
@@ -155,9 +155,9 @@ def test_without_a_connection_tasks_are_given_back_at_once(dask_cluster: Cluster
 def test_another_version_on_the_dask_workers_computes_nothing(
     engine: DaskEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tailstack_service.compute.engine import GivenBack
+    from tailstack_service.processes.frames import GivenBack
 
-    monkeypatch.setattr("tailstack_service.compute.dask.__version__", "0.0.0")
+    monkeypatch.setattr("tailstack_service.jobs.engines.dask.__version__", "0.0.0")
     with pytest.raises(GivenBack, match=r"the job was claimed by 0\.0\.0"):
         engine.submit(task(), f"version-{os.urandom(3).hex()}").result(LONG)
 
@@ -172,7 +172,7 @@ def test_another_version_on_the_dask_workers_computes_nothing(
     ],
 )
 def test_settings_that_cannot_work_are_refused(change: dict[str, str], said: str, tmp_path: Path) -> None:
-    from tailstack_service.compute.choosing import engine_for
+    from tailstack_service.jobs.engines.engine import engine_for
 
     pytest.importorskip("distributed")
     (tmp_path / "file.pem").touch()

@@ -21,10 +21,10 @@ import pytest
 import strange_units
 from strange_units import expected_answer, request
 
-from tailstack_service.compute import child
-from tailstack_service.compute.engine import Defect, Died, GivenBack, OutOfDate
-from tailstack_service.compute.interpreter import code_digest, command, environment
-from tailstack_service.compute.pool import PoolEngine
+from tailstack_service.jobs.engines.pool import PoolEngine
+from tailstack_service.processes import child
+from tailstack_service.processes.frames import Defect, Died, GivenBack, OutOfDate
+from tailstack_service.processes.interpreter import code_digest, command, environment
 from tailstack_service.work.task import ADVANCE, Outcome, Task, UnitResult
 
 UNIT = b'{"unit":0}'
@@ -79,7 +79,7 @@ def test_a_death_names_its_signal(pool: PoolEngine, number: int, words: str) -> 
 
 def test_a_computing_process_of_other_sources_computes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """As after an installation under a running worker: the one that is started next finds the new files."""
-    monkeypatch.setattr("tailstack_service.compute.processes.code_digest", lambda: "of the files that were here")
+    monkeypatch.setattr("tailstack_service.jobs.engines.pool.code_digest", lambda: "of the files that were here")
     words = "were replaced since this process was started"
     with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine, pytest.raises(OutOfDate, match=words):
         engine.submit(task(), "late").result(LONG)
@@ -199,7 +199,7 @@ def test_a_function_that_cannot_be_imported_is_a_defect() -> None:
 
 
 def test_processes_that_never_begin_are_not_started_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tailstack_service.compute.processes.command", lambda *_: [sys.executable, "-c", ""])
+    monkeypatch.setattr("tailstack_service.jobs.engines.pool.command", lambda *_: [sys.executable, "-c", ""])
     with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine, pytest.raises(GivenBack, match="in a row"):
         engine.submit(task(), "x").result(LONG)
 
@@ -218,7 +218,7 @@ def test_closing_leaves_no_process() -> None:
 PARENT = """
 import json, sys, time
 from strange_units import FUNCTION, request
-from tailstack_service.compute.pool import PoolEngine
+from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.work.task import Task
 engine = PoolEngine(2, function=FUNCTION)
 future = engine.submit(Task("verification", request("burn"), b'{"unit":0}'), "x")
@@ -246,7 +246,7 @@ def test_processes_end_with_their_parent_even_while_they_compute() -> None:
 def test_a_process_whose_parent_is_already_another_leaves() -> None:
     """The parent can end between its start and the child's wish to end with it."""
     started = subprocess.Popen(
-        command("tailstack_service.compute.child", strange_units.FUNCTION, "1", code_digest()),
+        command("tailstack_service.processes.child", strange_units.FUNCTION, "1", code_digest()),
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment(),
     )  # fmt: skip
     try:

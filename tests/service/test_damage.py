@@ -15,10 +15,10 @@ from worker_scenes import until
 
 from tailstack_service.cli.main import main
 from tailstack_service.http.server import running_service
+from tailstack_service.jobs.store import jobs, results, upkeep, usage
+from tailstack_service.jobs.store.database import Database, writing
+from tailstack_service.jobs.store.errors import DamagedStore, StoreError
 from tailstack_service.settings import Settings
-from tailstack_service.store import damage, jobs, results, upkeep, usage
-from tailstack_service.store.database import Database, writing
-from tailstack_service.store.errors import DamagedStore, StoreError
 
 BODY = {"design": small_design(), "trials": 1000}
 FORGED = b'{"schema":"tailstack/verification/1","p95_mm":0.0}'
@@ -137,7 +137,7 @@ def test_an_answer_that_is_computed_again_is_stored_over_changed_bytes(store: Da
 
 
 def test_an_answer_that_is_gone_is_told_apart_from_one_that_never_was(tmp_path: Path, migrated_file: Path) -> None:
-    from tailstack_service.store.database import open_database
+    from tailstack_service.jobs.store.schema import open_database
 
     path = tmp_path / "a.sqlite3"
     path.write_bytes(migrated_file.read_bytes())
@@ -157,8 +157,8 @@ def test_an_answer_that_is_gone_is_told_apart_from_one_that_never_was(tmp_path: 
 def test_a_key_whose_job_lost_its_answer_makes_a_fresh_job(store: Database) -> None:
     job = finished_job(store, idempotency_key="k")
     change(store, "UPDATE results SET body = ?", FORGED)
-    assert damage.mend(store) == (1, 1)
-    assert damage.mend(store) == (0, 0)
+    assert results.mend(store) == (1, 1)
+    assert results.mend(store) == (0, 0)
     again = submit(store, idempotency_key="k")
     assert again.id != job.id
 

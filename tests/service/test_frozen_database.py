@@ -16,7 +16,6 @@ from pathlib import Path
 import httpx
 import psutil
 import pytest
-import strange_units
 from postgres import Server
 from served import served
 from service_scenes import small_design
@@ -25,9 +24,9 @@ from worker_scenes import finished, prepared_database, until, worker_process
 from worker_scenes import submit as submit_strange
 
 from tailstack_service.http import service
-from tailstack_service.store import database, jobs, units, upkeep
-from tailstack_service.store.database import open_database
-from tailstack_service.store.errors import StoreUnavailable
+from tailstack_service.jobs.store import database, jobs, schema, workers
+from tailstack_service.jobs.store.errors import StoreUnavailable
+from tailstack_service.jobs.store.schema import open_database
 
 TRUE_WITHIN_SECONDS = 3.0  # readiness, after the state has changed
 ANSWERED_WITHIN_SECONDS = 12.0  # anything that needs the database, 503 included
@@ -36,7 +35,7 @@ ANSWERED_WITHIN_SECONDS = 12.0  # anything that needs the database, 503 included
 def test_a_transaction_gives_a_silent_server_up_and_the_next_one_works(
     postgres_server: Server, postgres_url: str
 ) -> None:
-    upkeep.migrate(postgres_url)
+    schema.migrate_database(postgres_url)
     db = open_database(postgres_url)
     try:
         job = submit(db)
@@ -68,7 +67,7 @@ def ready(client: httpx.Client) -> tuple[int, str, float]:
 def test_readiness_tells_of_a_frozen_server_and_the_service_goes_on_when_it_wakes(
     postgres_server: Server, postgres_url: str, tmp_path: Path
 ) -> None:
-    upkeep.migrate(postgres_url)
+    schema.migrate_database(postgres_url)
     body = {"design": small_design(), "trials": 1000}
     with (
         served(tmp_path, TAILSTACK_DATABASE=postgres_url, TAILSTACK_LEASE_SECONDS="3") as service,
@@ -113,7 +112,7 @@ def test_what_is_computed_while_the_database_stands_still_is_recorded_and_not_co
     with prepared_database(postgres_url) as db, ExitStack() as stack:
         for name in ("one", "other"):
             stack.enter_context(worker_process(postgres_url, tmp_path / name))
-        until(lambda: len(units.workers(db)) == 2)
+        until(lambda: len(workers.workers(db)) == 2)
         made = submit_strange(db, request)
         until(lambda: note.exists() and len(note.read_text().splitlines()) == 4)
         with postgres_server.frozen():

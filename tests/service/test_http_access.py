@@ -18,10 +18,11 @@ from service_scenes import check_problem, client_with, small_design
 
 from tailstack_service.http import access
 from tailstack_service.http.access import Access, Tokens
+from tailstack_service.jobs.store.database import Database
+from tailstack_service.jobs.store.keys import create_key, revoke
+from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.problems import RequestError, TransportError
 from tailstack_service.settings import Settings
-from tailstack_service.store.database import Database, open_database
-from tailstack_service.store.keys import create_key, revoke
 
 BODY = {"design": small_design()}
 ISSUER = "https://login.example.org/"
@@ -381,7 +382,7 @@ def test_a_key_is_looked_up_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> 
 
     from starlette.requests import Request
 
-    from tailstack_service.store.keys import Key
+    from tailstack_service.jobs.store.keys import Key
 
     asked: list[str] = []
 

@@ -470,8 +470,8 @@ def test_a_report_in_an_unknown_format(client: httpx.Client) -> None:
 def test_who_waits_for_a_job_while_the_database_goes_away_is_told_of_the_job(monkeypatch: pytest.MonkeyPatch) -> None:
     """Not 503: whoever sent it again would have it twice."""
     from tailstack.errors import Problem
-    from tailstack_service.store import jobs as stored
-    from tailstack_service.store.errors import StoreUnavailable
+    from tailstack_service.jobs.store import jobs as stored
+    from tailstack_service.jobs.store.errors import StoreUnavailable
 
     def away(*_: object) -> None:
         raise StoreUnavailable(Problem("", "store-unavailable", "it stands still"))

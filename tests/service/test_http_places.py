@@ -23,14 +23,14 @@ from service_scenes import Caller, client_with, small_design
 from starlette.requests import Request
 
 from tailstack.errors import LimitError
-from tailstack_service.compute.engine import Defect, Died
 from tailstack_service.http import computations, effort, places
 from tailstack_service.http.asked import Sent
 from tailstack_service.http.bodies import Placed
 from tailstack_service.http.places import CallerLeft, Places, Turns
+from tailstack_service.jobs.store import database
 from tailstack_service.problems import TransportError
+from tailstack_service.processes.frames import Defect, Died
 from tailstack_service.settings import Settings
-from tailstack_service.store import database
 
 QUICK, LONG = 0.0, 60.0  # seconds expected
 

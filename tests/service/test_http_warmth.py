@@ -18,12 +18,12 @@ import httpx
 import pytest
 from service_scenes import Caller, check_problem, small_design
 
-from tailstack_service.compute.engine import Died
 from tailstack_service.http.app import create_app
 from tailstack_service.http.places import Places
 from tailstack_service.http.service import Service
+from tailstack_service.jobs.store.schema import open_database
+from tailstack_service.processes.frames import Died
 from tailstack_service.settings import Settings
-from tailstack_service.store.database import open_database
 
 BODY = {"design": small_design()}
 GATE = {"designs": [{"file": "a.yaml", "design": small_design()}], "mode": "analytic"}

@@ -20,10 +20,10 @@ from postgres import Server
 from service_scenes import ROOT
 from store_scenes import LEASE, Clock, claim, claim_one, find, record, specs, split, submit, url_of
 
-from tailstack_service.store import database, jobs, results, units, upkeep
-from tailstack_service.store.database import Database, open_database, reading, writing
-from tailstack_service.store.errors import StoreUnavailable
-from tailstack_service.store.schema import HEAD, migrate
+from tailstack_service.jobs.store import database, jobs, queue, results, upkeep, workers
+from tailstack_service.jobs.store.database import Database, reading, writing
+from tailstack_service.jobs.store.errors import StoreUnavailable
+from tailstack_service.jobs.store.schema import HEAD, migrate_database, open_database
 from tailstack_service.work.task import ADVANCE
 
 PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service"), str(ROOT / "tests" / "service")])
@@ -32,15 +32,15 @@ PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service"), str(ROOT / 
 WORKER = """
 import sys
 import time
-from tailstack_service.store import units
-from tailstack_service.store.database import open_database
+from tailstack_service.jobs.store import queue
+from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.work.task import ADVANCE, Outcome
 
 url, name, patience = sys.argv[1], sys.argv[2], int(sys.argv[3])
 db, idle = open_database(url), 0
 print("ready", flush=True)
 while idle < patience:
-    held = units.claim(
+    held = queue.claim(
         db, worker_id=name, solver_version="1.0", lease_seconds=1.0, limit=3, max_attempts=1000, max_deaths=5
     )
     idle = 0 if held else idle + 1
@@ -52,7 +52,7 @@ while idle < patience:
             outcome = Outcome(0.1, answer=b"[" + b",".join(unit.result for unit in one.results) + b"]")
         else:
             outcome = Outcome(0.1, more=(b'{"u":1}', b'{"u":2}', b'{"u":3}'))
-        if units.record(db, one, outcome, max_job_seconds=100.0):
+        if queue.record(db, one, outcome, max_job_seconds=100.0):
             print(one.job_id, one.index, flush=True)
 db.close()
 """
@@ -168,16 +168,16 @@ def test_all_that_is_written_at_once_makes_no_deadlock(store: Database) -> None:
                 one = held.pop()
                 move = dice.random()
                 if move < 0.2:
-                    units.release(store, one, died=False)
+                    queue.release(store, one, died=False)
                 elif one.spec != ADVANCE:
                     done["records"] += record(store, one, result=b"x")
                 elif move < 0.6:
                     done["records"] += record(store, one, more=specs(20))
                 else:
                     done["records"] += record(store, one, answer=b"{}")
-            lost = units.renew(store, f"w{seed % 4}", held, 0.02)
+            lost = queue.renew(store, f"w{seed % 4}", held, 0.02)
             held = [one for one in held if one not in lost]
-            units.heartbeat(store, f"w{seed % 4}", "host", seed, "1.0", "pool", 1)
+            workers.heartbeat(store, f"w{seed % 4}", "host", seed, "1.0", "pool", 1)
             recent = jobs.page(store, "acme", limit=3).jobs
             if dice.random() < 0.3 or not recent:
                 submit(store)
@@ -236,7 +236,7 @@ def test_readers_do_not_wait_for_a_writer(store: Database) -> None:
         assert find(store, job) == job
         assert jobs.page(store, "acme", limit=5).jobs == (job,)
         assert len(jobs.events_after(store, "acme", job.id, 0, 5)) == 1
-        assert units.workers(store) == []
+        assert workers.workers(store) == []
         assert time.monotonic() - begun < 2.0
         assert writer.is_alive()
     finally:
@@ -287,7 +287,7 @@ def test_many_writers_behind_one_that_is_stopped_wait_together_not_one_after_the
 
 def test_migrating_at_once_from_many_sides_is_safe(database_url: str) -> None:
     with ThreadPoolExecutor(6) as pool:
-        found = list(pool.map(lambda _: migrate(database_url), range(6)))
+        found = list(pool.map(lambda _: migrate_database(database_url), range(6)))
     assert Counter(found) == {(None, HEAD): 1, (HEAD, HEAD): 5}
     db = open_database(database_url)
     try:
@@ -298,10 +298,8 @@ def test_migrating_at_once_from_many_sides_is_safe(database_url: str) -> None:
 
 def test_processes_that_open_a_new_file_at_once(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'new' / 'a.sqlite3'}"
-    code = (
-        "import sys; from tailstack_service.store.database import *; open_database(sys.argv[1], migrate=True).close()"
-    )
-    command = [sys.executable, "-c", code, url]
+    opens = "from tailstack_service.jobs.store.schema import *; open_database(sys.argv[1], migrate=True).close()"
+    command = [sys.executable, "-c", f"import sys; {opens}", url]
     started = [subprocess.Popen(command, env={**os.environ, "PYTHONPATH": PATH}) for _ in range(4)]
     try:
         assert [process.wait(60) for process in started] == [0] * 4
@@ -339,7 +337,7 @@ def test_a_server_that_restarts_is_unavailable_and_then_goes_on(
         lambda: submit(db),
         lambda: claim(db),
         lambda: record(db, held, more=specs(2)),
-        lambda: units.renew(db, "w1", [held], LEASE),
+        lambda: queue.renew(db, "w1", [held], LEASE),
         lambda: jobs.cancel(db, tenant, job.id),
         lambda: open_database(url_of(db)),
     ):
@@ -378,7 +376,7 @@ def test_claims_and_renewals_never_wait_for_a_row_that_another_holds(
     postgres_url: str, clock: Clock, table: str
 ) -> None:
     """So they cannot be part of a deadlock, whatever the order in which the others take rows."""
-    migrate(postgres_url)
+    migrate_database(postgres_url)
     db = open_database(postgres_url, clock=clock)
     try:
         split(db, 1)
@@ -387,7 +385,7 @@ def test_claims_and_renewals_never_wait_for_a_row_that_another_holds(
         with writing(db) as connection, ThreadPoolExecutor(1) as pool:
             connection.exec_driver_sql(f"SELECT 1 FROM {table} FOR UPDATE")
             assert pool.submit(claim, db, "w2", 9).result(5) == []
-            assert pool.submit(units.renew, db, "w1", [held], LEASE).result(5) == []  # not lost, only busy
+            assert pool.submit(queue.renew, db, "w1", [held], LEASE).result(5) == []  # not lost, only busy
         assert len(claim(db, "w2", 9)) == 1
         assert record(db, held, result=b"x")
     finally:

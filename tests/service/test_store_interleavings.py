@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 import pytest
 from store_scenes import LEASE, Clock, claim, find, record, submit
 
-from tailstack_service.store import jobs, results, units, upkeep
-from tailstack_service.store.database import Database
-from tailstack_service.store.jobs import Job
-from tailstack_service.store.units import Claim
+from tailstack_service.jobs.store import jobs, queue, results, upkeep, workers
+from tailstack_service.jobs.store.database import Database
+from tailstack_service.jobs.store.jobs import Job
+from tailstack_service.jobs.store.queue import Claim
 from tailstack_service.work.task import ADVANCE, UnitResult
 
 STEPS = 260
@@ -111,7 +111,7 @@ class Play:
     def claim(self) -> None:
         version = self.random.choice("12")
         if self.random.random() < 0.8:
-            units.heartbeat(self.store, f"w{version}", "host", 1, version, "pool", 1)
+            workers.heartbeat(self.store, f"w{version}", "host", 1, version, "pool", 1)
             self.seen[version] = self.clock.now
         limit = self.random.randint(1, 5)
         others = self.live() - {version}
@@ -161,7 +161,7 @@ class Play:
     def release(self) -> None:
         _, one = self.random.choice(self.claims)
         unit = self.model[one.job_id].held(one)
-        units.release(self.store, one, died=False)
+        queue.release(self.store, one, died=False)
         if unit is not None:
             unit.state = "ready"
 
@@ -170,7 +170,7 @@ class Play:
         mine = [one for owner, one in self.claims if owner == worker_id]
         mine = self.random.sample(mine, min(len(mine), 8))
         expected = [one for one in mine if not (self.holds(one) or self.model[one.job_id].recorded(one))]
-        assert units.renew(self.store, worker_id, mine, LEASE) == expected
+        assert queue.renew(self.store, worker_id, mine, LEASE) == expected
         self.counted["lost"] += len(expected)
         for one in mine:
             unit = self.holds(one)

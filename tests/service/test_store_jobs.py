@@ -10,10 +10,10 @@ from threading import Barrier
 import pytest
 from store_scenes import PROBLEM, Clock, claim_one, find, finish, record, split, submit
 
-from tailstack_service.store import jobs, results
-from tailstack_service.store.database import Database
-from tailstack_service.store.errors import IdempotencyConflict, QueueFull
-from tailstack_service.store.jobs import Job
+from tailstack_service.jobs.store import jobs, results
+from tailstack_service.jobs.store.database import Database
+from tailstack_service.jobs.store.errors import IdempotencyConflict, QueueFull
+from tailstack_service.jobs.store.jobs import Job
 
 
 def told(db: Database, job: Job, after: int = 0) -> list[tuple[int, str, dict[str, object]]]:

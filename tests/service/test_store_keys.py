@@ -11,10 +11,10 @@ import pytest
 import sqlalchemy as sa
 from store_scenes import Clock
 
+from tailstack_service.jobs.store import tables
+from tailstack_service.jobs.store.database import Database, reading
+from tailstack_service.jobs.store.keys import Key, create_key, find_key, list_keys, revoke
 from tailstack_service.problems import RequestError
-from tailstack_service.store import tables
-from tailstack_service.store.database import Database, reading
-from tailstack_service.store.keys import Key, create_key, find_key, list_keys, revoke
 
 DAY = 86_400.0
 SECRET = re.compile(r"tsk_[0-9a-f]{12}_[A-Za-z0-9_-]{43}")

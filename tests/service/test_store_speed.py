@@ -11,10 +11,10 @@ import pytest
 import sqlalchemy as sa
 from store_scenes import Clock, claim, find, record, specs, submit
 
-from tailstack_service.store import jobs, results, tables, units, usage
-from tailstack_service.store.claims import new_unit
-from tailstack_service.store.database import Database, writing
-from tailstack_service.store.identifiers import new_job_id
+from tailstack_service.jobs.store import jobs, queue, results, tables, usage
+from tailstack_service.jobs.store.database import Database, writing
+from tailstack_service.jobs.store.queue import new_unit
+from tailstack_service.jobs.store.tables import new_job_id
 from tailstack_service.work.task import ADVANCE
 
 QUEUED = 1_500
@@ -68,7 +68,7 @@ def test_no_query_of_the_hot_path_walks_a_table(long_queue: Database, clock: Clo
     db = long_queue
     recorder = Recorder(db)
     held = claim(db, limit=3)
-    units.renew(db, "w1", held, 15.0)
+    queue.renew(db, "w1", held, 15.0)
     assert record(db, held[0], more=specs(2))
     for _ in range(2):
         (one,) = claim(db)
@@ -80,7 +80,7 @@ def test_no_query_of_the_hot_path_walks_a_table(long_queue: Database, clock: Clo
     assert record(db, last, answer=b"{}")
     results.get(db, "t0", hashlib.sha256(b"{}").hexdigest())
     usage.cpu_seconds_since(db, "t0", clock.now - 3600)
-    units.release(db, held[1], died=False)
+    queue.release(db, held[1], died=False)
     submit(db, tenant="t1")
     page = jobs.page(db, "t1", limit=20)
     jobs.page(db, "t1", limit=20, after=page.next)

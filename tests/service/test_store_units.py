@@ -22,8 +22,8 @@ from store_scenes import (
     submit,
 )
 
-from tailstack_service.store import jobs, results, tables, units, usage
-from tailstack_service.store.database import Database, reading
+from tailstack_service.jobs.store import jobs, queue, results, tables, usage, workers
+from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.work.task import ADVANCE, Outcome, UnitResult
 
 
@@ -34,7 +34,7 @@ def stored_units(db: Database, job_id: str) -> list[sa.Row[*tuple[object, ...]]]
 
 
 def alive(db: Database, worker_id: str, version: str) -> None:
-    units.heartbeat(db, worker_id, "host", 1, version, "pool", 2)
+    workers.heartbeat(db, worker_id, "host", 1, version, "pool", 2)
 
 
 def test_a_job_from_its_first_unit_to_its_answer(store: Database, clock: Clock) -> None:
@@ -146,8 +146,8 @@ def test_a_lease_that_ran_out_is_given_to_another_and_the_first_can_no_longer_re
 
     assert not record(store, frozen, result=b"late")
     assert not record(store, frozen, problem=PROBLEM)
-    units.release(store, frozen, died=True)
-    assert units.renew(store, "frozen", [frozen], LEASE) == [frozen]
+    queue.release(store, frozen, died=True)
+    assert queue.renew(store, "frozen", [frozen], LEASE) == [frozen]
     assert (find(store, job), stored_units(store, job.id)) == before
 
     assert record(store, taken, result=b"in time")
@@ -160,7 +160,7 @@ def test_a_lease_that_ran_out_unnoticed_is_still_its_holders(store: Database, cl
     split(store, 2)
     one, two = claim(store, limit=2)
     clock.advance(10 * LEASE)
-    assert units.renew(store, "w1", [one], LEASE) == []
+    assert queue.renew(store, "w1", [one], LEASE) == []
     assert [held.index for held in claim(store, "other", limit=5)] == [two.index]
     assert record(store, one, result=b"x")
 
@@ -170,17 +170,17 @@ def test_renewed_leases_hold_and_lost_ones_are_named(store: Database, clock: Clo
     held = claim(store, limit=4)
     of_cancelled = next(one for one in held if one.job_id == cancelled.id)
     recorded, returned, mine = (one for one in held if one.job_id == kept.id)
-    assert units.renew(store, "w1", held, LEASE) == []
+    assert queue.renew(store, "w1", held, LEASE) == []
     for _ in range(5):
         clock.advance(LEASE - 1)
-        assert units.renew(store, "w1", held, LEASE) == []
+        assert queue.renew(store, "w1", held, LEASE) == []
         assert claim(store, "other", limit=9) == []
     jobs.cancel(store, "acme", cancelled.id)
     assert record(store, recorded, result=b"x")
-    units.release(store, returned, died=False)
+    queue.release(store, returned, died=False)
     # What is recorded is not lost: nobody else will compute it
-    assert units.renew(store, "w1", held, LEASE) == [of_cancelled, returned]
-    assert units.renew(store, "w1", [], LEASE) == []
+    assert queue.renew(store, "w1", held, LEASE) == [of_cancelled, returned]
+    assert queue.renew(store, "w1", [], LEASE) == []
     assert record(store, mine, result=b"y")
 
 
@@ -204,13 +204,13 @@ def test_recording_again_after_an_unknown_commit_says_that_it_is_recorded(store:
 def test_a_unit_given_back_is_claimed_at_once_under_a_new_token(store: Database) -> None:
     split(store, 1)
     held = claim_one(store)
-    units.release(store, held, died=False)
+    queue.release(store, held, died=False)
     again = claim_one(store, "other")
     assert (again.index, again.token, again.attempts, again.deaths) == (held.index, held.token + 1, 2, 0)
-    units.release(store, held, died=True)  # too late: it is another's
+    queue.release(store, held, died=True)  # too late: it is another's
     assert not record(store, held, result=b"late")
     assert record(store, again, result=b"x")
-    units.release(store, again, died=True)
+    queue.release(store, again, died=True)
     assert find(store, find_job(store, again.job_id)).state == "running"
 
 
@@ -225,7 +225,7 @@ def test_a_unit_that_kills_its_processes_ends_the_job(store: Database) -> None:
     for deaths in range(1, 4):
         held = claim_one(store, max_deaths=3)
         assert (held.index, held.deaths) == (1, deaths - 1)
-        units.release(store, held, died=True)
+        queue.release(store, held, died=True)
         assert find(store, job).state == ("running" if deaths < 3 else "failed")
     failed = find(store, job)
     assert failed.problem is not None
@@ -258,7 +258,7 @@ def test_a_unit_that_takes_whole_workers_with_it_ends_the_job(store: Database, c
 def test_giving_back_the_last_attempt_ends_the_job(store: Database) -> None:
     job = split(store, 1)
     for _ in range(2):
-        units.release(store, claim_one(store, max_attempts=2), died=False)
+        queue.release(store, claim_one(store, max_attempts=2), died=False)
     assert find(store, job).state == "failed"
 
 
@@ -355,14 +355,14 @@ def test_another_version_waits_while_its_workers_live_then_the_job_is_begun_anew
     assert (last.name, last.data) == ("recomputed", {"from": "1.0", "to": "2.0"})
 
     assert not record(store, old, result=b"late")  # the frozen worker of version 1 wakes
-    assert units.renew(store, "w1", [old], LEASE) == [old]
-    units.release(store, old, died=True)
+    assert queue.renew(store, "w1", [old], LEASE) == [old]
+    queue.release(store, old, died=True)
     assert find(store, job) == reset
 
     alive(store, "w3", "3.0")
-    units.release(store, taken, died=False)
+    queue.release(store, taken, died=False)
     assert claim(store, "w3", solver_version="3.0", limit=9) == []
-    units.goodbye(store, "w2")  # an end in order: nobody waits for a lease
+    workers.goodbye(store, "w2")  # an end in order: nobody waits for a lease
     again = claim(store, "w3", solver_version="3.0", limit=9)
     assert [(held.job_id, held.generation, held.index) for held in again if held.job_id == job.id] == [(job.id, 3, 0)]
     assert record(store, next(held for held in again if held.job_id == job.id), answer=b"{}")
@@ -394,18 +394,18 @@ def test_a_queued_job_of_another_version_says_that_it_changed_hands(store: Datab
 
 
 def test_workers_are_listed_until_they_say_goodbye(store: Database, clock: Clock) -> None:
-    units.heartbeat(store, "w1", "alpha", 11, "1.0", "pool", 4)
+    workers.heartbeat(store, "w1", "alpha", 11, "1.0", "pool", 4)
     clock.advance(5)
-    units.heartbeat(store, "w2", "beta", 22, "1.0", "dask", 16)
+    workers.heartbeat(store, "w2", "beta", 22, "1.0", "dask", 16)
     clock.advance(5)
-    units.heartbeat(store, "w1", "alpha", 11, "1.0", "pool", 4)
+    workers.heartbeat(store, "w1", "alpha", 11, "1.0", "pool", 4)
     begun = clock.now - 10
-    assert units.workers(store) == [
-        units.Worker("w1", "alpha", 11, "1.0", "pool", 4, begun, begun + 10),
-        units.Worker("w2", "beta", 22, "1.0", "dask", 16, begun + 5, begun + 5),
+    assert workers.workers(store) == [
+        workers.WorkerEntry("w1", "alpha", 11, "1.0", "pool", 4, begun, begun + 10),
+        workers.WorkerEntry("w2", "beta", 22, "1.0", "dask", 16, begun + 5, begun + 5),
     ]
-    units.goodbye(store, "w1")
-    assert [worker.id for worker in units.workers(store)] == ["w2"]
+    workers.goodbye(store, "w1")
+    assert [worker.id for worker in workers.workers(store)] == ["w2"]
 
 
 def test_figures_count_everything(store: Database, clock: Clock) -> None:
@@ -438,7 +438,7 @@ def test_outcomes_with_odd_texts_can_be_told(store: Database) -> None:
     assert record(store, claim_one(store), more=specs(1), note="a\0b\ud800")
     assert find(store, job).note == "a\ufffdb?"
     odd = json.dumps({"type": "/v1/problems/infeasible", "detail": "nul \0 and \ud800"}).encode()
-    assert units.record(store, claim_one(store), Outcome(0.0, problem=odd), max_job_seconds=1.0)
+    assert queue.record(store, claim_one(store), Outcome(0.0, problem=odd), max_job_seconds=1.0)
     failed = find(store, job)
     assert failed.problem is not None
     assert failed.problem["detail"] == "nul \0 and \ud800"
@@ -469,7 +469,7 @@ def test_a_clock_set_back_a_little_takes_nothing_from_who_computes(store: Databa
 def test_a_worker_seen_in_the_future_is_not_alive(store: Database, clock: Clock) -> None:
     submit(store, solver_version="0.9")
     clock.advance(7_200)
-    units.heartbeat(store, "w1", "host", 1, "0.9", "pool", 1)
+    workers.heartbeat(store, "w1", "host", 1, "0.9", "pool", 1)
     clock.advance(-7_200)
     assert usage.figures(store).live_workers == 0
     assert claim_one(store, "w2").generation == 2  # begun anew: nobody of its version is there

@@ -20,9 +20,10 @@ from store_scenes import Clock, claim, claim_one, find, finish, record, split, s
 
 from tailstack.errors import Problem
 from tailstack_service.cli.main import main
-from tailstack_service.store import jobs, results, schema, tables, units, upkeep, usage
-from tailstack_service.store.database import Database, connect, open_database, writing
-from tailstack_service.store.errors import StoreError, StoreUnavailable
+from tailstack_service.jobs.store import jobs, results, schema, tables, upkeep, usage, workers
+from tailstack_service.jobs.store.database import Database, connect, writing
+from tailstack_service.jobs.store.errors import StoreError, StoreUnavailable
+from tailstack_service.jobs.store.schema import open_database
 
 DAY = 86_400.0
 
@@ -30,7 +31,7 @@ DAY = 86_400.0
 @pytest.fixture
 def fresh(database_url: str, clock: Clock) -> Iterator[Database]:
     """A database of this test alone, which it may damage."""
-    upkeep.migrate(database_url)
+    schema.migrate_database(database_url)
     db = open_database(database_url, clock=clock)
     try:
         yield db
@@ -50,7 +51,7 @@ def execute(db: Database, statement: str) -> None:
 def test_migrations_lead_to_the_tables_of_the_code(fresh: Database) -> None:
     script = ScriptDirectory(str(schema.MIGRATIONS))
     assert script.get_heads() == [schema.HEAD]
-    assert upkeep.schema_version(fresh) == schema.HEAD
+    assert schema.schema_version(fresh) == schema.HEAD
     with fresh.engine.connect() as connection:
         context = MigrationContext.configure(connection, opts={"compare_type": True, "compare_server_default": True})
         assert compare_metadata(context, tables.metadata) == []
@@ -65,7 +66,7 @@ def test_migrations_lead_to_the_tables_of_the_code(fresh: Database) -> None:
 
 def test_migrating_again_changes_nothing(fresh: Database) -> None:
     job = split(fresh, 2)
-    assert upkeep.migrate(url_of(fresh)) == (schema.HEAD, schema.HEAD)
+    assert schema.migrate_database(url_of(fresh)) == (schema.HEAD, schema.HEAD)
     assert find(fresh, job).units_done == 1
 
 
@@ -93,8 +94,8 @@ def test_another_version_is_refused(fresh: Database, version: str, words: str) -
     assert wrong(fresh) == ["schema version"]
     if version > schema.HEAD:
         with pytest.raises(StoreError, match=words):
-            upkeep.migrate(url_of(fresh))
-        assert upkeep.schema_version(fresh) == version
+            schema.migrate_database(url_of(fresh))
+        assert schema.schema_version(fresh) == version
 
 
 @pytest.mark.parametrize(
@@ -131,7 +132,7 @@ def test_a_server_that_refuses_is_told_from_one_that_is_away(postgres_server: Se
         execute(execute_as_owner, f"CREATE ROLE {name} LOGIN PASSWORD 'p'")
         visitor = f"postgresql://{name}:p@127.0.0.1:{postgres_server.port}/{postgres_url.rpartition('/')[2]}"
         with pytest.raises(StoreError, match=r"permission denied.*ALTER DATABASE"):
-            upkeep.migrate(visitor)
+            schema.migrate_database(visitor)
         execute(execute_as_owner, f"DROP ROLE {name}")
     finally:
         execute_as_owner.close()
@@ -267,7 +268,7 @@ def test_what_is_said_of_restoring_can_be_typed(tmp_path: Path, clock: Clock) ->
 def test_a_backup_of_a_server_can_be_restored(
     postgres_server: Server, postgres_url: str, tmp_path: Path, clock: Clock
 ) -> None:
-    upkeep.migrate(postgres_url)
+    schema.migrate_database(postgres_url)
     db = open_database(postgres_url, clock=clock)
     target = tmp_path / "backup.dump"
     try:
@@ -323,7 +324,7 @@ def test_a_backup_is_refused_with_the_reason(
     with pytest.raises(StoreError, match="password authentication failed") as caught:
         upkeep.backup(wrong_password, target)
     assert "wrong-secret" not in str(caught.value)
-    monkeypatch.setattr("tailstack_service.store.backup.find_program", lambda name: None)
+    monkeypatch.setattr("tailstack_service.jobs.store.upkeep.find_program", lambda name: None)
     with pytest.raises(StoreError, match="apt-get install postgresql-client"):
         upkeep.backup(postgres_url, target)
     assert list(tmp_path.iterdir()) == []
@@ -339,8 +340,8 @@ def test_the_password_is_not_among_the_arguments(
         seen.append([str(word) for word in command])
         return run(command, **options)  # type: ignore[call-overload]
 
-    monkeypatch.setattr("tailstack_service.store.backup.subprocess.run", spy)
-    upkeep.migrate(postgres_url)
+    monkeypatch.setattr("tailstack_service.jobs.store.upkeep.subprocess.run", spy)
+    schema.migrate_database(postgres_url)
     upkeep.backup(postgres_url, tmp_path / "x")
     password = postgres_url.split(":")[2].partition("@")[0]
     assert any("pg_dump" in words[0] for words in seen)
@@ -358,7 +359,7 @@ def test_a_purge_deletes_what_is_old_and_nothing_else(store: Database, clock: Cl
     young = submit(store)
     claimed = next(one for one in claim(store, limit=9) if one.job_id == young.id)
     assert record(store, claimed, answer=b'{"shared":1}')
-    units.heartbeat(store, "w1", "host", 1, "1.0", "pool", 1)
+    workers.heartbeat(store, "w1", "host", 1, "1.0", "pool", 1)
     assert upkeep.purge(store, 30.0) == upkeep.Purged(jobs=0, results=0, usage_rows=2, workers=0, audit_entries=0)
     clock.advance(11 * DAY)
 

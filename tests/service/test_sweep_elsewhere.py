@@ -18,10 +18,10 @@ from service_scenes import client_with, small_design, write_json
 
 from tailstack.errors import NotConvergedError
 from tailstack_service.cli.main import main
-from tailstack_service.compute import alone
-from tailstack_service.compute.alone import RefusedJob, computed
-from tailstack_service.compute.engine import Defect
-from tailstack_service.compute.pool import PoolEngine
+from tailstack_service.jobs import alone
+from tailstack_service.jobs.alone import RefusedJob, computed
+from tailstack_service.jobs.engines.pool import PoolEngine
+from tailstack_service.processes.frames import Defect
 from tailstack_service.settings import Settings
 
 NOISE = "views.*.fiducial_noise_px"

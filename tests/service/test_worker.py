@@ -20,10 +20,10 @@ from strange_units import expected_answer, request
 from worker_scenes import TENANT, VERSION, finished, job, prepared_database, submit, until, working
 
 from tailstack.errors import SourcesChangedError
-from tailstack_service.store import jobs, results, tables, units
-from tailstack_service.store.database import Database, reading
-from tailstack_service.store.jobs import Job
-from tailstack_service.worker import loop
+from tailstack_service.jobs import worker
+from tailstack_service.jobs.store import jobs, queue, results, tables, workers
+from tailstack_service.jobs.store.database import Database, reading
+from tailstack_service.jobs.store.jobs import Job
 
 pytestmark = pytest.mark.usefixtures("quiet")
 
@@ -124,7 +124,7 @@ def test_a_worker_whose_sources_were_replaced_stops_and_leaves_the_job_to_anothe
 ) -> None:
     submitted = submit(db, request(units=2))
     with monkeypatch.context() as before:
-        before.setattr("tailstack_service.compute.processes.code_digest", lambda: "of the files that were here")
+        before.setattr("tailstack_service.jobs.engines.pool.code_digest", lambda: "of the files that were here")
         with working(db, expected=SourcesChangedError) as (worker, _):
             until(lambda: worker._failure is not None)
     assert not job(db, submitted).finished
@@ -167,8 +167,8 @@ def test_a_stop_gives_everything_back_at_once(db: Database) -> None:
     submitted = submit(db, asked)
     with working(db, lease_seconds=600.0) as (_, engine):
         until(lambda: len(engine._children.seconds()) == 2)
-        assert len(units.workers(db)) == 1
-    assert units.workers(db) == []
+        assert len(workers.workers(db)) == 1
+    assert workers.workers(db) == []
     rows = unit_rows(db, submitted)
     assert [row.state for row in rows] == ["recorded", "ready", "ready"]
     assert [row.deaths for row in rows] == [0, 0, 0]
@@ -218,19 +218,19 @@ def test_a_killed_process_is_counted_and_its_unit_computed_again(db: Database, t
 
 def test_short_units_are_taken_ahead_and_long_ones_are_not(db: Database, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
-    claim = units.claim
+    claim = queue.claim
 
     def counting(*arguments: Any, **options: Any) -> list[Any]:
         asked.append(options["limit"])
         return claim(*arguments, **options)
 
-    monkeypatch.setattr(loop.units, "claim", counting)
+    monkeypatch.setattr(queue, "claim", counting)
     with working(db):
         finished(db, submit(db, request("burn", units=4, seconds=0.5)))
         longest = max(asked)
         finished(db, submit(db, request(units=150)))
     assert longest == 2  # as many as there are processes
-    assert max(asked) == 2 * (1 + loop.AHEAD_UNITS)
+    assert max(asked) == 2 * (1 + worker.AHEAD_UNITS)
 
 
 def test_the_database_may_go_away_while_units_are_computed(
@@ -238,10 +238,11 @@ def test_the_database_may_go_away_while_units_are_computed(
 ) -> None:
     """Every statement fails for a second: what was computed meanwhile is recorded afterwards, by the same claims."""
     from tailstack.errors import Problem
-    from tailstack_service.store.errors import StoreUnavailable
+    from tailstack_service.jobs.store.errors import StoreUnavailable
 
     away = False
-    real = {name: getattr(units, name) for name in ("claim", "record", "renew", "heartbeat", "release")}
+    rooms = {"claim": queue, "record": queue, "renew": queue, "release": queue, "heartbeat": workers}
+    real = {name: getattr(room, name) for name, room in rooms.items()}
 
     def replacing(name: str) -> Any:
         def call(*arguments: Any, **options: Any) -> Any:
@@ -251,8 +252,8 @@ def test_the_database_may_go_away_while_units_are_computed(
 
         return call
 
-    for name in real:
-        monkeypatch.setattr(units, name, replacing(name))
+    for name, room in rooms.items():
+        monkeypatch.setattr(room, name, replacing(name))
     submitted = submit(db, request("sleep", units=2, seconds=0.5))
     with working(db, lease_seconds=1.0) as (_, engine):
         until(lambda: len(engine._children.seconds()) == 2)
@@ -274,8 +275,8 @@ def test_a_defect_of_the_second_thread_ends_the_worker(db: Database, monkeypatch
     held = submit(db, request("sleep"))
     with working(db, lease_seconds=1.0, expected=ArithmeticError):
         until(lambda: len(unit_rows(db, held)) == 2)
-        monkeypatch.setattr(units, "renew", broken)
-        until(lambda: units.workers(db) == [])
+        monkeypatch.setattr(queue, "renew", broken)
+        until(lambda: workers.workers(db) == [])
     assert [row.state for row in unit_rows(db, held)] == ["recorded", "ready"]
 
 

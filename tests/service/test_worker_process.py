@@ -28,10 +28,10 @@ from worker_scenes import (
     worker_process,
 )
 
-from tailstack_service.compute.interpreter import command, environment
-from tailstack_service.store import results, units
-from tailstack_service.store.database import Database
-from tailstack_service.store.jobs import Job
+from tailstack_service.jobs.store import results, workers
+from tailstack_service.jobs.store.database import Database
+from tailstack_service.jobs.store.jobs import Job
+from tailstack_service.processes.interpreter import command, environment
 
 COMMAND = command("tailstack_service.cli.main", "worker")
 
@@ -45,7 +45,7 @@ def computed(db: Database, submitted: Job, asked: bytes) -> bool:
 
 
 def at_work(db: Database) -> bool:
-    return len(units.workers(db)) == 1
+    return len(workers.workers(db)) == 1
 
 
 @pytest.mark.parametrize(("sign", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
@@ -62,7 +62,7 @@ def test_a_stop_is_clean_and_leaves_no_process(
         assert len(beside) == 3
         worker.send_signal(sign)
         assert worker.wait(LONG) == code
-        assert units.workers(db) == []
+        assert workers.workers(db) == []
         assert psutil.wait_procs(beside, timeout=5.0)[1] == []
     told = log.read_text()
     assert f"{socket.gethostname()}-{worker.pid}-" in told
@@ -188,10 +188,10 @@ def test_the_health_check_sees_a_worker_of_this_host(database_url: str, tmp_path
 
     with prepared_database(database_url) as db:
         assert check() == (3, "no worker of this host is alive\n")
-        units.heartbeat(db, "elsewhere", "another-host", 1, "1.0", "pool", 2)
+        workers.heartbeat(db, "elsewhere", "another-host", 1, "1.0", "pool", 2)
         assert check()[0] == 3
         with worker_process(database_url, tmp_path / "log") as worker:
-            until(lambda: len(units.workers(db)) == 2)
+            until(lambda: len(workers.workers(db)) == 2)
             code, said = check()
             assert code == 0
             assert f"-{worker.pid}-" in said
@@ -200,7 +200,7 @@ def test_the_health_check_sees_a_worker_of_this_host(database_url: str, tmp_path
 PARENT = """
 import os, sys, time
 from tailstack_service.settings import load_settings
-from tailstack_service.worker.process import start_worker_process
+from tailstack_service.jobs.process import start_worker_process
 child = start_worker_process(load_settings())
 print(child.pid, flush=True)
 time.sleep(60)
@@ -226,15 +226,15 @@ def test_a_worker_ends_with_the_process_that_started_it(tmp_path: Path, sign: si
             assert worker.is_running()
             parent.send_signal(sign)
             assert psutil.wait_procs(family, timeout=10.0)[1] == []
-            assert units.workers(db) == []  # it had time to give back what it had
+            assert workers.workers(db) == []  # it had time to give back what it had
         finally:
             parent.kill()
             parent.communicate(timeout=LONG)
 
 
 def test_old_jobs_are_deleted_in_the_background(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tailstack_service.store import jobs
-    from tailstack_service.worker.tidying import Tidying
+    from tailstack_service.jobs.process import Tidying
+    from tailstack_service.jobs.store import jobs
 
     url = f"sqlite:///{tmp_path / 'x.sqlite3'}"
     with prepared_database(url) as db:

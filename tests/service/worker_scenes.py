@@ -16,13 +16,14 @@ from typing import Any
 import psutil
 import strange_units
 
-from tailstack_service.compute.interpreter import environment
-from tailstack_service.compute.pool import PoolEngine
+from tailstack_service.jobs.engines.pool import PoolEngine
+from tailstack_service.jobs.store import jobs
+from tailstack_service.jobs.store.database import Database
+from tailstack_service.jobs.store.jobs import Job
+from tailstack_service.jobs.store.schema import open_database
+from tailstack_service.jobs.worker import Worker
+from tailstack_service.processes.interpreter import environment
 from tailstack_service.settings import Settings
-from tailstack_service.store import jobs
-from tailstack_service.store.database import Database, open_database
-from tailstack_service.store.jobs import Job
-from tailstack_service.worker.loop import Worker
 
 LONG = 60.0  # s, for what takes a few at most
 VERSION = "1.0"
@@ -34,7 +35,7 @@ import logging
 import os
 from tailstack_service.logs import log_to_stderr
 from tailstack_service.settings import load_settings
-from tailstack_service.worker.process import run_worker
+from tailstack_service.jobs.process import run_worker
 log_to_stderr(level=logging.DEBUG)
 run_worker(load_settings(), function=os.environ["FUNCTION"], solver_version=os.environ["VERSION"])
 """
@@ -70,9 +71,9 @@ def finished(db: Database, submitted: Job, seconds: float = LONG) -> Job:
 @contextmanager
 def prepared_database(url: str) -> Iterator[Database]:
     """The database with its tables, as an operator makes it."""
-    from tailstack_service.store.upkeep import migrate
+    from tailstack_service.jobs.store.schema import migrate_database
 
-    migrate(url)
+    migrate_database(url)
     db = open_database(url)
     try:
         yield db

@@ -28,11 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from ..store import upkeep
+    from ..jobs.store import schema, upkeep
 
     url = read_settings(arguments).database_url
     if arguments.action == "migrate":
-        before, after = upkeep.migrate(url)
+        before, after = schema.migrate_database(url)
         words = "already at" if before == after else "created with" if before is None else f"from {before} to"
         print(f"{_shown(url)}: {words} schema version {after}", file=sys.stderr)
         return Answer("")
@@ -45,20 +45,20 @@ def run(arguments: argparse.Namespace) -> Answer:
 
 
 def _mend(url: str) -> Answer:
-    from ..store import upkeep
-    from ..store.database import open_database
+    from ..jobs.store.results import mend
+    from ..jobs.store.schema import open_database
 
     db = open_database(url)
     try:
-        answers, jobs = upkeep.mend(db)
+        answers, jobs = mend(db)
     finally:
         db.close()
     return Answer(f"{answers} damaged answers deleted; {jobs} jobs that came to them now fail with store-error\n")
 
 
 def _check(url: str) -> Answer:
-    from ..store import upkeep
-    from ..store.database import connect
+    from ..jobs.store import upkeep
+    from ..jobs.store.database import connect
 
     db = connect(url)
     try:
@@ -72,6 +72,6 @@ def _check(url: str) -> Answer:
 
 
 def _shown(url: str) -> str:
-    from ..store.database import parse_url
+    from ..jobs.store.database import parse_url
 
     return parse_url(url).set(drivername=parse_url(url).get_backend_name()).render_as_string(hide_password=True)

@@ -11,7 +11,7 @@ from ..console.arguments import add_database, read_settings, whole
 from ..console.program import program
 
 if TYPE_CHECKING:
-    from ..store.database import Database
+    from ..jobs.store.database import Database
 
 HELP = "make, list or revoke API keys; who did what"
 
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from ..store.database import open_database
+    from ..jobs.store.schema import open_database
 
     db = open_database(read_settings(arguments).database_url, migrate=True)
     try:
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> Answer:
 
 
 def _create(db: Database, arguments: argparse.Namespace) -> Answer:
-    from ..store.keys import create_key
+    from ..jobs.store.keys import create_key
 
     scopes = tuple(arguments.scope or ("read", "compute"))
     key, secret = create_key(db, tenant=arguments.tenant, name=arguments.name, scopes=scopes, days=arguments.days)
@@ -77,8 +77,8 @@ def _list(db: Database, arguments: argparse.Namespace) -> Answer:
 
     from tailstack.json_text import write_json
 
+    from ..jobs.store.keys import list_keys
     from ..rendering.tables import table
-    from ..store.keys import list_keys
 
     found = list_keys(db, arguments.tenant)
     if arguments.json:
@@ -96,8 +96,8 @@ def _list(db: Database, arguments: argparse.Namespace) -> Answer:
 def _revoke(db: Database, arguments: argparse.Namespace) -> Answer:
     from tailstack.errors import Problem
 
+    from ..jobs.store.keys import id_of, revoke
     from ..problems import RequestError
-    from ..store.keys import id_of, revoke
 
     key_id = id_of(arguments.id)
     key = revoke(db, key_id)
@@ -116,9 +116,9 @@ def _log(db: Database, arguments: argparse.Namespace) -> Answer:
 
     from tailstack.json_text import write_json
 
+    from ..jobs.store import audit
     from ..logs import moment
     from ..rendering.tables import table
-    from ..store import audit
 
     since = time.time() - arguments.days * 86_400.0
     found = audit.entries(db, tenant=arguments.tenant, action=arguments.only, since=since, limit=arguments.limit)

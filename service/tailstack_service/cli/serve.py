@@ -28,9 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from ..compute.interpreter import refuse_unusable_kernels
     from ..http.server import address_of, bind, serve
     from ..logs import log_to_stderr
+    from ..processes.interpreter import refuse_unusable_kernels
 
     settings = read_settings(arguments)
     refuse_unusable_kernels()

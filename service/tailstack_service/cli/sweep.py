@@ -122,10 +122,10 @@ def _elsewhere(arguments: argparse.Namespace, design: Design, asked: list[dict[s
         service = Service(arguments.remote)
         return _record(compute_remotely(service, "/v1/sweeps", request, progress), design, asked, service.url)
 
-    from ..compute.alone import computed
-    from ..compute.choosing import engine_for
     from ..console.arguments import read_settings
     from ..documents import read_record
+    from ..jobs.alone import computed
+    from ..jobs.engines.engine import engine_for
     from ..work.requests import canonical
 
     with closing(engine_for(read_settings(arguments))) as engine:

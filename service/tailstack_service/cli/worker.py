@@ -28,15 +28,15 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     settings = read_settings(arguments)
     if arguments.check:
-        from ..worker.checking import live_worker
+        from ..jobs.process import live_worker
 
         found = live_worker(settings)
         if found is None:
             return Answer("no worker of this host is alive\n", NOT_EVALUATED)
         return Answer(f"worker {found.id} is alive\n", PASS)
 
-    from ..compute.interpreter import refuse_unusable_kernels
-    from ..worker.process import run_worker
+    from ..jobs.process import run_worker
+    from ..processes.interpreter import refuse_unusable_kernels
 
     refuse_unusable_kernels()
     log_to_stderr(settings.log_format)

@@ -23,9 +23,9 @@ from starlette.requests import Request
 
 from tailstack.errors import Problem, TailstackError
 
+from ..jobs.store.keys import SCOPES, Key
 from ..problems import SettingsError, TransportError
 from ..settings import Settings, variable
-from ..store.keys import SCOPES, Key
 
 log = logging.getLogger("tailstack.service")
 LOCAL_TENANT = "local"

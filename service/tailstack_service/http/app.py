@@ -55,12 +55,12 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
     storage = Storage(settings.database_url)
 
     async def find_key(presented: str) -> Any:
-        from ..store.keys import find_key as found
+        from ..jobs.store.keys import find_key as found
 
         return await storage.run(found, presented)
 
     async def note_use(key_id: str, tenant: str, address: str) -> None:
-        from ..store.audit import note_use as note
+        from ..jobs.store.audit import note_use as note
 
         await storage.write(note, key_id, tenant, address)
 

@@ -13,12 +13,12 @@ from tailstack.errors import Problem, TailstackError
 from tailstack.json_text import write_json
 
 from ..job_document import ENDED
+from ..jobs.store import jobs as stored
+from ..jobs.store.events import Event, events_after
+from ..jobs.store.jobs import Job
 from ..logs import moment
 from ..problems import RequestError, TransportError
 from ..settings import variable
-from ..store import jobs as stored
-from ..store.events import Event, events_after
-from ..store.jobs import Job
 from .asked import single
 from .dependencies import Needs, TheService, query
 from .jobs import find_job

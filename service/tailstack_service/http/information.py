@@ -16,8 +16,8 @@ from tailstack.errors import Problem, TailstackError
 from tailstack.json_text import write_json
 
 from ..documents import RECORDS, json_schema, schema_names
+from ..jobs.store.workers import look
 from ..problems import CATALOGUE, ProblemType, TransportError
-from ..store.readiness import look
 from .answers import JSON, record_response
 from .dependencies import Needs, TheService
 from .metrics import CONTENT_TYPE, FRESH_SECONDS

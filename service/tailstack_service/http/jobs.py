@@ -18,14 +18,14 @@ from tailstack.errors import Problem
 
 from ..documents import to_json
 from ..job_document import JobPage, job_document, problem_of
+from ..jobs.store import jobs as stored
+from ..jobs.store import results as stored_results
+from ..jobs.store.database import Database
+from ..jobs.store.events import eta_seconds, events_after
+from ..jobs.store.jobs import Job
+from ..jobs.store.results import Result
+from ..jobs.store.tables import STATES
 from ..problems import RequestError, TransportError
-from ..store import jobs as stored
-from ..store import results as stored_results
-from ..store.database import Database
-from ..store.events import eta_seconds, events_after
-from ..store.jobs import Job
-from ..store.results import Result
-from ..store.tables import STATES
 from ..work.kinds import KINDS
 from . import computations, effort
 from .answers import JSON, path_of, record_response, tagged_response

@@ -10,8 +10,8 @@ from prometheus_client import CollectorRegistry, Counter, Histogram, generate_la
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from ..store.database import Database
-from ..store.usage import Figures, figures
+from ..jobs.store.database import Database
+from ..jobs.store.usage import Figures, figures
 
 FRESH_SECONDS = 60.0  # a worker that was not seen for so long counts as gone
 STORE_SECONDS = 5.0  # for the database to answer: Prometheus gives a page up after ten

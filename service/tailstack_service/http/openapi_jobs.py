@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..store.tables import STATES
+from ..jobs.store.tables import STATES
 from ..work.kinds import KINDS
 from .jobs import FORMATS as REPORT_FORMATS
 from .jobs import LARGEST_PAGE, PAGE

@@ -26,12 +26,10 @@ from starlette.requests import Request
 
 from tailstack.errors import LimitError, Problem, TailstackError
 
-from ..compute import frames
-from ..compute.child import BEGUN, OTHER_CODE
-from ..compute.engine import Defect, Died, OutOfDate
-from ..compute.interpreter import code_digest, command, environment
-from ..compute.processes import describe_ending
 from ..problems import TransportError
+from ..processes import frames
+from ..processes.frames import BEGUN, OTHER_CODE, Defect, Died, OutOfDate
+from ..processes.interpreter import code_digest, command, describe_ending, environment
 from ..settings import variable
 from .bodies import Placed
 from .computations import Refusal, warm_up
@@ -322,7 +320,7 @@ class _Process:
         ours, theirs = socket.socketpair()
         with theirs:
             self._popen: subprocess.Popen[bytes] = subprocess.Popen(
-                command("tailstack_service.compute.child", PERFORM, str(os.getpid()), code_digest()),
+                command("tailstack_service.processes.child", PERFORM, str(os.getpid()), code_digest()),
                 stdin=theirs.fileno(),
                 stdout=theirs.fileno(),
                 env=environment(),

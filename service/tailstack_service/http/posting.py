@@ -15,13 +15,13 @@ from fastapi import APIRouter, Depends, Request, Response
 from tailstack import __version__
 from tailstack.errors import Problem
 
+from ..jobs.store import jobs as stored
+from ..jobs.store import results
+from ..jobs.store.errors import StoreUnavailable
+from ..jobs.store.jobs import Job
+from ..jobs.store.usage import cpu_seconds_since
 from ..problems import TransportError
 from ..settings import variable
-from ..store import jobs as stored
-from ..store import results
-from ..store.errors import StoreUnavailable
-from ..store.jobs import Job
-from ..store.usage import cpu_seconds_since
 from . import computations, effort
 from .answers import JSON, idempotency_key, wait_seconds
 from .asked import Sent

@@ -12,8 +12,8 @@ from starlette.exceptions import HTTPException
 from tailstack.errors import Problem, TailstackError
 
 from ..documents import to_json
+from ..jobs.store.errors import DamagedStore, StoreError, StoreUnavailable
 from ..problems import ProblemDocument, TransportError, problem_document
-from ..store.errors import DamagedStore, StoreError, StoreUnavailable
 from .answers import path_of
 from .bodies import Placed
 from .body import BodyTooLarge

@@ -22,10 +22,10 @@ from uvicorn.supervisors.multiprocess import SIGNALS, Multiprocess
 
 from tailstack.errors import Problem
 
+from ..jobs.store.schema import open_database
 from ..logs import log_to_stderr
 from ..problems import RequestError
 from ..settings import Settings, variable
-from ..store.database import open_database
 from .access import check_settings, is_loopback
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ class _Family:
     def __init__(self, settings: Settings, worker: bool, log: IO[bytes] | None = None) -> None:
         self.children: list[Child] = []
         if worker:
-            from ..worker.process import start_worker_process
+            from ..jobs.process import start_worker_process
 
             self.children.append(Child("worker", lambda: start_worker_process(settings, log)))
 

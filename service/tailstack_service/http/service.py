@@ -15,10 +15,11 @@ from starlette.requests import Request
 
 from tailstack.errors import Problem, TailstackError
 
+from ..jobs.store import audit, database
+from ..jobs.store.database import Database
+from ..jobs.store.errors import StoreUnavailable
+from ..jobs.store.schema import open_database
 from ..settings import Settings
-from ..store import audit, database
-from ..store.database import Database, open_database
-from ..store.errors import StoreUnavailable
 from .access import Access
 from .metrics import Metrics
 from .places import Places

@@ -1,0 +1,1 @@
+"""Jobs: the database that holds them, the worker that takes units from it, the engines that compute them."""

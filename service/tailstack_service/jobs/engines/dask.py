@@ -1,0 +1,261 @@
+"""The engine of a cluster: an existing Dask cluster, reached over TLS.
+
+Nothing is kept there: a result is fetched and its future released as soon as it is done, and whatever the cluster
+loses is given back and computed again.
+"""
+
+# mypy: disable-error-code="no-untyped-call"
+# (distributed annotates only part of what it offers)
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+import time
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from distributed import Client, Security, Worker, WorkerPlugin
+from distributed import Future as RemoteFuture
+from distributed.scheduler import KilledWorker
+
+from tailstack.errors import Problem
+from tailstack.version import __version__
+
+from ...problems import RequestError
+from ...processes.frames import PERFORM, Defect, Died, GivenBack
+from ...settings import Settings, variable
+from ...work.task import Outcome, Task
+from . import remote
+
+log = logging.getLogger("tailstack.worker")
+logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # tracebacks of what is said here in a line
+
+PLUGIN = f"tailstack-{__version__}"
+ANSWER_SECONDS = 10.0  # for the cluster to answer a question, or to hand over a result
+CLOSING_SECONDS = 3.0  # to have what is under way killed
+LOOK_SECONDS = 1.0  # between looks at how many threads the cluster has
+LONG_SECONDS = 30.0  # how long a task may be away before the cluster is asked since when it has been computed
+FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0  # s between attempts to reach the scheduler
+
+
+@dataclass(slots=True)
+class _Away:
+    """A task in the cluster."""
+
+    key: str
+    remote: RemoteFuture[Outcome]
+    submitted: float
+    begun: float | None = None  # monotonic, as far as the cluster has been asked
+
+
+class Leaving(WorkerPlugin):
+    """Ends the computing processes beside a Dask worker when that leaves, say because its scheduler is gone."""
+
+    idempotent = True  # the first client's stays: being replaced would end what other clients have computed
+
+    def teardown(self, worker: Worker) -> None:
+        remote.close()
+
+
+class DaskEngine:
+    """A client of the Dask cluster at ``settings.dask_scheduler``.
+
+    The scheduler need not be up: until it is, the capacity is 0.  Raises RequestError for an address without TLS or a
+    file that cannot be read.
+    """
+
+    name = "dask"
+
+    def __init__(self, settings: Settings, *, function: str = PERFORM) -> None:
+        self._address, self._security = _address(settings), _security(settings)
+        self._function, self._hang_seconds = function, settings.hang_seconds
+        self._lock = threading.Lock()
+        self._away: dict[Future[Outcome], _Away] = {}
+        self._client: Client | None = None
+        self._threads = 0
+        self._kills: SimpleQueue[str] = SimpleQueue()
+        self._closing = threading.Event()
+        self._keeper = threading.Thread(target=self._keep, name="tailstack-dask", daemon=True)
+        self._keeper.start()
+
+    @property
+    def capacity(self) -> int:
+        """Threads of the whole cluster."""
+        return self._threads if self._connected() else 0
+
+    def submit(self, task: Task, key: str) -> Future[Outcome]:
+        local: Future[Outcome] = Future()
+        client = self._client
+        try:
+            if client is None:
+                raise GivenBack("there is no connection to the Dask scheduler")
+            sent = client.submit(
+                remote.compute, task, key, self._function, __version__, self._hang_seconds, key=f"tailstack-{key}",
+                pure=False, retries=0,
+            )  # fmt: skip
+            with self._lock:
+                self._away[local] = _Away(key, sent, time.monotonic())
+            sent.add_done_callback(lambda done: self._arrived(done, local))
+        except GivenBack as error:
+            local.set_exception(error)
+        except Exception as error:  # whatever a client says whose connection goes away under it
+            self._finish(local, GivenBack(f"{type(error).__name__}: {error}"))
+        return local
+
+    def seconds(self, future: Future[Outcome]) -> float:
+        away = self._away.get(future)
+        return 0.0 if away is None or away.begun is None else time.monotonic() - away.begun
+
+    def kill(self, future: Future[Outcome]) -> None:
+        with self._lock:
+            away = self._away.get(future)
+        if away is not None:
+            with suppress(Exception):  # without a connection the scheduler drops the task by itself
+                away.remote.cancel(reason="tailstack", msg="no longer wanted")
+            self._kills.put(away.key)
+            self._finish(future, GivenBack("killed"))
+
+    def close(self) -> None:
+        with self._lock:
+            away = list(self._away)
+        for future in away:
+            self.kill(future)
+        self._closing.set()
+        self._keeper.join(timeout=CLOSING_SECONDS)
+
+    # --- results ----------------------------------------------------------------------------------
+
+    def _arrived(self, done: RemoteFuture[Outcome], local: Future[Outcome]) -> None:
+        """In Dask's thread for such calls: fetch, release, tell."""
+        answer: Outcome | Exception
+        try:
+            answer = done.result(timeout=ANSWER_SECONDS)
+        except (Died, Defect, GivenBack) as error:
+            answer = error
+        except KilledWorker as error:
+            answer = Died(str(error))
+        except (Exception, asyncio.CancelledError) as error:  # the cluster's own: scheduler gone, worker lost, ...
+            answer = GivenBack(f"{type(error).__name__}: {error}")
+        with suppress(Exception):
+            done.release()
+        self._finish(local, answer)
+
+    def _finish(self, local: Future[Outcome], answer: Outcome | Exception) -> None:
+        with self._lock:
+            self._away.pop(local, None)
+            if local.done():
+                return
+            done = local.set_running_or_notify_cancel()
+        if not done:
+            return
+        if isinstance(answer, Exception):
+            local.set_exception(answer)
+        else:
+            local.set_result(answer)
+
+    # --- the connection ---------------------------------------------------------------------------
+
+    def _connected(self) -> bool:
+        return self._client is not None and self._client.status == "running"
+
+    def _keep(self) -> None:
+        """Connect, again and again; count the threads; kill what is to be killed."""
+        pause = FIRST_PAUSE
+        while not self._closing.is_set():
+            try:
+                if self._client is None:
+                    self._client = Client(
+                        self._address, security=self._security, timeout=ANSWER_SECONDS, set_as_default=False
+                    )
+                    log.info("connected to %s", self._address, extra={"action": "dask-connected"})
+                self._serve(self._client)
+                pause = FIRST_PAUSE
+            except Exception as error:
+                lost, self._client, self._threads = self._client, None, 0
+                # One that has lost its scheduler takes seconds to close, and the next need not wait for that
+                threading.Thread(target=_close, args=(lost,), name="tailstack-dask-closing", daemon=True).start()
+                self._give_everything_back()
+                if not self._closing.is_set():
+                    detail = f"{type(error).__name__}: {error}"
+                    log.warning("%s", detail, extra={"action": "dask-lost", "seconds": pause})
+                self._closing.wait(pause)
+                pause = min(2 * pause, LONGEST_PAUSE)
+        with suppress(Exception):
+            if self._client is not None:
+                self._kill_ordered(self._client, wait=0.0)
+        _close(self._client)
+        self._client = None
+
+    def _serve(self, client: Client) -> None:
+        """One look at the cluster.  Raises whatever the client raises when the connection is lost."""
+        if client.status not in ("running", "connecting"):
+            raise GivenBack(f"the client is {client.status}")
+        if client.status == "running":
+            threads = sum(client.nthreads(callback_timeout=ANSWER_SECONDS).values())
+            if threads != self._threads:
+                log.info("%d threads", threads, extra={"action": "dask-capacity"})
+            self._threads = threads
+            self._ask_when_begun(client)
+            client.register_plugin(Leaving(), name=PLUGIN)  # again and again: the scheduler may be another one by now
+        self._kill_ordered(client, wait=LOOK_SECONDS)
+
+    def _ask_when_begun(self, client: Client) -> None:
+        now = time.monotonic()
+        with self._lock:
+            long = {a.key: a for a in self._away.values() if a.begun is None and now - a.submitted > LONG_SECONDS}
+        if long:
+            for told in client.run(remote.seconds, on_error="ignore", callback_timeout=ANSWER_SECONDS).values():
+                for key in told.keys() & long.keys():
+                    long[key].begun = now - told[key]
+
+    def _kill_ordered(self, client: Client, wait: float) -> None:
+        keys = []
+        with suppress(Empty):
+            keys.append(self._kills.get(timeout=wait) if wait else self._kills.get_nowait())
+            while True:
+                keys.append(self._kills.get_nowait())
+        if keys:
+            client.run(remote.kill, keys, on_error="ignore", callback_timeout=ANSWER_SECONDS)
+
+    def _give_everything_back(self) -> None:
+        with self._lock:
+            away = list(self._away)
+        for future in away:
+            self._finish(future, GivenBack("the connection to the Dask scheduler was lost"))
+
+
+def _close(client: Client | None) -> None:
+    if client is not None:
+        with suppress(Exception):
+            client.close(timeout=CLOSING_SECONDS)
+
+
+def _address(settings: Settings) -> str:
+    if settings.dask_scheduler.startswith("tls://"):
+        return settings.dask_scheduler
+    raise _refusal(
+        "dask_scheduler", "must be tls://HOST:PORT: who can reach a Dask cluster without TLS can run code on it"
+    )
+
+
+def _security(settings: Settings) -> Any:
+    files = {name: getattr(settings, name) for name in ("dask_ca_file", "dask_cert_file", "dask_key_file")}
+    for name, path in files.items():
+        if not path or not Path(path).is_file():
+            raise _refusal(name, f"must name a file; got {path!r}")
+    return Security(
+        require_encryption=True,
+        tls_ca_file=files["dask_ca_file"],
+        tls_client_cert=files["dask_cert_file"],
+        tls_client_key=files["dask_key_file"],
+    )
+
+
+def _refusal(name: str, detail: str) -> RequestError:
+    return RequestError(Problem("", "bad-setting", f"{variable(name)} {detail}", "docs/settings.md lists them all"))

@@ -1,0 +1,213 @@
+"""The worker as a process: its signals, its start, its end with the process that started it.
+
+Is a worker of this host alive?
+
+Once an hour: what is older than it has to be goes.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import closing, suppress
+from dataclasses import astuple
+from types import FrameType
+from typing import IO, Any
+
+from tailstack.errors import TailstackError
+from tailstack.version import __version__
+
+from ..processes.frames import PERFORM
+from ..processes.interpreter import command, environment
+from ..settings import Settings, child_environment
+from .engines.engine import engine_for
+from .store.database import Database, now, parse_url, reading
+from .store.errors import StoreError, StoreUnavailable
+from .store.schema import open_database
+from .store.upkeep import purge
+from .store.workers import WorkerEntry, workers
+from .worker import Worker
+
+SAME_STOP_SECONDS = 1.0  # a stop of a whole group of processes arrives more than once
+ENDING_SECONDS = 10.0  # for a worker whose parent has gone
+HEARING_SECONDS = 0.2  # at most, until a signal is acted on
+CONNECTING_SECONDS = 3.0  # for a database to answer
+AGAIN_SECONDS = 0.5  # between attempts to reach one that is not up yet
+
+
+def run_worker(
+    settings: Settings, *, with_parent: bool = False, function: str = PERFORM, solver_version: str = __version__
+) -> int:
+    """Work until SIGTERM or SIGINT; the number of the signal that ended it, 0 if the parent's end did.
+
+    A second signal ends the process at once.  ``with_parent``: end when stdin ends, and leave Ctrl-C to the parent.
+    Raises StoreError (the database cannot be used), RequestError (the engine cannot be had).  For the main thread.
+    """
+    stop = _Stop(with_parent)
+    with stop, closing(_connected(settings, stop, with_parent=with_parent)) as db:
+        if stop.requested:
+            return stop.signal
+        engine = engine_for(settings, function=function)
+        worker = Worker(db, engine, settings, solver_version=solver_version)
+        stop.then = worker.stop
+        url = parse_url(settings.database_url)
+        where = url.set(drivername=url.get_backend_name()).render_as_string(hide_password=True)
+        with_what = f"{settings.worker_processes} processes" if engine.name == "pool" else settings.dask_scheduler
+        print(f"worker {worker.id}: {with_what} on {where}", file=sys.stderr, flush=True)
+        tidying = Tidying(db, settings.keep_days, settings.audit_days)
+        try:
+            # Not in this thread: it would not hear a signal while it waits inside a driver of the database
+            with ThreadPoolExecutor(1, "tailstack-worker") as thread:
+                work = thread.submit(worker.run)
+                # A signal that comes just before a wait without end would not be acted on before that end
+                while not wait([work], timeout=HEARING_SECONDS).done:
+                    pass
+                work.result()
+        finally:
+            tidying.end()
+    return stop.signal
+
+
+def start_worker_process(settings: Settings, log: IO[bytes] | None = None) -> subprocess.Popen[bytes]:
+    """``tailstack worker`` with these settings, as a child that ends when this process ends, whatever ends it.
+
+    It notices by its stdin, which this process holds open: keep the Popen, and close ``stdin`` or send SIGTERM to
+    stop the worker.  Its log lines go to ``log``, by default to this process's stderr.
+    """
+    return subprocess.Popen(
+        command("tailstack_service.cli.main", "worker", "--with-parent"),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=log,
+        env=child_environment(settings, environment()),
+    )
+
+
+def _connected(settings: Settings, stop: _Stop, *, with_parent: bool) -> Database:
+    """The database, as soon as it answers.
+
+    The worker of a service makes none: the service has, and where its file was deleted a new one would be in the way.
+    """
+    while True:
+        try:
+            return open_database(settings.database_url, migrate=not with_parent, seconds=CONNECTING_SECONDS)
+        except (StoreUnavailable, StoreError) as error:
+            if stop.requested or (isinstance(error, StoreError) and not with_parent):
+                raise
+            print(f"worker: waiting for the database: {error.problems[0].detail}", file=sys.stderr, flush=True)
+            time.sleep(AGAIN_SECONDS)
+
+
+class _Stop:
+    """Signals, and the end of the parent, as one event; ``then`` is called with it."""
+
+    def __init__(self, with_parent: bool) -> None:
+        self.requested = False  # an Event could be locked by the very thread that a signal interrupts
+        self.signal = 0
+        self._at = 0.0
+        self._then: Any = None
+        self._with_parent = with_parent
+        self._previous: dict[signal.Signals, Any] = {}
+
+    @property
+    def then(self) -> Any:
+        return self._then
+
+    @then.setter
+    def then(self, call: Any) -> None:
+        self._then = call
+        if self.requested:
+            call()
+
+    def __enter__(self) -> _Stop:
+        for number in (signal.SIGTERM, signal.SIGINT):
+            ignored = self._with_parent and number == signal.SIGINT
+            self._previous[number] = signal.signal(number, signal.SIG_IGN if ignored else self._on_signal)
+        if self._with_parent:
+            threading.Thread(target=self._await_parent, name="tailstack-parent", daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def _on_signal(self, number: int, _frame: FrameType | None) -> None:
+        if not self.requested:
+            self.signal, self._at = number, time.monotonic()
+            self._request()
+        elif time.monotonic() - self._at > SAME_STOP_SECONDS:
+            os._exit(128 + number)  # computing processes end with this one, leases run out
+
+    def _await_parent(self) -> None:
+        with suppress(OSError):
+            while os.read(0, 4096):
+                pass
+        self._request()
+        time.sleep(ENDING_SECONDS)
+        os._exit(1)
+
+    def _request(self) -> None:
+        self.requested = True
+        if self._then is not None:
+            self._then()
+
+
+SILENCE_SECONDS = 10.0  # at least; with longer leases, workers speak less often
+
+
+def live_worker(settings: Settings) -> WorkerEntry | None:
+    """The worker of this host that spoke last, if that was recently.  Raises StoreError, StoreUnavailable."""
+    db = open_database(settings.database_url)
+    try:
+        with reading(db) as connection:
+            at = now(db, connection)
+        silence = max(SILENCE_SECONDS, settings.lease_seconds)
+        here = [worker for worker in workers(db) if worker.host == socket.gethostname()]
+        return max((w for w in here if w.seen_at > at - silence), key=lambda w: w.seen_at, default=None)
+    finally:
+        db.close()
+
+
+log = logging.getLogger("tailstack.worker")
+
+SECONDS = 3600.0
+PURGE_ENDING_SECONDS = 1.0
+
+
+class Tidying:
+    """A thread of its own: deleting may take longer than a lease.  The first time is within the first hour."""
+
+    def __init__(self, db: Database, keep_days: float, audit_days: float, *, seconds: float = SECONDS) -> None:
+        self._db, self._keep_days, self._audit_days, self._seconds = db.endable(), keep_days, audit_days, seconds
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="tailstack-tidying", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Waits for what is being deleted, which happens a few hundred rows at a time."""
+        self._ending.set()
+        self._db.end_within(PURGE_ENDING_SECONDS)
+        self._thread.join(timeout=2 * PURGE_ENDING_SECONDS)
+
+    def _run(self) -> None:
+        # Several workers that were started together need not tidy at the same moment
+        pause = self._seconds * random.random()
+        while not self._ending.wait(pause):
+            pause = self._seconds
+            try:
+                purged = purge(self._db, self._keep_days, self._audit_days)
+            except TailstackError as error:
+                log.warning("%s", error, extra={"action": "purge-failed"})
+            except Exception:  # the next hour is another attempt, and jobs go on meanwhile
+                log.exception("", extra={"action": "purge-failed"})
+            else:
+                level = logging.INFO if any(astuple(purged)) else logging.DEBUG
+                log.log(level, "%s", purged, extra={"action": "purged"})

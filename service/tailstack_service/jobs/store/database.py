@@ -1,0 +1,454 @@
+"""The file of a SQLite database: whether it is still the one that was opened, and whether its disk has room.
+
+One database, SQLite or PostgreSQL: how it is opened, what a transaction is, what time it is.
+"""
+
+from __future__ import annotations
+
+import errno
+import math
+import os
+import random
+import sqlite3
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from threading import Lock
+from typing import Any, TypeAlias
+
+import sqlalchemy as sa
+from sqlalchemy import exc
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.engine import URL, Connection, Engine, Row, make_url
+
+from tailstack.errors import Problem
+
+from .errors import BadDatabaseUrl, StoreError, StoreUnavailable
+
+ROOM_BYTES = 4 << 20  # of free disk, without which a service does not call itself ready
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
+
+
+class DatabaseFile:
+    """What ``path`` named when it was first looked at.
+
+    A program goes on writing into a file that was deleted, or that another was put in the place of, and all of it is
+    lost with the program's end.  The same holds of SQLite's write-ahead log beside it, ``path``-wal.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path.absolute()
+        self._log = Path(f"{self.path}-wal")
+        self._file_seen: tuple[int, int] | None = None
+        self._log_seen: tuple[int, int] | None = None
+
+    def require_same(self, *, and_log: bool = False) -> None:
+        """Raise StoreError if the path leads to nothing, or to another file than before.
+
+        ``and_log``: also for the log, which is there while a transaction is under way.
+        """
+        self._file_seen = _same(self.path, self._file_seen)
+        # A file system without shared memory has no log: then there is none to be seen, and none to be missed
+        if and_log and (self._log_seen is not None or self._log.exists()):
+            self._log_seen = _same(self._log, self._log_seen)
+
+    def require_room(self) -> None:
+        """Raise StoreUnavailable unless ``ROOM_BYTES`` can be had on the disk, which are given back at once.
+
+        They are really reserved, for a file without a name: that knows of quotas as well as of full disks.
+        """
+        try:
+            with tempfile.TemporaryFile(dir=self.path.parent) as file:
+                if hasattr(os, "posix_fallocate"):
+                    os.posix_fallocate(file.fileno(), 0, ROOM_BYTES)
+                else:
+                    file.write(bytes(ROOM_BYTES))
+                    file.flush()
+        except OSError as error:
+            if error.errno in _NO_ROOM:
+                detail = f"the disk of {self.path} is full: {ROOM_BYTES >> 20} MB could not be reserved"
+                hint = "make room, or give the service another disk; it is ready again by itself"
+                raise StoreUnavailable(Problem("", "disk-full", detail, hint)) from None
+            detail = f"nothing can be written beside {self.path}: {error.strerror or error}"
+            raise StoreError(
+                Problem(
+                    "", "unusable-database", detail, "this user must be allowed to write the file and its directory"
+                )
+            ) from None
+
+
+def _same(path: Path, seen: tuple[int, int] | None) -> tuple[int, int]:
+    try:
+        found = os.stat(path)
+    except FileNotFoundError:
+        found = None
+    except OSError as error:
+        hint = "the log of the system says what became of the disk"
+        raise StoreError(Problem("", "unusable-database", f"{path}: {error.strerror or error}", hint)) from None
+    if found is not None and (seen is None or seen == (found.st_dev, found.st_ino)):
+        return found.st_dev, found.st_ino
+    what = "was deleted" if found is None else "is another file than the one that was opened"
+    hint = (
+        "put the very file back; docs/deploy.md says how to save what is in one that was deleted, "
+        "before tailstack is stopped and started again with what is there then"
+    )
+    raise StoreError(Problem("", "database-gone", f"{path} {what}; nothing is written", hint))
+
+
+AnyRow: TypeAlias = "Row[*tuple[Any, ...]]"
+
+BUSY_SECONDS = 10.0  # for a transaction, from its begin to its end; ``Database.within`` says otherwise
+CONNECTING_SECONDS = 5.0  # of those, for a server to take a connection
+POSTGRESQL_OPTIONS = (
+    "-c statement_timeout=30s -c lock_timeout=10s -c idle_in_transaction_session_timeout=60s -c synchronous_commit=on"
+)
+# Primary result codes of SQLite that say "not now": BUSY, LOCKED, NOMEM, INTERRUPT, IOERR, FULL, CANTOPEN, PROTOCOL
+PASSING_SQLITE_CODES = {5, 6, 7, 9, 10, 13, 14, 15}
+DAMAGED_SQLITE_CODES = {11, 26}  # CORRUPT, NOTADB
+CLOSED_SQLITE_CODES = {3, 8, 23}  # PERM, READONLY, AUTH
+
+
+@dataclass(slots=True)
+class End:
+    """The moment (monotonic seconds) by which every call of a database has to be over, those under way included."""
+
+    at: float = math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class Database:
+    """A pool of connections.  ``clock`` replaces the database's own time (epoch seconds) in tests.
+
+    No transaction waits longer than its seconds for the database, whatever became of it: a server whose processes are
+    stopped, a network that swallows packets.  Its connection is then given up, and StoreUnavailable raised.
+    """
+
+    engine: Engine
+    dialect: str  # "sqlite" or "postgresql"
+    clock: Callable[[], float] | None = None
+    # SQLite has one writer: threads of this process queue here instead of polling its lock
+    turn: Lock | None = None
+    file: DatabaseFile | None = None  # of SQLite
+    seconds: float | None = None  # of one transaction; None: BUSY_SECONDS
+    end: End = field(default_factory=End)
+
+    def within(self, seconds: float) -> Database:
+        """The same database, for transactions that may take so many seconds."""
+        return replace(self, seconds=seconds)
+
+    def endable(self) -> Database:
+        """The same database, for calls that ``end_within`` ends."""
+        return replace(self, end=End())
+
+    def end_within(self, seconds: float) -> None:
+        """Let every call through this object end by then, also those under way.  From any thread or signal handler."""
+        self.end.at = min(self.end.at, time.monotonic() + seconds)
+
+    def close(self) -> None:
+        """Close every connection of the pool."""
+        self.engine.dispose()
+
+
+class _Limit(threading.local):
+    """Until when the transaction of this thread may wait for the database."""
+
+    at: float = math.inf  # monotonic seconds
+    end: End = End()
+    seconds: float = math.inf  # of the transaction, for the words of a refusal
+
+    def left(self) -> float:
+        return min(self.at, self.end.at) - time.monotonic()
+
+
+_limit = _Limit()
+
+
+@contextmanager
+def _limited(db: Database) -> Iterator[None]:
+    before = _limit.at, _limit.end, _limit.seconds
+    seconds = BUSY_SECONDS if db.seconds is None else db.seconds
+    _limit.at, _limit.end, _limit.seconds = time.monotonic() + seconds, db.end, seconds
+    try:
+        yield
+    finally:
+        _limit.at, _limit.end, _limit.seconds = before
+
+
+def _silence() -> str:
+    return f"the database did not answer within {_limit.seconds:g} s"
+
+
+def parse_url(url: str) -> URL:
+    """The URL with the driver that is used.  Raises StoreError for any that is not understood."""
+    try:
+        parsed = make_url(url)
+        backend = parsed.get_backend_name()
+    except exc.ArgumentError:
+        raise _bad_url("it cannot be read as a URL") from None
+    if backend in ("postgresql", "postgres"):
+        return parsed.set(drivername="postgresql+psycopg")
+    if backend != "sqlite":
+        raise _bad_url(f"{backend} is not known here")
+    if not parsed.database or parsed.database == ":memory:" or parsed.query:
+        raise _bad_url("jobs must outlive the process: a file is needed, without further parameters")
+    return parsed.set(drivername="sqlite")
+
+
+def _bad_url(why: str) -> StoreError:
+    hint = "say sqlite:////absolute/path.sqlite3 or postgresql://USER:PASSWORD@HOST/NAME"
+    detail = f"the database that TAILSTACK_DATABASE or --database names: {why}"
+    return BadDatabaseUrl(Problem("", "bad-database-url", detail, hint))
+
+
+def connect(url: str, *, create: bool = False, clock: Callable[[], float] | None = None) -> Database:
+    """A database as it is, whatever its schema.  ``create`` makes a SQLite file.  Raises StoreError."""
+    parsed = parse_url(url)
+    if parsed.get_backend_name() == "sqlite":
+        path = Path(str(parsed.database))
+        _require_file(path, create)
+        return Database(_sqlite_engine(parsed), "sqlite", clock, Lock(), DatabaseFile(path))
+    try:
+        engine = _postgresql_engine(parsed)
+    except ModuleNotFoundError as error:
+        hint = "pip install 'tailstack[postgres]'"
+        raise StoreError(Problem("", "no-driver", f"PostgreSQL needs the package {error.name}", hint)) from None
+    return Database(engine, "postgresql", clock)
+
+
+def _require_file(path: Path, create: bool) -> None:
+    if path.exists():
+        return
+    if not create:
+        hint = "tailstack serve makes it, and so does tailstack db migrate"
+        raise StoreError(Problem("", "no-database", f"there is no database at {path}", hint))
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    os.close(os.open(path, os.O_CREAT | os.O_RDWR, 0o600))  # SQLite gives its -wal and -shm files the same mode
+
+
+def _sqlite_engine(url: URL) -> Engine:
+    engine = sa.create_engine(
+        url, connect_args={"timeout": BUSY_SECONDS}, pool_size=8, max_overflow=64, pool_timeout=BUSY_SECONDS
+    )
+
+    @sa.event.listens_for(engine, "do_connect")
+    def _connect(_dialect: Any, _record: Any, arguments: list[Any], named: dict[str, Any]) -> None:
+        # By itself SQLite makes an empty file where there is none, say in the place of one that was deleted
+        arguments[0], named["uri"] = f"{Path(arguments[0]).absolute().as_uri()}?mode=rw", True
+
+    @sa.event.listens_for(engine, "connect")
+    def _configure(connection: Any, record: Any) -> None:
+        connection.isolation_level = None  # BEGIN is ours to say
+        for pragma in (
+            "journal_mode=WAL",
+            "synchronous=FULL",
+            "foreign_keys=ON",
+            "journal_size_limit=67108864",
+        ):
+            connection.execute(f"PRAGMA {pragma}").close()
+
+    @sa.event.listens_for(engine, "begin")
+    def _begin(connection: Connection) -> None:
+        if connection.get_execution_options().get("tailstack_writes"):
+            _begin_writing(connection)
+        else:
+            connection.exec_driver_sql("BEGIN")
+
+    return engine
+
+
+def _begin_writing(connection: Connection) -> None:
+    """Take the write lock, within the transaction's time, before anything is read: a transaction that reads first and
+    writes later would be refused at its first write.
+
+    SQLite's own way to wait sleeps for up to 0.1 s at a time, and a busier process comes first each time.  Asking every
+    few milliseconds instead took the longest wait of two processes that only write from 1.9 s to 0.3 s.
+    """
+    connection.exec_driver_sql("PRAGMA busy_timeout=0")
+    try:
+        while True:
+            try:
+                connection.exec_driver_sql("BEGIN IMMEDIATE")
+                return
+            except exc.OperationalError as error:
+                code = getattr(error.orig, "sqlite_errorcode", 0)
+                if code & 0xFF != sqlite3.SQLITE_BUSY or _limit.left() < 0:
+                    raise
+            time.sleep(random.uniform(0.0005, 0.004))
+    finally:
+        connection.exec_driver_sql(f"PRAGMA busy_timeout={1000 * BUSY_SECONDS:.0f}")
+
+
+def _postgresql_engine(url: URL) -> Engine:
+    arguments: dict[str, Any] = {"application_name": "tailstack", "options": POSTGRESQL_OPTIONS}
+    # For connections that nobody waits on: the system gives up those whose other end is gone
+    arguments |= {"keepalives_idle": 30, "keepalives_interval": 10, "keepalives_count": 3, "tcp_user_timeout": 30_000}
+    arguments = {key: value for key, value in arguments.items() if key not in url.query}
+    engine = sa.create_engine(
+        url,
+        connect_args=arguments,
+        isolation_level="READ COMMITTED",
+        pool_pre_ping=True,
+        pool_size=8,
+        max_overflow=16,
+        pool_timeout=BUSY_SECONDS,
+    )
+    limited = _limited_connection(engine.dialect.dbapi)
+
+    @sa.event.listens_for(engine, "do_connect")
+    def _connect(_dialect: Any, _record: Any, arguments: list[Any], named: dict[str, Any]) -> Any:
+        left = min(CONNECTING_SECONDS, _limit.left())
+        if left <= 0:
+            raise limited.silent()
+        # psycopg waits for two seconds at least, for each address of the host
+        return limited.connect(*arguments, **{"connect_timeout": math.ceil(left), **named})
+
+    return engine
+
+
+def _limited_connection(psycopg: Any) -> Any:
+    """psycopg's Connection, which waits for the server for as long as the transaction of its thread may.
+
+    The server's own limits (statement_timeout and the like) end nothing while the server itself stands still.
+    """
+
+    class LimitedConnection(psycopg.Connection):  # type: ignore[misc]
+        @staticmethod
+        def silent() -> Any:
+            return psycopg.OperationalError(_silence())
+
+        def wait(self, gen: Any, *arguments: Any, **named: Any) -> Any:
+            try:
+                return super().wait(self._within_limit(gen), *arguments, **named)
+            except TimeoutError:
+                # What was asked may still be done, or not: nobody can use this connection again
+                self.pgconn.finish()
+                raise self.silent() from None
+
+        @staticmethod
+        def _within_limit(gen: Any) -> Any:
+            """``gen``, which waits for the socket; it is told every tenth of a second that nothing has come."""
+            try:
+                waits_for = next(gen)
+                while True:
+                    came = yield waits_for
+                    if not came and _limit.left() < 0:
+                        raise TimeoutError
+                    waits_for = gen.send(came)
+            except StopIteration as done:
+                return done.value
+
+    return LimitedConnection
+
+
+@contextmanager
+def reading(db: Database) -> Iterator[Connection]:
+    """A transaction that only reads; on SQLite it neither waits for a writer nor keeps one waiting.
+
+    Raises StoreUnavailable, also where it takes longer than it may, and StoreError for a file that is another by now.
+    """
+    with _limited(db), _passing_faults():
+        _require_same_file(db)
+        with db.engine.connect() as connection:
+            yield connection
+
+
+@contextmanager
+def writing(db: Database) -> Iterator[Connection]:
+    """A transaction that writes: committed at the end of the block, undone if the block raises.
+
+    On SQLite whoever cannot begin in time, behind threads of this process and other processes, is refused
+    (StoreUnavailable): a writer that is stopped must not make all others wait, one after the other.  Raises as
+    ``reading``.
+    """
+    with _limited(db), _passing_faults(), _turn(db):
+        _require_same_file(db)
+        with db.engine.connect() as plain:
+            connection = plain.execution_options(tailstack_writes=True)
+            with connection.begin():
+                _require_same_file(db, and_log=True)
+                yield connection
+                _require_same_file(db, and_log=True)
+
+
+def _require_same_file(db: Database, *, and_log: bool = False) -> None:
+    if db.file is not None:
+        db.file.require_same(and_log=and_log)
+
+
+@contextmanager
+def _turn(db: Database) -> Iterator[None]:
+    if db.turn is None:
+        yield
+        return
+    if not db.turn.acquire(timeout=max(0.0, _limit.left())):
+        detail = f"another writer has held the database for more than {_limit.seconds:g} s"
+        raise StoreUnavailable(Problem("", "store-unavailable", detail, _SQLITE_PATIENCE))
+    try:
+        yield
+    finally:
+        db.turn.release()
+
+
+@contextmanager
+def _passing_faults() -> Iterator[None]:
+    try:
+        yield
+    except (exc.DBAPIError, exc.TimeoutError) as error:
+        reason = str(getattr(error, "orig", None) or error).strip().partition("\n")[0]
+        if _passes(error):
+            raise StoreUnavailable(Problem("", "store-unavailable", reason, _patience(error))) from error
+        cure = _cure(error)
+        if cure is not None:
+            raise StoreError(Problem("", "unusable-database", reason, cure)) from error
+        raise
+
+
+def _passes(error: exc.DBAPIError | exc.TimeoutError) -> bool:
+    if isinstance(error, exc.TimeoutError) or error.connection_invalidated:
+        return True
+    code = getattr(error.orig, "sqlite_errorcode", None)
+    if code is not None:
+        return code & 0xFF in PASSING_SQLITE_CODES
+    return isinstance(error, exc.OperationalError | exc.InterfaceError)
+
+
+_SQLITE_PATIENCE = "try again in a moment; no other program may hold the file, and its disk must not be full"
+
+
+def _patience(error: exc.DBAPIError | exc.TimeoutError) -> str:
+    if hasattr(getattr(error, "orig", None), "sqlite_errorcode"):
+        return _SQLITE_PATIENCE
+    return "try again in a moment; the server that TAILSTACK_DATABASE names must be running"
+
+
+def _cure(error: exc.DBAPIError | exc.TimeoutError) -> str | None:
+    """What an operator can do about a database that cannot be used as it is; None for a defect of ours."""
+    original = getattr(error, "orig", None)
+    if getattr(original, "sqlite_errorcode", 0) & 0xFF in DAMAGED_SQLITE_CODES:
+        return "restore a backup, or set TAILSTACK_DATABASE to another file"
+    if getattr(original, "sqlite_errorcode", 0) & 0xFF in CLOSED_SQLITE_CODES:
+        return "this user must be allowed to write the file and its directory"
+    if getattr(original, "sqlstate", None) == "42501":
+        return "the user of TAILSTACK_DATABASE must own the database: ALTER DATABASE name OWNER TO user"
+    return None
+
+
+def now(db: Database, connection: Connection) -> float:
+    """Epoch seconds: of the database server, so that hosts agree; of this host for a file."""
+    if db.clock is not None:
+        return db.clock()
+    if db.dialect == "sqlite":
+        return time.time()
+    return float(connection.execute(_SERVER_TIME).scalar_one())
+
+
+_SERVER_TIME = sa.text("SELECT extract(epoch FROM clock_timestamp())::float8")
+
+
+def insert(dialect: str, table: sa.Table) -> Any:
+    """An INSERT that knows ON CONFLICT."""
+    return postgresql.insert(table) if dialect == "postgresql" else sqlite.insert(table)

@@ -1,0 +1,116 @@
+"""What a job tells while it runs: numbered per job, written in the transaction that does what they tell.
+
+How a job ends: its state, its last event, and nothing left of its units but their bookkeeping.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from types import MappingProxyType
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection
+
+from tailstack.errors import TailstackError
+from tailstack.json_text import write_json
+
+from ...problems import problem_document
+from . import tables
+from .database import Database, reading
+from .tables import is_job_id, storable_json
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One event.  Its data by name: ``state`` {state, result_sha256 or problem}, ``recomputed`` {from, to},
+    ``progress`` {units_done, units_expected, note, eta_seconds}.
+    """
+
+    sequence: int  # of the job, from 1, without gaps
+    at: float  # epoch seconds
+    name: str
+    data: dict[str, Any]
+
+
+def tell(connection: Connection, job_id: str, sequence: int, at: float, name: str, data: dict[str, Any]) -> None:
+    """Write one event; whoever calls holds the job's row and stores ``sequence`` there as ``last_event``."""
+    text = storable_json(write_json(data))
+    values = {"job_id": job_id, "sequence": sequence, "at": at, "name": name, "data": text}
+    connection.execute(_TELL, values)
+
+
+_TELL = tables.events.insert()
+
+
+def eta_seconds(started_at: float | None, done: int, expected: int, now: float) -> float | None:
+    """Seconds to the end at the pace so far; None until a second unit is recorded, because the first only plans."""
+    if started_at is None or done <= 1:
+        return None
+    return max(0.0, round((now - started_at) / done * (expected - done), 3))
+
+
+def events_after(db: Database, tenant: str, job_id: str, sequence: int, limit: int) -> list[Event]:
+    """At most ``limit`` events of a tenant's job that follow ``sequence`` (0: from the first), in order."""
+    if not is_job_id(job_id):
+        return []
+    e, j = tables.events, tables.jobs
+    query = (
+        sa.select(e.c.sequence, e.c.at, e.c.name, e.c.data)
+        .join(j, j.c.id == e.c.job_id)
+        .where(e.c.job_id == job_id, j.c.tenant == tenant, e.c.sequence > sequence)
+        .order_by(e.c.sequence)
+        .limit(limit)
+    )
+    with reading(db) as connection:
+        rows = connection.execute(query).all()
+    return [Event(row.sequence, row.at, row.name, json.loads(row.data)) for row in rows]
+
+
+NOTHING: Mapping[str, Any] = MappingProxyType({})
+
+
+def end_job(
+    connection: Connection,
+    job_id: str,
+    last_event: int,
+    at: float,
+    state: str,
+    *,
+    result_sha256: str | None = None,
+    problem: bytes | None = None,
+    changes: Mapping[str, Any] = NOTHING,
+) -> None:
+    """End a job whose row the caller holds; ``changes`` are columns that change with it.
+
+    Units that are not recorded go; of those that are, the token stays, which tells a worker that asks again whether
+    its record went through.
+    """
+    u, j = tables.units.c, tables.jobs.c
+    connection.execute(sa.delete(tables.units).where(u.job_id == job_id, u.state != tables.RECORDED))
+    connection.execute(
+        sa.update(tables.units).where(u.job_id == job_id).values(spec=None, result=None, result_sha256=None)
+    )
+    text = None if problem is None else storable_json(write_json(json.loads(problem)))
+    values = {
+        "state": state,
+        "finished_at": at,
+        "note": "",
+        "result_sha256": result_sha256,
+        "problem": text,
+        "last_event": last_event + 1,
+    }
+    connection.execute(sa.update(tables.jobs).where(j.id == job_id).values(values | dict(changes)))
+    data: dict[str, Any] = {"state": state}
+    if result_sha256 is not None:
+        data["result_sha256"] = result_sha256
+    if text is not None:
+        data["problem"] = json.loads(text)
+    tell(connection, job_id, last_event + 1, at, "state", data)
+
+
+def as_problem(error: TailstackError) -> bytes:
+    """A refusal as a problem document in JSON, without instance."""
+    return storable_json(write_json(asdict(problem_document(error, instance="")))).encode()

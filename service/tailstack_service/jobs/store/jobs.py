@@ -1,0 +1,233 @@
+"""Jobs as their tenant sees them: submitted, looked at, listed, cancelled."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection
+
+from tailstack.errors import Problem
+
+from ...work.task import ADVANCE
+from . import tables
+from .database import AnyRow, Database, now, reading, writing
+from .errors import IdempotencyConflict, QueueFull
+from .events import Event, end_job, events_after, tell
+from .queue import new_unit
+from .tables import is_job_id, new_job_id, storable
+
+__all__ = ["Event", "Job", "Page", "cancel", "events_after", "find", "page", "request_of", "submit"]
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One job.  Times are epoch seconds of the database's clock."""
+
+    id: str
+    tenant: str
+    kind: str
+    state: str  # queued, running, succeeded, failed, cancelled
+    request_sha256: str
+    design_name: str
+    solver_version: str
+    request_id: str
+    created_at: float
+    started_at: float | None
+    finished_at: float | None
+    units_done: int
+    units_expected: int
+    note: str
+    result_sha256: str | None
+    problem: dict[str, Any] | None
+    generation: int  # 1 more after each time that another solver version began it anew
+    cpu_seconds: float
+    last_event: int
+
+    @property
+    def finished(self) -> bool:
+        return self.state not in tables.UNFINISHED
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """Jobs, newest first; ``next`` is the cursor of those that follow, None at the end."""
+
+    jobs: tuple[Job, ...]
+    next: str | None
+
+
+_COLUMNS = [tables.jobs.c[name] for name in Job.__dataclass_fields__]
+
+
+def _job(row: AnyRow) -> Job:
+    values = dict(row._mapping)
+    return Job(**{**values, "problem": json.loads(values["problem"]) if values["problem"] else None})
+
+
+def submit(
+    db: Database,
+    *,
+    tenant: str,
+    kind: str,
+    request: bytes,
+    design_name: str,
+    solver_version: str,
+    request_id: str,
+    idempotency_key: str | None = None,
+    max_queued: int,
+) -> tuple[Job, bool]:
+    """The new job and True, or the job that this ``idempotency_key`` made before and False.
+
+    Keys live as long as their job.  Raises IdempotencyConflict (the key came with another request), QueueFull.
+    """
+    digest = hashlib.sha256(request).hexdigest()
+    with writing(db) as connection:
+        _one_at_a_time(db, connection, tenant)
+        if idempotency_key is not None:
+            known = _by_key(connection, tenant, idempotency_key)
+            if known is not None:
+                if (known.kind, known.request_sha256) != (kind, digest):
+                    raise _conflict(known)
+                return known, False
+        if _unfinished(connection, tenant) >= max_queued:
+            raise _queue_full(max_queued)
+        at = now(db, connection)
+        job = Job(
+            id=new_job_id(at),
+            tenant=tenant,
+            kind=kind,
+            state="queued",
+            request_sha256=digest,
+            design_name=storable(design_name),
+            solver_version=solver_version,
+            request_id=request_id,
+            created_at=at,
+            started_at=None,
+            finished_at=None,
+            units_done=0,
+            units_expected=1,
+            note="",
+            result_sha256=None,
+            problem=None,
+            generation=1,
+            cpu_seconds=0.0,
+            last_event=1,
+        )
+        values = {name: getattr(job, name) for name in Job.__dataclass_fields__}
+        connection.execute(tables.jobs.insert(), values | {"idempotency_key": idempotency_key})
+        connection.execute(tables.requests.insert(), {"job_id": job.id, "body": request})
+        connection.execute(tables.units.insert(), new_unit(job.id, 0, ADVANCE, at, at))
+        tell(connection, job.id, 1, at, "state", {"state": "queued"})
+    return job, True
+
+
+def _one_at_a_time(db: Database, connection: Connection, tenant: str) -> None:
+    """Submissions of one tenant queue up: two equal ones make one job, and the limit holds exactly."""
+    if db.dialect == "postgresql":
+        connection.execute(sa.text("SELECT pg_advisory_xact_lock(1413564243, hashtext(:tenant))"), {"tenant": tenant})
+
+
+def _by_key(connection: Connection, tenant: str, key: str) -> Job | None:
+    j = tables.jobs.c
+    row = connection.execute(sa.select(*_COLUMNS).where(j.tenant == tenant, j.idempotency_key == key)).first()
+    return _job(row) if row else None
+
+
+def _unfinished(connection: Connection, tenant: str) -> int:
+    j = tables.jobs.c
+    query = sa.select(sa.func.count()).where(j.tenant == tenant, j.state.in_(tables.UNFINISHED))
+    return int(connection.execute(query).scalar_one())
+
+
+def _conflict(known: Job) -> IdempotencyConflict:
+    detail = f"this key made job {known.id} ({known.kind}) from a request with another content"
+    return IdempotencyConflict(Problem("", "idempotency-conflict", detail, "send a new key with a new request"))
+
+
+def _queue_full(limit: int) -> QueueFull:
+    hint = "wait until some have finished or cancel them; the operator's setting is TAILSTACK_MAX_QUEUED_JOBS"
+    return QueueFull(Problem("", "queue-full", f"at most {limit} unfinished jobs at a time", hint))
+
+
+def find(db: Database, tenant: str, job_id: str) -> Job | None:
+    """A tenant's job; None for one that does not exist or is another's."""
+    if not is_job_id(job_id):
+        return None
+    with reading(db) as connection:
+        return _find(connection, tenant, job_id)
+
+
+def _find(connection: Connection, tenant: str, job_id: str, *, lock: bool = False) -> Job | None:
+    query = sa.select(*_COLUMNS).where(tables.jobs.c.id == job_id, tables.jobs.c.tenant == tenant)
+    row = connection.execute(query.with_for_update() if lock else query).first()
+    return _job(row) if row else None
+
+
+def request_of(db: Database, tenant: str, job_id: str) -> bytes | None:
+    """The canonical request of a tenant's job."""
+    if not is_job_id(job_id):
+        return None
+    r, j = tables.requests, tables.jobs
+    query = sa.select(r.c.body).join(j, j.c.id == r.c.job_id).where(j.c.id == job_id, j.c.tenant == tenant)
+    with reading(db) as connection:
+        body: bytes | None = connection.execute(query).scalar_one_or_none()
+    return body
+
+
+def page(
+    db: Database,
+    tenant: str,
+    *,
+    state: str | None = None,
+    kind: str | None = None,
+    after: str | None = None,
+    limit: int,
+) -> Page:
+    """A tenant's jobs, newest first.  ``after`` is the ``next`` of the page before; ValueError for any other."""
+    j = tables.jobs.c
+    query = sa.select(*_COLUMNS).where(j.tenant == tenant).order_by(j.id.desc()).limit(limit + 1)
+    if state is not None:
+        query = query.where(j.state == state)
+    if kind is not None:
+        query = query.where(j.kind == kind)
+    if after is not None:
+        query = query.where(j.id < _from_cursor(after))
+    with reading(db) as connection:
+        found = [_job(row) for row in connection.execute(query)]
+    shown = tuple(found[:limit])
+    return Page(shown, _to_cursor(shown[-1].id) if len(found) > limit else None)
+
+
+def _to_cursor(job_id: str) -> str:
+    return base64.urlsafe_b64encode(job_id.encode()).decode().rstrip("=")
+
+
+def _from_cursor(cursor: str) -> str:
+    try:
+        job_id = base64.b64decode(cursor.encode("ascii") + b"=" * (-len(cursor) % 4), b"-_", validate=True).decode()
+    except (ValueError, binascii.Error):
+        job_id = ""
+    if not is_job_id(job_id):
+        raise ValueError("not a cursor of this list")
+    return job_id
+
+
+def cancel(db: Database, tenant: str, job_id: str) -> Job | None:
+    """Cancel at once and give the job as it then is: what is still being computed can no longer be recorded.
+
+    A job that has already finished stays as it is.  None for one that does not exist or is another's.
+    """
+    if not is_job_id(job_id):
+        return None
+    with writing(db) as connection:
+        job = _find(connection, tenant, job_id, lock=True)
+        if job is None or job.finished:
+            return job
+        end_job(connection, job.id, job.last_event, now(db, connection), "cancelled")
+        return _find(connection, tenant, job_id)

@@ -1,0 +1,489 @@
+"""Which unit is computed next, and by whom.
+
+The queue of all units is ordered by *place*, epoch seconds.  A unit's place is the time at which its job came in, so
+jobs are served in the order in which they came; but from the seventeenth unit on, each counts as 10 s younger than the
+one before, so that a job of many units lets younger small ones pass instead of keeping every lane for itself.  Units
+that advance a job keep its place: they are short, and the job may be done after them.
+
+Nothing here waits for a lock that another transaction holds (SKIP LOCKED on PostgreSQL), so it cannot be part of a
+deadlock, although it takes units before jobs and everything else takes jobs before units.
+
+Units in the hands of a worker: leases kept alive, results recorded once, units given back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection
+
+from tailstack.errors import LimitError, Problem
+
+from ...work.kinds import KINDS
+from ...work.task import ADVANCE, Outcome, UnitResult
+from . import tables
+from .database import AnyRow, Database, now, reading, writing
+from .errors import UnitLost
+from .events import as_problem, end_job, eta_seconds, tell
+from .results import PART, REQUEST, digest, fail_job, keep
+from .tables import storable
+from .usage import count_unit
+from .workers import versions_at_work
+
+_UNIT = tables.units.c
+_JOB = tables.jobs.c
+
+UNITS_IN_PLACE = 16
+SECONDS_PER_FURTHER_UNIT = 10.0
+CLOCK_SECONDS = 1.0  # by which a clock may be set back without a lease seeming too long
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """A unit that one worker may compute and record, until its lease runs out and another takes it."""
+
+    job_id: str
+    index: int
+    generation: int
+    token: int  # one more at each claim of the unit: what was claimed before can no longer be recorded
+    kind: str
+    request: bytes
+    spec: bytes
+    results: tuple[UnitResult, ...]  # advance only: what is recorded, in index order
+    deaths: int
+    attempts: int  # this one included
+    request_id: str
+    tenant: str
+    max_attempts: int  # the terms of the claim: with as many attempts or deaths its release ends the job
+    max_deaths: int
+
+
+def place_of(created_at: float, number: int, spec: bytes) -> float:
+    """The place in the queue of unit ``number`` of a job that came in at ``created_at``."""
+    if spec == ADVANCE:
+        return created_at
+    return created_at + SECONDS_PER_FURTHER_UNIT * max(0, number - UNITS_IN_PLACE)
+
+
+def new_unit(job_id: str, number: int, spec: bytes, created_at: float, at: float) -> dict[str, Any]:
+    """A row of ``units`` that can be claimed from ``at`` on, of a job that came in at ``created_at``."""
+    return {
+        "job_id": job_id,
+        "number": number,
+        "advance": spec == ADVANCE,
+        "state": "ready",
+        "place": place_of(created_at, number, spec),
+        "ready_at": at,
+        "spec": spec,
+        "token": 0,
+        "attempts": 0,
+        "deaths": 0,
+        "cpu_seconds": 0.0,
+    }
+
+
+def claim(
+    db: Database,
+    *,
+    worker_id: str,
+    solver_version: str,
+    lease_seconds: float,
+    limit: int,
+    max_attempts: int,
+    max_deaths: int,
+    may_take_over: Callable[[], bool] = lambda: True,
+) -> list[Claim]:
+    """At most ``limit`` units for this worker: those that wait, and those whose lease has run out.
+
+    A lease that ends further ahead than leases last was given while the clock was ahead, and counts as run out.
+    ``may_take_over`` is asked once the database has said what time it is: False leaves leases that have run out alone.
+
+    A job that was begun by another version of the solver is left to its workers while one of them was seen within the
+    last ``lease_seconds``; after that it is begun anew here.  A unit that was begun ``max_attempts`` times, or took
+    ``max_deaths`` processes with it, is not given out again: its job fails.  While other claims are under way the list
+    may be shorter than what is there.
+    """
+    if limit <= 0 or (db.dialect == "sqlite" and not _anything_to_claim(db, lease_seconds)):
+        return []
+    with writing(db) as connection:
+        at = now(db, connection)
+        run_out = _run_out(at, lease_seconds) if may_take_over() else None
+        others = versions_at_work(connection, at, lease_seconds) - {solver_version}
+        rows = _claimable(connection, run_out, others, limit)
+        rows = _settled(connection, rows, at, solver_version, max_attempts, max_deaths)
+        if not rows:
+            return []
+        bodies = _requests(connection, {row.job_id for row in rows})
+        recorded = {row.job_id: _recorded(connection, row.job_id) for row in rows if row.advance}
+        rows = _sound(connection, rows, at, bodies, recorded)
+        _lease(connection, rows, worker_id, at + lease_seconds)
+        return [
+            Claim(
+                job_id=row.job_id,
+                index=row.number,
+                generation=row.generation,
+                token=row.token + 1,
+                kind=row.kind,
+                request=bodies[row.job_id],
+                spec=row.spec,
+                results=tuple(result for result, _ in recorded.get(row.job_id, ())),
+                deaths=row.deaths,
+                attempts=row.attempts + 1,
+                request_id=row.request_id,
+                tenant=row.tenant,
+                max_attempts=max_attempts,
+                max_deaths=max_deaths,
+            )
+            for row in rows
+        ]
+
+
+def _anything_to_claim(db: Database, lease_seconds: float) -> bool:
+    """Idle workers ask many times a second: they must not take the only write lock of a file for that."""
+    with reading(db) as connection:
+        return bool(connection.execute(_ANYTHING, _run_out(now(db, connection), lease_seconds)).scalar_one())
+
+
+def _run_out(at: float, lease_seconds: float) -> dict[str, float]:
+    """The bounds outside of which a lease has run out."""
+    return {"at": at, "last": at + lease_seconds + CLOCK_SECONDS}
+
+
+_RUN_OUT = sa.and_(
+    _UNIT.state == tables.LEASED,
+    sa.or_(_UNIT.lease_until < sa.bindparam("at"), _UNIT.lease_until > sa.bindparam("last")),
+)
+_ANYTHING = sa.select(sa.or_(sa.exists().where(tables.ready), sa.exists().where(_RUN_OUT)))
+_CANDIDATE = (
+    sa.select(
+        _UNIT.job_id, _UNIT.number, _UNIT.advance, _UNIT.place, _UNIT.spec, _UNIT.token, _UNIT.attempts, _UNIT.deaths,
+        _JOB.kind, _JOB.generation, _JOB.request_id, _JOB.tenant, _JOB.state.label("job_state"), _JOB.solver_version,
+        _JOB.request_sha256,
+    )
+    .join(tables.jobs, _JOB.id == _UNIT.job_id)
+    .order_by(_UNIT.place, _UNIT.job_id, _UNIT.number)
+    .with_for_update(of=tables.units, skip_locked=True)
+)  # fmt: skip
+
+
+# Built once: putting a statement together takes longer than running it
+_OF_SOME = _JOB.solver_version.not_in(sa.bindparam("others", expanding=True))
+_READY = _CANDIDATE.where(_UNIT.state == tables.READY).limit(sa.bindparam("at_most", type_=sa.Integer))
+_READY_OF_SOME = _READY.where(_OF_SOME)
+_EXPIRED = _CANDIDATE.where(_RUN_OUT).limit(sa.bindparam("at_most", type_=sa.Integer))
+_EXPIRED_OF_SOME = _EXPIRED.where(_OF_SOME)
+
+
+def _claimable(connection: Connection, run_out: dict[str, float] | None, others: set[str], limit: int) -> list[AnyRow]:
+    """Units that may be taken, in the order of the queue; on PostgreSQL their rows are locked."""
+    values: dict[str, Any] = {"at_most": limit} | ({"others": sorted(others)} if others else {})
+    ready, expired = (_READY_OF_SOME, _EXPIRED_OF_SOME) if others else (_READY, _EXPIRED)
+    found = [*connection.execute(ready, values)]
+    if run_out is not None:
+        found += connection.execute(expired, values | run_out)
+    return sorted(found, key=lambda row: (row.place, row.job_id, row.number))[:limit]
+
+
+def _settled(
+    connection: Connection, rows: list[AnyRow], at: float, version: str, max_attempts: int, max_deaths: int
+) -> list[AnyRow]:
+    """The rows that can be leased, after what has to happen to their jobs: begun, begun anew, or ended."""
+
+    def spent(row: AnyRow) -> bool:
+        return bool(row.attempts >= max_attempts or row.deaths >= max_deaths)
+
+    changing = {row.job_id for row in rows if row.job_state == "queued" or row.solver_version != version or spent(row)}
+    if not changing:
+        return rows
+    query = sa.select(_JOB.id, _JOB.state, _JOB.solver_version, _JOB.last_event, _JOB.generation, _JOB.created_at)
+    locked = connection.execute(query.where(_JOB.id.in_(sorted(changing))).with_for_update(skip_locked=True))
+    held = {job.id: job for job in locked if job.state in tables.UNFINISHED}
+    kept = [row for row in rows if row.job_id not in changing]
+    for job in held.values():
+        of_job = [row for row in rows if row.job_id == job.id]
+        lost = next((row for row in of_job if spent(row)), None)
+        if job.solver_version != version:
+            _begin_anew(connection, job, at, version)
+            again = _CANDIDATE.where(_UNIT.job_id == job.id, _UNIT.number == 0)
+            kept.append(connection.execute(again).one())
+        elif lost is not None:
+            end_job(connection, job.id, job.last_event, at, "failed", problem=lost_unit(lost.attempts, lost.deaths))
+        else:
+            if job.state == "queued":
+                begun = {"state": "running", "started_at": at, "last_event": job.last_event + 1}
+                connection.execute(sa.update(tables.jobs).where(_JOB.id == job.id).values(begun))
+                tell(connection, job.id, job.last_event + 1, at, "state", {"state": "running"})
+            kept += of_job
+    return sorted(kept, key=lambda row: (row.place, row.job_id, row.number))
+
+
+def _begin_anew(connection: Connection, job: AnyRow, at: float, version: str) -> None:
+    """After an upgrade: what another version computed is not mixed with what this one computes."""
+    connection.execute(sa.delete(tables.units).where(_UNIT.job_id == job.id))
+    connection.execute(tables.units.insert(), new_unit(job.id, 0, ADVANCE, job.created_at, at))
+    last = job.last_event + 1
+    tell(connection, job.id, last, at, "recomputed", {"from": job.solver_version, "to": version})
+    if job.state == "queued":
+        last += 1
+        tell(connection, job.id, last, at, "state", {"state": "running"})
+    values = {
+        "state": "running",
+        "solver_version": version,
+        "generation": job.generation + 1,
+        "started_at": at,
+        "units_done": 0,
+        "units_expected": 1,
+        "note": "",
+        "last_event": last,
+    }
+    connection.execute(sa.update(tables.jobs).where(_JOB.id == job.id).values(values))
+
+
+def lost_unit(attempts: int, deaths: int, why: str = "") -> bytes:
+    """The problem of a job whose unit was begun that often, and took so many processes with it, without an end; ``why``
+    says how the last of them ended, where anybody saw it."""
+    detail = f"one part of the job was begun {attempts} times without an end; {deaths} computing processes died of it"
+    detail += f"; at last, {why}" if why else ""
+    hint = "ask for less at a time (trials, starts, points); the log of the worker says how its processes ended"
+    return as_problem(UnitLost(Problem("", "unit-lost", detail, hint)))
+
+
+_LEASE = (
+    sa.update(tables.units)
+    .where(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.number == sa.bindparam("of_number"))
+    .values(
+        state="leased",
+        token=_UNIT.token + 1,
+        attempts=_UNIT.attempts + 1,
+        worker_id=sa.bindparam("by_worker"),
+        lease_until=sa.bindparam("until"),
+    )
+)
+
+
+def _lease(connection: Connection, rows: Iterable[AnyRow], worker_id: str, until: float) -> None:
+    if not rows:
+        return
+    values = [{"of_job": row.job_id, "of_number": row.number, "by_worker": worker_id, "until": until} for row in rows]
+    connection.execute(_LEASE, values)
+
+
+_Recorded = tuple[tuple[UnitResult, "str | None"], ...]  # with the hash under which each was recorded
+
+
+def _sound(
+    connection: Connection, rows: list[AnyRow], at: float, bodies: dict[str, bytes], recorded: dict[str, _Recorded]
+) -> list[AnyRow]:
+    """The rows whose jobs can go on; a job whose request or recorded results were changed fails."""
+    damages = {}
+    for job_id in {row.job_id for row in rows}:
+        expected = next(row.request_sha256 for row in rows if row.job_id == job_id)
+        if job_id not in bodies or digest(bodies[job_id]) != expected:
+            damages[job_id] = REQUEST, expected
+        for result, sha256 in recorded.get(job_id, ()):
+            if sha256 is not None and digest(result.result) != sha256:
+                damages[job_id] = PART, sha256
+    if damages:
+        query = sa.select(_JOB.id, _JOB.last_event, _JOB.finished_at).where(_JOB.id.in_(sorted(damages)))
+        for job in connection.execute(query.with_for_update(skip_locked=True)):
+            fail_job(connection, job, at, *damages[job.id])
+    return [row for row in rows if row.job_id not in damages]
+
+
+def _requests(connection: Connection, job_ids: set[str]) -> dict[str, bytes]:
+    return {row.job_id: row.body for row in connection.execute(_BODIES, {"job_ids": sorted(job_ids)})}
+
+
+_BODIES = sa.select(tables.requests).where(tables.requests.c.job_id.in_(sa.bindparam("job_ids", expanding=True)))
+
+
+def _recorded(connection: Connection, job_id: str) -> _Recorded:
+    found = connection.execute(_RESULTS, {"of_job": job_id})
+    return tuple((UnitResult(row.number, row.spec, row.result), row.result_sha256) for row in found)
+
+
+_RESULTS = (
+    sa.select(_UNIT.number, _UNIT.spec, _UNIT.result, _UNIT.result_sha256)
+    .where(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.state == tables.RECORDED, _UNIT.advance.is_(False))
+    .order_by(_UNIT.number)
+)
+
+
+def renew(db: Database, worker_id: str, claims: Sequence[Claim], lease_seconds: float) -> list[Claim]:
+    """Prolong the leases to ``lease_seconds`` from now.  Returns the claims that are lost.
+
+    A claim is lost when another worker has the unit, the job was cancelled, deleted, ended or begun anew, or the unit
+    was given back.  A lease that ran out while nobody took the unit is prolonged like any other.
+    """
+    if not claims:
+        return []
+    values = {
+        "of_jobs": sorted({claim.job_id for claim in claims}),
+        "of_numbers": sorted({claim.index for claim in claims}),
+        "by_worker": worker_id,
+    }
+    with writing(db) as connection:
+        # Never waits: a row that is held just now is being recorded, given back or taken, and is met again next time
+        held = {tuple(row) for row in connection.execute(_FREE, values)}
+        known = held | {tuple(row) for row in connection.execute(_KNOWN, values)}
+        prolonged = [claim for claim in claims if (*_name(claim), "leased") in held]
+        if prolonged:
+            until = now(db, connection) + lease_seconds
+            changes = [{"of_job": c.job_id, "of_number": c.index, "until": until} for c in prolonged]
+            connection.execute(_PROLONG, changes)
+    return [c for c in claims if (*_name(c), "leased") not in known and (*_name(c), "recorded") not in known]
+
+
+def _name(claim: Claim) -> tuple[str, int, int, int]:
+    return claim.job_id, claim.index, claim.generation, claim.token
+
+
+# Jobs and numbers apart, which finds more rows than were asked for: SQLite walks the table for a list of pairs
+_KNOWN = (
+    sa.select(_UNIT.job_id, _UNIT.number, _JOB.generation, _UNIT.token, _UNIT.state)
+    .join(tables.jobs, _JOB.id == _UNIT.job_id)
+    .where(_UNIT.job_id.in_(sa.bindparam("of_jobs", expanding=True)))
+    .where(_UNIT.number.in_(sa.bindparam("of_numbers", expanding=True)))
+)
+_FREE = _KNOWN.where(_UNIT.worker_id == sa.bindparam("by_worker")).with_for_update(of=tables.units, skip_locked=True)
+_PROLONG = (
+    sa.update(tables.units)
+    .where(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.number == sa.bindparam("of_number"))
+    .values(lease_until=sa.bindparam("until"))
+)
+
+
+def record(db: Database, claim: Claim, outcome: Outcome, *, max_job_seconds: float) -> bool:
+    """Write what the unit came to, and everything that follows from it, in one transaction.
+
+    True if this claim is recorded, by this call or by an earlier one whose commit was not heard of: it may be called
+    again after StoreUnavailable.  False if the unit is no longer this claim's; then nothing was written.  A job whose
+    units took more than ``max_job_seconds`` of CPU fails.  Raises ValueError for an outcome that the unit cannot have.
+    """
+    _require_fitting(claim, outcome)
+    with writing(db) as connection:
+        job = _hold(connection, claim)
+        if job is None:
+            return False
+        sha256 = None if outcome.result is None else digest(outcome.result)
+        kept = {"result": outcome.result, "result_sha256": sha256, "cpu_seconds": outcome.cpu_seconds}
+        if job.state not in tables.UNFINISHED or not _give_up(connection, claim, "recorded", **kept):
+            return _was_recorded(connection, claim)
+        at = now(db, connection)
+        cpu_seconds = job.cpu_seconds + outcome.cpu_seconds
+        changes = {"units_done": job.units_done + 1, "cpu_seconds": cpu_seconds}
+        count_unit(db, connection, job.tenant, at, outcome.cpu_seconds)
+        if outcome.problem is not None:
+            end_job(connection, job.id, job.last_event, at, "failed", problem=outcome.problem, changes=changes)
+        elif outcome.answer is not None:
+            name = keep(db, connection, KINDS[job.kind].answer, outcome.answer, at)
+            changes["units_expected"] = changes["units_done"]
+            end_job(connection, job.id, job.last_event, at, "succeeded", result_sha256=name, changes=changes)
+        elif cpu_seconds > max_job_seconds:
+            problem = _too_long(max_job_seconds)
+            end_job(connection, job.id, job.last_event, at, "failed", problem=problem, changes=changes)
+        else:
+            _go_on(connection, claim, outcome, job, at, changes)
+    return True
+
+
+def _require_fitting(claim: Claim, outcome: Outcome) -> None:
+    given = [outcome.result is not None, bool(outcome.more), outcome.answer is not None, outcome.problem is not None]
+    fits = (False, True, True, True) if claim.spec == ADVANCE else (True, False, False, True)
+    if sum(given) != 1 or not fits[given.index(True)]:
+        raise ValueError(f"an outcome that unit {claim.index} of job {claim.job_id} cannot have")
+
+
+def _hold(connection: Connection, claim: Claim) -> AnyRow | None:
+    """The job's row, locked until the end of the transaction; None if it is gone or was begun anew."""
+    return connection.execute(_HOLD, {"of_job": claim.job_id, "of_generation": claim.generation}).first()
+
+
+_HOLD = (
+    sa.select(
+        _JOB.id, _JOB.tenant, _JOB.kind, _JOB.state, _JOB.created_at, _JOB.started_at, _JOB.units_done,
+        _JOB.units_expected, _JOB.cpu_seconds, _JOB.last_event, _JOB.note,
+    )
+    .where(_JOB.id == sa.bindparam("of_job"), _JOB.generation == sa.bindparam("of_generation"))
+    .with_for_update()
+)  # fmt: skip
+
+
+def _give_up(connection: Connection, claim: Claim, state: str, **changes: Any) -> bool:
+    """Take the unit out of this claim's hands, into another state; False if it is not in them."""
+    values = changes | {"state": state, "worker_id": None, "lease_until": None}
+    return connection.execute(_GIVE_UP, _names(claim) | values).rowcount == 1
+
+
+def _names(claim: Claim) -> dict[str, Any]:
+    return {"of_job": claim.job_id, "of_number": claim.index, "of_token": claim.token}
+
+
+_CLAIMED = sa.and_(
+    _UNIT.job_id == sa.bindparam("of_job"),
+    _UNIT.number == sa.bindparam("of_number"),
+    _UNIT.token == sa.bindparam("of_token"),
+)
+_GIVE_UP = sa.update(tables.units).where(_CLAIMED, _UNIT.state == tables.LEASED)
+
+
+def _was_recorded(connection: Connection, claim: Claim) -> bool:
+    return bool(connection.execute(_WAS_RECORDED, _names(claim)).scalar_one())
+
+
+_WAS_RECORDED = sa.select(sa.exists().where(_CLAIMED, _UNIT.state == tables.RECORDED))
+
+
+def _go_on(
+    connection: Connection, claim: Claim, outcome: Outcome, job: AnyRow, at: float, changes: dict[str, Any]
+) -> None:
+    """The units that come next, and word of how far the job is."""
+    if outcome.more:
+        rows = [new_unit(job.id, claim.index + 1 + k, spec, job.created_at, at) for k, spec in enumerate(outcome.more)]
+        connection.execute(tables.units.insert(), rows)
+        changes["units_expected"] = changes["units_done"] + len(rows) + outcome.remaining + 1
+        changes["note"] = storable(outcome.note)
+    elif not connection.execute(_ANY_OPEN, {"of_job": job.id}).scalar_one():
+        last = connection.execute(_LAST, {"of_job": job.id}).scalar_one()
+        connection.execute(tables.units.insert(), new_unit(job.id, last + 1, ADVANCE, job.created_at, at))
+    told = {
+        "units_done": changes["units_done"],
+        "units_expected": changes.get("units_expected", job.units_expected),
+        "note": changes.get("note", job.note),
+    }
+    told["eta_seconds"] = eta_seconds(job.started_at, told["units_done"], told["units_expected"], at)
+    changes["last_event"] = job.last_event + 1
+    connection.execute(_CHANGE_JOB, {"of_job": job.id} | changes)
+    tell(connection, job.id, changes["last_event"], at, "progress", told)
+
+
+_ANY_OPEN = sa.select(sa.exists().where(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.state != tables.RECORDED))
+_LAST = sa.select(sa.func.max(_UNIT.number)).where(_UNIT.job_id == sa.bindparam("of_job"))
+_CHANGE_JOB = sa.update(tables.jobs).where(_JOB.id == sa.bindparam("of_job"))
+
+
+def _too_long(max_job_seconds: float) -> bytes:
+    detail = f"the job took more than {max_job_seconds:g} CPU seconds"
+    hint = "ask for less (trials, starts, points); the operator's setting is TAILSTACK_MAX_JOB_SECONDS"
+    return as_problem(LimitError(Problem("", "job-too-long", detail, hint)))
+
+
+def release(db: Database, claim: Claim, *, died: bool, why: str = "") -> None:
+    """Give the unit back at once; nothing happens if it is no longer this claim's.
+
+    ``died``: a computing process ended under it.  With as many deaths or attempts as the claim allows, the job fails,
+    and its problem ends with ``why``.
+    """
+    with writing(db) as connection:
+        job = _hold(connection, claim)
+        if job is None or job.state not in tables.UNFINISHED:
+            return
+        deaths, at = claim.deaths + died, now(db, connection)
+        if not _give_up(connection, claim, "ready", ready_at=at, deaths=deaths):
+            return
+        if deaths >= claim.max_deaths or claim.attempts >= claim.max_attempts:
+            problem = lost_unit(claim.attempts, deaths, why)
+            end_job(connection, job.id, job.last_event, at, "failed", problem=problem)

@@ -1,0 +1,108 @@
+"""How a database is opened: which version its tables have, and how they are brought to the one that this code knows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from threading import Lock
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection
+
+from tailstack.errors import Problem
+
+from .database import Database, connect, parse_url, reading, writing
+from .errors import StoreError
+
+HEAD = "0002"  # the newest of migrations/versions
+MIGRATING_SECONDS = 3_600.0  # for a server to change large tables, or for another who does it to be done
+MIGRATIONS = Path(__file__).parent / "migrations"
+_ONE_AT_A_TIME = Lock()  # Alembic hands its context around in global variables
+_LOCK = 1413564242  # of pg_advisory_xact_lock: any number that nothing else here uses
+
+
+def schema_version(db: Database) -> str | None:
+    """The version of the tables, None for a database without them.  Versions sort as texts."""
+    with reading(db) as connection:
+        return _version(connection)
+
+
+def _version(connection: Connection) -> str | None:
+    if not sa.inspect(connection).has_table("alembic_version"):
+        return None
+    version: str | None = connection.execute(sa.text("SELECT version_num FROM alembic_version")).scalar_one_or_none()
+    return version
+
+
+def require_current(db: Database) -> None:
+    """Raise StoreError, with the next command, unless the tables are of the version that this code knows."""
+    version = schema_version(db)
+    if version is None:
+        problem = Problem("", "no-schema", "the database holds no tables of tailstack", "tailstack db migrate")
+        raise StoreError(problem)
+    _refuse_newer(version)
+    if version < HEAD:
+        detail = f"the database has schema version {version}, this tailstack needs {HEAD}"
+        raise StoreError(Problem("", "old-schema", detail, "tailstack db backup -o FILE, then tailstack db migrate"))
+
+
+def _refuse_newer(version: str | None) -> None:
+    if version is not None and version > HEAD:
+        detail = f"the database has schema version {version}, this tailstack knows {HEAD} at most"
+        hint = "a newer tailstack has changed it: use that one, or restore the backup made before"
+        raise StoreError(Problem("", "newer-schema", detail, hint))
+
+
+def migrate_database(url: str) -> tuple[str | None, str]:
+    """Create the tables or bring them up to date; a SQLite file is made if there is none.
+
+    All or nothing, and safe when several do it at once: one does, the others find it done.  Returns the version before
+    and after.  Raises StoreError (a newer version, a bad URL), StoreUnavailable.
+    """
+    db = connect(url, create=True)
+    try:
+        with writing(db.within(MIGRATING_SECONDS) if db.dialect == "postgresql" else db) as connection:
+            if db.dialect == "postgresql":
+                connection.execute(sa.text("SET LOCAL statement_timeout = 0; SET LOCAL lock_timeout = 0"))
+                connection.execute(sa.text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})
+            before = _version(connection)
+            _refuse_newer(before)
+            if before != HEAD:
+                _upgrade(connection)
+        return before, HEAD
+    finally:
+        db.close()
+
+
+def _upgrade(connection: Connection) -> None:
+    from alembic import command
+    from alembic.config import Config
+
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS).replace("%", "%%"))
+    config.set_main_option("path_separator", "os")
+    config.attributes["connection"] = connection
+    with _ONE_AT_A_TIME:
+        command.upgrade(config, HEAD)
+
+
+def open_database(
+    url: str, *, migrate: bool = False, clock: Callable[[], float] | None = None, seconds: float | None = None
+) -> Database:
+    """A database whose schema is the one that this version knows.
+
+    ``migrate`` creates a SQLite file or brings it up to date; PostgreSQL is only ever changed by ``tailstack db
+    migrate``, so that hosts of a cluster do not change it under one another.  ``seconds``: for it to answer now; its
+    later transactions have their own.  Raises StoreError with the next command, StoreUnavailable if the server cannot
+    be reached.
+    """
+    parsed = parse_url(url)
+    if parsed.get_backend_name() == "sqlite" and migrate:
+        migrate_database(url)
+    db = connect(url, clock=clock)
+    try:
+        require_current(db if seconds is None else db.within(seconds))
+    except BaseException:
+        db.close()
+        raise
+    return db

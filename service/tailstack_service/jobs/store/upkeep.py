@@ -1,0 +1,320 @@
+"""What an operator does to a database: bring it up to date, look whether it is sound, throw old things away.
+
+A copy of a database in one file, made while the service runs, and looked at before it is called a backup.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+import subprocess
+import tempfile
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from shlex import quote
+
+import sqlalchemy as sa
+from sqlalchemy.engine import URL, Connection
+
+from tailstack.errors import Problem
+
+from . import audit, tables, usage
+from .database import Database, connect, now, parse_url, reading, writing
+from .errors import StoreError, StoreUnavailable
+from .results import find_changed_parts, find_changed_requests, find_changed_results, find_missing_results
+from .schema import HEAD
+
+JOBS_AT_A_TIME = 20  # so that nobody waits long for the write lock
+SECONDS_PER_DAY = 86_400.0
+WORKERS_KEPT_SECONDS = 86_400.0
+AUDIT_DAYS = 365.0
+CHECKING_SECONDS = 3_600.0  # for everything to be read
+_PURGE_LOCK = 1413564241
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One rule that a sound database keeps."""
+
+    name: str
+    ok: bool
+    detail: str  # what was looked at, or what is wrong
+
+
+@dataclass(frozen=True, slots=True)
+class Purged:
+    """What a purge deleted."""
+
+    jobs: int
+    results: int
+    usage_rows: int
+    workers: int
+    audit_entries: int
+
+
+def check(db: Database) -> list[Check]:
+    """Look at everything, in one transaction that sees one moment.  Raises StoreUnavailable."""
+    with reading(db.within(CHECKING_SECONDS)) as connection:
+        if db.dialect == "postgresql":
+            connection.execute(sa.text("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ"))
+            connection.execute(sa.text("SET LOCAL statement_timeout = 0"))
+        checks = [_schema(connection)]
+        if not checks[0].ok:
+            return checks
+        if db.dialect == "sqlite":
+            checks += [_pragma(connection, "integrity_check"), _pragma(connection, "foreign_key_check")]
+        checks += _hashes(connection)
+        checks += [_none(connection, name, query) for name, query in _RULES.items()]
+    return checks
+
+
+def _schema(connection: Connection) -> Check:
+    found = "none"
+    if sa.inspect(connection).has_table("alembic_version"):
+        found = str(connection.execute(sa.text("SELECT version_num FROM alembic_version")).scalar_one_or_none())
+    return Check("schema version", found == HEAD, f"{found}, this tailstack knows {HEAD}")
+
+
+def _pragma(connection: Connection, name: str) -> Check:
+    rows = [" ".join(str(value) for value in row) for row in connection.exec_driver_sql(f"PRAGMA {name}")]
+    wrong = [row for row in rows if row != "ok"]
+    return Check(name.replace("_", " "), not wrong, "; ".join(wrong[:5]) or "ok")
+
+
+def _hashes(connection: Connection) -> list[Check]:
+    checks = []
+    for name, find in (
+        ("results hash to their names", find_changed_results),
+        ("requests have the hash they came with", find_changed_requests),
+        ("recorded units have the hash they were recorded with", find_changed_parts),
+    ):
+        wrong = list(find(connection))
+        detail = f"not so: {', '.join(wrong[:3])}{' ...' if len(wrong) > 3 else ''}" if wrong else "ok"
+        checks.append(Check(name, not wrong, detail))
+    return checks
+
+
+_J, _U = tables.jobs.c, tables.units.c
+_OPEN_UNIT = sa.exists().where(_U.job_id == _J.id, _U.state != tables.RECORDED)
+_RULES: dict[str, sa.Select[str]] = {
+    "every unit belongs to a job": sa.select(_U.job_id).where(~sa.exists().where(_J.id == _U.job_id)).distinct(),
+    "every unfinished job has a unit to compute": sa.select(_J.id).where(_J.state.in_(tables.UNFINISHED), ~_OPEN_UNIT),
+    "no finished job has one": sa.select(_J.id).where(_J.state.not_in(tables.UNFINISHED), _OPEN_UNIT),
+    "no finished job keeps payloads of units": sa.select(_J.id).where(
+        _J.state.not_in(tables.UNFINISHED),
+        sa.exists().where(_U.job_id == _J.id, sa.or_(_U.spec.is_not(None), _U.result.is_not(None))),
+    ),
+    "every recorded unit of an unfinished job has its payload": sa.select(_J.id).where(
+        _J.state.in_(tables.UNFINISHED),
+        sa.exists().where(_U.job_id == _J.id, _U.state == tables.RECORDED, _U.advance.is_(False), _U.result.is_(None)),
+    ),
+    "units are counted right": sa.select(_J.id).where(
+        _J.units_done
+        != sa.select(sa.func.count())
+        .where(_U.job_id == _J.id, _U.state == tables.RECORDED)
+        .correlate(tables.jobs)
+        .scalar_subquery()
+    ),
+    "every job has its request": sa.select(_J.id).where(~sa.exists().where(tables.requests.c.job_id == _J.id)),
+    "every succeeded job has its result": sa.select(_J.id).where(
+        _J.state == "succeeded", ~sa.exists().where(tables.results.c.sha256 == _J.result_sha256)
+    ),
+    "events are numbered without gaps": sa.select(_J.id).where(
+        sa.or_(
+            *(
+                _J.last_event
+                != sa.select(figure).where(tables.events.c.job_id == _J.id).correlate(tables.jobs).scalar_subquery()
+                for figure in (sa.func.count(), sa.func.coalesce(sa.func.max(tables.events.c.sequence), 0))
+            )
+        )
+    ),
+}
+
+
+def _none(connection: Connection, name: str, query: sa.Select[str]) -> Check:
+    wrong = connection.execute(query.limit(4)).scalars().all()
+    return Check(
+        name, not wrong, f"not so: {', '.join(wrong[:3])}{' ...' if len(wrong) > 3 else ''}" if wrong else "ok"
+    )
+
+
+def purge(db: Database, keep_days: float, audit_days: float = AUDIT_DAYS) -> Purged:
+    """Delete jobs that ended more than ``keep_days`` ago, results that no job refers to, workers silent for a day,
+    entries of the audit log older than ``audit_days``.
+
+    Works in short transactions; several at once do no harm.
+    """
+    jobs = _repeated(db, lambda connection, at: _purge_jobs(connection, at - keep_days * SECONDS_PER_DAY))
+    results = _repeated(db, lambda connection, at: _purge_results(connection))
+    with writing(db) as connection:
+        at = now(db, connection)
+        rows = usage.fold(db, connection, at) if _alone(db, connection) else 0
+        forgotten = audit.forget(connection, at - audit_days * SECONDS_PER_DAY)
+        silent = sa.delete(tables.workers).where(tables.workers.c.seen_at < at - WORKERS_KEPT_SECONDS)
+        return Purged(jobs, results, rows, connection.execute(silent).rowcount, forgotten)
+
+
+def _alone(db: Database, connection: Connection) -> bool:
+    if db.dialect == "sqlite":
+        return True
+    return bool(connection.execute(sa.text(f"SELECT pg_try_advisory_xact_lock({_PURGE_LOCK})")).scalar_one())
+
+
+def _repeated(db: Database, delete_some: Callable[[Connection, float], int]) -> int:
+    total = 0
+    while True:
+        with writing(db) as connection:
+            count = delete_some(connection, now(db, connection))
+        total += count
+        if count == 0:
+            return total
+
+
+def _purge_jobs(connection: Connection, before: float) -> int:
+    old = sa.select(_J.id).where(_J.finished_at < before).order_by(_J.finished_at).limit(JOBS_AT_A_TIME)
+    ids = connection.execute(old.with_for_update(skip_locked=True)).scalars().all()
+    connection.execute(sa.delete(tables.jobs).where(_J.id.in_(ids)))
+    return len(ids)
+
+
+def _purge_results(connection: Connection) -> int:
+    r = tables.results.c
+    unowned = ~sa.exists().where(_J.result_sha256 == r.sha256)
+    found = sa.select(r.sha256).where(unowned).limit(JOBS_AT_A_TIME).with_for_update(skip_locked=True)
+    names = connection.execute(found).scalars().all()
+    # Looked at again now that the rows are held: a job may have come to one of them in between
+    return connection.execute(sa.delete(tables.results).where(r.sha256.in_(names), unowned)).rowcount
+
+
+DUMP_SECONDS = 3_600.0
+
+
+def backup(url: str, target: Path) -> str:
+    """Copy the database into ``target``, which must not exist.  Returns how it is restored.
+
+    SQLite: the file itself, by the online backup API, its integrity checked.  PostgreSQL: ``pg_dump`` in its custom
+    format, its table of contents read back.  The file appears under its name only when it is complete and on the disk.
+    Raises StoreError, also where a stored answer is damaged: the earlier backups, which may hold it as it was, must not
+    make room for one that does not.
+    """
+    parsed = parse_url(url)
+    if target.exists():
+        raise _refused("backup-exists", f"{target} exists already", "give another name: nothing is overwritten")
+    if not target.parent.is_dir():
+        raise _refused("no-directory", f"there is no directory {target.parent}", f"mkdir -p {target.parent}")
+    _require_undamaged(url)
+    with tempfile.TemporaryDirectory(prefix=".tailstack-backup-", dir=target.parent) as directory:
+        partial = Path(directory) / "backup"
+        if parsed.get_backend_name() == "sqlite":
+            _copy_file(Path(str(parsed.database)), partial)
+            file = str(parsed.database)
+            stale = " ".join(quote(file + ending) for ending in ("-wal", "-shm"))
+            restored = f"stop the service, then rm -f {stale} && cp {quote(str(target))} {quote(file)}"
+        else:
+            _dump(parsed, partial)
+            restored = f"createdb NEW, then pg_restore --no-owner --dbname=NEW {quote(str(target))}"
+        _sync(partial)
+        try:
+            os.link(partial, target)  # unlike a rename it fails if somebody else made the target meanwhile
+        except FileExistsError:
+            raise _refused("backup-exists", f"{target} exists already", "give another name") from None
+    _sync(target.parent)
+    return restored
+
+
+def _require_undamaged(url: str) -> None:
+    db = connect(url)
+    try:
+        with reading(db.within(DUMP_SECONDS)) as connection:
+            damaged = []
+            if sa.inspect(connection).has_table("results"):
+                damaged = [*find_changed_results(connection), *find_missing_results(connection)]
+    except StoreUnavailable as error:
+        raise _refused("backup-failed", error.problems[0].detail, error.problems[0].hint) from None
+    finally:
+        db.close()
+    if damaged:
+        names = ", ".join(damaged[:3]) + (" ..." if len(damaged) > 3 else "")
+        detail = f"{len(damaged)} of the stored answers are damaged and would be in the backup: {names}"
+        hint = (
+            "keep the earlier backups; tailstack db mend fails the jobs of these and deletes them, then back up again"
+        )
+        raise _refused("backup-damaged", detail, hint)
+
+
+def _refused(code: str, detail: str, hint: str) -> StoreError:
+    return StoreError(Problem("", code, detail, hint))
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _copy_file(source: Path, target: Path) -> None:
+    if not source.exists():
+        raise _refused("no-database", f"there is no database at {source}", "TAILSTACK_DATABASE says which one is meant")
+    os.close(os.open(target, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
+    try:
+        with closing(sqlite3.connect(source, timeout=30)) as from_, closing(sqlite3.connect(target)) as to:
+            from_.backup(to)
+            to.execute("PRAGMA journal_mode=DELETE").fetchone()  # one file, without a -wal beside it
+            found = [row[0] for row in to.execute("PRAGMA integrity_check")]
+            found += ["a row refers to one that is missing" for _ in to.execute("PRAGMA foreign_key_check")]
+    except sqlite3.Error as error:
+        raise _refused("backup-failed", f"{source}: {error}", "tailstack db check") from None
+    if found != ["ok"]:
+        raise _refused("backup-failed", f"the copy is not sound: {'; '.join(found[:3])}", "tailstack db check")
+
+
+def _dump(url: URL, target: Path) -> None:
+    program = find_program("pg_dump")
+    if program is None:
+        detail = "pg_dump is needed to back up PostgreSQL, and it is neither on PATH nor beside pg_config"
+        raise _refused("no-pg-dump", detail, "install it: apt-get install postgresql-client")
+    os.close(os.open(target, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
+    # Nothing secret in the arguments: every user of the host can read them
+    public = URL.create("postgresql", url.username, None, url.host, url.port, url.database, url.query)
+    address = public.render_as_string(hide_password=False)
+    environment = dict(os.environ)
+    if url.password is not None:
+        environment["PGPASSWORD"] = str(url.password)
+    _call([program, "--format=custom", "--no-password", f"--file={target}", f"--dbname={address}"], environment)
+    restore = find_program("pg_restore")
+    if restore is not None:
+        _call([restore, "--list", str(target)], environment)
+
+
+def _call(command: list[str], environment: dict[str, str]) -> None:
+    try:
+        done = subprocess.run(
+            command, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=DUMP_SECONDS
+        )
+    except subprocess.TimeoutExpired:
+        detail = f"{Path(command[0]).name} took more than {DUMP_SECONDS:g} s"
+        raise _refused("backup-failed", detail, "run pg_dump --format=custom by hand") from None
+    if done.returncode != 0:
+        reason = (done.stderr.strip() or f"exit code {done.returncode}").partition("\n")[0]
+        hint = "pg_dump must not be older than the server; TAILSTACK_DATABASE says which database is meant"
+        raise _refused("backup-failed", f"{Path(command[0]).name}: {reason}", hint)
+
+
+def find_program(name: str) -> str | None:
+    """A program of PostgreSQL: on PATH, or where ``pg_config`` says, or where Debian keeps it."""
+    found = shutil.which(name)
+    if found:
+        return found
+    configured = shutil.which("pg_config")
+    if configured:
+        done = subprocess.run([configured, "--bindir"], capture_output=True, text=True, timeout=30)
+        beside = Path(done.stdout.strip()) / name
+        if done.returncode == 0 and beside.exists():
+            return str(beside)
+    debian = sorted(Path("/usr/lib/postgresql").glob(f"*/bin/{name}"), key=lambda path: path.parts[4].zfill(8))
+    return str(debian[-1]) if debian else None

@@ -1,0 +1,69 @@
+"""Python processes of our own: the same interpreter, the same modules, one thread each in heavy loops."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+
+# Processes are the unit of parallelism here, and the libraries' own threads would fight with them.
+SINGLE_THREADED = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+}
+
+
+def command(module: str, *arguments: str) -> list[str]:
+    """Run a module, as ``python -m``; what lies in the working directory is not imported."""
+    return [sys.executable, "-P", "-m", module, *arguments]
+
+
+def refuse_unusable_kernels() -> None:
+    """Raises KernelError where numba's settings in the environment rule out what is about to be started here.
+
+    Before it serves, so that nobody waits for an answer that cannot come; without such settings it costs nothing.
+    """
+    given = {name: os.environ.get(f"NUMBA_{name}") for name in ("DISABLE_JIT", "CPU_NAME", "CPU_FEATURES")}
+    if any(value is not None for value in given.values()):
+        from tailstack.processor import refuse_unusable
+
+        disabled = given["DISABLE_JIT"] not in (None, "", "0")
+        refuse_unusable(disabled=disabled, name=given["CPU_NAME"], features=given["CPU_FEATURES"])
+
+
+@cache
+def code_digest() -> str:
+    """Of all sources of this version, as this process first found them: the name of the code that it runs."""
+    from tailstack import sources
+
+    here = sources.digest_of_all(sources.read_sources(Path(__file__).resolve().parents[1]))
+    return sha256(f"{sources.digest_of_all(sources.SOURCES)} {here}".encode()).hexdigest()
+
+
+def environment() -> dict[str, str]:
+    """The environment of this process, with its module path."""
+    path = os.pathsep.join(entry for entry in sys.path if entry)
+    return {**os.environ, **SINGLE_THREADED, "PYTHONPATH": path}
+
+
+# What a signal says to whoever reads it in the problem of a job
+REASONS = {
+    "SIGILL": "illegal instruction: kernels built for another processor",
+    "SIGKILL": "killed from outside, as where memory runs out",
+}
+
+
+def describe_ending(code: int) -> str:
+    """What ended a process, from its return code: its exit code, or the signal by name and what that signal means."""
+    if code >= 0:
+        return f"exit code {code}"
+    try:
+        name = signal.Signals(-code).name
+    except ValueError:  # a real-time signal
+        return f"signal {-code}"
+    return f"{name} ({REASONS.get(name) or (signal.strsignal(-code) or 'signal').lower()})"
