@@ -16,6 +16,7 @@ from pathlib import Path
 import httpx
 import psutil
 import pytest
+import strange_units
 from postgres import Server
 from served import served
 from service_scenes import small_design
