@@ -73,7 +73,7 @@ class Child:
     def __init__(self, function: str = PERFORM) -> None:
         self._process: subprocess.Popen[bytes] = _from_lasting_thread(
             lambda: subprocess.Popen(
-                command(f"{__package__}.child", function, str(os.getpid()), code_digest()),
+                command("tailstack_service.processes.child", function, str(os.getpid()), code_digest()),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 env=environment(),
