@@ -141,7 +141,7 @@ LOST = {
 
 @pytest.mark.parametrize(("state", "problem"), [("cancelled", None), ("failed", LOST)])
 def test_a_job_that_does_not_succeed_is_no_verdict(folder: Path, state: str, problem: Any) -> None:
-    job = {"id": "j1", "kind": "gate", "state": "queued", "problem": None}
+    job = {"schema": "tailstack/job/1", "id": "j1", "kind": "gate", "state": "queued", "problem": None}
     ended = json.dumps({**job, "state": state, "problem": problem}).encode()
     with answering((202, json.dumps(job).encode()), (204, b""), (200, ended)) as (at, got):
         assert gate("good.yaml", "--remote", at, "--format=json=out.json") == 3
