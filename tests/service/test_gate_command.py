@@ -152,7 +152,7 @@ def test_one_bad_document_does_not_hide_the_others(folder: Path, capsys: pytest.
         ([], "no design was given"),
         (["one.yaml", "--format", "text", "--format", "json"], "two formats would be written to stdout"),
         (["one.yaml", "--format", "json=missing/gate.json"], "cannot write"),
-        (["one.yaml", "--format", "xml"], "expected text, json, sarif, junit, github, gitlab, markdown"),
+        (["one.yaml", "--format", "xml"], "expected text, json, baseline, sarif, junit, github, gitlab, markdown"),
         (["one.yaml", "--max-regression", "-1"], "0 or more per cent"),
         (["one.yaml", "--waivers", "policy.yaml"], "tailstack/waivers/1"),
         (["one.yaml", "--baseline", "one.yaml"], "tailstack/gate/1"),

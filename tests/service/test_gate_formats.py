@@ -14,8 +14,10 @@ import pytest
 import xsd
 from gate_scenes import FORMATS, GOLDEN, SCENES, golden, run, settled
 from jsonschema import Draft202012Validator
-from service_scenes import ROOT
+from service_scenes import ROOT, limited
 
+from tailstack.design.write import data_to_yaml
+from tailstack_service.cli.main import main
 from tailstack_service.documents import from_plain, json_schema
 from tailstack_service.gate.formats import FORMATS as WRITERS
 from tailstack_service.gate.formats import (
@@ -57,8 +59,28 @@ def test_every_exit_code_in_every_format(title: str, tmp_path: Path) -> None:
 
 def test_no_golden_file_is_left_over() -> None:
     assert {path.name for path in GOLDEN.iterdir()} == {golden(s, name).name for s in SCENES for name in FORMATS}
-    assert set(FORMATS) == set(WRITERS)
+    assert {*FORMATS, "baseline"} == set(WRITERS)  # baseline: the record of json, see below
     assert {scene.exit_code for scene in SCENES.values()} == {0, 1, 2, 3, 4, 130}
+
+
+def test_a_baseline_that_is_kept_shows_what_changed_line_by_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    design = Path("a.yaml")
+    texts = []
+    for limit in (5.0, 4.0):
+        design.write_text(data_to_yaml(limited(limit)), encoding="utf-8")
+        formats = [f"--format={name}={name}.json" for name in ("baseline", "json")]
+        assert main(["gate", "a.yaml", "--mode", "analytic", *formats]) == 0
+        texts.append(Path("baseline.json").read_text(encoding="utf-8"))
+        assert json.loads(texts[-1]) == json.loads(Path("json.json").read_text(encoding="utf-8"))
+    before, after = (text.splitlines() for text in texts)
+    changes = [line.strip() for line, other in zip(after, before, strict=True) if line != other]
+    assert '"limit_mm": 4.0,' in changes
+    assert len(changes) <= 6  # the limit of requirement and number, its margin, the hash of the design
+    design.write_text(data_to_yaml(limited(6.0)), encoding="utf-8")
+    assert main(["gate", "a.yaml", "--mode", "analytic", "--baseline", "baseline.json"]) == 1
 
 
 def record_of(title: str) -> GateRecord:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 HELP = "designs against a policy, for a pipeline: findings and an exit code"
 
-FORMATS = ("text", "json", "sarif", "junit", "github", "gitlab", "markdown")
+FORMATS = ("text", "json", "baseline", "sarif", "junit", "github", "gitlab", "markdown")
 MODES = ("analytic", "verify", "auto")
 WILD = "*?["
 LONGEST_NAME = 400
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--on-inconclusive", choices=("fail", "warn"), help="what an open question counts as (default: exit code 4)"
     )
-    parser.add_argument("--baseline", metavar="FILE", help="record of an earlier gate (--format json=FILE)")
+    parser.add_argument("--baseline", metavar="FILE", help="record of an earlier gate (--format baseline=FILE)")
     parser.add_argument(
         "--max-regression", type=_percent, metavar="PCT", help="allowed rise of P95 over the baseline (default: policy)"
     )

@@ -58,7 +58,7 @@ def read_baseline(given: Given, *, name: str = "baseline", prefix: str = "") -> 
     """The record of an earlier gate from a path, text or data.  Raises GateError."""
     from ..documents import from_plain
 
-    hint = "write one with: tailstack gate DESIGN... --format json=baseline.json"
+    hint = "write one with: tailstack gate DESIGN... --format baseline=baseline.json"
     source = read_data(given, "tailstack/gate/1", prefix, hint)
     try:
         record: GateRecord = from_plain("gate", source.data)

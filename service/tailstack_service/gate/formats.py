@@ -26,7 +26,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from tailstack.json_text import write_json
 
-from ..documents import to_json
+from ..documents import plain, to_json
 from .records import GatedDesign, GateFinding, GateRecord, counts, split_findings
 from .rules import RULES, Rule
 from .text import describe_outcome, name_place, render_markdown, render_text
@@ -52,7 +52,7 @@ def _join_name(prefix: str, file: str) -> str:
     return normpath(f"{prefix}/{file}")
 
 
-def fingerfingerprintfindings(findings: Iterable[GateFinding]) -> list[str]:
+def fingerprint_findings(findings: Iterable[GateFinding]) -> list[str]:
     """One for each finding: the same for the same rule at the same place of the same document, whatever line or value
     it has today.  Several findings of a rule at one place are told apart by their order."""
     seen: Counter[tuple[str, ...]] = Counter()
@@ -98,7 +98,7 @@ def render_sarif(record: GateRecord) -> str:
         "invocations": [{"executionSuccessful": record.verdict != "not evaluated", "exitCode": record.exit_code}],
         "results": [
             _write_sarif_result(finding, order[finding.rule], fingerprint)
-            for finding, fingerprint in zip(record.findings, fingerfingerprintfindings(record.findings), strict=True)
+            for finding, fingerprint in zip(record.findings, fingerprint_findings(record.findings), strict=True)
         ],
         "properties": {
             "verdict": record.verdict,
@@ -165,7 +165,7 @@ def render_gitlab(record: GateRecord) -> str:
     """A list of findings, [] where there are none."""
     reported = [
         _write_gitlab_issue(record, finding, fingerprint)
-        for finding, fingerprint in zip(record.findings, fingerfingerprintfindings(record.findings), strict=True)
+        for finding, fingerprint in zip(record.findings, fingerprint_findings(record.findings), strict=True)
         if finding.suppressed_by is None
     ]
     return write_json(reported, indent=2) + "\n"
@@ -341,9 +341,15 @@ def _render_json(record: GateRecord) -> str:
     return to_json(record).decode() + "\n"
 
 
+def _render_baseline(record: GateRecord) -> str:
+    """The same record with a line for each field, so that a reviewer sees what changed in the one that is kept."""
+    return write_json(plain(record), indent=2) + "\n"
+
+
 FORMATS: dict[str, Callable[[GateRecord], str]] = {
     "text": render_text,
     "json": _render_json,
+    "baseline": _render_baseline,
     "markdown": render_markdown,
     "sarif": render_sarif,
     "junit": render_junit,
