@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     if arguments.action == "migrate":
         before, after = schema.migrate_database(url)
         words = "already at" if before == after else "created with" if before is None else f"from {before} to"
-        print(f"{_shown(url)}: {words} schema version {after}", file=sys.stderr)
+        print(f"{_hide_password(url)}: {words} schema version {after}", file=sys.stderr)
         return Answer("")
     if arguments.action == "backup":
         restored = upkeep.backup(url, Path(arguments.output))
@@ -67,11 +67,11 @@ def _check(url: str) -> Answer:
         db.close()
     lines = [f"{'ok  ' if entry.ok else 'FAIL'}  {entry.name}: {entry.detail}\n" for entry in checks]
     sound = all(entry.ok for entry in checks)
-    lines.append(f"{_shown(url)}: {'sound' if sound else 'not sound'}\n")
+    lines.append(f"{_hide_password(url)}: {'sound' if sound else 'not sound'}\n")
     return Answer("".join(lines), PASS if sound else NOT_EVALUATED)
 
 
-def _shown(url: str) -> str:
+def _hide_password(url: str) -> str:
     from ..jobs.store.database import parse_url
 
     return parse_url(url).set(drivername=parse_url(url).get_backend_name()).render_as_string(hide_password=True)

@@ -85,13 +85,13 @@ def run(arguments: argparse.Namespace) -> Answer:
         show("Score: first order", score_text(score, colour=colour))
 
         tell(f"POST /v1/verifications, to {100 * PRECISION:g} %")
-        body, _ = computed(service, "/v1/verifications", {"design": design, "precision": PRECISION, "seed": 1}, tell)
+        body, _ = run_job(service, "/v1/verifications", {"design": design, "precision": PRECISION, "seed": 1}, tell)
         before = read_record("verification", body)
         keep("verification.json", body)
         show("Check: Monte Carlo on the full chain", verification_text(before, colour=colour))
 
         tell("POST /v1/optimisations, a second or two per start")
-        body, result = computed(service, "/v1/optimisations", {"design": design}, tell)
+        body, result = run_job(service, "/v1/optimisations", {"design": design}, tell)
         optimised = read_record("optimisation", body)
         keep("optimisation.json", body)
         keep("optimised.yaml", data_to_yaml(optimised.design).encode())
@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         tell("POST /v1/scores and /v1/verifications of the optimised design")
         score_after = read_record("score", service.ask("POST", "/v1/scores", {"design": optimised.design}).content)
         again = {"design": optimised.design, "precision": PRECISION, "seed": 2}
-        body, _ = computed(service, "/v1/verifications", again, tell)
+        body, _ = run_job(service, "/v1/verifications", again, tell)
         after = read_record("verification", body)
         show("Before -> after", before_after_text(score, before, score_after, after, optimised))
 
@@ -134,7 +134,7 @@ def wait_until_ready(service: Service, tell: Callable[[str], None], seconds: flo
         time.sleep(0.05)
 
 
-def computed(service: Service, path: str, request: dict[str, Any], tell: Callable[[str], None]) -> tuple[bytes, str]:
+def run_job(service: Service, path: str, request: dict[str, Any], tell: Callable[[str], None]) -> tuple[bytes, str]:
     """The result of a job and its path, its progress told on the way.  Raises RemoteError if it fails."""
     from ..rendering.jobs import advance_text
 

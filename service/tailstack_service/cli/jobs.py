@@ -111,7 +111,7 @@ def _follow(service: Service, arguments: argparse.Namespace) -> Answer:
     from .remote import EXIT_CODE
 
     record = service.ask_record("GET", _path(arguments))
-    line = _Line(f"{record['kind']} {record['id']}")
+    line = ProgressLine(f"{record['kind']} {record['id']}")
     try:
         for event in service.events(record["id"]):
             line.show(event.name, event.data)
@@ -132,7 +132,7 @@ ACTIONS: dict[str, Callable[[Service, argparse.Namespace], Answer]] = {
 }
 
 
-class _Line:
+class ProgressLine:
     """One line of progress on stderr: rewritten on a terminal, one line an event in a log."""
 
     def __init__(self, what: str) -> None:

@@ -125,13 +125,13 @@ def _log(db: Database, arguments: argparse.Namespace) -> Answer:
     if arguments.json:
         return Answer(write_json([{**asdict(entry), "at": moment(entry.at)} for entry in found], indent=2).encode())
     rows = [
-        (moment(entry.at), entry.actor, entry.action, entry.tenant, entry.subject, _told(entry.detail))
+        (moment(entry.at), entry.actor, entry.action, entry.tenant, entry.subject, _describe_detail(entry.detail))
         for entry in found
     ]
     return Answer(table(("at", "who", "what", "tenant", "which", "detail"), rows, left=6) + "\n" if rows else "")
 
 
-def _told(detail: dict[str, Any]) -> str:
+def _describe_detail(detail: dict[str, Any]) -> str:
     """A detail on a line: of a policy, which of its terms changed."""
     from tailstack.json_text import write_json
 

@@ -14,7 +14,7 @@ from typing import NoReturn
 from ..console.answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
 from ..console.answer import write_out as _write
 from ..console.program import program
-from .verbs import VERBS, typed
+from .verbs import VERBS, spell_commands
 
 EPILOG = """\
 exit codes: 0 pass · 1 the design fails · 2 bad input or usage · 3 could not evaluate · 4 inconclusive · 130 interrupted
@@ -29,7 +29,7 @@ class _Parser(argparse.ArgumentParser):
         self.exit(BAD_INPUT, f"{self.prog}: {message}\nnext: {self.prog} --help\n")
 
     def format_help(self) -> str:
-        return typed(super().format_help())
+        return spell_commands(super().format_help())
 
 
 def build_parser(verbs: Sequence[str] = VERBS) -> argparse.ArgumentParser:

@@ -13,7 +13,7 @@ from tailstack.errors import Problem, TailstackError
 from ..console.answer import BAD_INPUT, NOT_EVALUATED
 from ..console.program import program
 from ..names import TRACEBACK
-from .verbs import typed
+from .verbs import spell_commands
 
 # What to type next, by class of refusal; {file} is the design that was given.
 NEXT = {
@@ -38,7 +38,7 @@ def problem_text(problem: Problem) -> str:
     elif problem.file is not None:
         place = f"{problem.file}: {place}"
     said = f"{place}: {problem.detail}" if place else problem.detail
-    return said + (f"\n  hint: {typed(problem.hint)}" if problem.hint else "")
+    return said + (f"\n  hint: {spell_commands(problem.hint)}" if problem.hint else "")
 
 
 def name_stdin(problems: tuple[Problem, ...], file: str | None) -> tuple[Problem, ...]:
@@ -52,7 +52,7 @@ def next_command(slug: str, arguments: argparse.Namespace) -> str:
     chosen = NEXT.get(slug, "tailstack {verb} --help")
     if arguments.verb == "optimise" and slug == "invalid-design":
         chosen = OPTIMISE_AGAIN  # validate does not look at what the optimiser is asked for
-    return typed("next: " + chosen.format(file=file, verb=arguments.verb))
+    return spell_commands("next: " + chosen.format(file=file, verb=arguments.verb))
 
 
 def report_error(error: TailstackError | OSError, arguments: argparse.Namespace) -> int:

@@ -12,7 +12,7 @@ VERBS = (
 )  # fmt: skip
 
 
-def typed(text: str) -> str:
+def spell_commands(text: str) -> str:
     """The text with the commands in it (``tailstack score ...``) as they can be typed here."""
     here = program()
     if here == INSTALLED:

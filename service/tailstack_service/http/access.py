@@ -68,8 +68,8 @@ class Access:
         self._noted: set[tuple[str, str, int]] = set()
         self._noting: set[asyncio.Task[None]] = set()  # asyncio keeps none by itself
         hosts = frozenset(name.strip().lower() for name in settings.allowed_hosts.split(",") if name.strip())
-        self._is_ours = lru_cache(HOSTS_REMEMBERED)(partial(_is_one_of, hosts))
-        self._tokens = check_settings(settings)
+        self._is_ours = lru_cache(HOSTS_REMEMBERED)(partial(_names_this_machine, hosts))
+        self._tokens = read_token_settings(settings)
         self._known: dict[bytes, tuple[float, Caller]] = {}
 
     def check_address(self, method: str, headers: Mapping[bytes, bytes]) -> None:
@@ -87,11 +87,11 @@ class Access:
             raise TransportError("wrong-host", Problem("", "wrong-host", detail, hint))
         if method in SAFE_METHODS:
             return
-        if origin is not None and not _same_place(origin, host or b""):
-            raise _foreign(f"a page of {origin.decode('latin-1')[:80]!r}")
+        if origin is not None and not _is_own_origin(origin, host or b""):
+            raise _origin_error(f"a page of {origin.decode('latin-1')[:80]!r}")
         site = headers.get(b"sec-fetch-site", b"none").strip().lower()
         if site not in OWN_SITES:
-            raise _foreign(f"a page (Sec-Fetch-Site: {site.decode('latin-1')[:20]})")
+            raise _origin_error(f"a page (Sec-Fetch-Site: {site.decode('latin-1')[:20]})")
 
     async def admit(self, request: Request, scope: str) -> Caller:
         """The caller, who has the scope.  Raises TransportError 401 (who?) and 403 (not that)."""
@@ -132,19 +132,19 @@ class Access:
     async def _caller(self, request: Request) -> Caller:
         sent = request.headers.getlist("authorization")
         if len(sent) > 1:
-            raise unauthenticated(f"{len(sent)} Authorization headers arrived; one is sent", "invalid_request")
+            raise credential_error(f"{len(sent)} Authorization headers arrived; one is sent", "invalid_request")
         kind, _, credential = "".join(sent).partition(" ")
         credential = credential.strip()
         if not kind:
-            raise unauthenticated("no Authorization header arrived", error="")
+            raise credential_error("no Authorization header arrived", error="")
         if kind.lower() != "bearer" or not credential:
-            raise unauthenticated("the Authorization header is not of the form: Bearer CREDENTIAL", "invalid_request")
+            raise credential_error("the Authorization header is not of the form: Bearer CREDENTIAL", "invalid_request")
         if len(credential) > LONGEST_CREDENTIAL or not credential.isascii():
-            raise unauthenticated("the credential cannot be one of ours")
+            raise credential_error("the credential cannot be one of ours")
         if credential.startswith(KEY_PREFIX):
             return await self._of_key(credential)
         if self._tokens is None:
-            raise unauthenticated("the credential is not an API key, and JSON Web Tokens are not set up here")
+            raise credential_error("the credential is not an API key, and JSON Web Tokens are not set up here")
         return self._tokens.caller(credential)
 
     async def _of_key(self, presented: str) -> Caller:
@@ -155,7 +155,7 @@ class Access:
         self._known.pop(digest, None)
         record = await self._find_key(presented)
         if record is None:
-            raise unauthenticated("the API key is unknown, revoked or expired")
+            raise credential_error("the API key is unknown, revoked or expired")
         caller = Caller(record.tenant, frozenset(record.scopes), f"key {record.id}", record.id)
         if len(self._known) >= KEYS_REMEMBERED:
             self._known.clear()
@@ -163,7 +163,7 @@ class Access:
         return caller
 
 
-def _is_one_of(hosts: frozenset[str], host: bytes) -> bool:
+def _names_this_machine(hosts: frozenset[str], host: bytes) -> bool:
     """Whether a Host header (RFC 9110, 7.2: name or address, perhaps a port) names this machine, or one of these."""
     found = _HOST.fullmatch(host.decode("latin-1"))
     if found is None or int(found["port"] or 0) > LARGEST_PORT:
@@ -172,12 +172,12 @@ def _is_one_of(hosts: frozenset[str], host: bytes) -> bool:
     return is_loopback(name) or name in hosts
 
 
-def _foreign(who: str) -> TransportError:
+def _origin_error(who: str) -> TransportError:
     detail = f"{who} may not change anything here"
     return TransportError("forbidden", Problem("", "foreign-origin", detail, "call the service from a program"))
 
 
-def _same_place(origin: bytes, host: bytes) -> bool:
+def _is_own_origin(origin: bytes, host: bytes) -> bool:
     try:
         return urlsplit(origin.decode("latin-1")).netloc.lower() == host.decode("latin-1").lower() != ""
     except ValueError:
@@ -198,9 +198,9 @@ class Tokens:
             settings.jwt_audience,
         )
         if not self.issuer:
-            raise _bad("jwt_issuer", "must be set beside the key: a token of another issuer is not accepted")
+            raise _setting_error("jwt_issuer", "must be set beside the key: a token of another issuer is not accepted")
         if not self.audience:
-            raise _bad("jwt_audience", "must not be empty: a token meant for another service is not accepted")
+            raise _setting_error("jwt_audience", "must not be empty: a token meant for another service is not accepted")
         self._keys = _read_keys(Path(settings.jwt_key_file), self.algorithm)
 
     def caller(self, token: str) -> Caller:
@@ -214,10 +214,10 @@ class Tokens:
                 issuer=self.issuer, leeway=CLOCK_SECONDS, options={"require": ["iss", "aud", "exp"]},
             )  # fmt: skip
         except (jwt.PyJWTError, UnknownKey) as error:
-            raise unauthenticated(f"the JSON Web Token is not accepted: {_reason(error)}") from None
+            raise credential_error(f"the JSON Web Token is not accepted: {_reason(error)}") from None
         tenant = claims.get("tenant", claims.get("sub"))
         if not isinstance(tenant, str) or not 1 <= len(tenant) <= 128 or not tenant.isprintable():
-            raise unauthenticated("the JSON Web Token names no tenant: it needs the claim tenant, or sub")
+            raise credential_error("the JSON Web Token names no tenant: it needs the claim tenant, or sub")
         return Caller(tenant, _scopes(claims), f"token of {tenant}")
 
     def _key(self, wanted: object) -> Any:
@@ -246,7 +246,7 @@ def _reason(error: Exception) -> str:
     return next((reason for kind, reason in reasons.items() if isinstance(error, kind)), "it cannot be read")
 
 
-def check_settings(settings: Settings) -> Tokens | None:
+def read_token_settings(settings: Settings) -> Tokens | None:
     """What reads tokens, if any are to be accepted.  Raises SettingsError for settings that cannot work."""
     return Tokens(settings) if settings.auth == "required" and settings.jwt_key_file else None
 
@@ -265,11 +265,13 @@ def _read_keys(path: Path, algorithm: str) -> dict[str | None, Any]:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise _bad("jwt_key_file", f"cannot be read: {path}: {error.strerror or error}") from None
+        raise _setting_error("jwt_key_file", f"cannot be read: {path}: {error.strerror or error}") from None
     if algorithm == "HS256":
         secret = content.strip()
         if len(secret) < LEAST_SECRET_BYTES:
-            raise _bad("jwt_key_file", f"holds {len(secret)} bytes; a shared secret has at least {LEAST_SECRET_BYTES}")
+            raise _setting_error(
+                "jwt_key_file", f"holds {len(secret)} bytes; a shared secret has at least {LEAST_SECRET_BYTES}"
+            )
         return {None: secret}
     try:
         if content.lstrip().startswith(b"{"):
@@ -279,19 +281,19 @@ def _read_keys(path: Path, algorithm: str) -> dict[str | None, Any]:
             prepared = jwt.get_algorithm_by_name(algorithm).prepare_key(content)
             keys = {None: prepared}
     except (ValueError, jwt.PyJWTError) as error:
-        raise _bad("jwt_key_file", f"is neither a PEM public key nor a JWKS file: {error}") from None
+        raise _setting_error("jwt_key_file", f"is neither a PEM public key nor a JWKS file: {error}") from None
     if not keys:
-        raise _bad("jwt_key_file", f"holds no key for {algorithm}")
+        raise _setting_error("jwt_key_file", f"holds no key for {algorithm}")
     return keys
 
 
-def _bad(name: str, detail: str) -> SettingsError:
+def _setting_error(name: str, detail: str) -> SettingsError:
     return SettingsError(
         Problem("", "bad-setting", f"{variable(name)} {detail}", "docs/security.md shows the whole way")
     )
 
 
-def unauthenticated(detail: str, error: str = "invalid_token") -> TransportError:
+def credential_error(detail: str, error: str = "invalid_token") -> TransportError:
     """401 with the challenge of RFC 6750."""
     challenge = 'Bearer realm="tailstack"' + (f', error="{error}"' if error else "")
     hint = "send Authorization: Bearer <API key or JSON Web Token>"

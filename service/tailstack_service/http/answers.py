@@ -38,7 +38,7 @@ def tagged_response(
     """200 with a strong entity tag, or 304 for a client that has these very bytes.  ``tag`` is their hash, if known."""
     tag = tag or hashlib.sha256(body).hexdigest()[:32]
     named = {**headers, "ETag": f'"{tag}"'}
-    if matches(request, tag):
+    if matches_tag(request, tag):
         return Response(b"", 304, named)
     return Response(body, 200, named, media_type)
 
@@ -79,7 +79,7 @@ def idempotency_key(request: Request) -> str | None:
     return key
 
 
-def matches(request: Request, tag: str) -> bool:
+def matches_tag(request: Request, tag: str) -> bool:
     """Whether If-None-Match holds the entity tag (weak comparison, RFC 9110, 13.1.2)."""
     sent = ",".join(request.headers.getlist("if-none-match")).strip()
     return sent == "*" or any(found["opaque"] == tag for found in _TAG.finditer(sent))

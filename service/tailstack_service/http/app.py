@@ -218,11 +218,11 @@ class RequestLog:
 
     def _check(self, request: Request, headers: dict[bytes, bytes]) -> None:
         if b"transfer-encoding" in headers and b"content-length" in headers:
-            raise _two_lengths()
+            raise _two_lengths_error()
         self.service.access.check_address(request.method, headers)
 
 
-def _two_lengths() -> TransportError:
+def _two_lengths_error() -> TransportError:
     """Where a request ends must not be a matter of opinion between a proxy and this service (RFC 9112, 6.1)."""
     detail = "the request says its length twice: Content-Length and Transfer-Encoding"
     problem = Problem("", "two-lengths", detail, "send one of them")

@@ -46,13 +46,13 @@ async def get_events(request: Request, service: TheService) -> Response:
     if job.finished and job.last_event <= after:
         return Response(b"", 204)
     if (seat := service.seat(job.tenant)) != "seated":
-        raise _refused(service, seat)
+        raise _seat_error(service, seat)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}  # nginx would hold events back
     # who has seen more than there is has seen what there is: the stream of a later event alone would never end
-    return _Seated(service, job.tenant, _stream(service, job, min(after, job.last_event)), headers)
+    return _EventStream(service, job.tenant, _stream(service, job, min(after, job.last_event)), headers)
 
 
-def _refused(service: Service, seat: Seat) -> TransportError:
+def _seat_error(service: Service, seat: Seat) -> TransportError:
     shared = seat == "share taken"
     setting = "max_tenant_streams" if shared else "max_streams"
     limit, whose = getattr(service.settings, setting), " of one tenant" if shared else ""
@@ -63,7 +63,7 @@ def _refused(service: Service, seat: Seat) -> TransportError:
     return TransportError("too-many-streams" if shared else "busy", problem, {"Retry-After": str(SEAT_SECONDS)})
 
 
-class _Seated(StreamingResponse):
+class _EventStream(StreamingResponse):
     """Gives its place back when it has ended, whichever way, even if it never began."""
 
     def __init__(self, service: Service, tenant: str, content: AsyncIterator[bytes], headers: dict[str, str]) -> None:
@@ -104,17 +104,17 @@ async def _stream(service: Service, job: Job, after: int) -> AsyncIterator[bytes
             events = []
         for event in events:
             after = event.sequence
-            yield written(job, event)
+            yield event_bytes(job, event)
         now = time.monotonic()
         if events:
             spoken, wait = now, LOOK_SECONDS
-            if ended(events[-1]):
+            if is_last(events[-1]):
                 return
             continue
         if now - spoken > HEARTBEAT_SECONDS:
             spoken = now
             yield b": still here\n\n"
-            if await _gone(service, job):
+            if await _is_deleted(service, job):
                 return
         wait = min(1.2 * wait, IDLE_SECONDS)
         looked = now
@@ -122,7 +122,7 @@ async def _stream(service: Service, job: Job, after: int) -> AsyncIterator[bytes
             await asyncio.sleep(min(left, LOOK_SECONDS))
 
 
-async def _gone(service: Service, job: Job) -> bool:
+async def _is_deleted(service: Service, job: Job) -> bool:
     """Whether the job was deleted (its time to be kept is over) while somebody listened."""
     try:
         return await service.storage.run(stored.find, job.tenant, job.id) is None
@@ -130,12 +130,12 @@ async def _gone(service: Service, job: Job) -> bool:
         return False
 
 
-def written(job: Job, event: Event) -> bytes:
+def event_bytes(job: Job, event: Event) -> bytes:
     """One event on the wire: id, name, and JSON on one line."""
     data = write_json({"job": job.id, "at": moment(event.at), **event.data})
     return f"id: {event.sequence}\nevent: {event.name}\ndata: {data}\n\n".encode()
 
 
-def ended(event: Event) -> bool:
+def is_last(event: Event) -> bool:
     """Whether nothing comes after this event."""
     return event.name == "state" and event.data.get("state") in ENDED

@@ -128,7 +128,7 @@ async def schemas() -> Response:
 @router.get("/v1/schemas/{name}", operation_id="get_schema")
 async def schema(name: str) -> Response:
     if name not in schema_names():
-        raise _nothing(f"no schema is called {name[:60]!r}", f"one of {', '.join(schema_names())}")
+        raise _unknown_name_error(f"no schema is called {name[:60]!r}", f"one of {', '.join(schema_names())}")
     body = await asyncio.to_thread(lambda: write_json(json_schema(name)))
     return Response(body, media_type="application/schema+json")
 
@@ -136,7 +136,7 @@ async def schema(name: str) -> Response:
 @router.get("/v1/problems/{slug}", operation_id="get_problem_type")
 async def problem_type(slug: str) -> Response:
     if slug not in CATALOGUE:
-        raise _nothing(f"no class of problems is called {slug[:60]!r}", f"one of {', '.join(CATALOGUE)}")
+        raise _unknown_name_error(f"no class of problems is called {slug[:60]!r}", f"one of {', '.join(CATALOGUE)}")
     entry: ProblemType = CATALOGUE[slug]
     return record_response(entry)
 
@@ -154,5 +154,5 @@ def _document() -> bytes:
     return write_json(document()).encode()
 
 
-def _nothing(detail: str, hint: str) -> TransportError:
+def _unknown_name_error(detail: str, hint: str) -> TransportError:
     return TransportError("not-found", Problem("", "not-found", detail, hint))

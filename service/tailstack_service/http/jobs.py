@@ -42,7 +42,7 @@ router = APIRouter(tags=["jobs"])
 READ, COMPUTE = Depends(Needs("read")), Depends(Needs("compute"))
 
 
-def not_found(what: str, name: str) -> TransportError:
+def not_found_error(what: str, name: str) -> TransportError:
     """404, the same words for what never was and for what belongs to another tenant."""
     return TransportError("not-found", Problem("", "not-found", f"there is no {what} {name[:80]!r}"))
 
@@ -52,7 +52,7 @@ async def find_job(request: Request) -> Job:
     job_id = request.path_params["id"]
     job = await service_of(request).storage.run(stored.find, request.state.caller.tenant, job_id)
     if job is None:
-        raise not_found("job", job_id)
+        raise not_found_error("job", job_id)
     return job
 
 
@@ -61,7 +61,7 @@ def retry_after(eta: float | None = None) -> dict[str, str]:
     return {"Retry-After": str(min(max(math.ceil((eta or 0) / 4), 1), LONGEST_RETRY))}
 
 
-def accepted(job: Job, **headers: str) -> Response:
+def accepted_response(job: Job, **headers: str) -> Response:
     """202 with the record of a job."""
     waiting = {} if job.finished else retry_after()
     return record_response(job_document(job), 202, {**REVALIDATE, **waiting, **headers})
@@ -73,7 +73,7 @@ async def get_job(request: Request) -> Response:
     job_id = request.path_params["id"]
     job, eta = await service_of(request).storage.run(_with_eta, request.state.caller.tenant, job_id)
     if job is None:
-        raise not_found("job", job_id)
+        raise not_found_error("job", job_id)
     waiting = {} if job.finished else retry_after(eta)
     return tagged_response(request, to_json(job_document(job, eta)), JSON, {**REVALIDATE, **waiting})
 
@@ -135,11 +135,11 @@ async def cancel_job(request: Request) -> Response:
     job_id = request.path_params["id"]
     job = await service_of(request).storage.write(stored.cancel, request.state.caller.tenant, job_id)
     if job is None:
-        raise not_found("job", job_id)
+        raise not_found_error("job", job_id)
     if job.state != "cancelled":
         detail = f"the job has {job.state}; there is nothing to cancel"
         raise TransportError("finished", Problem("", "finished", detail, f"GET /v1/jobs/{job.id}"))
-    return accepted(job)
+    return accepted_response(job)
 
 
 @router.get("/v1/jobs/{id}/result", operation_id="get_job_result", dependencies=[READ, Depends(query())])
@@ -148,10 +148,10 @@ async def get_job_result(request: Request) -> Response:
     job = await find_job(request)
     if job.state == "succeeded":
         return Response(b"", 303, {"Location": f"/v1/results/{job.result_sha256}", **REVALIDATE})
-    return unsuccessful(request, job)
+    return failure_response(request, job)
 
 
-def unsuccessful(request: Request, job: Job, *, bare_design: bool = False) -> Response:
+def failure_response(request: Request, job: Job, *, bare_design: bool = False) -> Response:
     """Why there is no result.  ``bare_design``: the body was the design itself, so pointers start inside it."""
     if job.problem is not None:
         document = problem_of(job.problem)
@@ -179,7 +179,7 @@ async def find_result(request: Request) -> Result:
     sha256 = request.path_params["sha256"]
     result = await service_of(request).storage.run(stored_results.get, request.state.caller.tenant, sha256)
     if result is None:
-        raise not_found("result", sha256)
+        raise not_found_error("result", sha256)
     return result
 
 

@@ -54,12 +54,12 @@ class Metrics:
         text: bytes = generate_latest(self._registry)
         if database is not None:
             stored = CollectorRegistry()
-            stored.register(_Stored(database))
+            stored.register(_StoreCollector(database))
             text += generate_latest(stored)
         return text
 
 
-class _Stored(Collector):
+class _StoreCollector(Collector):
     """Jobs, units and workers as the database knows them, the same from every API process."""
 
     def __init__(self, database: Database) -> None:

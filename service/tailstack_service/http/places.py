@@ -153,7 +153,7 @@ class Places:
         deadline = time.monotonic() + limit_seconds
         while self.warmth == "warming up" and not self._stopping.is_set():
             if time.monotonic() >= deadline:
-                raise _cold(limit_seconds)
+                raise _warm_up_error(limit_seconds)
             await asyncio.sleep(WARMTH_LOOK_SECONDS)
 
     def pids(self) -> list[int]:
@@ -193,12 +193,12 @@ class Places:
                 return await process.compute(computation.call, computation.begin, seconds)
             except OutOfDate as error:
                 self.warmth = "failed"  # readiness says so, and a supervisor or an operator can act
-                raise _out_of_date(error) from None
+                raise _out_of_date_error(error) from None
             except TimeoutError:
                 late = {"action": "computation-killed", "pid": process.pid, "seconds": seconds}
                 log.info("a computation took longer than %g s, and its process was killed", seconds, extra=late)
                 if not may_overrun:
-                    raise _too_long(self.seconds) from None
+                    raise _too_long_error(self.seconds) from None
             finally:
                 self._long -= not computation.quick
                 self._give_back(process)
@@ -385,7 +385,7 @@ class _Process:
         await asyncio.to_thread(self._popen.wait)
 
 
-def _cold(waited_seconds: float) -> TransportError:
+def _warm_up_error(waited_seconds: float) -> TransportError:
     setting = variable("warm_up_seconds")
     detail = f"the numerical kernels are still being compiled; waited {waited_seconds:g} s ({setting})"
     hint = "send the request again later: GET /health/ready answers 200 when they are there"
@@ -393,13 +393,13 @@ def _cold(waited_seconds: float) -> TransportError:
     return TransportError("warming-up", Problem("", "warming-up", detail, hint), headers)
 
 
-def _too_long(seconds: float) -> LimitError:
+def _too_long_error(seconds: float) -> LimitError:
     detail = f"the computation did not finish within the limit of {seconds:g} s"
     hint = "ask for fewer trials, targets or designs, or start the service with a higher TAILSTACK_MAX_SECONDS"
     return LimitError(Problem("", "too-long", detail, hint))
 
 
-def _out_of_date(error: OutOfDate) -> TransportError:
+def _out_of_date_error(error: OutOfDate) -> TransportError:
     problem = Problem("", "sources-changed", str(error), "the operator restarts the service")
     return TransportError("stopping", problem, {"Retry-After": "10"})
 

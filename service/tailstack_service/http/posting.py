@@ -28,7 +28,7 @@ from .asked import Sent
 from .body import strict_body
 from .computations import JobRequest
 from .dependencies import Needs, TheService
-from .jobs import accepted, result_response, unsuccessful
+from .jobs import accepted_response, failure_response, result_response
 from .operations import JOB_OPERATIONS, OPERATIONS, SCORES, JobOperation, Operation
 from .service import Service, note_policy, service_of
 
@@ -144,7 +144,7 @@ async def submitted(request: Request, posted: JobRequest, key: str | None) -> Re
         headers["Idempotency-Replayed"] = "true"
     wait = wait_seconds(request, settings.max_wait_seconds)
     if wait is None:
-        return accepted(job, **headers)
+        return accepted_response(job, **headers)
     headers["Preference-Applied"] = f"wait={wait}"
     job = await _awaited(request, service, job, wait)
     if job.state == "succeeded":
@@ -153,10 +153,10 @@ async def submitted(request: Request, posted: JobRequest, key: str | None) -> Re
             here = {"Content-Location": f"/v1/results/{result.sha256}", **headers}
             return result_response(request, result, here)
     if job.state == "failed":
-        response = unsuccessful(request, job, bare_design=posted.bare_design)
+        response = failure_response(request, job, bare_design=posted.bare_design)
         response.headers.update(headers)
         return response
-    return accepted(job, **headers)
+    return accepted_response(job, **headers)
 
 
 async def _hold_to_budget(service: Service, tenant: str) -> None:

@@ -45,7 +45,7 @@ def refusal_response(request: Request, error: TailstackError | Placed) -> Respon
     refusal, prefix = (error.error, error.prefix) if isinstance(error, Placed) else (error, "")
     request_id = request.state.request_id
     if isinstance(refusal, StoreUnavailable | StoreError) and not isinstance(refusal, DamagedStore):
-        refusal = _without_its_address(request_id, refusal)
+        refusal = _hide_address(request_id, refusal)
     status = 413 if isinstance(refusal, BodyTooLarge) else None
     response = problem_response(refusal, instance=path_of(request), request_id=request_id, status=status, prefix=prefix)
     if response.status_code in (429, 503):
@@ -61,7 +61,7 @@ def defect_error() -> TransportError:
     )
 
 
-def _without_its_address(request_id: str, error: TailstackError) -> TransportError:
+def _hide_address(request_id: str, error: TailstackError) -> TransportError:
     """What a driver says may name hosts, files and users: that is for the log, not for a client."""
     log.warning("the database failed a request: %s", error, extra={"action": error.slug, "request": request_id})
     detail = "the database does not answer" if error.slug == "store-unavailable" else "the database cannot be used"

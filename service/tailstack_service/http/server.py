@@ -26,7 +26,7 @@ from ..jobs.store.schema import open_database
 from ..logs import log_to_stderr
 from ..problems import RequestError
 from ..settings import Settings, variable
-from .access import check_settings, is_loopback
+from .access import is_loopback, read_token_settings
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
@@ -90,7 +90,7 @@ def serve(
     A SQLite database is created or brought up to date first; then ``announce`` is called.  Raises StoreError for a
     database that cannot be used, RequestError for settings of authentication that cannot work.
     """
-    check_settings(settings)
+    read_token_settings(settings)
     open_database(settings.database_url, migrate=True).close()
     family = _Family(settings, worker)
     run = _serve_with_several if settings.api_processes > 1 else _serve_here

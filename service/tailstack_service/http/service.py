@@ -103,7 +103,7 @@ class Storage:
     async def _run(self, pool: ThreadPoolExecutor, call: Callable[[Database], T]) -> T:
         future = pool.submit(lambda: call(self.database()))
         try:
-            return await _awaited(future, database.BUSY_SECONDS + LATE_SECONDS)
+            return await _await(future, database.BUSY_SECONDS + LATE_SECONDS)
         finally:
             future.cancel()  # of no effect unless it has not begun: then nobody waits for it any more
 
@@ -114,13 +114,13 @@ class Storage:
         """
         if self._look is None or self._look.done():
             self._look = self._lookers.submit(lambda: function(self.database(LOOK_SECONDS).within(LOOK_SECONDS)))
-        return await _awaited(self._look, LOOK_SECONDS + LATE_SECONDS)
+        return await _await(self._look, LOOK_SECONDS + LATE_SECONDS)
 
     def database(self, seconds: float | None = None) -> Database:
         """The open database, for a caller that is in a thread already.  Raises StoreError, StoreUnavailable."""
         limit = database.BUSY_SECONDS if seconds is None else seconds
         if not self._opening.acquire(timeout=limit):
-            raise _late(limit)
+            raise _timeout_error(limit)
         try:
             if self._database is None:
                 self._database = open_database(self.url, seconds=limit)
@@ -139,23 +139,23 @@ class Storage:
             database.close()
 
 
-async def _awaited(future: Future[T], seconds: float) -> T:
+async def _await(future: Future[T], seconds: float) -> T:
     """The result of a call in a thread.  Raises what it raises, StoreUnavailable after so many seconds."""
     waiting = asyncio.wrap_future(future)
-    waiting.add_done_callback(_note)
+    waiting.add_done_callback(_look_at_exception)
     done, _ = await asyncio.wait({waiting}, timeout=seconds)
     if not done:
-        raise _late(seconds)
+        raise _timeout_error(seconds)
     return waiting.result()
 
 
-def _note(waiting: asyncio.Future[T]) -> None:
+def _look_at_exception(waiting: asyncio.Future[T]) -> None:
     """Look at an exception that nobody waits for any more, which asyncio would warn of."""
     if not waiting.cancelled():
         waiting.exception()
 
 
-def _late(seconds: float) -> StoreUnavailable:
+def _timeout_error(seconds: float) -> StoreUnavailable:
     detail = f"the database did not answer within {seconds:g} s"
     hint = "try again in a moment; the server, or the disk, must answer"
     return StoreUnavailable(Problem("", "store-unavailable", detail, hint))
