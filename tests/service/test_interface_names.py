@@ -13,6 +13,7 @@ import pytest
 from tailstack.design import load_design
 from tailstack.scoring import score
 from tailstack_service.documents import from_plain, plain, to_json
+from tailstack_service.rendering.score import score_text
 from tailstack_service.report.assembling import compute_report, options_of
 from tailstack_service.report.audit import audit
 from tailstack_service.report.rendering import rendered
@@ -61,6 +62,13 @@ def test_an_interface_without_a_label_is_called_by_its_name() -> None:
         del interface["label"]
     lines = score(load_design(data)).targets[0].contributors
     assert {line.label for line in lines if line.name == SEAT} == {SEAT}
+
+
+def test_people_read_the_name_of_the_design_and_the_label() -> None:
+    text = " ".join(score_text(score(load_design(ROOT / "examples" / "demo.yaml"))).split())
+    assert f"{FLANGE}, all 6: mixed" in text
+    for word in " ".join(LABEL.values()).split():
+        assert word in text
 
 
 def test_a_report_of_an_older_version_is_read_rendered_and_verified() -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 
-from ..rendering.tables import coloured, fixed, number, percent, shortened, signed, table, wrapped
+from ..rendering.tables import coloured, fixed, number, percent, signed, table, visible, wrapped
 from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord, counts, split_findings
 
 _COMMAND = re.compile(r"(?m)^([ \t]*)(?=::|##\[)")
@@ -25,7 +25,7 @@ def render_text(record: GateRecord, *, colour: bool = False) -> str:
     parts.append(
         coloured(f"verdict: {record.verdict}", _ROLE.get(record.verdict, "fail"), colour)
         + f" (exit code {record.exit_code}; mode {record.mode}, seed {record.seed}, policy "
-        + f"{shortened(record.provenance.policy_name, 40)}, waivers judged by {record.provenance.today}"
+        + f"{visible(record.provenance.policy_name)}, waivers judged by {record.provenance.today}"
         + f"{count_not_judged(record)})"
     )
     # a line that begins like this is a command to the runners of GitHub and Azure, and names come from strangers
@@ -36,13 +36,13 @@ def summarise(record: GateRecord) -> list[str]:
     """In a few lines what the gate came to and why, for a log that gets no other words: designs, the worst first, the
     findings that decide, the verdict."""
     designs = sorted(record.designs, key=lambda design: WORST_FIRST.index(design.verdict))
-    lines = [f"{shortened(design.file, 60)}: {design.verdict}" for design in designs[:MOST_TOLD]]
+    lines = [f"{visible(design.file)}: {design.verdict}" for design in designs[:MOST_TOLD]]
     if more := designs[MOST_TOLD:]:
         bad = sum(design.verdict != "pass" for design in more)
         lines.append(f"... and {len(more)} more designs, " + (f"{bad} of which do not pass" if bad else "which pass"))
     counted, _ = split_findings(record)
     said = [finding for finding in counted if counts(finding, record.fail_level) or finding.rule == "inconclusive"]
-    lines += [f"{shortened(name_place(f), 70)}: {shortened(f.message, 200)} [{f.rule}]" for f in said[:MOST_TOLD]]
+    lines += [f"{visible(name_place(f))}: {visible(f.message)} [{f.rule}]" for f in said[:MOST_TOLD]]
     if len(said) > MOST_TOLD:
         lines.append(f"... and {len(said) - MOST_TOLD} more findings that count")
     lines.append(f"verdict: {describe_outcome(record)}")
@@ -70,10 +70,10 @@ def _list_designs(record: GateRecord, colour: bool) -> str:
         basis += f", {design.trials:,} trials" if design.trials is not None else ""
         kind = f" [{design.design_class}]" if design.design_class else ""
         verdict = coloured(design.verdict, _ROLE.get(design.verdict, "fail"), colour)
-        name = f" ({shortened(design.name, 50)})" if design.name else ""
+        name = f" ({visible(design.name)})" if design.name else ""
         rates = [number.error_rate for number in design.numbers if number.error_rate is not None]
         basis += f"; each status wrong with a probability of at most {100 * max(rates):.3g} %" if rates else ""
-        blocks.append(f"{shortened(design.file, 60)}{name}{kind}: {verdict}" + (f" ({basis})" if basis else ""))
+        blocks.append(f"{visible(design.file)}{name}{kind}: {verdict}" + (f" ({basis})" if basis else ""))
         if design.numbers:
             lines = _write_table(design.numbers).splitlines()
             blocks.append("\n".join("  " + line for line in lines))
@@ -116,7 +116,7 @@ def _write_row(entry: GateNumber, target: str) -> tuple[str, ...]:
 def _write_finding(finding: GateFinding, colour: bool) -> str:
     severity = coloured(finding.severity, _ROLE.get(finding.severity, "none"), colour)
     text = f"{finding.message} [{finding.rule}]"
-    lines = wrapped(text, first=f"{shortened(name_place(finding), 70)}: {severity}: ", indent="  ")
+    lines = wrapped(text, first=f"{visible(name_place(finding))}: {severity}: ", indent="  ")
     if finding.suppressed_by is not None:
         lines += "\n" + wrapped(finding.suppressed_by, first="  accepted by ", indent="  ")
     return lines
@@ -143,7 +143,7 @@ def render_markdown(record: GateRecord) -> str:
         f"## {_MARK[record.verdict]} Gate: {record.verdict}",
         "",
         f"Exit code {record.exit_code} · mode {record.mode} · seed {record.seed} · policy "
-        f"{escape_markdown(record.provenance.policy_name, 60)} · tailstack {record.provenance.tailstack_version}"
+        f"{escape_markdown(record.provenance.policy_name)} · tailstack {record.provenance.tailstack_version}"
         + count_not_judged(record).replace(", ", " · "),
         "",
         "| design | verdict | largest P95, mm | basis |",
@@ -154,7 +154,7 @@ def render_markdown(record: GateRecord) -> str:
         largest = number(max(values)) if values else "–"
         verdict = f"{_MARK[design.verdict]} {design.verdict}"
         basis = design.basis + (f", {design.trials:,} trials" if design.trials is not None else "")
-        lines.append(f"| {escape_markdown(design.file, 80)} | {verdict} | {largest} | {basis} |")
+        lines.append(f"| {escape_markdown(design.file)} | {verdict} | {largest} | {basis} |")
     if any(design.numbers for design in record.designs):
         lines += ["", "### Requirements", "", *_write_markdown_numbers(record)]
     if counted:
@@ -172,9 +172,7 @@ def _write_markdown_numbers(record: GateRecord) -> list[str]:
     ]
     rows = [(design, *entry) for design in record.designs for entry in choose_numbers(design.numbers)]
     for design, entry, target in rows[:MOST_ROWS]:
-        texts = " | ".join(
-            escape_markdown(text, 80) for text in (design.file, entry.requirement, target, entry.headline)
-        )
+        texts = " | ".join(escape_markdown(text) for text in (design.file, entry.requirement, target, entry.headline))
         values = " | ".join((number(entry.value_mm), number(entry.limit_mm), signed(entry.margin_mm)))
         lines.append(f"| {texts} | {values} | {_MARK[entry.status]} {entry.status} |")
     if len(rows) > MOST_ROWS:
@@ -182,9 +180,9 @@ def _write_markdown_numbers(record: GateRecord) -> list[str]:
     return lines
 
 
-def escape_markdown(text: str, width: int = 400) -> str:
+def escape_markdown(text: str) -> str:
     """Text that Markdown shows as it stands, on one line."""
-    return _SPECIAL.sub(r"\\\1", shortened(" ".join(text.split()), width))
+    return _SPECIAL.sub(r"\\\1", visible(" ".join(text.split())))
 
 
 def _write_markdown_findings(findings: list[GateFinding]) -> list[str]:
@@ -193,9 +191,7 @@ def _write_markdown_findings(findings: list[GateFinding]) -> list[str]:
         message = escape_markdown(finding.message)
         if finding.suppressed_by is not None:
             message += f"<br>accepted by {escape_markdown(finding.suppressed_by)}"
-        lines.append(
-            f"| {finding.severity} | {finding.rule} | {escape_markdown(name_place(finding), 90)} | {message} |"
-        )
+        lines.append(f"| {finding.severity} | {finding.rule} | {escape_markdown(name_place(finding))} | {message} |")
     if len(findings) > MOST_ROWS:
         lines.append(f"| | | | {len(findings) - MOST_ROWS} more are in the record |")
     return lines

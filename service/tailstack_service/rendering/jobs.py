@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .tables import percent, shortened, table
-
-NAME_WIDTH = 18  # so that no id is ever cut: it is there to be copied
+from .tables import percent, table
 
 
 def jobs_text(records: Sequence[Mapping[str, Any]]) -> str:
     """One line a job."""
     rows = [
         (
-            record["id"], record["kind"], record["state"], shortened(record["design_name"], NAME_WIDTH),
+            record["id"], record["kind"], record["state"], record["design_name"],
             _second(record["created_at"]), f"{percent(record['progress']['fraction'], 0)} %",
         )
         for record in records
     ]  # fmt: skip
-    return table(("id", "kind", "state", "design", "created (UTC)", "done"), rows, left=5) + "\n"
+    return table(("id", "kind", "state", "design", "created (UTC)", "done"), rows, left=5, whole=(0, 1, 2, 4)) + "\n"
 
 
 def job_text(record: Mapping[str, Any]) -> str:

@@ -8,7 +8,7 @@ from typing import Protocol
 from tailstack.results import Contributor, MetricScore, Score, TargetScore, ViewCheck
 from tailstack.system import INTERFACES
 
-from .tables import WIDTH, coloured, fixed, number, percent, table, wrapped
+from .tables import WIDTH, coloured, fixed, number, percent, table, visible, wrapped
 from .verdict import heading, joined, provenance_text, verdict_text
 
 SMALL_SHARE = 5e-4  # components below 0.05 % of the variance are summed into one line of the table
@@ -101,10 +101,13 @@ def views_text(views: Sequence[ViewCheck]) -> str:
 def budget_text(target: TargetScore, targets: int = 1, colour: bool = False) -> str:
     """The budget of one target, largest share of the variance first, components below their contributor."""
     note = f" (of {targets} targets; --target NAME shows another)" if targets > 1 else ""
-    title = coloured(f"Budget at target {target.name}", "bold", colour) + f", P95 {target.p95_mm:.4f} mm{note}"
+    named = f"Budget at target {visible(target.name)}"
+    title = wrapped(f"{named}, P95 {target.p95_mm:.4f} mm{note}", indent="  ").replace(
+        named, coloured(named, "bold", colour)
+    )
     rows: list[tuple[str, ...]] = []
     for total, components in grouped(target.contributors):
-        rows.append(_line(total, heading_of(total) + (f", all {len(components)}" if components else "")))
+        rows.append(_line(total, heading_of(total, len(components))))
         kept = [entry for entry in components if entry.variance_share >= SMALL_SHARE or _moves(entry)]
         rows += [_line(entry, f"  {entry.component}") for entry in kept]
         dropped = len(components) - len(kept)
@@ -121,10 +124,11 @@ def budget_text(target: TargetScore, targets: int = 1, colour: bool = False) -> 
     return "\n".join(parts)
 
 
-def heading_of(total: Contributor) -> str:
-    """A source by its label, and of an interface also by the name that it has in the design document."""
-    named = total.name in INTERFACES and total.label != total.name
-    return f"{total.label} ({total.name})" if named else total.label
+def heading_of(total: Contributor, components: int = 0) -> str:
+    """A source as people call it; an interface by its name in the design document and by its label there."""
+    labelled = total.name in INTERFACES and total.label != total.name
+    heading = (total.name if labelled else total.label) + (f", all {components}" if components else "")
+    return f"{heading}: {total.label}" if labelled else heading
 
 
 def _moves(entry: Contributor) -> bool:

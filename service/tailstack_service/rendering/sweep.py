@@ -5,7 +5,7 @@ from __future__ import annotations
 from tailstack.results.sweep import Sweep, SweepAxis
 
 from .rows import csv_text, plain_text, reasons_text
-from .tables import coloured, fixed, shortened, table, wrapped
+from .tables import coloured, fixed, table, wrapped
 from .verdict import heading, joined, provenance_text
 
 MOST_REASONS = 12
@@ -52,21 +52,15 @@ def _points_table(sweep: Sweep, colour: bool) -> str:
                 low, high = worst.p95_interval_mm or (worst.p95_mm, worst.p95_mm)
                 row.append(f"{low:.3f} .. {high:.3f}")
             row += [fixed(worst.mean_norm_mm, 4), fixed(worst.bias_norm_mm, 4), fixed(worst.localisation_p95_mm, 4)]
-            row += [shortened(worst.name, 16)] if several else []
+            row += [worst.name] if several else []
         else:
             row += ["-"] * (4 + checked + several)
         rows.append((*row, verdict))
     units = [f"{letter}\n{axis.unit}" for letter, axis in zip(_letters(sweep.axes), sweep.axes, strict=True)]
     header = ["point", *units, "P95\nmm", *(["interval\nmm"] if checked else []), "mean\nmm", "|bias|\nmm"]
     header += ["localised P95\nmm", *(["worst target"] if several else []), "verdict"]
-    text = table(header, rows)
-    if colour:
-        lines = text.split("\n")
-        body = len(lines) - len(rows)
-        for k, cells in enumerate(rows):
-            lines[body + k] = coloured(lines[body + k], cells[-1], cells[-1] == "fail")
-        text = "\n".join(lines)
-    return text
+    lines = table(header, rows, names=(len(header) - 2,) if several else ()).split("\n")
+    return "\n".join(coloured(line, "fail", colour and line.endswith("  fail")) for line in lines)
 
 
 def sweep_csv(sweep: Sweep) -> str:

@@ -43,13 +43,18 @@ def percent(fraction: float | None, decimals: int = 1) -> str:
     return f"{100 * fraction:.{decimals}f}"
 
 
+def visible(text: str) -> str:
+    """Text with its control characters replaced: they could repaint a terminal."""
+    return "".join("?" if unicodedata.category(c) in ("Cc", "Cf", "Zl", "Zp") else c for c in text)
+
+
 def shortened(text: str, width: int) -> str:
-    """Text cut to a width, control characters replaced (they could repaint a terminal)."""
-    clean = "".join("?" if unicodedata.category(c) in ("Cc", "Cf", "Zl", "Zp") else c for c in text)
+    """Text cut to a width, for labels in pictures."""
+    clean = visible(text)
     if columns(clean) <= width:
         return clean
-    end = _cut(clean[::-1], (width - 1) // 3)[::-1]  # names often differ at their end: region[0], region[1]
-    return _cut(clean, width - 1 - columns(end)) + "…" + end
+    end = _pieces(clean[::-1], (width - 1) // 3)[0][::-1]  # names often differ at their end: region[0], region[1]
+    return _pieces(clean, width - 1 - columns(end))[0] + "…" + end
 
 
 def columns(text: str) -> int:
@@ -57,14 +62,30 @@ def columns(text: str) -> int:
     return sum(0 if unicodedata.combining(c) else 2 if unicodedata.east_asian_width(c) in "WF" else 1 for c in text)
 
 
-def _cut(text: str, width: int) -> str:
-    kept, used = "", 0
-    for character in text:
-        used += columns(character)
-        if used > width:
-            break
-        kept += character
-    return kept
+def fold(text: str, width: int, hanging: int = 0) -> list[str]:
+    """Lines of at most ``width`` columns that hold the whole text, control characters replaced.
+
+    Broken at spaces; a word that is longer than a line goes on in the next.  What is indented stays so, all lines but
+    the first by ``hanging`` more.
+    """
+    clean = visible(text)
+    if columns(clean) <= width:
+        return [clean]
+    indent = " " * min(len(clean) - len(clean.lstrip(" ")), width // 2)
+    deeper = " " * min(len(indent) + hanging, width // 2)
+    return wrapped(clean, first=indent, indent=deeper, width=width).split("\n")
+
+
+def _pieces(word: str, width: int) -> list[str]:
+    """A word in parts of at most ``width`` columns."""
+    if columns(word) <= width:
+        return [word]
+    parts = [""]
+    for character in word:
+        if parts[-1] and columns(parts[-1]) + columns(character) > width:
+            parts.append("")
+        parts[-1] += character
+    return parts
 
 
 def _padded(text: str, width: int, left: bool) -> str:
@@ -72,31 +93,47 @@ def _padded(text: str, width: int, left: bool) -> str:
     return text + space if left else space + text
 
 
-def table(
-    header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1, widest: int = 34, whole: int | None = None
-) -> str:
-    """A table; the first ``left`` columns are texts (cut at ``widest``, or to fit the page), the others numbers.
+LEAST_WIDTH = 8  # columns of a text
+HANGING = 4  # columns by which the second line of a text stands further right than its first
+LONGEST_WORD = 24  # columns; a longer one may be broken where the table would be wider than the page
 
-    whole: a column of texts that is not cut.
-    A header may hold one line break: its second line is the unit.
+
+def table(
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    left: int = 1,
+    names: Sequence[int] = (),
+    whole: Sequence[int] = (),
+    widest: int = 34,
+) -> str:
+    """A table; the first ``left`` columns are texts (folded at ``widest``, or to fit the page), the others numbers.
+
+    names: further columns of texts, among the numbers.  whole: columns of texts that are not folded, such as ids that
+    are there to be copied.  A header may hold one line break: its second line is the unit.
     """
     heads = [head.split("\n") for head in header]
     depth = max(len(head) for head in heads)
     top = [[head[line] if line < len(head) else "" for head in heads] for line in range(depth)]
+    texts = [k for k in (*range(left), *names) if k not in whole]
     needed = [max(columns(row[k]) for row in top) for k in range(len(header))]
-    widths = [max(needed[k], *(columns(row[k]) for row in rows)) if rows else needed[k] for k in range(len(header))]
-    if whole is not None:
-        needed[whole] = widths[whole]
-    widths[:left] = [max(needed[k], min(widths[k], widest)) for k in range(left)]
-    while sum(widths) + 2 * (len(widths) - 1) > WIDTH:
-        slack = [widths[k] - max(needed[k], 8) for k in range(left)]
-        if max(slack) <= 0:
-            break
-        widths[slack.index(max(slack))] -= 1
-    body = [[shortened(cell, widths[k]) if k < left else cell for k, cell in enumerate(row)] for row in rows]
-    lines = [*top, ["─" * width for width in widths], *body]
+    widths = [max([needed[k], *(columns(visible(row[k])) for row in rows)]) for k in range(len(header))]
+    for k in texts:
+        widths[k] = max(needed[k], min(widths[k], widest))
+    words = [[columns(word) for row in rows for word in visible(row[k]).split()] for k in texts]
+    unbroken = {k: min(max(lengths, default=0), LONGEST_WORD) for k, lengths in zip(texts, words, strict=True)}
+    for shortest in (unbroken, {}):  # words give way last
+        least = {k: max(needed[k], shortest.get(k, 0), LEAST_WIDTH) for k in texts}
+        while sum(widths) + 2 * (len(widths) - 1) > WIDTH and any(widths[k] > least[k] for k in texts):
+            widths[max(texts, key=lambda k: widths[k] - least[k])] -= 1
+    lines = [*top, ["─" * width for width in widths]]
+    for row in rows:
+        cells = [fold(cell, widths[k], HANGING) if k in texts else [visible(cell)] for k, cell in enumerate(row)]
+        height = max(map(len, cells))
+        lines += [[cell[line] if line < len(cell) else "" for cell in cells] for line in range(height)]
     return "\n".join(
-        "  ".join(_padded(cell, widths[k], k < left) for k, cell in enumerate(row)).rstrip() for row in lines
+        "  ".join(_padded(cell, widths[k], k < left or k in names) for k, cell in enumerate(row)).rstrip()
+        for row in lines
     )
 
 
@@ -105,11 +142,12 @@ def wrapped(text: str, *, indent: str = "", first: str | None = None, width: int
     lines, line = [], indent if first is None else first
     empty = True
     for word in text.split():
-        if not empty and columns(line) + 1 + columns(word) > width:
-            lines.append(line)
-            line, empty = indent, True
-        line += word if empty else " " + word
-        empty = False
+        for part, piece in enumerate(_pieces(word, max(width - columns(indent), 1))):
+            if not empty and (part > 0 or columns(line) + 1 + columns(piece) > width):
+                lines.append(line)
+                line, empty = indent, True
+            line += piece if empty else " " + piece
+            empty = False
     return "\n".join([*lines, line])
 
 

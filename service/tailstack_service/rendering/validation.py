@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..documents import Validation
-from .tables import shortened, wrapped
+from .tables import visible, wrapped
 
 
 def validation_text(file: str, validation: Validation) -> str:
@@ -12,7 +12,7 @@ def validation_text(file: str, validation: Validation) -> str:
         f"{validation.fiducials} fiducials; views {_listed(validation.views)}; targets {_listed(validation.targets)}; "
         f"requirements {_listed(validation.requirements)}"
     )
-    lines = [f"{file}: valid, {shortened(validation.name, 60)}", wrapped(counts, first="  ", indent="  ")]
+    lines = [wrapped(f"{file}: valid, {visible(validation.name)}"), wrapped(counts, first="  ", indent="  ")]
     lines += [wrapped(f.message, first=f"  {f.severity}: ", indent="    ") for f in validation.findings]
     lines += [
         wrapped(f"view {view.view}: outside the image: {', '.join(view.outside)}", first="  warning: ", indent="    ")
@@ -24,5 +24,5 @@ def validation_text(file: str, validation: Validation) -> str:
 
 
 def _listed(names: tuple[str, ...]) -> str:
-    shown = ", ".join(shortened(name, 30) for name in names[:6])
+    shown = ", ".join(visible(name) for name in names[:6])
     return (shown + (f" and {len(names) - 6} more" if len(names) > 6 else "")) or "none"

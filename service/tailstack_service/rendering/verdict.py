@@ -6,17 +6,25 @@ from collections.abc import Sequence
 
 from tailstack.results import Check, Finding, Provenance, Verdict
 
-from .tables import coloured, fixed, number, percent, shortened, signed, table, wrapped
+from .tables import WIDTH, coloured, columns, fixed, fold, number, percent, signed, table, wrapped
 
 
 def heading(provenance: Provenance, basis: str) -> str:
     """Name of the design, then how it was computed."""
-    digest = f"  (sha256 {provenance.design_sha256[:12]})" if provenance.design_sha256 else ""
     how = (
         f"{basis} · {provenance.reading} reading · {provenance.rotation_form.replace('_', ' ')} rotation · "
         f"{provenance.triangulation} triangulation · tailstack {provenance.tailstack_version}"
     )
-    return shortened(provenance.design_name, 76) + digest + "\n" + wrapped(how)
+    return design_line(provenance) + "\n" + wrapped(how)
+
+
+def design_line(provenance: Provenance) -> str:
+    """Name of the design and the beginning of its hash."""
+    name = "\n".join(fold(provenance.design_name, WIDTH))
+    if provenance.design_sha256 is None:
+        return name
+    digest = f"(sha256 {provenance.design_sha256[:12]})"
+    return f"{name}  {digest}" if columns(name) + 2 + columns(digest) <= WIDTH else f"{name}\n{digest}"
 
 
 _ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
@@ -62,7 +70,7 @@ def checks_table(checks: tuple[Check, ...]) -> str:
     )  # fmt: skip
     if all(row[7] == "-" for row in rows):
         rows, header = [(*row[:7], row[8]) for row in rows], (*header[:7], header[8])  # type: ignore[misc, assignment]
-    return table(header, rows, left=3, whole=2)
+    return table(header, rows, left=3, whole=(2,))
 
 
 def findings_text(findings: tuple[Finding, ...], colour: bool) -> str:

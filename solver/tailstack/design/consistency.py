@@ -282,7 +282,7 @@ def unique(names: Sequence[str], pointer: Callable[[int], str], what: str) -> li
     for index, name in enumerate(names):
         if name in seen:
             problems.append(
-                Problem(pointer(index), "duplicate-name", f"two {what} are called {name[:60]!r}", "names are unique")
+                Problem(pointer(index), "duplicate-name", f"two {what} are called {name!r}", "names are unique")
             )
         seen.add(name)
     return problems
@@ -294,4 +294,4 @@ def known(pointer: str, what: str, name: str, names: Sequence[str]) -> list[Prob
     close = difflib.get_close_matches(name, names, 1)
     listing = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
     hint = f"did you mean {close[0]}?" if close else f"known: {listing}"
-    return [Problem(pointer, "unknown-name", f"no {what} is called {name[:60]!r}", hint)]
+    return [Problem(pointer, "unknown-name", f"no {what} is called {name!r}", hint)]

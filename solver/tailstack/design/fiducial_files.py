@@ -183,7 +183,7 @@ def _located(table: _Table, name: str) -> tuple[tuple[str, ...], tuple[tuple[flo
     points = tuple((flip * scale * x + 0.0, flip * scale * y + 0.0, scale * z + 0.0) for _, (x, y, z) in table.rows)
     for label, point in zip(labels, points, strict=True):
         if max(map(abs, point)) > 1e5:
-            raise _refuse(name, None, "out-of-range", f"{label[:80]} lies more than 100 m away: {list(point)} mm")
+            raise _refuse(name, None, "out-of-range", f"{label} lies more than 100 m away: {list(point)} mm")
     return labels, points
 
 

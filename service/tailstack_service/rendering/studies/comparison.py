@@ -10,8 +10,8 @@ from tailstack.studies.bench.explain import Explanation
 from tailstack.studies.bench.levels import LevelCompared, QuantilePoint
 
 from ..score import source_name
-from ..tables import coloured, number, percent, shortened, table, wrapped
-from ..verdict import findings_text, joined, provenance_text
+from ..tables import coloured, number, percent, table, visible, wrapped
+from ..verdict import design_line, findings_text, joined, provenance_text
 
 TAIL_ROWS, MOST_TAILS = 6, 4
 VERDICT_COLOUR = {"agrees": "pass", "differs": "fail", "not testable": "inconclusive"}
@@ -37,16 +37,15 @@ def comparison_text(study: StudyComparison, *, colour: bool = False) -> str:
 
 def _heading(study: StudyComparison) -> str:
     made, file = study.provenance, study.file
-    digest = f"  (sha256 {made.design_sha256[:12]})" if made.design_sha256 else ""
     benches = max((level.benches for level in study.levels), default=0)
     held = f"against {benches:,} simulated benches, seed {study.seed}" if benches else "beside the prediction"
     how = (
-        f"{shortened(file.name, 60)} (sha256 {file.sha256[:12]}): {file.rows} rows, {file.form} in {file.unit} · "
+        f"{visible(file.name)} (sha256 {file.sha256[:12]}): {file.rows} rows, {file.form} in {file.unit} · "
         f"{study.error} error, frame {study.frame} · {held} · {made.reading} reading · tailstack "
         f"{made.tailstack_version}"
     )
     notes = "".join("\n" + wrapped(note, first="note: ", indent="  ") for note in file.notes)
-    return shortened(made.design_name, 76) + digest + "\n" + wrapped(how) + notes
+    return design_line(made) + "\n" + wrapped(how) + notes
 
 
 def _between(interval: Interval | None, digits: int = 3) -> str:

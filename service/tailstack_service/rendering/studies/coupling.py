@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from tailstack.studies.coupling import CouplingCase, Ratio, StudyCoupling, decimals_of, per_cent
 
 from ...report.svg import BLUE, FAINT, INK, MUTED, VERMILION, box, line, printable, rounded, text
-from ..tables import number, percent, shortened, table, wrapped
-from ..verdict import joined, provenance_text
+from ..tables import number, percent, table, wrapped
+from ..verdict import design_line, joined, provenance_text
 from .page import around, bottom_axis, page
 
 MOST_DECIMALS = 3  # in a table; --json has all
@@ -53,13 +53,12 @@ def coupling_text(study: StudyCoupling, target: str | None = None) -> str:
 
 def _heading(study: StudyCoupling) -> str:
     made = study.provenance
-    digest = f"  (sha256 {made.design_sha256[:12]})" if made.design_sha256 else ""
     how = (
         f"installation error and noise together against the parts · {study.trials:,} trials of each case, seed "
         f"{study.seed} · both readings · {made.rotation_form.replace('_', ' ')} rotation · {made.triangulation} "
         f"triangulation · tailstack {made.tailstack_version}"
     )
-    return shortened(made.design_name, 76) + digest + "\n" + wrapped(how)
+    return design_line(made) + "\n" + wrapped(how)
 
 
 def _shown(study: StudyCoupling, target: str | None) -> tuple[CouplingCase, ...]:

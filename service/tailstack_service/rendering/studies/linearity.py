@@ -8,8 +8,8 @@ from tailstack.studies.linearity import LinearityPoint, StudyLinearity, Within
 
 from ...report.svg import FAINT, INK, MUTED, box, printable, text
 from ..rows import csv_text, reasons_text
-from ..tables import number, percent, shortened, table, wrapped
-from ..verdict import joined, provenance_text
+from ..tables import number, percent, table, visible, wrapped
+from ..verdict import design_line, joined, provenance_text
 from .page import page
 
 MARK: dict[Within, str] = {"1 %": " ", "5 %": "~", "20 %": "+", "beyond": "#"}
@@ -26,14 +26,13 @@ LEAST_WIDTH = 800  # of the key
 def linearity_text(study: StudyLinearity) -> str:
     """The map as a table for each count of fiducials, what it says, and how the validity statement did."""
     made = study.provenance
-    digest = f"  (sha256 {made.design_sha256[:12]})" if made.design_sha256 else ""
     how = (
-        f"first order against Monte Carlo · P95 of the {study.error} error at {shortened(study.target, 30)} · up to "
+        f"first order against Monte Carlo · P95 of the {study.error} error at {visible(study.target)} · up to "
         f"{study.trials:,} trials a point, seed {study.seed} · {made.reading} reading · tailstack "
         f"{made.tailstack_version}"
     )
     return joined(
-        shortened(made.design_name, 76) + digest + "\n" + wrapped(how),
+        design_line(made) + "\n" + wrapped(how),
         wrapped(study.varied),
         "first order over Monte Carlo, less one, in %:   within 1 %   ~ within 5 %   + within 20 %   # beyond\n"
         f"? the {percent(study.confidence, 0)} % interval leaves the class open   - refused",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from tailstack.studies.paper.reproduce import Geometry, PaperCell, StudyPaper
 
 from ..rows import csv_text, plain_text
-from ..tables import number, shortened, table, wrapped
+from ..tables import number, table, visible, wrapped
 from ..verdict import joined
 
 LETTERS = "ABCDEFGH"
@@ -44,7 +44,7 @@ def _heading(study: StudyPaper) -> str:
         origin = "fitted to these tables, which print none" if geometry.compared else "not compared"
         lines.append(
             wrapped(
-                f"{shortened(geometry.name, 60)}; {origin}; {geometry.reading} reading, pivot to target "
+                f"{visible(geometry.name)}; {origin}; {geometry.reading} reading, pivot to target "
                 f"{geometry.lever_mm:.0f} mm, nu = {geometry.nu:.2g} at 5 px",
                 first=f"{letter}: ", indent="   ",
             )
