@@ -46,7 +46,7 @@ from tailstack_service.jobs.store import jobs, results, tables, workers
 from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.jobs.store.errors import StoreError, StoreUnavailable
 from tailstack_service.jobs.store.schema import migrate_database, open_database
-from tailstack_service.processes.interpreter import command, environment
+from tailstack_service.processes.interpreter import make_command, make_environment
 from tailstack_service.work.perform import perform
 from tailstack_service.work.requests import canonical
 from tailstack_service.work.task import ADVANCE, Task, UnitResult
@@ -168,15 +168,15 @@ class Fleet:
     """Two workers, one of them a service's unless ``serving`` is False; ``revive`` starts what has ended."""
 
     def __init__(self, url: str, log: Path, told: dict[str, str], *, serving: bool) -> None:
-        kept = {name: value for name, value in environment().items() if not name.startswith("TAILSTACK_")}
+        kept = {name: value for name, value in make_environment().items() if not name.startswith("TAILSTACK_")}
         self._environment = {**kept, **SETTINGS, **told, "TAILSTACK_DATABASE": url}
         self._log = log
-        worker = command("tailstack_service.cli.main", "worker")
+        worker = make_command("tailstack_service.cli.main", "worker")
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             port = probe.getsockname()[1]
         self.url = f"http://127.0.0.1:{port}" if serving else None
-        serve = command("tailstack_service.cli.main", "serve", "--port", str(port))
+        serve = make_command("tailstack_service.cli.main", "serve", "--port", str(port))
         self._commands = {"serve": serve, "worker": worker} if serving else {"another": worker, "worker": worker}
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self.revive()
@@ -346,7 +346,7 @@ class Chaos:
             number = len(self.submitted)
             request = self.asked[number % len(self.asked)]
             made, _ = self._insist(
-                lambda request=request, number=number: jobs.submit(  # type: ignore[misc]
+                lambda request=request, number=number: jobs.submit_job(  # type: ignore[misc]
                     self.db, tenant=TENANT, kind=request.kind, request=request.body, design_name="chaos",
                     solver_version=__version__, request_id=f"chaos-{number}", idempotency_key=str(number),
                     max_queued=10_000,
@@ -420,7 +420,7 @@ class Chaos:
     def _victim(self) -> workers.WorkerEntry | None:
         """A worker that has something to lose and is not frozen."""
         pids = self.fleet.pids() - {pid for _, pid in self.frozen}
-        there = [worker for worker in self._insist(lambda: workers.workers(self.db)) if worker.pid in pids]
+        there = [worker for worker in self._insist(lambda: workers.list_workers(self.db)) if worker.pid in pids]
         busy = [worker for worker in there if self._leased(worker.id)]
         return self.random.choice(busy) if busy else None
 
@@ -442,7 +442,7 @@ class Chaos:
     def _kill_server(self) -> tuple[Units, Callable[[], None]] | None:
         serve = self.fleet.processes["serve"]
         family = {child.pid for child in psutil.Process(serve.pid).children()} if serve.poll() is None else set()
-        its = [worker.id for worker in self._insist(lambda: workers.workers(self.db)) if worker.pid in family]
+        its = [worker.id for worker in self._insist(lambda: workers.list_workers(self.db)) if worker.pid in family]
         under_way = {unit: begun for name in its for unit, begun in self._leased(name).items()}
         return (under_way, serve.kill) if under_way else None
 
@@ -503,7 +503,7 @@ class Chaos:
         try:
             until = time.monotonic() + AHEAD_PATIENCE_SECONDS
             while time.monotonic() < until:
-                its = [w.id for w in self._insist(lambda: workers.workers(self.db)) if w.pid == ahead.pid]
+                its = [w.id for w in self._insist(lambda: workers.list_workers(self.db)) if w.pid == ahead.pid]
                 under_way = self._leased(its[0]) if its else {}
                 if under_way:
                     return under_way, lambda: end(ahead)
@@ -596,12 +596,12 @@ class Chaos:
         report = self.report
         report.jobs = len(self.submitted)
         for job_id, request in self.submitted.items():
-            job, expected = jobs.find(self.db, TENANT, job_id), undisturbed(request)
+            job, expected = jobs.find_job(self.db, TENANT, job_id), undisturbed(request)
             report.units_needed += expected.units
             if job is None or job.state != "succeeded" or job.result_sha256 is None:
                 report.lost.append(f"{job_id} {request.kind}: {job.state if job else 'gone'} {job and job.problem}")
                 continue
-            kept = results.get(self.db, TENANT, job.result_sha256)
+            kept = results.read_result(self.db, TENANT, job.result_sha256)
             digest = hashlib.sha256(kept.body).hexdigest() if kept else None
             if not digest == job.result_sha256 == expected.sha256:
                 report.different.append(f"{job_id} {request.kind}: {digest}, undisturbed {expected.sha256}")

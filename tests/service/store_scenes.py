@@ -89,7 +89,7 @@ def submit(db: Database, request: bytes = b'{"design":{}}', **changes: Any) -> J
         "request_id": "request-1",
         "max_queued": 100_000,
     }
-    return jobs.submit(db, request=request, **(given | changes))[0]
+    return jobs.submit_job(db, request=request, **(given | changes))[0]
 
 
 def claim(db: Database, worker_id: str = "w1", limit: int = 1, **changes: Any) -> list[Claim]:
@@ -138,7 +138,7 @@ def split_each(db: Database, clock: Clock, *counts: int, **changes: Any) -> list
 
 
 def find(db: Database, job: Job) -> Job:
-    found = jobs.find(db, job.tenant, job.id)
+    found = jobs.find_job(db, job.tenant, job.id)
     assert found is not None
     return found
 

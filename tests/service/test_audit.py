@@ -19,7 +19,7 @@ from worker_scenes import until
 from tailstack_service.jobs.store import audit, upkeep
 from tailstack_service.jobs.store.database import Database
 from tailstack_service.jobs.store.errors import StoreUnavailable
-from tailstack_service.jobs.store.keys import create_key, revoke
+from tailstack_service.jobs.store.keys import create_key, revoke_key
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.settings import Settings
 
@@ -29,7 +29,7 @@ TERMS = {"policy_sha256": "a" * 64, "policy_name": "p", "fail_level": "error"}
 
 
 def seen(db: Database, **choice: Any) -> list[tuple[str, str, str]]:
-    return [(e.action, e.tenant, e.subject) for e in audit.entries(db, limit=10_000, **choice)]
+    return [(e.action, e.tenant, e.subject) for e in audit.list_entries(db, limit=10_000, **choice)]
 
 
 def test_an_operator_who_makes_and_revokes_keys_is_named(
@@ -66,7 +66,7 @@ def test_a_key_that_cannot_be_made_leaves_nothing(store: Database, clock: Clock)
 
     with pytest.raises(RequestError):
         create_key(store, tenant="A B", name="x", scopes=("read",), days=1)
-    assert revoke(store, "nobody") is None
+    assert revoke_key(store, "nobody") is None
     assert seen(store) == []
 
 
@@ -76,7 +76,7 @@ def test_the_use_of_a_key_is_noted_once_an_hour_and_address(store: Database, clo
         for address in ("192.0.2.1", "192.0.2.2"):
             audit.note_use(store, "k", "acme", address)
             clock.advance(60)
-    assert [entry.detail for entry in audit.entries(store, limit=9)] == [
+    assert [entry.detail for entry in audit.list_entries(store, limit=9)] == [
         {"address": "192.0.2.1"}, {"address": "192.0.2.2"}
     ]  # fmt: skip
     clock.advance(HOUR)
@@ -90,7 +90,7 @@ def test_who_uses_a_key_from_everywhere_does_not_fill_the_database(store: Databa
         audit.note_use(store, "k", "acme", f"2001:db8::{number:x}")
         audit.note_policy(store, "key k", "acme", {**TERMS, "policy_sha256": f"{number:064d}"})
     audit.note_use(store, "k2", "other", "192.0.2.1")
-    found = audit.entries(store, tenant="acme", limit=10_000)
+    found = audit.list_entries(store, tenant="acme", limit=10_000)
     assert len(found) == 2 * (audit.MOST_AN_HOUR + 1)
     assert sum("omitted" in entry.detail for entry in found) == 2
     assert seen(store, tenant="other") == [("key-used", "other", "k2")]
@@ -102,7 +102,7 @@ def test_a_policy_is_noted_when_it_changes(store: Database, clock: Clock) -> Non
         clock.advance(1)
         audit.note_policy(store, "key k", "acme", terms)
     audit.note_policy(store, "key o", "other", TERMS)
-    found = audit.entries(store, tenant="acme", limit=99)
+    found = audit.list_entries(store, tenant="acme", limit=99)
     assert [entry.subject[0] for entry in found] == ["a", "b", "b", "a"]
     assert [entry.detail["changed"] for entry in found] == [
         [], ["policy_sha256"], ["fail_level"], ["fail_level", "policy_sha256"]
@@ -144,7 +144,7 @@ def test_a_key_that_is_used_and_a_policy_that_is_changed_over_http(tmp_path: Pat
             gate(client, policy=policy)
             gate(client, policy=policy)
             gate(client, policy=policy, fail_level="warning")
-        found = audit.entries(db, limit=99)
+        found = audit.list_entries(db, limit=99)
     finally:
         db.close()
     used = [entry for entry in found if entry.action == "key-used"]

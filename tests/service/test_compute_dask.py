@@ -172,11 +172,11 @@ def test_another_version_on_the_dask_workers_computes_nothing(
     ],
 )
 def test_settings_that_cannot_work_are_refused(change: dict[str, str], said: str, tmp_path: Path) -> None:
-    from tailstack_service.jobs.engines.engine import engine_for
+    from tailstack_service.jobs.engines.engine import start_engine
 
     pytest.importorskip("distributed")
     (tmp_path / "file.pem").touch()
     files = dict.fromkeys(("dask_ca_file", "dask_cert_file", "dask_key_file"), str(tmp_path / "file.pem"))
     settings = Settings(engine="dask", **({"dask_scheduler": "tls://127.0.0.1:8786"} | files | change))
     with pytest.raises(RequestError, match=said):
-        engine_for(settings)
+        start_engine(settings)

@@ -24,7 +24,7 @@ from strange_units import expected_answer, request
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.processes import child
 from tailstack_service.processes.frames import Defect, Died, GivenBack, OutOfDate
-from tailstack_service.processes.interpreter import code_digest, command, environment
+from tailstack_service.processes.interpreter import digest_code, make_command, make_environment
 from tailstack_service.work.task import ADVANCE, Outcome, Task, UnitResult
 
 UNIT = b'{"unit":0}'
@@ -79,7 +79,7 @@ def test_a_death_names_its_signal(pool: PoolEngine, number: int, words: str) -> 
 
 def test_a_computing_process_of_other_sources_computes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """As after an installation under a running worker: the one that is started next finds the new files."""
-    monkeypatch.setattr("tailstack_service.jobs.engines.pool.code_digest", lambda: "of the files that were here")
+    monkeypatch.setattr("tailstack_service.jobs.engines.pool.digest_code", lambda: "of the files that were here")
     words = "were replaced since this process was started"
     with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine, pytest.raises(OutOfDate, match=words):
         engine.submit(task(), "late").result(LONG)
@@ -199,7 +199,7 @@ def test_a_function_that_cannot_be_imported_is_a_defect() -> None:
 
 
 def test_processes_that_never_begin_are_not_started_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tailstack_service.jobs.engines.pool.command", lambda *_: [sys.executable, "-c", ""])
+    monkeypatch.setattr("tailstack_service.jobs.engines.pool.make_command", lambda *_: [sys.executable, "-c", ""])
     with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine, pytest.raises(GivenBack, match="in a row"):
         engine.submit(task(), "x").result(LONG)
 
@@ -231,7 +231,7 @@ time.sleep(60)
 
 def test_processes_end_with_their_parent_even_while_they_compute() -> None:
     """kill -9 of the parent: one process is busy, one idle."""
-    parent = subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True, env=environment())
+    parent = subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True, env=make_environment())
     try:
         assert parent.stdout is not None
         pids = json.loads(parent.stdout.readline())
@@ -246,8 +246,8 @@ def test_processes_end_with_their_parent_even_while_they_compute() -> None:
 def test_a_process_whose_parent_is_already_another_leaves() -> None:
     """The parent can end between its start and the child's wish to end with it."""
     started = subprocess.Popen(
-        command("tailstack_service.processes.child", strange_units.FUNCTION, "1", code_digest()),
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment(),
+        make_command("tailstack_service.processes.child", strange_units.FUNCTION, "1", digest_code()),
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=make_environment(),
     )  # fmt: skip
     try:
         assert started.wait(LONG) == 1

@@ -15,7 +15,7 @@ from worker_scenes import until
 
 from tailstack_service.cli.main import main
 from tailstack_service.http.server import running_service
-from tailstack_service.jobs.store import jobs, results, upkeep, usage
+from tailstack_service.jobs.store import events, jobs, results, upkeep, usage
 from tailstack_service.jobs.store.database import Database, writing
 from tailstack_service.jobs.store.errors import DamagedStore, StoreError
 from tailstack_service.settings import Settings
@@ -101,29 +101,29 @@ def test_every_job_of_every_tenant_that_came_to_it_fails(store: Database, clock:
     clock.advance(5)
     change(store, "UPDATE results SET body = ? WHERE sha256 = '" + name + "'", FORGED)
     with pytest.raises(DamagedStore, match=name):
-        results.get(store, "acme", name)
+        results.read_result(store, "acme", name)
     for job in (*mine, theirs):
         seen = find(store, job)
         assert (seen.state, seen.result_sha256, seen.finished_at) == ("failed", None, ended)
         assert seen.problem is not None
         assert seen.problem["type"] == "/v1/problems/store-error"
-        told = jobs.events_after(store, job.tenant, job.id, job.last_event, 9)
+        told = events.read_events(store, job.tenant, job.id, job.last_event, 9)
         assert [(event.name, event.data["state"]) for event in told] == [("state", "failed")]
     with pytest.raises(DamagedStore):
-        results.get(store, "other", name)
-    assert results.get(store, "stranger", name) is None
+        results.read_result(store, "other", name)
+    assert results.read_result(store, "stranger", name) is None
     assert find(store, apart).state == "succeeded"
-    assert [check.name for check in upkeep.check(store) if not check.ok] == []
-    assert usage.figures(store).damaged_jobs == 3
+    assert [check.name for check in upkeep.check_database(store) if not check.ok] == []
+    assert usage.read_figures(store).damaged_jobs == 3
 
     healed = finished_job(store)
-    kept = results.get(store, "acme", name)
+    kept = results.read_result(store, "acme", name)
     assert kept is not None
     assert (healed.result_sha256, kept.body) == (name, b'{"answer":1}')
     upkeep.purge(store, 1e-9)
     clock.advance(10)
     assert upkeep.purge(store, 1e-9).jobs > 0
-    assert usage.figures(store).damaged_jobs == 0
+    assert usage.read_figures(store).damaged_jobs == 0
 
 
 def test_an_answer_that_is_computed_again_is_stored_over_changed_bytes(store: Database) -> None:
@@ -131,7 +131,7 @@ def test_an_answer_that_is_computed_again_is_stored_over_changed_bytes(store: Da
     name = str(finished_job(store).result_sha256)
     change(store, "UPDATE results SET body = ?", FORGED)
     finished_job(store)
-    kept = results.get(store, "acme", name)
+    kept = results.read_result(store, "acme", name)
     assert kept is not None
     assert hashlib.sha256(kept.body).hexdigest() == name
 
@@ -148,7 +148,7 @@ def test_an_answer_that_is_gone_is_told_apart_from_one_that_never_was(tmp_path: 
             other.execute("DELETE FROM results")
         other.close()
         with pytest.raises(DamagedStore):
-            results.get(db, "acme", str(job.result_sha256))
+            results.read_result(db, "acme", str(job.result_sha256))
         assert find(db, job).state == "failed"
     finally:
         db.close()
@@ -183,7 +183,7 @@ def test_nothing_is_computed_from_changed_requests_or_parts(
         statement + (f" AND job_id = '{job.id}'" if "number" in statement else f" WHERE job_id = '{job.id}'"),
         FORGED,
     )
-    wrong = [check.name for check in upkeep.check(store) if not check.ok]
+    wrong = [check.name for check in upkeep.check_database(store) if not check.ok]
     assert len(wrong) == 1
     assert "hash" in wrong[0]
     assert claim(store) == []  # the job that came first fails
@@ -208,7 +208,7 @@ def test_a_backup_does_not_carry_damage_on(
     assert "tailstack db mend" in capsys.readouterr().err
     assert not target.exists()
     with pytest.raises(StoreError, match=name):
-        upkeep.backup(url_of(store), target)
+        upkeep.back_up(url_of(store), target)
     assert main(["db", "mend"]) == 0
     assert "1 damaged answers deleted; 1 jobs" in capsys.readouterr().out
     assert main(["db", "check"]) == 0

@@ -48,13 +48,13 @@ def test_a_transaction_gives_a_silent_server_up_and_the_next_one_works(
                 assert time.monotonic() - begun < 2.5  # psycopg waits for two seconds to be connected
                 begun, ending = time.monotonic(), db.endable()
                 with ThreadPoolExecutor(1) as pool:
-                    waiting = pool.submit(jobs.find, ending, "acme", job.id)
+                    waiting = pool.submit(jobs.find_job, ending, "acme", job.id)
                     time.sleep(0.2)
                     ending.end_within(0.3)
                     with pytest.raises(StoreUnavailable):
                         waiting.result(10)
                 assert time.monotonic() - begun < 6.0  # while it connects it cannot be told to end
-            assert jobs.find(db, "acme", job.id) == job
+            assert jobs.find_job(db, "acme", job.id) == job
     finally:
         db.close()
 
@@ -113,7 +113,7 @@ def test_what_is_computed_while_the_database_stands_still_is_recorded_and_not_co
     with prepared_database(postgres_url) as db, ExitStack() as stack:
         for name in ("one", "other"):
             stack.enter_context(worker_process(postgres_url, tmp_path / name))
-        until(lambda: len(workers.workers(db)) == 2)
+        until(lambda: len(workers.list_workers(db)) == 2)
         made = submit_strange(db, request)
         until(lambda: note.exists() and len(note.read_text().splitlines()) == 4)
         with postgres_server.frozen():

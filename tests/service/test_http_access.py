@@ -19,7 +19,7 @@ from service_scenes import check_problem, client_with, small_design
 from tailstack_service.http import access
 from tailstack_service.http.access import Access, Tokens
 from tailstack_service.jobs.store.database import Database
-from tailstack_service.jobs.store.keys import create_key, revoke
+from tailstack_service.jobs.store.keys import create_key, revoke_key
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.problems import RequestError, TransportError
 from tailstack_service.settings import Settings
@@ -141,7 +141,7 @@ def test_a_revoked_key_is_refused_within_seconds(guarded: Guarded, monkeypatch: 
     monkeypatch.setattr(access, "KEY_SECONDS", 0.3)
     secret = guarded.key("read")
     assert guarded.client.get("/v1/jobs", headers=bearer(secret)).status_code == 200
-    revoke(guarded.db, secret.split("_")[1])
+    revoke_key(guarded.db, secret.split("_")[1])
     deadline = time.monotonic() + 5
     while guarded.client.get("/v1/jobs", headers=bearer(secret)).status_code == 200:
         assert time.monotonic() < deadline

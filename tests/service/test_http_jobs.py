@@ -478,7 +478,7 @@ def test_who_waits_for_a_job_while_the_database_goes_away_is_told_of_the_job(mon
 
     body = {"design": small_design(), "trials": 1000}
     with client_with() as client:
-        monkeypatch.setattr(stored, "find", away)
+        monkeypatch.setattr(stored, "find_job", away)
         waited = client.post("/v1/verifications", json=body, headers={"Prefer": "wait=1"})
         monkeypatch.undo()
         assert waited.status_code == 202, waited.text

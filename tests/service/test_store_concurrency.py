@@ -20,7 +20,7 @@ from postgres import Server
 from service_scenes import ROOT
 from store_scenes import LEASE, Clock, claim, claim_one, find, record, specs, split, submit, url_of
 
-from tailstack_service.jobs.store import database, jobs, queue, results, upkeep, workers
+from tailstack_service.jobs.store import database, events, jobs, queue, results, upkeep, workers
 from tailstack_service.jobs.store.database import Database, reading, writing
 from tailstack_service.jobs.store.errors import StoreUnavailable
 from tailstack_service.jobs.store.schema import HEAD, migrate_database, open_database
@@ -76,7 +76,7 @@ def worker_process(db: Database, name: str, patience: int = 120) -> Iterator[sub
 
 
 def check_sound(db: Database) -> None:
-    wrong = [check for check in upkeep.check(db) if not check.ok]
+    wrong = [check for check in upkeep.check_database(db) if not check.ok]
     assert wrong == []
 
 
@@ -109,7 +109,7 @@ def test_processes_share_the_work_and_record_each_unit_once(store: Database) -> 
     assert set(recorded.values()) == {1}
     assert len(recorded) == 40 * 5
     for job_id, request in requests.items():
-        job = jobs.find(store, "acme", job_id)
+        job = jobs.find_job(store, "acme", job_id)
         assert job is not None
         assert answer_of(store, job) == expected_answer(request)
     check_sound(store)
@@ -117,7 +117,7 @@ def test_processes_share_the_work_and_record_each_unit_once(store: Database) -> 
 
 def answer_of(db: Database, job: jobs.Job) -> bytes:
     assert job.result_sha256 is not None, job
-    kept = results.get(db, job.tenant, job.result_sha256)
+    kept = results.read_result(db, job.tenant, job.result_sha256)
     assert kept is not None
     return kept.body
 
@@ -149,7 +149,7 @@ def test_a_worker_killed_at_any_moment_loses_nothing(store: Database, clock: Clo
 
 
 def find_id(db: Database, job_id: str) -> jobs.Job:
-    job = jobs.find(db, "acme", job_id)
+    job = jobs.find_job(db, "acme", job_id)
     assert job is not None
     return job
 
@@ -177,12 +177,12 @@ def test_all_that_is_written_at_once_makes_no_deadlock(store: Database) -> None:
                     done["records"] += record(store, one, answer=b"{}")
             lost = queue.renew(store, f"w{seed % 4}", held, 0.02)
             held = [one for one in held if one not in lost]
-            workers.heartbeat(store, f"w{seed % 4}", "host", seed, "1.0", "pool", 1)
-            recent = jobs.page(store, "acme", limit=3).jobs
+            workers.report_alive(store, f"w{seed % 4}", "host", seed, "1.0", "pool", 1)
+            recent = jobs.list_page(store, "acme", limit=3).jobs
             if dice.random() < 0.3 or not recent:
                 submit(store)
             if recent and dice.random() < 0.25:
-                jobs.cancel(store, "acme", dice.choice(recent).id)
+                jobs.cancel_job(store, "acme", dice.choice(recent).id)
                 done["cancels"] += 1
             if dice.random() < 0.05:
                 upkeep.purge(store, 0.0)
@@ -200,10 +200,10 @@ def test_a_purge_leaves_a_result_that_a_job_is_just_coming_to(migrated_database:
     db = open_database(migrated_database, clock=clock)
     try:
         with writing(db) as connection:
-            name = results.keep(db, connection, "verification", b'{"orphan":1}', clock.now)
+            name = results.store_result(db, connection, "verification", b'{"orphan":1}', clock.now)
         with ThreadPoolExecutor(1) as pool:
             with writing(db) as connection:
-                assert results.keep(db, connection, "verification", b'{"orphan":1}', clock.now) == name
+                assert results.store_result(db, connection, "verification", b'{"orphan":1}', clock.now) == name
                 assert pool.submit(upkeep.purge, db, 1e4).result(20).results == 0
             assert kept_results(db, name) == 1
             assert pool.submit(upkeep.purge, db, 1e4).result(20).results >= 1
@@ -234,9 +234,9 @@ def test_readers_do_not_wait_for_a_writer(store: Database) -> None:
         assert inside.wait(20)
         begun = time.monotonic()
         assert find(store, job) == job
-        assert jobs.page(store, "acme", limit=5).jobs == (job,)
-        assert len(jobs.events_after(store, "acme", job.id, 0, 5)) == 1
-        assert workers.workers(store) == []
+        assert jobs.list_page(store, "acme", limit=5).jobs == (job,)
+        assert len(events.read_events(store, "acme", job.id, 0, 5)) == 1
+        assert workers.list_workers(store) == []
         assert time.monotonic() - begun < 2.0
         assert writer.is_alive()
     finally:
@@ -338,7 +338,7 @@ def test_a_server_that_restarts_is_unavailable_and_then_goes_on(
         lambda: claim(db),
         lambda: record(db, held, more=specs(2)),
         lambda: queue.renew(db, "w1", [held], LEASE),
-        lambda: jobs.cancel(db, tenant, job.id),
+        lambda: jobs.cancel_job(db, tenant, job.id),
         lambda: open_database(url_of(db)),
     ):
         with pytest.raises(StoreUnavailable):
@@ -401,7 +401,7 @@ def test_a_lock_held_too_long_is_unavailable(restartable: Database) -> None:
         impatient = open_database(short)
         try:
             with pytest.raises(StoreUnavailable, match="lock timeout"):
-                jobs.cancel(impatient, "locked", job.id)
+                jobs.cancel_job(impatient, "locked", job.id)
         finally:
             impatient.close()
     assert claim_one_of(db, job.id)

@@ -111,7 +111,7 @@ class Play:
     def claim(self) -> None:
         version = self.random.choice("12")
         if self.random.random() < 0.8:
-            workers.heartbeat(self.store, f"w{version}", "host", 1, version, "pool", 1)
+            workers.report_alive(self.store, f"w{version}", "host", 1, version, "pool", 1)
             self.seen[version] = self.clock.now
         limit = self.random.randint(1, 5)
         others = self.live() - {version}
@@ -182,7 +182,7 @@ class Play:
 
     def cancel(self) -> None:
         job_id = self.random.choice(list(self.jobs))
-        jobs.cancel(self.store, "acme", job_id)
+        jobs.cancel_job(self.store, "acme", job_id)
         if self.model[job_id].state == "unfinished":
             self.model[job_id].end("cancelled")
 
@@ -211,7 +211,7 @@ def test_random_interleavings_agree_with_the_model(store: Database, clock: Clock
         if number % 20 == 0:
             play.compare()
     assert all(count > 0 for count in play.counted.values()), play.counted  # each thing that can happen did
-    assert all(check.ok for check in upkeep.check(store)), upkeep.check(store)
+    assert all(check.ok for check in upkeep.check_database(store)), upkeep.check_database(store)
     clock.advance(10 * LEASE)
     while held := claim(store, "last", 3, solver_version="3"):
         for one in held:
@@ -224,7 +224,7 @@ def test_random_interleavings_agree_with_the_model(store: Database, clock: Clock
             assert ended.state == "cancelled"
             continue
         assert ended.result_sha256 is not None
-        kept = results.get(store, "acme", ended.result_sha256)
+        kept = results.read_result(store, "acme", ended.result_sha256)
         assert kept is not None
         assert kept.body == undisturbed(request)
-    assert all(check.ok for check in upkeep.check(store)), upkeep.check(store)
+    assert all(check.ok for check in upkeep.check_database(store)), upkeep.check_database(store)

@@ -10,7 +10,7 @@ from threading import Barrier
 import pytest
 from store_scenes import PROBLEM, Clock, claim_one, find, finish, record, split, submit
 
-from tailstack_service.jobs.store import jobs, results
+from tailstack_service.jobs.store import events, jobs, results
 from tailstack_service.jobs.store.database import Database
 from tailstack_service.jobs.store.errors import IdempotencyConflict, QueueFull
 from tailstack_service.jobs.store.jobs import Job
@@ -18,13 +18,13 @@ from tailstack_service.jobs.store.jobs import Job
 
 def told(db: Database, job: Job, after: int = 0) -> list[tuple[int, str, dict[str, object]]]:
     return [
-        (event.sequence, event.name, event.data) for event in jobs.events_after(db, job.tenant, job.id, after, 1000)
+        (event.sequence, event.name, event.data) for event in events.read_events(db, job.tenant, job.id, after, 1000)
     ]
 
 
 def test_a_new_job_is_queued_and_holds_its_request(store: Database, clock: Clock) -> None:
     request = b'{"design":{"name":"a"},"seed":1}'
-    job, new = jobs.submit(
+    job, new = jobs.submit_job(
         store, tenant="acme", kind="sweep", request=request, design_name="a\0b\ud800", solver_version="1.2.3",
         request_id="r-7", max_queued=10,
     )  # fmt: skip
@@ -36,7 +36,7 @@ def test_a_new_job_is_queued_and_holds_its_request(store: Database, clock: Clock
     assert job.request_sha256 == hashlib.sha256(request).hexdigest()
     assert job.design_name == "a\ufffdb?"  # neither NUL nor a lone surrogate can be stored everywhere
     assert find(store, job) == job
-    assert jobs.request_of(store, "acme", job.id) == request
+    assert jobs.find_request(store, "acme", job.id) == request
     assert told(store, job) == [(1, "state", {"state": "queued"})]
 
 
@@ -57,10 +57,10 @@ def test_ids_sort_by_time_and_differ_within_a_moment(store: Database, clock: Clo
     "job_id", ["", "x", "0" * 25, "0" * 27, "8" + "0" * 25, "\0" * 26, "'; DROP TABLE jobs", "é" * 26]
 )
 def test_what_cannot_be_an_id_is_not_found(store: Database, job_id: str) -> None:
-    assert jobs.find(store, "acme", job_id) is None
-    assert jobs.request_of(store, "acme", job_id) is None
-    assert jobs.cancel(store, "acme", job_id) is None
-    assert jobs.events_after(store, "acme", job_id, 0, 10) == []
+    assert jobs.find_job(store, "acme", job_id) is None
+    assert jobs.find_request(store, "acme", job_id) is None
+    assert jobs.cancel_job(store, "acme", job_id) is None
+    assert events.read_events(store, "acme", job_id, 0, 10) == []
 
 
 def test_another_tenant_sees_nothing(store: Database) -> None:
@@ -68,14 +68,14 @@ def test_another_tenant_sees_nothing(store: Database) -> None:
     finish(store)
     name = find(store, job).result_sha256
     assert name is not None
-    assert results.get(store, "acme", name) is not None
-    assert jobs.find(store, "other", job.id) is None
-    assert jobs.request_of(store, "other", job.id) is None
-    assert jobs.events_after(store, "other", job.id, 0, 10) == []
-    assert jobs.page(store, "other", limit=10).jobs == ()
-    assert results.get(store, "other", name) is None
+    assert results.read_result(store, "acme", name) is not None
+    assert jobs.find_job(store, "other", job.id) is None
+    assert jobs.find_request(store, "other", job.id) is None
+    assert events.read_events(store, "other", job.id, 0, 10) == []
+    assert jobs.list_page(store, "other", limit=10).jobs == ()
+    assert results.read_result(store, "other", name) is None
     running = submit(store)
-    assert jobs.cancel(store, "other", running.id) is None
+    assert jobs.cancel_job(store, "other", running.id) is None
     assert find(store, running).state == "queued"
 
 
@@ -87,15 +87,15 @@ def test_equal_answers_are_kept_once_and_belong_to_whoever_has_a_job_with_them(s
     name = hashlib.sha256(b'{"same":true}').hexdigest()
     for job in (mine, theirs):
         assert find(store, job).result_sha256 == name
-        found = results.get(store, job.tenant, name)
+        found = results.read_result(store, job.tenant, name)
         assert found == results.Result(name, "verification", b'{"same":true}', first)
     for absent in ("", "0" * 64, name.upper(), name[:-1], "\0" * 64):
-        assert results.get(store, "acme", absent) is None
+        assert results.read_result(store, "acme", absent) is None
 
 
 def test_the_same_key_and_request_is_the_same_job(store: Database) -> None:
     first = submit(store, idempotency_key="k", request_id="one")
-    again, new = jobs.submit(
+    again, new = jobs.submit_job(
         store, tenant="acme", kind="verification", request=b'{"design":{}}', design_name="carrier",
         solver_version="1.0", request_id="two", idempotency_key="k", max_queued=1,
     )  # fmt: skip
@@ -111,7 +111,7 @@ def test_the_same_key_with_another_request_is_refused(store: Database, changes: 
     first = submit(store, idempotency_key="k")
     with pytest.raises(IdempotencyConflict, match=first.id):
         submit(store, idempotency_key="k", **changes)
-    assert [job.id for job in jobs.page(store, "acme", limit=10).jobs] == [first.id]
+    assert [job.id for job in jobs.list_page(store, "acme", limit=10).jobs] == [first.id]
 
 
 def test_equal_submissions_at_the_same_moment_make_one_job(store: Database) -> None:
@@ -120,7 +120,7 @@ def test_equal_submissions_at_the_same_moment_make_one_job(store: Database) -> N
 
     def post(number: int) -> tuple[str, bool]:
         barrier.wait(20)
-        job, new = jobs.submit(
+        job, new = jobs.submit_job(
             store, tenant="acme", kind="sweep", request=b"{}", design_name="d", solver_version="1.0",
             request_id=str(number), idempotency_key="same", max_queued=100,
         )  # fmt: skip
@@ -130,7 +130,7 @@ def test_equal_submissions_at_the_same_moment_make_one_job(store: Database) -> N
         made = list(pool.map(post, range(crowd)))
     assert len({job_id for job_id, _ in made}) == 1
     assert sum(new for _, new in made) == 1
-    assert len(jobs.page(store, "acme", limit=10).jobs) == 1
+    assert len(jobs.list_page(store, "acme", limit=10).jobs) == 1
 
 
 def test_the_queue_of_a_tenant_is_bounded_exactly(store: Database) -> None:
@@ -146,8 +146,8 @@ def test_the_queue_of_a_tenant_is_bounded_exactly(store: Database) -> None:
     assert submit(store, tenant="other", max_queued=5)
     with pytest.raises(QueueFull, match="at most 5"):
         submit(store, max_queued=5)
-    first = jobs.page(store, "acme", limit=1).jobs[0]
-    jobs.cancel(store, "acme", first.id)
+    first = jobs.list_page(store, "acme", limit=1).jobs[0]
+    jobs.cancel_job(store, "acme", first.id)
     assert submit(store, max_queued=5)
 
 
@@ -159,7 +159,7 @@ def test_pages_stay_whole_while_jobs_come_in(store: Database, clock: Clock) -> N
     expected = made[::-1]
     seen, cursor = [], None
     while True:
-        page = jobs.page(store, "acme", after=cursor, limit=10)
+        page = jobs.list_page(store, "acme", after=cursor, limit=10)
         seen += [job.id for job in page.jobs]
         clock.advance(0.01)
         submit(store)  # comes in front of what was read already
@@ -167,7 +167,7 @@ def test_pages_stay_whole_while_jobs_come_in(store: Database, clock: Clock) -> N
         if cursor is None:
             break
     assert seen == expected
-    assert [job.id for job in jobs.page(store, "acme", kind="gate", limit=100).jobs] == made[1::2][::-1]
+    assert [job.id for job in jobs.list_page(store, "acme", kind="gate", limit=100).jobs] == made[1::2][::-1]
 
 
 def test_pages_by_state(store: Database, clock: Clock) -> None:
@@ -175,35 +175,35 @@ def test_pages_by_state(store: Database, clock: Clock) -> None:
     for _ in range(4):
         clock.advance(1)
         made.append(submit(store))
-    jobs.cancel(store, "acme", made[1].id)
+    jobs.cancel_job(store, "acme", made[1].id)
     held = claim_one(store)
     assert held.job_id == made[0].id
     by_state = {
-        state: [job.id for job in jobs.page(store, "acme", state=state, limit=10).jobs]
+        state: [job.id for job in jobs.list_page(store, "acme", state=state, limit=10).jobs]
         for state in ("queued", "running", "cancelled", "succeeded")
     }
     assert by_state == {
         "queued": [made[3].id, made[2].id], "running": [made[0].id], "cancelled": [made[1].id], "succeeded": [],
     }  # fmt: skip
-    exact = jobs.page(store, "acme", limit=4)
+    exact = jobs.list_page(store, "acme", limit=4)
     assert (len(exact.jobs), exact.next) == (4, None)
 
 
 @pytest.mark.parametrize("cursor", ["", "x", "é", "MDAw", "!!!!", "A" * 1000])
 def test_a_cursor_of_somebody_elses_making_is_refused(store: Database, cursor: str) -> None:
     with pytest.raises(ValueError, match="cursor"):
-        jobs.page(store, "acme", after=cursor, limit=10)
+        jobs.list_page(store, "acme", after=cursor, limit=10)
 
 
 def test_cancelling_takes_effect_at_once_and_once(store: Database, clock: Clock) -> None:
     job = split(store, 3)
     held = claim_one(store)
     clock.advance(2)
-    cancelled = jobs.cancel(store, "acme", job.id)
+    cancelled = jobs.cancel_job(store, "acme", job.id)
     assert cancelled == find(store, job)
     assert (cancelled.state, cancelled.finished_at, cancelled.finished) == ("cancelled", clock.now, True)
     assert not record(store, held, result=b"late")
-    assert jobs.cancel(store, "acme", job.id) == cancelled
+    assert jobs.cancel_job(store, "acme", job.id) == cancelled
     assert told(store, job)[-1] == (cancelled.last_event, "state", {"state": "cancelled"})
     finish(store)
     assert find(store, job) == cancelled
@@ -213,7 +213,7 @@ def test_a_finished_job_is_not_cancelled(store: Database) -> None:
     job = submit(store)
     finish(store)
     done = find(store, job)
-    assert jobs.cancel(store, "acme", job.id) == done
+    assert jobs.cancel_job(store, "acme", job.id) == done
     assert done.state == "succeeded"
 
 
@@ -239,7 +239,7 @@ def test_events_tell_the_whole_story_and_resume_anywhere(store: Database, clock:
     assert told(store, job) == expected
     for sequence in range(7):
         assert told(store, job, sequence) == expected[sequence:]
-    assert len(jobs.events_after(store, "acme", job.id, 1, 2)) == 2
+    assert len(events.read_events(store, "acme", job.id, 1, 2)) == 2
     assert find(store, job).last_event == 6
 
 

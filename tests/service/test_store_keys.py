@@ -13,7 +13,7 @@ from store_scenes import Clock
 
 from tailstack_service.jobs.store import tables
 from tailstack_service.jobs.store.database import Database, reading
-from tailstack_service.jobs.store.keys import Key, create_key, find_key, list_keys, revoke
+from tailstack_service.jobs.store.keys import Key, create_key, find_key, list_keys, revoke_key
 from tailstack_service.problems import RequestError
 
 DAY = 86_400.0
@@ -56,14 +56,14 @@ def test_a_revoked_key_is_refused_at_once(store: Database, clock: Clock) -> None
     key, secret = make(store)
     kept, kept_secret = make(store)
     clock.advance(5)
-    revoked = revoke(store, key.id)
+    revoked = revoke_key(store, key.id)
     assert revoked is not None
     assert revoked.revoked_at == clock.now
     assert find_key(store, secret) is None
     assert find_key(store, kept_secret) == kept
     clock.advance(5)
-    assert revoke(store, key.id) == revoked  # the first time counts
-    assert revoke(store, "nobody") is None
+    assert revoke_key(store, key.id) == revoked  # the first time counts
+    assert revoke_key(store, "nobody") is None
     assert [(listed.id, state) for listed, state in list_keys(store)].count((key.id, "revoked")) == 1
 
 

@@ -11,7 +11,7 @@ import pytest
 import sqlalchemy as sa
 from store_scenes import Clock, claim, find, record, specs, submit
 
-from tailstack_service.jobs.store import jobs, queue, results, tables, usage
+from tailstack_service.jobs.store import events, jobs, queue, results, tables, usage
 from tailstack_service.jobs.store.database import Database, writing
 from tailstack_service.jobs.store.queue import new_unit
 from tailstack_service.jobs.store.tables import new_job_id
@@ -78,16 +78,16 @@ def test_no_query_of_the_hot_path_walks_a_table(long_queue: Database, clock: Clo
     assert len(last.results) == 2
     assert record(db, last, answer=b"{}")
     assert record(db, last, answer=b"{}")
-    results.get(db, "t0", hashlib.sha256(b"{}").hexdigest())
-    usage.cpu_seconds_since(db, "t0", clock.now - 3600)
+    results.read_result(db, "t0", hashlib.sha256(b"{}").hexdigest())
+    usage.sum_cpu_seconds(db, "t0", clock.now - 3600)
     queue.release(db, held[1], died=False)
     submit(db, tenant="t1")
-    page = jobs.page(db, "t1", limit=20)
-    jobs.page(db, "t1", limit=20, after=page.next)
-    jobs.page(db, "t1", limit=20, state="queued")
-    jobs.page(db, "t1", limit=20, kind="verification")
-    jobs.events_after(db, "acme", held[0].job_id, 5, 100)
-    jobs.cancel(db, "t1", page.jobs[5].id)
+    page = jobs.list_page(db, "t1", limit=20)
+    jobs.list_page(db, "t1", limit=20, after=page.next)
+    jobs.list_page(db, "t1", limit=20, state="queued")
+    jobs.list_page(db, "t1", limit=20, kind="verification")
+    events.read_events(db, "acme", held[0].job_id, 5, 100)
+    jobs.cancel_job(db, "t1", page.jobs[5].id)
     assert len(recorder.plans) > 15
     for statement, plan in recorder.plans.items():
         if "FROM workers" in statement or "FROM usage" in statement:

@@ -22,7 +22,7 @@ from store_scenes import (
     submit,
 )
 
-from tailstack_service.jobs.store import jobs, queue, results, tables, usage, workers
+from tailstack_service.jobs.store import events, jobs, queue, results, tables, usage, workers
 from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.work.task import ADVANCE, Outcome, UnitResult
 
@@ -34,7 +34,7 @@ def stored_units(db: Database, job_id: str) -> list[sa.Row[*tuple[object, ...]]]
 
 
 def alive(db: Database, worker_id: str, version: str) -> None:
-    workers.heartbeat(db, worker_id, "host", 1, version, "pool", 2)
+    workers.report_alive(db, worker_id, "host", 1, version, "pool", 2)
 
 
 def test_a_job_from_its_first_unit_to_its_answer(store: Database, clock: Clock) -> None:
@@ -78,7 +78,7 @@ def test_a_job_from_its_first_unit_to_its_answer(store: Database, clock: Clock) 
     assert (done.state, done.finished_at, done.units_done, done.units_expected) == ("succeeded", clock.now, 7, 7)
     assert done.result_sha256 == hashlib.sha256(b'{"found":1}').hexdigest()
     assert done.cpu_seconds == pytest.approx(0.25 + 6 * 0.5, abs=1e-12)
-    kept = results.get(store, "acme", done.result_sha256)
+    kept = results.read_result(store, "acme", done.result_sha256)
     assert kept is not None
     assert (kept.body, kept.schema_name) == (b'{"found":1}', "optimisation")
     assert [(row.spec, row.result) for row in stored_units(store, job.id)] == [(None, None)] * 7
@@ -175,7 +175,7 @@ def test_renewed_leases_hold_and_lost_ones_are_named(store: Database, clock: Clo
         clock.advance(LEASE - 1)
         assert queue.renew(store, "w1", held, LEASE) == []
         assert claim(store, "other", limit=9) == []
-    jobs.cancel(store, "acme", cancelled.id)
+    jobs.cancel_job(store, "acme", cancelled.id)
     assert record(store, recorded, result=b"x")
     queue.release(store, returned, died=False)
     # What is recorded is not lost: nobody else will compute it
@@ -195,10 +195,10 @@ def test_recording_again_after_an_unknown_commit_says_that_it_is_recorded(store:
     last = claim_one(store)
     assert record(store, last, answer=b"{}")
     steps.append((last, {"answer": b"{}"}))
-    before = find(store, job), stored_units(store, job.id), usage.cpu_seconds_since(store, "acme", 0)
+    before = find(store, job), stored_units(store, job.id), usage.sum_cpu_seconds(store, "acme", 0)
     for held, outcome in steps:
         assert record(store, held, **outcome)
-    assert (find(store, job), stored_units(store, job.id), usage.cpu_seconds_since(store, "acme", 0)) == before
+    assert (find(store, job), stored_units(store, job.id), usage.sum_cpu_seconds(store, "acme", 0)) == before
 
 
 def test_a_unit_given_back_is_claimed_at_once_under_a_new_token(store: Database) -> None:
@@ -215,7 +215,7 @@ def test_a_unit_given_back_is_claimed_at_once_under_a_new_token(store: Database)
 
 
 def find_job(db: Database, job_id: str) -> jobs.Job:
-    found = jobs.find(db, "acme", job_id)
+    found = jobs.find_job(db, "acme", job_id)
     assert found is not None
     return found
 
@@ -232,7 +232,7 @@ def test_a_unit_that_kills_its_processes_ends_the_job(store: Database) -> None:
     assert failed.problem["type"] == "/v1/problems/unit-lost"
     assert "3 times" in failed.problem["detail"]
     assert "3 computing processes" in failed.problem["detail"]
-    assert [event.name for event in jobs.events_after(store, "acme", job.id, 0, 99)][-1] == "state"
+    assert [event.name for event in events.read_events(store, "acme", job.id, 0, 99)][-1] == "state"
     assert [row.number for row in stored_units(store, job.id)] == [0]  # only what was recorded
     assert claim(store, limit=9) == []
 
@@ -288,11 +288,11 @@ def test_cpu_seconds_are_counted_by_tenant_and_minute(store: Database, clock: Cl
             assert record(store, claim_one(store), answer=b"{}", cpu_seconds=0.0)
     clock.advance(120)
     assert record(store, claim_one(store), answer=b"{}", cpu_seconds=10.0)
-    assert usage.cpu_seconds_since(store, "acme", begun) == pytest.approx(13.0)
-    assert usage.cpu_seconds_since(store, "acme", clock.now) == pytest.approx(10.0)
-    assert usage.cpu_seconds_since(store, "acme", clock.now + 60) == 0.0
-    assert usage.cpu_seconds_since(store, "other", begun) == pytest.approx(8.0)
-    assert usage.cpu_seconds_since(store, "nobody", 0.0) == 0.0
+    assert usage.sum_cpu_seconds(store, "acme", begun) == pytest.approx(13.0)
+    assert usage.sum_cpu_seconds(store, "acme", clock.now) == pytest.approx(10.0)
+    assert usage.sum_cpu_seconds(store, "acme", clock.now + 60) == 0.0
+    assert usage.sum_cpu_seconds(store, "other", begun) == pytest.approx(8.0)
+    assert usage.sum_cpu_seconds(store, "nobody", 0.0) == 0.0
 
 
 def test_what_came_first_is_served_first(store: Database, clock: Clock) -> None:
@@ -351,7 +351,7 @@ def test_another_version_waits_while_its_workers_live_then_the_job_is_begun_anew
     reset = find(store, job)
     assert (reset.state, reset.solver_version, reset.generation) == ("running", "2.0", 2)
     assert (reset.units_done, reset.units_expected) == (0, 1)
-    last = jobs.events_after(store, "acme", job.id, 0, 99)[-1]
+    last = events.read_events(store, "acme", job.id, 0, 99)[-1]
     assert (last.name, last.data) == ("recomputed", {"from": "1.0", "to": "2.0"})
 
     assert not record(store, old, result=b"late")  # the frozen worker of version 1 wakes
@@ -362,7 +362,7 @@ def test_another_version_waits_while_its_workers_live_then_the_job_is_begun_anew
     alive(store, "w3", "3.0")
     queue.release(store, taken, died=False)
     assert claim(store, "w3", solver_version="3.0", limit=9) == []
-    workers.goodbye(store, "w2")  # an end in order: nobody waits for a lease
+    workers.remove_worker(store, "w2")  # an end in order: nobody waits for a lease
     again = claim(store, "w3", solver_version="3.0", limit=9)
     assert [(held.job_id, held.generation, held.index) for held in again if held.job_id == job.id] == [(job.id, 3, 0)]
     assert record(store, next(held for held in again if held.job_id == job.id), answer=b"{}")
@@ -385,7 +385,7 @@ def test_many_units_of_another_version_are_replaced_by_one(store: Database) -> N
 def test_a_queued_job_of_another_version_says_that_it_changed_hands(store: Database) -> None:
     job = submit(store)
     claim_one(store, solver_version="2.0")
-    told = [(event.name, event.data) for event in jobs.events_after(store, "acme", job.id, 0, 99)]
+    told = [(event.name, event.data) for event in events.read_events(store, "acme", job.id, 0, 99)]
     assert told == [
         ("state", {"state": "queued"}),
         ("recomputed", {"from": "1.0", "to": "2.0"}),
@@ -394,18 +394,18 @@ def test_a_queued_job_of_another_version_says_that_it_changed_hands(store: Datab
 
 
 def test_workers_are_listed_until_they_say_goodbye(store: Database, clock: Clock) -> None:
-    workers.heartbeat(store, "w1", "alpha", 11, "1.0", "pool", 4)
+    workers.report_alive(store, "w1", "alpha", 11, "1.0", "pool", 4)
     clock.advance(5)
-    workers.heartbeat(store, "w2", "beta", 22, "1.0", "dask", 16)
+    workers.report_alive(store, "w2", "beta", 22, "1.0", "dask", 16)
     clock.advance(5)
-    workers.heartbeat(store, "w1", "alpha", 11, "1.0", "pool", 4)
+    workers.report_alive(store, "w1", "alpha", 11, "1.0", "pool", 4)
     begun = clock.now - 10
-    assert workers.workers(store) == [
+    assert workers.list_workers(store) == [
         workers.WorkerEntry("w1", "alpha", 11, "1.0", "pool", 4, begun, begun + 10),
         workers.WorkerEntry("w2", "beta", 22, "1.0", "dask", 16, begun + 5, begun + 5),
     ]
-    workers.goodbye(store, "w1")
-    assert [worker.id for worker in workers.workers(store)] == ["w2"]
+    workers.remove_worker(store, "w1")
+    assert [worker.id for worker in workers.list_workers(store)] == ["w2"]
 
 
 def test_figures_count_everything(store: Database, clock: Clock) -> None:
@@ -415,16 +415,16 @@ def test_figures_count_everything(store: Database, clock: Clock) -> None:
     job = split(store, 4)
     claim(store, limit=1)
     submit(store)
-    jobs.cancel(store, "acme", submit(store).id)
+    jobs.cancel_job(store, "acme", submit(store).id)
     clock.advance(7)
     submit(store)
-    seen = usage.figures(store)
+    seen = usage.read_figures(store)
     assert seen.jobs == {"queued": 2, "running": 1, "succeeded": 0, "failed": 0, "cancelled": 1}
     assert (seen.ready_units, seen.leased_units, seen.recorded_units, seen.live_workers) == (5, 1, 1, 1)
     assert (seen.oldest_ready_seconds, seen.cpu_seconds) == (pytest.approx(7.0), pytest.approx(0.5))
-    jobs.cancel(store, "acme", job.id)
+    jobs.cancel_job(store, "acme", job.id)
     finish(store)
-    assert usage.figures(store).oldest_ready_seconds == 0.0
+    assert usage.read_figures(store).oldest_ready_seconds == 0.0
 
 
 def test_a_zero_limit_claims_nothing(store: Database) -> None:
@@ -469,9 +469,9 @@ def test_a_clock_set_back_a_little_takes_nothing_from_who_computes(store: Databa
 def test_a_worker_seen_in_the_future_is_not_alive(store: Database, clock: Clock) -> None:
     submit(store, solver_version="0.9")
     clock.advance(7_200)
-    workers.heartbeat(store, "w1", "host", 1, "0.9", "pool", 1)
+    workers.report_alive(store, "w1", "host", 1, "0.9", "pool", 1)
     clock.advance(-7_200)
-    assert usage.figures(store).live_workers == 0
+    assert usage.read_figures(store).live_workers == 0
     assert claim_one(store, "w2").generation == 2  # begun anew: nobody of its version is there
 
 
@@ -480,4 +480,4 @@ def test_cpu_seconds_used_in_the_future_are_not_of_the_last_hour(store: Database
     clock.advance(7_200)
     assert record(store, claim_one(store), result=b"r", cpu_seconds=100.0)
     clock.advance(-7_200)
-    assert usage.cpu_seconds_since(store, "acme", clock.now - 3_600) < 10.0
+    assert usage.sum_cpu_seconds(store, "acme", clock.now - 3_600) < 10.0

@@ -40,7 +40,7 @@ def fresh(database_url: str, clock: Clock) -> Iterator[Database]:
 
 
 def wrong(db: Database) -> list[str]:
-    return [check.name for check in upkeep.check(db) if not check.ok]
+    return [check.name for check in upkeep.check_database(db) if not check.ok]
 
 
 def execute(db: Database, statement: str) -> None:
@@ -145,7 +145,7 @@ def scene(db: Database, clock: Clock) -> dict[str, jobs.Job]:
     made["failed"] = submit(db)
     assert record(db, claim_one(db), problem=b'{"type":"x"}')
     made["cancelled"] = split(db, 2)
-    assert jobs.cancel(db, "acme", made["cancelled"].id)
+    assert jobs.cancel_job(db, "acme", made["cancelled"].id)
     made["running"], made["half"] = split_each(db, clock, 2, 3)
     held = claim(db, limit=3)
     assert record(db, held[0], result=b"x")
@@ -156,7 +156,7 @@ def scene(db: Database, clock: Clock) -> dict[str, jobs.Job]:
 
 def test_a_sound_database_is_found_sound(fresh: Database, clock: Clock) -> None:
     scene(fresh, clock)
-    checks = upkeep.check(fresh)
+    checks = upkeep.check_database(fresh)
     assert [check.name for check in checks if not check.ok] == []
     assert len(checks) == (15 if fresh.dialect == "sqlite" else 13)
 
@@ -225,10 +225,10 @@ def test_a_backup_of_a_file_can_be_restored(tmp_path: Path, clock: Clock) -> Non
     target = tmp_path / "backup.sqlite3"
     try:
         made = scene(db, clock)
-        upkeep.backup(url_of(db), target)
+        upkeep.back_up(url_of(db), target)
         submit(db)  # goes on
         with pytest.raises(StoreError, match="exists already"):
-            upkeep.backup(url_of(db), target)
+            upkeep.back_up(url_of(db), target)
     finally:
         db.close()
     assert target.stat().st_mode & 0o777 == 0o600
@@ -246,7 +246,7 @@ def test_what_is_said_of_restoring_can_be_typed(tmp_path: Path, clock: Clock) ->
     db = open_database(f"sqlite:///{file}", migrate=True, clock=clock)
     try:
         made = scene(db, clock)
-        said = upkeep.backup(url_of(db), target)
+        said = upkeep.back_up(url_of(db), target)
         later = submit(db)
         for ending in ("", "-wal", "-shm"):
             shutil.copy(f"{file}{ending}", f"{folder / 'killed'}{ending}")
@@ -259,7 +259,7 @@ def test_what_is_said_of_restoring_can_be_typed(tmp_path: Path, clock: Clock) ->
     subprocess.run(["sh", "-e", "-c", commands], check=True, timeout=30)
     again = open_database(f"sqlite:///{file}", clock=clock)
     try:
-        assert jobs.find(again, later.tenant, later.id) is None
+        assert jobs.find_job(again, later.tenant, later.id) is None
     finally:
         again.close()
     check_restored(f"sqlite:///{file}", made, clock)
@@ -273,10 +273,10 @@ def test_a_backup_of_a_server_can_be_restored(
     target = tmp_path / "backup.dump"
     try:
         made = scene(db, clock)
-        words = upkeep.backup(postgres_url, target)
+        words = upkeep.back_up(postgres_url, target)
         submit(db)
         with pytest.raises(StoreError, match="exists already"):
-            upkeep.backup(postgres_url, target)
+            upkeep.back_up(postgres_url, target)
     finally:
         db.close()
     assert "pg_restore" in words
@@ -298,9 +298,9 @@ def check_restored(url: str, made: dict[str, jobs.Job], clock: Clock) -> None:
     try:
         assert wrong(db) == []
         assert {name: find(db, job) for name, job in made.items()} == made
-        assert len(jobs.page(db, "acme", limit=99).jobs) == len(made)
+        assert len(jobs.list_page(db, "acme", limit=99).jobs) == len(made)
         assert made["done"].result_sha256 is not None
-        kept = results.get(db, "acme", made["done"].result_sha256)
+        kept = results.read_result(db, "acme", made["done"].result_sha256)
         assert kept is not None
         assert kept.body == b'{"answer":42}'
         clock.advance(1_000)  # and it goes on where it was
@@ -317,16 +317,16 @@ def test_a_backup_is_refused_with_the_reason(
 ) -> None:
     target = tmp_path / "x"
     with pytest.raises(StoreError, match="there is no database"):
-        upkeep.backup(f"sqlite:///{tmp_path / 'none.sqlite3'}", target)
+        upkeep.back_up(f"sqlite:///{tmp_path / 'none.sqlite3'}", target)
     with pytest.raises(StoreError, match="mkdir -p"):
-        upkeep.backup(postgres_url, tmp_path / "none" / "x")
+        upkeep.back_up(postgres_url, tmp_path / "none" / "x")
     wrong_password = postgres_url.replace(postgres_url.split(":")[2].partition("@")[0], "wrong-secret")
     with pytest.raises(StoreError, match="password authentication failed") as caught:
-        upkeep.backup(wrong_password, target)
+        upkeep.back_up(wrong_password, target)
     assert "wrong-secret" not in str(caught.value)
     monkeypatch.setattr("tailstack_service.jobs.store.upkeep.find_program", lambda name: None)
     with pytest.raises(StoreError, match="apt-get install postgresql-client"):
-        upkeep.backup(postgres_url, target)
+        upkeep.back_up(postgres_url, target)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -342,7 +342,7 @@ def test_the_password_is_not_among_the_arguments(
 
     monkeypatch.setattr("tailstack_service.jobs.store.upkeep.subprocess.run", spy)
     schema.migrate_database(postgres_url)
-    upkeep.backup(postgres_url, tmp_path / "x")
+    upkeep.back_up(postgres_url, tmp_path / "x")
     password = postgres_url.split(":")[2].partition("@")[0]
     assert any("pg_dump" in words[0] for words in seen)
     assert not any(password in word for words in seen for word in words)
@@ -359,7 +359,7 @@ def test_a_purge_deletes_what_is_old_and_nothing_else(store: Database, clock: Cl
     young = submit(store)
     claimed = next(one for one in claim(store, limit=9) if one.job_id == young.id)
     assert record(store, claimed, answer=b'{"shared":1}')
-    workers.heartbeat(store, "w1", "host", 1, "1.0", "pool", 1)
+    workers.report_alive(store, "w1", "host", 1, "1.0", "pool", 1)
     assert upkeep.purge(store, 30.0) == upkeep.Purged(jobs=0, results=0, usage_rows=2, workers=0, audit_entries=0)
     clock.advance(11 * DAY)
 
@@ -367,11 +367,11 @@ def test_a_purge_deletes_what_is_old_and_nothing_else(store: Database, clock: Cl
     assert gone is not None
     assert kept is not None
     assert upkeep.purge(store, 30.0) == upkeep.Purged(jobs=2, results=1, usage_rows=1, workers=1, audit_entries=0)
-    assert jobs.find(store, "acme", old.id) is None
-    assert jobs.find(store, "other", shared.id) is None
-    assert results.get(store, "acme", gone) is None
-    assert results.get(store, "acme", kept) is not None
-    assert results.get(store, "other", kept) is None
+    assert jobs.find_job(store, "acme", old.id) is None
+    assert jobs.find_job(store, "other", shared.id) is None
+    assert results.read_result(store, "acme", gone) is None
+    assert results.read_result(store, "acme", kept) is not None
+    assert results.read_result(store, "other", kept) is None
     assert find(store, unfinished).state == "running"
     assert submit(store, idempotency_key="k").id != old.id  # a key lives as long as its job
     assert wrong(store) == []
@@ -380,11 +380,11 @@ def test_a_purge_deletes_what_is_old_and_nothing_else(store: Database, clock: Cl
 
 def test_a_purge_takes_many_jobs_in_several_transactions(store: Database, clock: Clock) -> None:
     for number in range(230):
-        jobs.cancel(store, "acme", submit(store, b"%d" % number).id)
+        jobs.cancel_job(store, "acme", submit(store, b"%d" % number).id)
     clock.advance(DAY + 1)
     last = submit(store)
     assert upkeep.purge(store, 1.0).jobs == 230
-    assert jobs.page(store, "acme", limit=9).jobs == (last,)
+    assert jobs.list_page(store, "acme", limit=9).jobs == (last,)
 
 
 def test_old_usage_becomes_one_sum(store: Database, clock: Clock) -> None:
@@ -397,13 +397,13 @@ def test_old_usage_becomes_one_sum(store: Database, clock: Clock) -> None:
     recent = clock.now
     submit(store)
     assert record(store, claim_one(store), answer=b"{}", cpu_seconds=5.0)
-    before = usage.figures(store)
+    before = usage.read_figures(store)
     assert upkeep.purge(store, 30.0).usage_rows == 6
-    after = usage.figures(store)
+    after = usage.read_figures(store)
     assert (after.recorded_units, after.cpu_seconds) == (7, pytest.approx(17.0))
     assert (before.recorded_units, before.cpu_seconds) == (after.recorded_units, pytest.approx(after.cpu_seconds))
-    assert usage.cpu_seconds_since(store, "acme", recent - 3_600) == pytest.approx(5.0)
-    assert usage.cpu_seconds_since(store, "acme", 0.0) == pytest.approx(11.0)
+    assert usage.sum_cpu_seconds(store, "acme", recent - 3_600) == pytest.approx(5.0)
+    assert usage.sum_cpu_seconds(store, "acme", 0.0) == pytest.approx(11.0)
     assert upkeep.purge(store, 30.0).usage_rows == 0
 
 
@@ -458,7 +458,7 @@ def test_a_backup_of_a_file_needs_nothing_beside_it(tmp_path: Path, clock: Clock
     db = open_database(f"sqlite:///{tmp_path / 'a.sqlite3'}", migrate=True, clock=clock)
     try:
         split(db, 3)
-        upkeep.backup(url_of(db), tmp_path / "b")
+        upkeep.back_up(url_of(db), tmp_path / "b")
     finally:
         db.close()
     with closing(sqlite3.connect(f"file:{tmp_path / 'b'}?immutable=1", uri=True)) as copy:

@@ -19,7 +19,7 @@ from service_scenes import client_with, small_design, write_json
 from tailstack.errors import NotConvergedError
 from tailstack_service.cli.main import main
 from tailstack_service.jobs import alone
-from tailstack_service.jobs.alone import RefusedJob, computed
+from tailstack_service.jobs.alone import RefusedJob, compute_job
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.processes.frames import Defect
 from tailstack_service.settings import Settings
@@ -71,18 +71,18 @@ def test_units_whose_process_dies_are_computed_again_and_then_given_up(tmp_path:
     with closing(PoolEngine(2, function=strange_units.FUNCTION)) as engine:
         good = strange_units.request("answer", units=7)
         done: list[tuple[int, int]] = []
-        assert computed(engine, "sweep", good, lambda *so_far: done.append(so_far)) == strange_units.expected_answer(
+        assert compute_job(engine, "sweep", good, lambda *so_far: done.append(so_far)) == strange_units.expected_answer(
             good
         )
         assert done == [(k, 7) for k in range(1, 8)]
         with pytest.raises(NotConvergedError, match=f"{alone.MOST_DEATHS} processes ended under the same unit"):
-            computed(engine, "sweep", strange_units.request("die", note=str(tmp_path / "deaths")))
+            compute_job(engine, "sweep", strange_units.request("die", note=str(tmp_path / "deaths")))
         assert (tmp_path / "deaths").read_text().count('{"unit":0}') == alone.MOST_DEATHS
         with pytest.raises(RefusedJob, match="nothing fits") as refused:
-            computed(engine, "sweep", strange_units.request("refuse"))
+            compute_job(engine, "sweep", strange_units.request("refuse"))
         assert (refused.value.exit_code, refused.value.slug) == (1, "infeasible")
         with pytest.raises(Defect, match="ArithmeticError"):
-            computed(engine, "sweep", strange_units.request("raise"))
+            compute_job(engine, "sweep", strange_units.request("raise"))
 
 
 def test_a_process_killed_under_a_sweep_changes_nothing(design: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -91,7 +91,7 @@ def test_a_process_killed_under_a_sweep_changes_nothing(design: Path, capsys: py
         killer = threading.Timer(0.6, lambda: os.kill(engine.pids()[0], signal.SIGKILL))
         killer.start()
         try:
-            assert computed(engine, "sweep", request) == strange_units.expected_answer(request)
+            assert compute_job(engine, "sweep", request) == strange_units.expected_answer(request)
         finally:
             killer.join()
 
@@ -108,7 +108,7 @@ def test_an_engine_without_anything_to_compute_with_is_given_up(monkeypatch: pyt
         closing(Empty(1, function=strange_units.FUNCTION)) as engine,
         pytest.raises(NotConvergedError, match="nothing"),
     ):
-        computed(engine, "sweep", strange_units.request())
+        compute_job(engine, "sweep", strange_units.request())
     assert time.monotonic() - begun < 30
 
 

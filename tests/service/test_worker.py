@@ -21,7 +21,7 @@ from worker_scenes import TENANT, VERSION, finished, job, prepared_database, sub
 
 from tailstack.errors import SourcesChangedError
 from tailstack_service.jobs import worker
-from tailstack_service.jobs.store import jobs, queue, results, tables, workers
+from tailstack_service.jobs.store import events, jobs, queue, results, tables, workers
 from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.jobs.store.jobs import Job
 
@@ -42,7 +42,7 @@ def db(database_url: str) -> Iterator[Database]:
 def answer(db: Database, ended: Job) -> bytes:
     assert ended.state == "succeeded", ended.problem
     assert ended.result_sha256 is not None
-    found = results.get(db, TENANT, ended.result_sha256)
+    found = results.read_result(db, TENANT, ended.result_sha256)
     assert found is not None
     return found.body
 
@@ -124,7 +124,7 @@ def test_a_worker_whose_sources_were_replaced_stops_and_leaves_the_job_to_anothe
 ) -> None:
     submitted = submit(db, request(units=2))
     with monkeypatch.context() as before:
-        before.setattr("tailstack_service.jobs.engines.pool.code_digest", lambda: "of the files that were here")
+        before.setattr("tailstack_service.jobs.engines.pool.digest_code", lambda: "of the files that were here")
         with working(db, expected=SourcesChangedError) as (worker, _):
             until(lambda: worker._failure is not None)
     assert not job(db, submitted).finished
@@ -145,7 +145,7 @@ def test_a_cancelled_job_stops_computing_within_a_lease(db: Database) -> None:
         submitted = submit(db, request("burn", units=2))
         until(lambda: len(engine._children.seconds()) == 2)
         before = set(engine.pids())
-        assert jobs.cancel(db, TENANT, submitted.id) is not None
+        assert jobs.cancel_job(db, TENANT, submitted.id) is not None
         until(lambda: not engine._children.seconds(), 1.5)
         until(lambda: len(set(engine.pids()) - before) == 2)
         assert finished(db, submit(db, request())).state == "succeeded"
@@ -167,8 +167,8 @@ def test_a_stop_gives_everything_back_at_once(db: Database) -> None:
     submitted = submit(db, asked)
     with working(db, lease_seconds=600.0) as (_, engine):
         until(lambda: len(engine._children.seconds()) == 2)
-        assert len(workers.workers(db)) == 1
-    assert workers.workers(db) == []
+        assert len(workers.list_workers(db)) == 1
+    assert workers.list_workers(db) == []
     rows = unit_rows(db, submitted)
     assert [row.state for row in rows] == ["recorded", "ready", "ready"]
     assert [row.deaths for row in rows] == [0, 0, 0]
@@ -200,7 +200,7 @@ def test_an_upgrade_computes_anew_and_says_so(db: Database) -> None:
         ended = finished(db, submitted)
     assert (ended.solver_version, ended.generation) == ("2.0", 2)
     assert answer(db, ended) == expected_answer(asked)
-    (event,) = [e for e in jobs.events_after(db, TENANT, submitted.id, 0, 100) if e.name == "recomputed"]
+    (event,) = [e for e in events.read_events(db, TENANT, submitted.id, 0, 100) if e.name == "recomputed"]
     assert event.data == {"from": VERSION, "to": "2.0"}
 
 
@@ -276,7 +276,7 @@ def test_a_defect_of_the_second_thread_ends_the_worker(db: Database, monkeypatch
     with working(db, lease_seconds=1.0, expected=ArithmeticError):
         until(lambda: len(unit_rows(db, held)) == 2)
         monkeypatch.setattr(queue, "renew", broken)
-        until(lambda: workers.workers(db) == [])
+        until(lambda: workers.list_workers(db) == [])
     assert [row.state for row in unit_rows(db, held)] == ["recorded", "ready"]
 
 

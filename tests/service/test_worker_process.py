@@ -31,21 +31,21 @@ from worker_scenes import (
 from tailstack_service.jobs.store import results, workers
 from tailstack_service.jobs.store.database import Database
 from tailstack_service.jobs.store.jobs import Job
-from tailstack_service.processes.interpreter import command, environment
+from tailstack_service.processes.interpreter import make_command, make_environment
 
-COMMAND = command("tailstack_service.cli.main", "worker")
+COMMAND = make_command("tailstack_service.cli.main", "worker")
 
 
 def computed(db: Database, submitted: Job, asked: bytes) -> bool:
     ended = finished(db, submitted)
     assert ended.state == "succeeded", ended.problem
     assert ended.result_sha256 is not None
-    kept = results.get(db, TENANT, ended.result_sha256)
+    kept = results.read_result(db, TENANT, ended.result_sha256)
     return kept is not None and kept.body == expected_answer(asked)
 
 
 def at_work(db: Database) -> bool:
-    return len(workers.workers(db)) == 1
+    return len(workers.list_workers(db)) == 1
 
 
 @pytest.mark.parametrize(("sign", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
@@ -62,7 +62,7 @@ def test_a_stop_is_clean_and_leaves_no_process(
         assert len(beside) == 3
         worker.send_signal(sign)
         assert worker.wait(LONG) == code
-        assert workers.workers(db) == []
+        assert workers.list_workers(db) == []
         assert psutil.wait_procs(beside, timeout=5.0)[1] == []
     told = log.read_text()
     assert f"{socket.gethostname()}-{worker.pid}-" in told
@@ -182,16 +182,16 @@ def test_a_database_without_tables_is_refused(postgres_url: str, tmp_path: Path)
 
 def test_the_health_check_sees_a_worker_of_this_host(database_url: str, tmp_path: Path) -> None:
     def check() -> tuple[int, str]:
-        told = {**environment(), "TAILSTACK_DATABASE": database_url}
+        told = {**make_environment(), "TAILSTACK_DATABASE": database_url}
         done = subprocess.run([*COMMAND, "--check"], env=told, capture_output=True, text=True, timeout=LONG)
         return done.returncode, done.stdout
 
     with prepared_database(database_url) as db:
         assert check() == (3, "no worker of this host is alive\n")
-        workers.heartbeat(db, "elsewhere", "another-host", 1, "1.0", "pool", 2)
+        workers.report_alive(db, "elsewhere", "another-host", 1, "1.0", "pool", 2)
         assert check()[0] == 3
         with worker_process(database_url, tmp_path / "log") as worker:
-            until(lambda: len(workers.workers(db)) == 2)
+            until(lambda: len(workers.list_workers(db)) == 2)
             code, said = check()
             assert code == 0
             assert f"-{worker.pid}-" in said
@@ -213,7 +213,7 @@ def test_a_worker_ends_with_the_process_that_started_it(tmp_path: Path, sign: si
     with prepared_database(url) as db:
         parent = subprocess.Popen(
             [sys.executable, "-c", PARENT], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-            env={**environment(), "TAILSTACK_DATABASE": url, "TAILSTACK_WORKER_PROCESSES": "1"},
+            env={**make_environment(), "TAILSTACK_DATABASE": url, "TAILSTACK_WORKER_PROCESSES": "1"},
         )  # fmt: skip
         try:
             assert parent.stdout is not None
@@ -226,7 +226,7 @@ def test_a_worker_ends_with_the_process_that_started_it(tmp_path: Path, sign: si
             assert worker.is_running()
             parent.send_signal(sign)
             assert psutil.wait_procs(family, timeout=10.0)[1] == []
-            assert workers.workers(db) == []  # it had time to give back what it had
+            assert workers.list_workers(db) == []  # it had time to give back what it had
         finally:
             parent.kill()
             parent.communicate(timeout=LONG)
@@ -239,14 +239,14 @@ def test_old_jobs_are_deleted_in_the_background(tmp_path: Path, monkeypatch: pyt
     url = f"sqlite:///{tmp_path / 'x.sqlite3'}"
     with prepared_database(url) as db:
         submitted = submit(db, request())
-        jobs.cancel(db, TENANT, submitted.id)
+        jobs.cancel_job(db, TENANT, submitted.id)
         kept = submit(db, request())
         tidying = Tidying(db, 1e-9, 365.0, seconds=0.02)
         try:
-            until(lambda: jobs.find(db, TENANT, submitted.id) is None)
+            until(lambda: jobs.find_job(db, TENANT, submitted.id) is None)
         finally:
             tidying.end()
-        assert jobs.find(db, TENANT, kept.id) is not None
+        assert jobs.find_job(db, TENANT, kept.id) is not None
 
 
 def test_a_computing_process_that_is_stopped_is_replaced_within_its_time(database_url: str, tmp_path: Path) -> None:

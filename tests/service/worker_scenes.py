@@ -22,7 +22,7 @@ from tailstack_service.jobs.store.database import Database
 from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.jobs.worker import Worker
-from tailstack_service.processes.interpreter import environment
+from tailstack_service.processes.interpreter import make_environment
 from tailstack_service.settings import Settings
 
 LONG = 60.0  # s, for what takes a few at most
@@ -53,11 +53,11 @@ def submit(db: Database, request: bytes, **changes: Any) -> Job:
         "tenant": TENANT, "kind": "verification", "design_name": "strange", "solver_version": VERSION,
         "request_id": "request-1", "max_queued": 100_000,
     }  # fmt: skip
-    return jobs.submit(db, request=request, **(given | changes))[0]
+    return jobs.submit_job(db, request=request, **(given | changes))[0]
 
 
 def job(db: Database, submitted: Job) -> Job:
-    found = jobs.find(db, TENANT, submitted.id)
+    found = jobs.find_job(db, TENANT, submitted.id)
     assert found is not None
     return found
 
@@ -125,7 +125,7 @@ def worker_process(
 @contextmanager
 def started(command: list[str], url: str, log: Path, told: Mapping[str, str]) -> Iterator[subprocess.Popen[bytes]]:
     """A process with these variables; whatever happens, nothing of it is left."""
-    kept = {name: value for name, value in environment().items() if not name.startswith("TAILSTACK_")}
+    kept = {name: value for name, value in make_environment().items() if not name.startswith("TAILSTACK_")}
     with log.open("ab") as errors:
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors,

@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         print(f"{_hide_password(url)}: {words} schema version {after}", file=sys.stderr)
         return Answer("")
     if arguments.action == "backup":
-        restored = upkeep.backup(url, Path(arguments.output))
+        restored = upkeep.back_up(url, Path(arguments.output))
         size = Path(arguments.output).stat().st_size
         print(f"wrote {arguments.output} ({size:,} bytes)\nto restore it: {restored}", file=sys.stderr)
         return Answer("")
@@ -62,7 +62,7 @@ def _check(url: str) -> Answer:
 
     db = connect(url)
     try:
-        checks = upkeep.check(db)
+        checks = upkeep.check_database(db)
     finally:
         db.close()
     lines = [f"{'ok  ' if entry.ok else 'FAIL'}  {entry.name}: {entry.detail}\n" for entry in checks]

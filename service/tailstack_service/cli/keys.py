@@ -32,8 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     listed = actions.add_parser("list", help="every key, without secrets", allow_abbrev=False)
     listed.add_argument("--tenant", metavar="T", help="only this tenant's")
     listed.add_argument("--json", action="store_true", help="as JSON")
-    revoke = actions.add_parser("revoke", help="refuse a key from now on", allow_abbrev=False)
-    revoke.add_argument("id", metavar="ID", help="as tailstack keys list shows it, or the secret itself")
+    revoke_key = actions.add_parser("revoke", help="refuse a key from now on", allow_abbrev=False)
+    revoke_key.add_argument("id", metavar="ID", help="as tailstack keys list shows it, or the secret itself")
     logged = actions.add_parser(
         "log", help="who made, revoked or first used keys, and changed policies of gates", allow_abbrev=False
     )
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     logged.add_argument("--limit", type=whole(1), default=1000, metavar="N", help="the last N (default %(default)s)")
     logged.add_argument("--json", action="store_true", help="as JSON")
-    for action in (create, listed, revoke, logged):
+    for action in (create, listed, revoke_key, logged):
         add_database(action)
 
 
@@ -96,11 +96,11 @@ def _list(db: Database, arguments: argparse.Namespace) -> Answer:
 def _revoke(db: Database, arguments: argparse.Namespace) -> Answer:
     from tailstack.errors import Problem
 
-    from ..jobs.store.keys import id_of, revoke
+    from ..jobs.store.keys import read_key_id, revoke_key
     from ..problems import RequestError
 
-    key_id = id_of(arguments.id)
-    key = revoke(db, key_id)
+    key_id = read_key_id(arguments.id)
+    key = revoke_key(db, key_id)
     if key is None:
         raise RequestError(Problem("", "unknown-key", f"there is no key {key_id[:40]!r}", "tailstack keys list"))
     print(
@@ -121,7 +121,7 @@ def _log(db: Database, arguments: argparse.Namespace) -> Answer:
     from ..rendering.tables import table
 
     since = time.time() - arguments.days * 86_400.0
-    found = audit.entries(db, tenant=arguments.tenant, action=arguments.only, since=since, limit=arguments.limit)
+    found = audit.list_entries(db, tenant=arguments.tenant, action=arguments.only, since=since, limit=arguments.limit)
     if arguments.json:
         return Answer(write_json([{**asdict(entry), "at": moment(entry.at)} for entry in found], indent=2).encode())
     rows = [

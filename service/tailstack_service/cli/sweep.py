@@ -124,12 +124,12 @@ def _elsewhere(arguments: argparse.Namespace, design: Design, asked: list[dict[s
 
     from ..console.arguments import read_settings
     from ..documents import read_record
-    from ..jobs.alone import computed
-    from ..jobs.engines.engine import engine_for
+    from ..jobs.alone import compute_job
+    from ..jobs.engines.engine import start_engine
     from ..work.requests import canonical
 
-    with closing(engine_for(read_settings(arguments))) as engine:
-        result: Sweep = read_record("sweep", computed(engine, "sweep", canonical(request), progress.report))
+    with closing(start_engine(read_settings(arguments))) as engine:
+        result: Sweep = read_record("sweep", compute_job(engine, "sweep", canonical(request), progress.report))
     return result
 
 

@@ -28,9 +28,9 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     settings = read_settings(arguments)
     if arguments.check:
-        from ..jobs.process import live_worker
+        from ..jobs.process import find_live_worker
 
-        found = live_worker(settings)
+        found = find_live_worker(settings)
         if found is None:
             return Answer("no worker of this host is alive\n", NOT_EVALUATED)
         return Answer(f"worker {found.id} is alive\n", PASS)

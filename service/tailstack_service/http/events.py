@@ -14,7 +14,7 @@ from tailstack.json_text import write_json
 
 from ..job_document import ENDED
 from ..jobs.store import jobs as stored
-from ..jobs.store.events import Event, events_after
+from ..jobs.store.events import Event, read_events
 from ..jobs.store.jobs import Job
 from ..logs import moment
 from ..problems import RequestError, TransportError
@@ -99,7 +99,7 @@ async def _stream(service: Service, job: Job, after: int) -> AsyncIterator[bytes
     wait = LOOK_SECONDS
     while not service.stopping.is_set():
         try:
-            events = await service.storage.run(events_after, job.tenant, job.id, after, AT_ONCE)
+            events = await service.storage.run(read_events, job.tenant, job.id, after, AT_ONCE)
         except TailstackError:  # the database is away for a moment; what happens meanwhile is still to come
             events = []
         for event in events:
@@ -125,7 +125,7 @@ async def _stream(service: Service, job: Job, after: int) -> AsyncIterator[bytes
 async def _is_deleted(service: Service, job: Job) -> bool:
     """Whether the job was deleted (its time to be kept is over) while somebody listened."""
     try:
-        return await service.storage.run(stored.find, job.tenant, job.id) is None
+        return await service.storage.run(stored.find_job, job.tenant, job.id) is None
     except TailstackError:
         return False
 

@@ -16,7 +16,7 @@ from tailstack.errors import Problem, TailstackError
 from tailstack.json_text import write_json
 
 from ..documents import RECORDS, json_schema, schema_names
-from ..jobs.store.workers import look
+from ..jobs.store.workers import check_readiness
 from ..problems import CATALOGUE, ProblemType, TransportError
 from .answers import JSON, record_response
 from .dependencies import Needs, TheService
@@ -87,7 +87,9 @@ async def readiness(service: TheService) -> Response:
     takes no longer than a look at the database may, whatever became of that.
     """
     try:
-        workers: int | None = await service.storage.look(lambda database: look(database, fresh_seconds=FRESH_SECONDS))
+        workers: int | None = await service.storage.look(
+            lambda database: check_readiness(database, fresh_seconds=FRESH_SECONDS)
+        )
     except TailstackError as error:
         log.warning("not ready, for want of the database: %s", error, extra={"action": "database-not-ready"})
         workers = None

@@ -21,7 +21,7 @@ from ..job_document import JobPage, job_document, problem_of
 from ..jobs.store import jobs as stored
 from ..jobs.store import results as stored_results
 from ..jobs.store.database import Database
-from ..jobs.store.events import eta_seconds, events_after
+from ..jobs.store.events import estimate_eta_seconds, read_events
 from ..jobs.store.jobs import Job
 from ..jobs.store.results import Result
 from ..jobs.store.tables import STATES
@@ -50,7 +50,7 @@ def not_found_error(what: str, name: str) -> TransportError:
 async def find_job(request: Request) -> Job:
     """The job in the path, if it is the caller's.  Raises TransportError 404."""
     job_id = request.path_params["id"]
-    job = await service_of(request).storage.run(stored.find, request.state.caller.tenant, job_id)
+    job = await service_of(request).storage.run(stored.find_job, request.state.caller.tenant, job_id)
     if job is None:
         raise not_found_error("job", job_id)
     return job
@@ -79,10 +79,10 @@ async def get_job(request: Request) -> Response:
 
 
 def _with_eta(db: Database, tenant: str, job_id: str) -> tuple[Job | None, float | None]:
-    job = stored.find(db, tenant, job_id)
+    job = stored.find_job(db, tenant, job_id)
     if job is None or job.state != "running":
         return job, None
-    last = events_after(db, tenant, job_id, job.last_event - 1, 1)
+    last = read_events(db, tenant, job_id, job.last_event - 1, 1)
     return job, last[0].data.get("eta_seconds") if last else None
 
 
@@ -93,7 +93,7 @@ async def list_jobs(request: Request) -> Response:
     wanted = _page_query(request)
     try:
         page = await service_of(request).storage.run(
-            stored.page, request.state.caller.tenant, state=wanted.get("state"), kind=wanted.get("kind"),
+            stored.list_page, request.state.caller.tenant, state=wanted.get("state"), kind=wanted.get("kind"),
             after=wanted.get("cursor"), limit=wanted["limit"],
         )  # fmt: skip
     except ValueError:
@@ -103,7 +103,8 @@ async def list_jobs(request: Request) -> Response:
     following = "/v1/jobs?" + urlencode({**wanted, "cursor": page.next}) if page.next else None
     now = time.time()
     documents = tuple(
-        job_document(job, eta_seconds(job.started_at, job.units_done, job.units_expected, now)) for job in page.jobs
+        job_document(job, estimate_eta_seconds(job.started_at, job.units_done, job.units_expected, now))
+        for job in page.jobs
     )
     link = {"Link": f'<{following}>; rel="next"'} if following else {}
     return record_response(JobPage("tailstack/jobs/1", documents, following), 200, {**REVALIDATE, **link})
@@ -133,7 +134,7 @@ def _limit(text: str) -> int:
 async def cancel_job(request: Request) -> Response:
     """202 once nothing of the job can be recorded any more; again 202 if it was cancelled before."""
     job_id = request.path_params["id"]
-    job = await service_of(request).storage.write(stored.cancel, request.state.caller.tenant, job_id)
+    job = await service_of(request).storage.write(stored.cancel_job, request.state.caller.tenant, job_id)
     if job is None:
         raise not_found_error("job", job_id)
     if job.state != "cancelled":
@@ -177,7 +178,7 @@ FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable", "Vary": "Au
 async def find_result(request: Request) -> Result:
     """The result in the path, if a job of the caller's tenant came to it.  Raises TransportError 404."""
     sha256 = request.path_params["sha256"]
-    result = await service_of(request).storage.run(stored_results.get, request.state.caller.tenant, sha256)
+    result = await service_of(request).storage.run(stored_results.read_result, request.state.caller.tenant, sha256)
     if result is None:
         raise not_found_error("result", sha256)
     return result

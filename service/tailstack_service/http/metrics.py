@@ -11,7 +11,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from ..jobs.store.database import Database
-from ..jobs.store.usage import Figures, figures
+from ..jobs.store.usage import Figures, read_figures
 
 FRESH_SECONDS = 60.0  # a worker that was not seen for so long counts as gone
 STORE_SECONDS = 5.0  # for the database to answer: Prometheus gives a page up after ten
@@ -69,7 +69,7 @@ class _StoreCollector(Collector):
         return []
 
     def collect(self) -> Iterator[Metric]:
-        seen: Figures = figures(self.database.within(STORE_SECONDS), fresh_seconds=FRESH_SECONDS)
+        seen: Figures = read_figures(self.database.within(STORE_SECONDS), fresh_seconds=FRESH_SECONDS)
         jobs = GaugeMetricFamily("tailstack_jobs", "Jobs by state.", labels=["state"])
         for state, count in seen.jobs.items():
             jobs.add_metric([state], count)

@@ -29,7 +29,7 @@ from tailstack.errors import LimitError, Problem, TailstackError
 from ..problems import TransportError
 from ..processes import frames
 from ..processes.frames import BEGUN, OTHER_CODE, Defect, Died, OutOfDate
-from ..processes.interpreter import code_digest, command, describe_ending, environment
+from ..processes.interpreter import describe_ending, digest_code, make_command, make_environment
 from ..settings import variable
 from .bodies import Placed
 from .computations import Refusal, warm_up
@@ -320,10 +320,10 @@ class _Process:
         ours, theirs = socket.socketpair()
         with theirs:
             self._popen: subprocess.Popen[bytes] = subprocess.Popen(
-                command("tailstack_service.processes.child", PERFORM, str(os.getpid()), code_digest()),
+                make_command("tailstack_service.processes.child", PERFORM, str(os.getpid()), digest_code()),
                 stdin=theirs.fileno(),
                 stdout=theirs.fileno(),
-                env=environment(),
+                env=make_environment(),
             )
         self.pid = self._popen.pid
         self.spent = False  # it has ended, or is to be replaced

@@ -19,7 +19,7 @@ from ..jobs.store import jobs as stored
 from ..jobs.store import results
 from ..jobs.store.errors import StoreUnavailable
 from ..jobs.store.jobs import Job
-from ..jobs.store.usage import cpu_seconds_since
+from ..jobs.store.usage import sum_cpu_seconds
 from ..problems import TransportError
 from ..settings import variable
 from . import computations, effort
@@ -132,7 +132,7 @@ async def submitted(request: Request, posted: JobRequest, key: str | None) -> Re
     settings = service.settings
     await _hold_to_budget(service, tenant)
     job, new = await service.storage.write(
-        stored.submit, tenant=tenant, kind=posted.kind, request=posted.request, design_name=posted.design_name,
+        stored.submit_job, tenant=tenant, kind=posted.kind, request=posted.request, design_name=posted.design_name,
         solver_version=__version__, request_id=request.state.request_id, idempotency_key=key,
         max_queued=settings.max_queued_jobs,
     )  # fmt: skip
@@ -148,7 +148,7 @@ async def submitted(request: Request, posted: JobRequest, key: str | None) -> Re
     headers["Preference-Applied"] = f"wait={wait}"
     job = await _awaited(request, service, job, wait)
     if job.state == "succeeded":
-        result = await service.storage.run(results.get, tenant, str(job.result_sha256))
+        result = await service.storage.run(results.read_result, tenant, str(job.result_sha256))
         if result is not None:  # otherwise its time to be kept ended while we looked
             here = {"Content-Location": f"/v1/results/{result.sha256}", **headers}
             return result_response(request, result, here)
@@ -164,7 +164,7 @@ async def _hold_to_budget(service: Service, tenant: str) -> None:
     budget = service.settings.cpu_seconds_per_hour
     if budget <= 0:
         return
-    used = await service.storage.run(cpu_seconds_since, tenant, time.time() - HOUR)
+    used = await service.storage.run(sum_cpu_seconds, tenant, time.time() - HOUR)
     if used >= budget:
         detail = f"{budget:g} CPU seconds an hour are given to a tenant; {used:.0f} were used in the last hour"
         hint = f"come back later; the operator's setting is {variable('cpu_seconds_per_hour')}"
@@ -188,7 +188,7 @@ async def _awaited(request: Request, service: Service, job: Job, seconds: float)
                 break
             look = min(1.3 * look, LONGEST_LOOK)
             with suppress(StoreUnavailable):  # what was accepted stays accepted, and its address is known
-                seen = await service.storage.run(stored.find, job.tenant, job.id)
+                seen = await service.storage.run(stored.find_job, job.tenant, job.id)
                 job = seen or job
         return job
     finally:

@@ -56,7 +56,7 @@ class _Unit:
     attempts: int = 0
 
 
-def computed(engine: Engine, kind: str, request: bytes, report: Report | None = None) -> bytes:
+def compute_job(engine: Engine, kind: str, request: bytes, report: Report | None = None) -> bytes:
     """The answer of a job, as its service would record it.
 
     request: canonical JSON.  ``report(done, expected)`` after every unit.  A unit whose process dies is computed again,

@@ -26,14 +26,14 @@ from tailstack.errors import TailstackError
 from tailstack.version import __version__
 
 from ..processes.frames import PERFORM
-from ..processes.interpreter import command, environment
+from ..processes.interpreter import make_command, make_environment
 from ..settings import Settings, child_environment
-from .engines.engine import engine_for
+from .engines.engine import start_engine
 from .store.database import Database, now, parse_url, reading
 from .store.errors import StoreError, StoreUnavailable
 from .store.schema import open_database
 from .store.upkeep import purge
-from .store.workers import WorkerEntry, workers
+from .store.workers import WorkerEntry, list_workers
 from .worker import Worker
 
 SAME_STOP_SECONDS = 1.0  # a stop of a whole group of processes arrives more than once
@@ -55,7 +55,7 @@ def run_worker(
     with stop, closing(_connected(settings, stop, with_parent=with_parent)) as db:
         if stop.requested:
             return stop.signal
-        engine = engine_for(settings, function=function)
+        engine = start_engine(settings, function=function)
         worker = Worker(db, engine, settings, solver_version=solver_version)
         stop.then = worker.stop
         url = parse_url(settings.database_url)
@@ -83,11 +83,11 @@ def start_worker_process(settings: Settings, log: IO[bytes] | None = None) -> su
     stop the worker.  Its log lines go to ``log``, by default to this process's stderr.
     """
     return subprocess.Popen(
-        command("tailstack_service.cli.main", "worker", "--with-parent"),
+        make_command("tailstack_service.cli.main", "worker", "--with-parent"),
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=log,
-        env=child_environment(settings, environment()),
+        env=child_environment(settings, make_environment()),
     )
 
 
@@ -163,14 +163,14 @@ class _Stop:
 SILENCE_SECONDS = 10.0  # at least; with longer leases, workers speak less often
 
 
-def live_worker(settings: Settings) -> WorkerEntry | None:
+def find_live_worker(settings: Settings) -> WorkerEntry | None:
     """The worker of this host that spoke last, if that was recently.  Raises StoreError, StoreUnavailable."""
     db = open_database(settings.database_url)
     try:
         with reading(db) as connection:
             at = now(db, connection)
         silence = max(SILENCE_SECONDS, settings.lease_seconds)
-        here = [worker for worker in workers(db) if worker.host == socket.gethostname()]
+        here = [worker for worker in list_workers(db) if worker.host == socket.gethostname()]
         return max((w for w in here if w.seen_at > at - silence), key=lambda w: w.seen_at, default=None)
     finally:
         db.close()

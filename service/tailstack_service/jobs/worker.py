@@ -38,7 +38,7 @@ from .engines.engine import Engine
 from .store import queue, workers
 from .store.database import Database
 from .store.errors import StoreError, StoreUnavailable
-from .store.events import as_problem
+from .store.events import render_problem
 from .store.queue import Claim
 
 
@@ -46,14 +46,14 @@ def defect() -> Outcome:
     """A unit raised what is not a refusal; its traceback belongs into the log."""
     hint = "report it with the job's id: the log of the worker holds the cause under it"
     error = TransportError("internal-error", Problem("", "internal-error", "the job met a defect of the service", hint))
-    return Outcome(0.0, problem=as_problem(error))
+    return Outcome(0.0, problem=render_problem(error))
 
 
 def too_long(seconds: float, limit: float) -> Outcome:
     """A unit that was still being computed after ``limit`` seconds; it took ``seconds``."""
     detail = f"one part of the job was still being computed after {limit:g} s and was stopped"
     hint = "ask for less (trials, starts, points); the operator's setting is TAILSTACK_MAX_JOB_SECONDS"
-    return Outcome(seconds, problem=as_problem(LimitError(Problem("", "job-too-long", detail, hint))))
+    return Outcome(seconds, problem=render_problem(LimitError(Problem("", "job-too-long", detail, hint))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,7 +190,7 @@ class Keeper:
         self._say_alive()
 
     def _say_alive(self) -> None:
-        workers.heartbeat(
+        workers.report_alive(
             self._db, self._worker_id, socket.gethostname(), os.getpid(), self._version, self._engine.name,
             self._engine.capacity,
         )  # fmt: skip
@@ -402,7 +402,7 @@ class Worker:
         try:
             for one in held:
                 queue.release(self._db, one.claim, died=False)
-            workers.goodbye(self._db, self.id)
+            workers.remove_worker(self._db, self.id)
         except (StoreUnavailable, StoreError) as error:  # then the leases run out by themselves
             log.warning("%s", error, extra={"action": error.slug, "worker": self.id})
         finally:

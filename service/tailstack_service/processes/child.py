@@ -21,7 +21,7 @@ from typing import IO, Any
 
 from ..work.task import ADVANCE, Outcome, Task, UnitResult
 from .frames import BEGUN, OTHER_CODE, PERFORM, receive, send
-from .interpreter import code_digest
+from .interpreter import digest_code
 
 WARM_UP_AFTER_SECONDS = 1.0  # idle: a service that has just started needs the processor for itself
 # CasADi keeps what it built and heaps fragment: a process that has grown is replaced between two tasks.  The count is
@@ -50,18 +50,18 @@ def main(function: str, parent: int, code: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     end_with(parent)
-    if code_digest() != code:
+    if digest_code() != code:
         sys.exit(OTHER_CODE)
     tasks, outcomes = _private_streams()
     waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(tasks, waiting), name="tasks", daemon=True).start()
-    compute, warm = None, steps() if function == PERFORM else []
+    compute, warm = None, list_warm_up_steps() if function == PERFORM else []
     for count in range(1, TASKS + 1):
         task = _next(waiting, warm)
         send(outcomes, BEGUN)
         outcome, raised = None, None
         try:
-            compute = compute or function_named(function)
+            compute = compute or load_function(function)
             outcome = compute(task)
         except Exception:
             raised = traceback.format_exc()
@@ -110,7 +110,7 @@ def _resident_bytes() -> int:
         return 0
 
 
-def steps() -> list[Callable[[], object]]:
+def list_warm_up_steps() -> list[Callable[[], object]]:
     """Modules to import, then the compiled kernels, in the order in which they are to be called."""
     optimiser = "tailstack.optimisation.optimising"
     modules = ("numpy", "scipy.linalg", "tailstack.design", "tailstack.verification", optimiser, "casadi")
@@ -131,7 +131,7 @@ def check_once() -> None:
         units += tuple(UnitResult(len(units) + k, *pair) for k, pair in enumerate(results))
 
 
-def function_named(name: str) -> Callable[[Task], Outcome]:
+def load_function(name: str) -> Callable[[Task], Outcome]:
     """``"package.module:function"``.  Raises ImportError, AttributeError."""
     module, _, function = name.partition(":")
     found: Callable[[Task], Outcome] = getattr(import_module(module), function)

@@ -18,7 +18,7 @@ SINGLE_THREADED = {
 }
 
 
-def command(module: str, *arguments: str) -> list[str]:
+def make_command(module: str, *arguments: str) -> list[str]:
     """Run a module, as ``python -m``; what lies in the working directory is not imported."""
     return [sys.executable, "-P", "-m", module, *arguments]
 
@@ -37,7 +37,7 @@ def refuse_unusable_kernels() -> None:
 
 
 @cache
-def code_digest() -> str:
+def digest_code() -> str:
     """Of all sources of this version, as this process first found them: the name of the code that it runs."""
     from tailstack import sources
 
@@ -45,7 +45,7 @@ def code_digest() -> str:
     return sha256(f"{sources.digest_of_all(sources.SOURCES)} {here}".encode()).hexdigest()
 
 
-def environment() -> dict[str, str]:
+def make_environment() -> dict[str, str]:
     """The environment of this process, with its module path."""
     path = os.pathsep.join(entry for entry in sys.path if entry)
     return {**os.environ, **SINGLE_THREADED, "PYTHONPATH": path}

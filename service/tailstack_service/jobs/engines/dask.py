@@ -45,7 +45,7 @@ FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0  # s between attempts to reach the schedul
 
 
 @dataclass(slots=True)
-class _Away:
+class _RemoteTask:
     """A task in the cluster."""
 
     key: str
@@ -54,7 +54,7 @@ class _Away:
     begun: float | None = None  # monotonic, as far as the cluster has been asked
 
 
-class Leaving(WorkerPlugin):
+class ChildrenPlugin(WorkerPlugin):
     """Ends the computing processes beside a Dask worker when that leaves, say because its scheduler is gone."""
 
     idempotent = True  # the first client's stays: being replaced would end what other clients have computed
@@ -76,7 +76,7 @@ class DaskEngine:
         self._address, self._security = _address(settings), _security(settings)
         self._function, self._hang_seconds = function, settings.hang_seconds
         self._lock = threading.Lock()
-        self._away: dict[Future[Outcome], _Away] = {}
+        self._away: dict[Future[Outcome], _RemoteTask] = {}
         self._client: Client | None = None
         self._threads = 0
         self._kills: SimpleQueue[str] = SimpleQueue()
@@ -100,7 +100,7 @@ class DaskEngine:
                 pure=False, retries=0,
             )  # fmt: skip
             with self._lock:
-                self._away[local] = _Away(key, sent, time.monotonic())
+                self._away[local] = _RemoteTask(key, sent, time.monotonic())
             sent.add_done_callback(lambda done: self._arrived(done, local))
         except GivenBack as error:
             local.set_exception(error)
@@ -202,7 +202,9 @@ class DaskEngine:
                 log.info("%d threads", threads, extra={"action": "dask-capacity"})
             self._threads = threads
             self._ask_when_begun(client)
-            client.register_plugin(Leaving(), name=PLUGIN)  # again and again: the scheduler may be another one by now
+            client.register_plugin(
+                ChildrenPlugin(), name=PLUGIN
+            )  # again and again: the scheduler may be another one by now
         self._kill_ordered(client, wait=LOOK_SECONDS)
 
     def _ask_when_begun(self, client: Client) -> None:

@@ -37,7 +37,7 @@ class Engine(Protocol):
         """Stop everything and let go of every process."""
 
 
-def engine_for(settings: Settings, *, function: str = PERFORM) -> Engine:
+def start_engine(settings: Settings, *, function: str = PERFORM) -> Engine:
     """Raises RequestError if the engine cannot be had with these settings."""
     if settings.engine == "dask":
         try:

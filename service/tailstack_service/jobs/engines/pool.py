@@ -21,7 +21,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from ...processes.frames import BEGUN, OTHER_CODE, PERFORM, Defect, Died, GivenBack, OutOfDate, receive, send
-from ...processes.interpreter import code_digest, command, describe_ending, environment
+from ...processes.interpreter import describe_ending, digest_code, make_command, make_environment
 from ...work.task import Outcome, Task
 
 WAITS_FOR_SYSTEM = {"R", "D"}  # for a processor, for a disk: nothing that the process could do about
@@ -73,10 +73,10 @@ class Child:
     def __init__(self, function: str = PERFORM) -> None:
         self._process: subprocess.Popen[bytes] = _from_lasting_thread(
             lambda: subprocess.Popen(
-                command("tailstack_service.processes.child", function, str(os.getpid()), code_digest()),
+                make_command("tailstack_service.processes.child", function, str(os.getpid()), digest_code()),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                env=environment(),
+                env=make_environment(),
             )
         )
         self.pid = self._process.pid

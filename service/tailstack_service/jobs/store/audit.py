@@ -43,7 +43,7 @@ class Entry:
     detail: dict[str, Any]
 
 
-def operator() -> str:
+def name_operator() -> str:
     """The user of this process: who acts where a command is typed."""
     try:
         import pwd
@@ -55,7 +55,7 @@ def operator() -> str:
     return f"{name}@{socket.gethostname()}" + (f" (sudo by {behind})" if behind else "")
 
 
-def write(
+def write_entry(
     db: Database,
     connection: Connection,
     at: float,
@@ -79,6 +79,13 @@ def write(
         "once": once,
     }
     connection.execute(insert(db.dialect, tables.audit).values(values).on_conflict_do_nothing())
+
+
+def write_operation(
+    db: Database, connection: Connection, at: float, action: str, tenant: str, subject: str, detail: dict[str, Any]
+) -> None:
+    """What the user of this process does, in the transaction that does it."""
+    write_entry(db, connection, at, actor=name_operator(), action=action, tenant=tenant, subject=subject, detail=detail)
 
 
 def _short(text: str) -> str:
@@ -128,14 +135,14 @@ def _write_bounded(
     if connection.execute(of_hour).scalar_one() >= MOST_AN_HOUR:
         entry = {"actor": "tailstack", "subject": "", "detail": {"omitted": f"more than {MOST_AN_HOUR} in this hour"}}
         once = f"{action} of {tenant} {_hour(at)}"
-    write(db, connection, at, action=action, tenant=tenant, once=once, **entry)
+    write_entry(db, connection, at, action=action, tenant=tenant, once=once, **entry)
 
 
 def _hour(at: float) -> int:
     return int(at // SECONDS_PER_HOUR)
 
 
-def entries(
+def list_entries(
     db: Database, *, tenant: str | None = None, action: str | None = None, since: float = 0.0, limit: int
 ) -> list[Entry]:
     """The last ``limit`` entries since then (epoch seconds), the oldest of them first."""
@@ -149,6 +156,6 @@ def entries(
     return [Entry(**{**row._mapping, "detail": json.loads(row.detail)}) for row in reversed(rows)]
 
 
-def forget(connection: Connection, before: float) -> int:
+def delete_entries(connection: Connection, before: float) -> int:
     """Delete entries older than that.  Returns how many."""
     return connection.execute(sa.delete(tables.audit).where(_AUDIT.at < before)).rowcount

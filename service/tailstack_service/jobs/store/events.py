@@ -35,24 +35,24 @@ class Event:
     data: dict[str, Any]
 
 
-def tell(connection: Connection, job_id: str, sequence: int, at: float, name: str, data: dict[str, Any]) -> None:
+def write_event(connection: Connection, job_id: str, sequence: int, at: float, name: str, data: dict[str, Any]) -> None:
     """Write one event; whoever calls holds the job's row and stores ``sequence`` there as ``last_event``."""
     text = storable_json(write_json(data))
     values = {"job_id": job_id, "sequence": sequence, "at": at, "name": name, "data": text}
-    connection.execute(_TELL, values)
+    connection.execute(_WRITE_EVENT, values)
 
 
-_TELL = tables.events.insert()
+_WRITE_EVENT = tables.events.insert()
 
 
-def eta_seconds(started_at: float | None, done: int, expected: int, now: float) -> float | None:
+def estimate_eta_seconds(started_at: float | None, done: int, expected: int, now: float) -> float | None:
     """Seconds to the end at the pace so far; None until a second unit is recorded, because the first only plans."""
     if started_at is None or done <= 1:
         return None
     return max(0.0, round((now - started_at) / done * (expected - done), 3))
 
 
-def events_after(db: Database, tenant: str, job_id: str, sequence: int, limit: int) -> list[Event]:
+def read_events(db: Database, tenant: str, job_id: str, sequence: int, limit: int) -> list[Event]:
     """At most ``limit`` events of a tenant's job that follow ``sequence`` (0: from the first), in order."""
     if not is_job_id(job_id):
         return []
@@ -108,9 +108,9 @@ def end_job(
         data["result_sha256"] = result_sha256
     if text is not None:
         data["problem"] = json.loads(text)
-    tell(connection, job_id, last_event + 1, at, "state", data)
+    write_event(connection, job_id, last_event + 1, at, "state", data)
 
 
-def as_problem(error: TailstackError) -> bytes:
+def render_problem(error: TailstackError) -> bytes:
     """A refusal as a problem document in JSON, without instance."""
     return storable_json(write_json(asdict(problem_document(error, instance="")))).encode()

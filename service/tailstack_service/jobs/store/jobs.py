@@ -18,11 +18,9 @@ from ...work.task import ADVANCE
 from . import tables
 from .database import AnyRow, Database, now, reading, writing
 from .errors import IdempotencyConflict, QueueFull
-from .events import Event, end_job, events_after, tell
+from .events import end_job, write_event
 from .queue import new_unit
 from .tables import is_job_id, new_job_id, storable
-
-__all__ = ["Event", "Job", "Page", "cancel", "events_after", "find", "page", "request_of", "submit"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +68,7 @@ def _job(row: AnyRow) -> Job:
     return Job(**{**values, "problem": json.loads(values["problem"]) if values["problem"] else None})
 
 
-def submit(
+def submit_job(
     db: Database,
     *,
     tenant: str,
@@ -123,7 +121,7 @@ def submit(
         connection.execute(tables.jobs.insert(), values | {"idempotency_key": idempotency_key})
         connection.execute(tables.requests.insert(), {"job_id": job.id, "body": request})
         connection.execute(tables.units.insert(), new_unit(job.id, 0, ADVANCE, at, at))
-        tell(connection, job.id, 1, at, "state", {"state": "queued"})
+        write_event(connection, job.id, 1, at, "state", {"state": "queued"})
     return job, True
 
 
@@ -155,7 +153,7 @@ def _queue_full(limit: int) -> QueueFull:
     return QueueFull(Problem("", "queue-full", f"at most {limit} unfinished jobs at a time", hint))
 
 
-def find(db: Database, tenant: str, job_id: str) -> Job | None:
+def find_job(db: Database, tenant: str, job_id: str) -> Job | None:
     """A tenant's job; None for one that does not exist or is another's."""
     if not is_job_id(job_id):
         return None
@@ -169,7 +167,7 @@ def _find(connection: Connection, tenant: str, job_id: str, *, lock: bool = Fals
     return _job(row) if row else None
 
 
-def request_of(db: Database, tenant: str, job_id: str) -> bytes | None:
+def find_request(db: Database, tenant: str, job_id: str) -> bytes | None:
     """The canonical request of a tenant's job."""
     if not is_job_id(job_id):
         return None
@@ -180,7 +178,7 @@ def request_of(db: Database, tenant: str, job_id: str) -> bytes | None:
     return body
 
 
-def page(
+def list_page(
     db: Database,
     tenant: str,
     *,
@@ -218,7 +216,7 @@ def _from_cursor(cursor: str) -> str:
     return job_id
 
 
-def cancel(db: Database, tenant: str, job_id: str) -> Job | None:
+def cancel_job(db: Database, tenant: str, job_id: str) -> Job | None:
     """Cancel at once and give the job as it then is: what is still being computed can no longer be recorded.
 
     A job that has already finished stays as it is.  None for one that does not exist or is another's.

@@ -70,10 +70,8 @@ def create_key(db: Database, *, tenant: str, name: str, scopes: tuple[str, ...],
         values = {field: getattr(key, field) for field in Key.__dataclass_fields__}
         values |= {"scopes": " ".join(ordered), "secret_sha256": _digest(secret)}
         connection.execute(tables.keys.insert(), values)
-        told = {"name": name, "scopes": list(ordered), "expires_at": key.expires_at}
-        audit.write(
-            db, connection, at, actor=audit.operator(), action=audit.CREATED, tenant=tenant, subject=key_id, detail=told
-        )
+        detail = {"name": name, "scopes": list(ordered), "expires_at": key.expires_at}
+        audit.write_operation(db, connection, at, audit.CREATED, tenant, key_id, detail)
     return key, secret
 
 
@@ -126,7 +124,7 @@ def list_keys(db: Database, tenant: str | None = None) -> list[tuple[Key, str]]:
     return [(key, key.state(at)) for key in found]
 
 
-def revoke(db: Database, key_id: str) -> Key | None:
+def revoke_key(db: Database, key_id: str) -> Key | None:
     """Refuse the key from now on; one that was revoked before stays as it is.  None for an unknown id."""
     k = tables.keys.c
     with writing(db) as connection:
@@ -135,14 +133,11 @@ def revoke(db: Database, key_id: str) -> Key | None:
         revoked = connection.execute(change).rowcount
         row = connection.execute(sa.select(*_COLUMNS).where(k.id == key_id)).first()
         if revoked and row is not None:
-            audit.write(
-                db, connection, at, actor=audit.operator(), action=audit.REVOKED, tenant=row.tenant, subject=key_id,
-                detail={"name": row.name},
-            )  # fmt: skip
+            audit.write_operation(db, connection, at, audit.REVOKED, row.tenant, key_id, {"name": row.name})
     return _key(row) if row else None
 
 
-def id_of(text: str) -> str:
+def read_key_id(text: str) -> str:
     """The id in a secret; an id stays as it is."""
     match = _PRESENTED.fullmatch(text)
     return match[1] if match else text

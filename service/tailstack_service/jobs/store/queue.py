@@ -27,8 +27,8 @@ from ...work.task import ADVANCE, Outcome, UnitResult
 from . import tables
 from .database import AnyRow, Database, now, reading, writing
 from .errors import UnitLost
-from .events import as_problem, end_job, eta_seconds, tell
-from .results import PART, REQUEST, digest, fail_job, keep
+from .events import end_job, estimate_eta_seconds, render_problem, write_event
+from .results import PART, REQUEST, digest, fail_job, store_result
 from .tables import storable
 from .usage import count_unit
 from .workers import versions_at_work
@@ -61,7 +61,7 @@ class Claim:
     max_deaths: int
 
 
-def place_of(created_at: float, number: int, spec: bytes) -> float:
+def find_place(created_at: float, number: int, spec: bytes) -> float:
     """The place in the queue of unit ``number`` of a job that came in at ``created_at``."""
     if spec == ADVANCE:
         return created_at
@@ -75,7 +75,7 @@ def new_unit(job_id: str, number: int, spec: bytes, created_at: float, at: float
         "number": number,
         "advance": spec == ADVANCE,
         "state": "ready",
-        "place": place_of(created_at, number, spec),
+        "place": find_place(created_at, number, spec),
         "ready_at": at,
         "spec": spec,
         "token": 0,
@@ -210,12 +210,14 @@ def _settled(
             again = _CANDIDATE.where(_UNIT.job_id == job.id, _UNIT.number == 0)
             kept.append(connection.execute(again).one())
         elif lost is not None:
-            end_job(connection, job.id, job.last_event, at, "failed", problem=lost_unit(lost.attempts, lost.deaths))
+            end_job(
+                connection, job.id, job.last_event, at, "failed", problem=render_lost_unit(lost.attempts, lost.deaths)
+            )
         else:
             if job.state == "queued":
                 begun = {"state": "running", "started_at": at, "last_event": job.last_event + 1}
                 connection.execute(sa.update(tables.jobs).where(_JOB.id == job.id).values(begun))
-                tell(connection, job.id, job.last_event + 1, at, "state", {"state": "running"})
+                write_event(connection, job.id, job.last_event + 1, at, "state", {"state": "running"})
             kept += of_job
     return sorted(kept, key=lambda row: (row.place, row.job_id, row.number))
 
@@ -225,10 +227,10 @@ def _begin_anew(connection: Connection, job: AnyRow, at: float, version: str) ->
     connection.execute(sa.delete(tables.units).where(_UNIT.job_id == job.id))
     connection.execute(tables.units.insert(), new_unit(job.id, 0, ADVANCE, job.created_at, at))
     last = job.last_event + 1
-    tell(connection, job.id, last, at, "recomputed", {"from": job.solver_version, "to": version})
+    write_event(connection, job.id, last, at, "recomputed", {"from": job.solver_version, "to": version})
     if job.state == "queued":
         last += 1
-        tell(connection, job.id, last, at, "state", {"state": "running"})
+        write_event(connection, job.id, last, at, "state", {"state": "running"})
     values = {
         "state": "running",
         "solver_version": version,
@@ -242,13 +244,13 @@ def _begin_anew(connection: Connection, job: AnyRow, at: float, version: str) ->
     connection.execute(sa.update(tables.jobs).where(_JOB.id == job.id).values(values))
 
 
-def lost_unit(attempts: int, deaths: int, why: str = "") -> bytes:
+def render_lost_unit(attempts: int, deaths: int, why: str = "") -> bytes:
     """The problem of a job whose unit was begun that often, and took so many processes with it, without an end; ``why``
     says how the last of them ended, where anybody saw it."""
     detail = f"one part of the job was begun {attempts} times without an end; {deaths} computing processes died of it"
     detail += f"; at last, {why}" if why else ""
     hint = "ask for less at a time (trials, starts, points); the log of the worker says how its processes ended"
-    return as_problem(UnitLost(Problem("", "unit-lost", detail, hint)))
+    return render_problem(UnitLost(Problem("", "unit-lost", detail, hint)))
 
 
 _LEASE = (
@@ -379,7 +381,7 @@ def record(db: Database, claim: Claim, outcome: Outcome, *, max_job_seconds: flo
         if outcome.problem is not None:
             end_job(connection, job.id, job.last_event, at, "failed", problem=outcome.problem, changes=changes)
         elif outcome.answer is not None:
-            name = keep(db, connection, KINDS[job.kind].answer, outcome.answer, at)
+            name = store_result(db, connection, KINDS[job.kind].answer, outcome.answer, at)
             changes["units_expected"] = changes["units_done"]
             end_job(connection, job.id, job.last_event, at, "succeeded", result_sha256=name, changes=changes)
         elif cpu_seconds > max_job_seconds:
@@ -454,10 +456,10 @@ def _go_on(
         "units_expected": changes.get("units_expected", job.units_expected),
         "note": changes.get("note", job.note),
     }
-    told["eta_seconds"] = eta_seconds(job.started_at, told["units_done"], told["units_expected"], at)
+    told["eta_seconds"] = estimate_eta_seconds(job.started_at, told["units_done"], told["units_expected"], at)
     changes["last_event"] = job.last_event + 1
     connection.execute(_CHANGE_JOB, {"of_job": job.id} | changes)
-    tell(connection, job.id, changes["last_event"], at, "progress", told)
+    write_event(connection, job.id, changes["last_event"], at, "progress", told)
 
 
 _ANY_OPEN = sa.select(sa.exists().where(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.state != tables.RECORDED))
@@ -468,7 +470,7 @@ _CHANGE_JOB = sa.update(tables.jobs).where(_JOB.id == sa.bindparam("of_job"))
 def _too_long(max_job_seconds: float) -> bytes:
     detail = f"the job took more than {max_job_seconds:g} CPU seconds"
     hint = "ask for less (trials, starts, points); the operator's setting is TAILSTACK_MAX_JOB_SECONDS"
-    return as_problem(LimitError(Problem("", "job-too-long", detail, hint)))
+    return render_problem(LimitError(Problem("", "job-too-long", detail, hint)))
 
 
 def release(db: Database, claim: Claim, *, died: bool, why: str = "") -> None:
@@ -485,5 +487,5 @@ def release(db: Database, claim: Claim, *, died: bool, why: str = "") -> None:
         if not _give_up(connection, claim, "ready", ready_at=at, deaths=deaths):
             return
         if deaths >= claim.max_deaths or claim.attempts >= claim.max_attempts:
-            problem = lost_unit(claim.attempts, deaths, why)
+            problem = render_lost_unit(claim.attempts, deaths, why)
             end_job(connection, job.id, job.last_event, at, "failed", problem=problem)

@@ -23,7 +23,7 @@ from tailstack.errors import Problem
 from . import tables
 from .database import AnyRow, Database, insert, now, reading, writing
 from .errors import DamagedStore
-from .events import as_problem, end_job
+from .events import end_job, render_problem
 
 log = logging.getLogger("tailstack.store")
 
@@ -49,7 +49,7 @@ def damaged(what: str, sha256: str) -> DamagedStore:
 def fail_job(connection: Connection, job: AnyRow, at: float, what: str, sha256: str) -> None:
     """End a job because of what is damaged; the caller holds its row (``id``, ``last_event``, ``finished_at``)."""
     changes = {"idempotency_key": None} | ({} if job.finished_at is None else {"finished_at": job.finished_at})
-    problem = as_problem(damaged(what, sha256))
+    problem = render_problem(damaged(what, sha256))
     end_job(connection, job.id, job.last_event, at, "failed", problem=problem, changes=changes)
     connection.execute(tables.damages.insert(), {"job_id": job.id, "what": what, "sha256": sha256, "found_at": at})
     log.error("the stored %s is damaged: %s", what, sha256, extra={"action": "damaged", "job": job.id})
@@ -139,7 +139,7 @@ class Result:
     created_at: float
 
 
-def keep(db: Database, connection: Connection, schema_name: str, body: bytes, at: float) -> str:
+def store_result(db: Database, connection: Connection, schema_name: str, body: bytes, at: float) -> str:
     """Store an answer, once.  Returns its name."""
     sha256 = digest(body)
     values = {"sha256": sha256, "schema_name": schema_name, "body": body, "created_at": at}
@@ -151,7 +151,7 @@ def keep(db: Database, connection: Connection, schema_name: str, body: bytes, at
     return sha256
 
 
-def get(db: Database, tenant: str, sha256: str) -> Result | None:
+def read_result(db: Database, tenant: str, sha256: str) -> Result | None:
     """A result that one of the tenant's jobs came to; None for any other.
 
     Its bytes are hashed at each read.  Raises DamagedStore if they do not have the hash, after every job that came to
@@ -159,17 +159,19 @@ def get(db: Database, tenant: str, sha256: str) -> Result | None:
     """
     if not _SHA256.fullmatch(sha256):
         return None
-    result, known = _read(db, tenant, sha256)
+    result, known = _read_row(db, tenant, sha256)
     if known and (result is None or digest(result.body) != sha256):
         if condemn(db, sha256):
             raise damaged(ANSWER, sha256)
-        result, known = _read(db, tenant, sha256)  # stored anew meanwhile, or not damaged at all: a reader's own fault
+        result, known = _read_row(
+            db, tenant, sha256
+        )  # stored anew meanwhile, or not damaged at all: a reader's own fault
         if known and (result is None or digest(result.body) != sha256):
             raise damaged(ANSWER, sha256)
     return result
 
 
-def _read(db: Database, tenant: str, sha256: str) -> tuple[Result | None, bool]:
+def _read_row(db: Database, tenant: str, sha256: str) -> tuple[Result | None, bool]:
     """What is stored, and whether a job of the tenant came to it; what was condemned is no longer stored."""
     r, j = tables.results.c, tables.jobs.c
     owned = sa.exists().where(j.result_sha256 == sha256, j.tenant == tenant)

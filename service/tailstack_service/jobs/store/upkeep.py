@@ -55,7 +55,7 @@ class Purged:
     audit_entries: int
 
 
-def check(db: Database) -> list[Check]:
+def check_database(db: Database) -> list[Check]:
     """Look at everything, in one transaction that sees one moment.  Raises StoreUnavailable."""
     with reading(db.within(CHECKING_SECONDS)) as connection:
         if db.dialect == "postgresql":
@@ -151,8 +151,8 @@ def purge(db: Database, keep_days: float, audit_days: float = AUDIT_DAYS) -> Pur
     results = _repeated(db, lambda connection, at: _purge_results(connection))
     with writing(db) as connection:
         at = now(db, connection)
-        rows = usage.fold(db, connection, at) if _alone(db, connection) else 0
-        forgotten = audit.forget(connection, at - audit_days * SECONDS_PER_DAY)
+        rows = usage.fold_minutes(db, connection, at) if _alone(db, connection) else 0
+        forgotten = audit.delete_entries(connection, at - audit_days * SECONDS_PER_DAY)
         silent = sa.delete(tables.workers).where(tables.workers.c.seen_at < at - WORKERS_KEPT_SECONDS)
         return Purged(jobs, results, rows, connection.execute(silent).rowcount, forgotten)
 
@@ -192,7 +192,7 @@ def _purge_results(connection: Connection) -> int:
 DUMP_SECONDS = 3_600.0
 
 
-def backup(url: str, target: Path) -> str:
+def back_up(url: str, target: Path) -> str:
     """Copy the database into ``target``, which must not exist.  Returns how it is restored.
 
     SQLite: the file itself, by the online backup API, its integrity checked.  PostgreSQL: ``pg_dump`` in its custom

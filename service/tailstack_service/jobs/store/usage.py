@@ -34,18 +34,18 @@ class Figures:
 def count_unit(db: Database, connection: Connection, tenant: str, at: float, cpu_seconds: float) -> None:
     """Count one recorded unit to the minute of ``at``."""
     values = {"tenant": tenant, "minute": int(at // 60), "units": 1, "cpu_seconds": cpu_seconds}
-    connection.execute(_addition(db.dialect), values)
+    connection.execute(_build_addition(db.dialect), values)
 
 
 @cache
-def _addition(dialect: str) -> Any:
+def _build_addition(dialect: str) -> Any:
     """INSERT of a row, or its addition to the one that is there."""
     statement, u = insert(dialect, tables.usage), tables.usage.c
     sums = {"units": u.units + statement.excluded.units, "cpu_seconds": u.cpu_seconds + statement.excluded.cpu_seconds}
     return statement.on_conflict_do_update(index_elements=["tenant", "minute"], set_=sums)
 
 
-def cpu_seconds_since(db: Database, tenant: str, since: float) -> float:
+def sum_cpu_seconds(db: Database, tenant: str, since: float) -> float:
     """CPU seconds of units recorded since then (epoch seconds), whole minutes, the first one included.
 
     Minutes are told apart for the last day; what is older is one sum.  What was recorded in the future, while the clock
@@ -58,18 +58,18 @@ def cpu_seconds_since(db: Database, tenant: str, since: float) -> float:
         return float(connection.execute(query.where(u.tenant == tenant, minutes)).scalar_one())
 
 
-def fold(db: Database, connection: Connection, at: float) -> int:
+def fold_minutes(db: Database, connection: Connection, at: float) -> int:
     """Turn minutes older than a day into one row per tenant.  Returns how many rows that saved."""
     u = tables.usage.c
     old = sa.and_(u.minute > 0, u.minute < int((at - KEPT_SECONDS) // 60))
     sums = sa.select(u.tenant, sa.func.sum(u.units), sa.func.sum(u.cpu_seconds)).where(old).group_by(u.tenant)
     for tenant, units, cpu_seconds in connection.execute(sums.order_by(u.tenant)).all():
         values = {"tenant": tenant, "minute": 0, "units": units, "cpu_seconds": cpu_seconds}
-        connection.execute(_addition(db.dialect), values)
+        connection.execute(_build_addition(db.dialect), values)
     return connection.execute(sa.delete(tables.usage).where(old)).rowcount
 
 
-def figures(db: Database, *, fresh_seconds: float = 60.0) -> Figures:
+def read_figures(db: Database, *, fresh_seconds: float = 60.0) -> Figures:
     """The service at a glance; a worker is alive if it was seen within the last ``fresh_seconds``."""
     u, s = tables.units.c, tables.usage.c
     with reading(db) as connection:

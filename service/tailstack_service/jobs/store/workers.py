@@ -31,7 +31,7 @@ class WorkerEntry:
     seen_at: float
 
 
-def heartbeat(
+def report_alive(
     db: Database, worker_id: str, host: str, pid: int, solver_version: str, engine: str, capacity: int
 ) -> None:
     """Say that this worker is alive: before its first claim, then more often than its leases run out."""
@@ -49,7 +49,7 @@ def heartbeat(
         connection.execute(statement.on_conflict_do_update(index_elements=["id"], set_=said))
 
 
-def workers(db: Database) -> list[WorkerEntry]:
+def list_workers(db: Database) -> list[WorkerEntry]:
     """Every worker that has not said goodbye, also one that has fallen silent; the oldest first."""
     w = tables.workers.c
     columns = [w[name] for name in WorkerEntry.__dataclass_fields__]
@@ -57,7 +57,7 @@ def workers(db: Database) -> list[WorkerEntry]:
         return [WorkerEntry(*row) for row in connection.execute(sa.select(*columns).order_by(w.started_at, w.id))]
 
 
-def goodbye(db: Database, worker_id: str) -> None:
+def remove_worker(db: Database, worker_id: str) -> None:
     """A worker that ends in order: jobs of its version need not wait until it counts as dead."""
     with writing(db) as connection:
         connection.execute(sa.delete(tables.workers).where(tables.workers.c.id == worker_id))
@@ -85,7 +85,7 @@ _VERSIONS = sa.select(tables.workers.c.solver_version).where(_SEEN_LATELY).disti
 _LIVE = sa.select(sa.func.count()).select_from(tables.workers).where(_SEEN_LATELY)
 
 
-def look(db: Database, *, fresh_seconds: float) -> int:
+def check_readiness(db: Database, *, fresh_seconds: float) -> int:
     """How many workers were seen within the last ``fresh_seconds``, on whatever host.
 
     Raises StoreUnavailable for a database that does not answer, is read-only (a standby server) or whose disk is full,
