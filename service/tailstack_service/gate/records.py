@@ -236,6 +236,12 @@ def counts(finding: GateFinding, fail_level: Level) -> bool:
     return finding.suppressed_by is None and finding.severity in heavy
 
 
+def find_largest_p95(design: GatedDesign) -> float | None:
+    """P95 of the TCP error at the worst target, mm, by Monte Carlo where it was drawn; None where nothing was."""
+    values = (target.first_order_p95_mm if target.p95_mm is None else target.p95_mm for target in design.targets)
+    return max(values, default=None)
+
+
 def split_findings(record: GateRecord) -> tuple[list[GateFinding], list[GateFinding]]:
     """Findings that no waiver accepts, and those that one does."""
     counted = [finding for finding in record.findings if finding.suppressed_by is None]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 
 from ..rendering.tables import coloured, fixed, number, percent, signed, table, visible, wrapped
-from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord, counts, split_findings
+from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord, counts, find_largest_p95, split_findings
 
 _COMMAND = re.compile(r"(?m)^([ \t]*)(?=::|##\[)")
 MOST_TOLD = 10  # of a kind, in a summary
@@ -150,8 +150,8 @@ def render_markdown(record: GateRecord) -> str:
         "|---|---|---:|---|",
     ]
     for design in record.designs:
-        values = [t.first_order_p95_mm if t.p95_mm is None else t.p95_mm for t in design.targets]
-        largest = number(max(values)) if values else "–"
+        p95_mm = find_largest_p95(design)
+        largest = "–" if p95_mm is None else number(p95_mm)
         verdict = f"{_MARK[design.verdict]} {design.verdict}"
         basis = design.basis + (f", {design.trials:,} trials" if design.trials is not None else "")
         lines.append(f"| {escape_markdown(design.file)} | {verdict} | {largest} | {basis} |")

@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
-from ...gate.records import GateFinding, GateRecord
+from ...gate.records import (
+    GatedDesign,
+    GateFinding,
+    GateNumber,
+    GateRecord,
+    Unjudged,
+    find_largest_p95,
+    split_findings,
+)
 from ..blocks import (
     Block,
     Bullets,
+    Cell,
     Column,
     Document,
     Facts,
@@ -20,27 +31,31 @@ from ..blocks import (
     tone_of,
 )
 
-MOST = 200  # rows of a page
+MOST = {"Designs": 60, "Numbers": 200, "Not judged": 200, "Findings": 200, "Accepted": 200}  # rows of a page
 MOST_FILES = 20  # in a command
 
 
 def gate_document(record: GateRecord, sha256: str) -> Document:
     """Which designs passed, what was found, and what was accepted."""
-    counted = [finding for finding in record.findings if finding.suppressed_by is None]
-    accepted = [finding for finding in record.findings if finding.suppressed_by is not None]
+    counted, accepted = split_findings(record)
     errors = sum(finding.severity == "error" for finding in counted)
     warnings = sum(finding.severity == "warning" for finding in counted)
     passed = sum(design.verdict == "pass" for design in record.designs)
-    blocks: list[Block] = [gate_findings_table("Findings", "Findings that count", counted)] if counted else []
+    tables: list[Block] = [_make_table("Findings", "Findings that count", FINDINGS, counted)] if counted else []
     if accepted:
-        blocks.append(gate_findings_table("Accepted", "Findings that a waiver accepts", accepted))
+        tables.append(_make_table("Accepted", "Findings that a waiver accepts", FINDINGS, accepted))
+    designs = [_make_table("Designs", "Designs", DESIGNS, record.designs)]
+    numbers = [(design.file, number) for design in record.designs for number in design.numbers]
+    designs.append(_make_table("Numbers", "Numbers that were held against limits", NUMBERS, numbers))
+    if unjudged := [(design.file, entry) for design in record.designs for entry in design.not_judged]:
+        designs.append(_make_table("Not judged", "What nothing was held against", UNJUDGED, unjudged))
     return Document(
         kind="Gate",
-        title=f"{record.provenance.policy_name}: gate of {_counted(len(record.designs), 'design')}",
+        title=f"{record.provenance.policy_name}: gate of {_count(len(record.designs), 'design')}",
         tone=tone_of(record.verdict),
         status=record.verdict,
-        sentence=f"{passed} of {len(record.designs)} designs pass; {_counted(errors, 'error')} and "
-        f"{_counted(warnings, 'warning')} count, {len(accepted)} accepted by waivers. Exit code {record.exit_code}.",
+        sentence=f"{passed} of {len(record.designs)} designs pass; {_count(errors, 'error')} and "
+        f"{_count(warnings, 'warning')} count, {len(accepted)} accepted by waivers. Exit code {record.exit_code}.",
         numbers=(
             KeyNumber(
                 "Designs that pass", f"{passed} of {len(record.designs)}", f"mode {record.mode}, seed {record.seed}"
@@ -50,8 +65,8 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
         ),
         matters=tuple(f"{finding.file}: {finding.message}" for finding in counted if finding.severity == "error")[:3],
         sections=(
-            Section("Designs", (_designs_table(record), _numbers_table(record), *_not_judged_table(record))),
-            Section("Findings", tuple(blocks) or (Bullets(("None.",)),)),
+            Section("Designs", tuple(designs)),
+            Section("Findings", tuple(tables) or (Bullets(("None.",)),)),
             Section("What is not included", (Bullets(record.provenance.not_included),), reader="auditor"),
             Section("Reproduction", (Listing(_command(record)), Paragraph(REPRODUCTION)), reader="auditor"),
         ),
@@ -93,80 +108,62 @@ def _command(record: GateRecord) -> str:
     return f"tailstack gate {files} {' '.join(options)} --format json"
 
 
-def _counted(count: int, what: str) -> str:
+def _count(count: int, what: str) -> str:
     return f"{count} {what}" + ("" if count == 1 else "s")
 
 
-def _designs_table(record: GateRecord) -> Table:
-    rows = [
-        Row((
-            design.file, design.name or "could not be read", design.design_class or "", design.basis, design.trials,
-            max((t.first_order_p95_mm if t.p95_mm is None else t.p95_mm for t in design.targets), default=None),
-            design.verdict,
-        ))
-        for design in record.designs
-    ]  # fmt: skip
-    return Table(
-        "Designs", "Designs",
-        (
-            Column("File"), Column("Design"), Column("Class"), Column("Basis"), Column("Trials", "", "whole"),
-            Column("Largest P95", "mm", "fixed", 4), Column("Verdict", kind="status"),
-        ),
-        tuple(rows),
-    )  # fmt: skip
+def _make_table(
+    name: str, caption: str, columns: Sequence[tuple[Column, Callable[[Any], Cell]]], entries: Iterable[Any]
+) -> Table:
+    rows = tuple(Row(tuple(cell(entry) for _, cell in columns)) for entry in entries)
+    return Table(name, caption, tuple(column for column, _ in columns), rows, most=MOST[name])
 
 
-def _numbers_table(record: GateRecord) -> Table:
-    rows = [
-        Row((
-            design.file, number.requirement, number.rule, number.target, number.headline, number.value_mm,
-            *(number.interval_mm or (None, None)), number.limit_mm, number.margin_mm,
-            *((number.value, number.limit) if number.unit == "fraction" else (None, None)), number.status,
-        ))
-        for design in record.designs
-        for number in design.numbers
-    ]  # fmt: skip
-    return Table(
-        "Numbers", "Numbers that were held against limits",
-        (
-            Column("File"), Column("Requirement"), Column("Rule", on_page=False), Column("Target"), Column("What"),
-            Column("Value", "mm", "fixed", 4), Column("From", "mm", "fixed", 4), Column("To", "mm", "fixed", 4),
-            Column("Limit", "mm", "significant", 4), Column("Margin", "mm", "signed"),
-            Column("Yield", "%", "percent", 2), Column("Required", "%", "percent", 2), Column("Status", kind="status"),
-        ),
-        tuple(rows),
-        most=MOST,
-    )  # fmt: skip
-
-
-def _not_judged_table(record: GateRecord) -> tuple[Table, ...]:
-    rows = tuple(
-        Row((design.file, entry.requirement or "", entry.target, entry.reason))
-        for design in record.designs
-        for entry in design.not_judged
-    )
-    columns = (Column("File"), Column("Requirement"), Column("Target"), Column("Reason"))
-    return (Table("Not judged", "What nothing was held against", columns, rows, most=MOST),) if rows else ()
-
-
-def gate_findings_table(name: str, caption: str, findings: list[GateFinding]) -> Table:
-    rows = [
-        Row((
-            finding.severity, finding.rule, _place(finding), finding.message, finding.value, finding.limit,
-            finding.suppressed_by or "",
-        ))
-        for finding in findings
-    ]  # fmt: skip
-    return Table(
-        name, caption,
-        (
-            Column("Severity", kind="status"), Column("Rule"), Column("Place"), Column("Finding"),
-            Column("Value", "", "significant", 4), Column("Limit", "", "significant", 4), Column("Accepted by"),
-        ),
-        tuple(rows),
-        most=MOST,
-    )  # fmt: skip
-
-
-def _place(finding: GateFinding) -> str:
+def _name_place(finding: GateFinding) -> str:
     return f"{finding.file}:{finding.line}:{finding.column}" if finding.line else f"{finding.file}#{finding.pointer}"
+
+
+def _end(number: GateNumber, index: int) -> float | None:
+    return None if number.interval_mm is None else number.interval_mm[index]
+
+
+# Columns with the cell of each in a row: of a design, of (file, number), of (file, what was not judged), of a finding.
+DESIGNS: tuple[tuple[Column, Callable[[GatedDesign], Cell]], ...] = (
+    (Column("File"), lambda design: design.file),
+    (Column("Design"), lambda design: design.name or "could not be read"),
+    (Column("Class"), lambda design: design.design_class or ""),
+    (Column("Basis"), lambda design: design.basis),
+    (Column("Trials", "", "whole"), lambda design: design.trials),
+    (Column("Largest P95", "mm", "fixed", 4), find_largest_p95),
+    (Column("Verdict", kind="status"), lambda design: design.verdict),
+)
+NUMBERS: tuple[tuple[Column, Callable[[tuple[str, GateNumber]], Cell]], ...] = (
+    (Column("File"), lambda row: row[0]),
+    (Column("Requirement"), lambda row: row[1].requirement),
+    (Column("Rule", on_page=False), lambda row: row[1].rule),
+    (Column("Target"), lambda row: row[1].target),
+    (Column("What"), lambda row: row[1].headline),
+    (Column("Value", "mm", "fixed", 4), lambda row: row[1].value_mm),
+    (Column("From", "mm", "fixed", 4), lambda row: _end(row[1], 0)),
+    (Column("To", "mm", "fixed", 4), lambda row: _end(row[1], 1)),
+    (Column("Limit", "mm", "significant", 4), lambda row: row[1].limit_mm),
+    (Column("Margin", "mm", "signed"), lambda row: row[1].margin_mm),
+    (Column("Yield", "%", "percent", 2), lambda row: row[1].value if row[1].unit == "fraction" else None),
+    (Column("Required", "%", "percent", 2), lambda row: row[1].limit if row[1].unit == "fraction" else None),
+    (Column("Status", kind="status"), lambda row: row[1].status),
+)
+UNJUDGED: tuple[tuple[Column, Callable[[tuple[str, Unjudged]], Cell]], ...] = (
+    (Column("File"), lambda row: row[0]),
+    (Column("Requirement"), lambda row: row[1].requirement or ""),
+    (Column("Target"), lambda row: row[1].target),
+    (Column("Reason"), lambda row: row[1].reason),
+)
+FINDINGS: tuple[tuple[Column, Callable[[GateFinding], Cell]], ...] = (
+    (Column("Severity", kind="status"), lambda finding: finding.severity),
+    (Column("Rule"), lambda finding: finding.rule),
+    (Column("Place"), _name_place),
+    (Column("Finding"), lambda finding: finding.message),
+    (Column("Value", "", "significant", 4), lambda finding: finding.value),
+    (Column("Limit", "", "significant", 4), lambda finding: finding.limit),
+    (Column("Accepted by"), lambda finding: finding.suppressed_by or ""),
+)
