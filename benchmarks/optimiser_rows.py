@@ -49,7 +49,7 @@ def optimiser() -> list[Row]:
 def _exact_law() -> list[Row]:
     """The reference problem's optimum by the closed form, and what the exact law makes of it."""
     found = search(oracle_problem(), starts=16, threads=1)
-    closed = float(np.exp(found.found[0].point.objective))
+    closed = float(np.exp(found.iterates[0].point.objective))
     start = time.process_time()
     solution = settle(found, np.ones(1))
     spent = time.process_time() - start
@@ -203,7 +203,7 @@ def _our_search(problem: PlacementProblem, seed: int) -> list[Answer]:
 
     found = search(problem, starts=16, seed=seed, threads=1, progress=note)
     seconds = time.process_time() - began
-    best = found.program.split(found.found[0].point.x)
+    best = found.program.split(found.iterates[0].point.x)
     cost = problem.cost(best.half_width)
     # The layouts of single starts are not told: only the last answer is complete, and judged.
     on_the_way = [Answer(at, least, best.fiducials_mm, best.half_width) for at, least in steps]

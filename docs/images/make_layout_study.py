@@ -365,7 +365,7 @@ def worth() -> None:
     found = search(problem, starts=12, seed=SEED, threads=1)
     rows.append(("examples/demo.yaml", costs_of(found, SEED)))
     drawn = search(replace(problem, places=()), starts=1, seed=SEED, threads=1)
-    print(f"demo, layout as drawn: cost {objective_for_people(drawn.program, drawn.found[0].point.objective):.1f}")
+    print(f"demo, layout as drawn: cost {objective_for_people(drawn.program, drawn.iterates[0].point.objective):.1f}")
 
     def percent(value: float | None, best: float | None) -> str:
         return "out of reach" if value is None or best is None else f"{100 * (value / best - 1):+.2f} %"

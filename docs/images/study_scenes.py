@@ -14,7 +14,7 @@ import numpy as np
 from tailstack.arrays import Array
 from tailstack.design import load_design
 from tailstack.errors import InfeasibleError
-from tailstack.optimisation.alternatives import placement_value
+from tailstack.optimisation.alternatives import value_placement
 from tailstack.optimisation.exact_law import ExactQuantile, exact_quantile, image_parts
 from tailstack.optimisation.placement import settle
 from tailstack.optimisation.problem import PlacementProblem, apply_choice, present_choice
@@ -207,8 +207,8 @@ def least_cost(scene: Scene, starts: int = 8) -> Costs:
 
 def costs_of(found: Search, seed: int) -> Costs:
     """What a search came to, and the comparison."""
-    best = objective_for_people(found.program, found.found[0].point.objective)
-    value = placement_value(found, best, seed)
+    best = objective_for_people(found.program, found.iterates[0].point.objective)
+    value = value_placement(found, seed)
     assert value is not None  # there are free fiducials
     exact = settle(found, np.ones(1))
     return Costs(
@@ -228,4 +228,4 @@ def costs_of(found: Search, seed: int) -> Costs:
 def closed_form_half_width_deg(scene: Scene) -> float:
     """The first half-width at least cost, by the closed form, fiducials where they stand."""
     found = search(replace(problem_of(scene, free=True), places=()), starts=1, seed=scene.seed, threads=1)
-    return float(np.rad2deg(found.program.split(found.found[0].point.x).half_width[0]))
+    return float(np.rad2deg(found.program.split(found.iterates[0].point.x).half_width[0]))

@@ -42,14 +42,14 @@ def _from_layout(problem: PlacementProblem, layout: Array) -> PlacementSolution:
     """The local optimum that one start at a layout ends at."""
     terms = tuple(terms_of(problem, demand) for demand in problem.demands)
     estimator = estimator_of(problem.system)
-    found = explore(build_program(problem, estimator, terms), terms, estimator, [layout], None, None)
+    found = explore(build_program(problem, estimator, terms), terms, estimator, [layout])
     return settle(found, np.ones(len(terms)))
 
 
 @cache
 def _best(problem: PlacementProblem, starts: int = 2, seed: int = 4) -> float:
     found = search(problem, starts=starts, seed=seed, threads=1)
-    return objective_for_people(found.program, found.found[0].point.objective)
+    return objective_for_people(found.program, found.iterates[0].point.objective)
 
 
 def test_the_currency_does_not_matter() -> None:
@@ -156,7 +156,7 @@ def test_more_starts_never_cost_more_and_each_start_is_its_own() -> None:
     """property: start k depends on the seed and on k, not on how many there are."""
     problem = replace(_small(limit_mm=1.0), places=places_in_box((1, 4)))
     searches = [search(problem, starts=starts, seed=11, threads=1) for starts in (1, 2, 4)]
-    costs = [objective_for_people(found.program, found.found[0].point.objective) for found in searches]
+    costs = [objective_for_people(found.program, found.iterates[0].point.objective) for found in searches]
     assert costs[2] <= costs[1] * (1 + 1e-9)
     assert costs[1] <= costs[0] * (1 + 1e-9)
     # the optima that the first two starts ended at are among those of all four
@@ -192,7 +192,7 @@ def test_stopped_after_the_second_start_the_best_so_far_is_settled() -> None:
     (quantile,) = score_mm(problem, solution.choice)
     assert LIMIT_MM * (1 - 1e-5) <= quantile <= LIMIT_MM
     two = search(problem, starts=2, seed=1, threads=1)
-    assert two.found[0].point.objective == found.found[0].point.objective
+    assert two.iterates[0].point.objective == found.iterates[0].point.objective
     assert two.stopped == "all 2 starts were solved"
 
 
@@ -283,6 +283,6 @@ def test_a_search_of_one_solution_settles_again_to_the_same() -> None:
     problem = _small()
     first = solve_placement(problem, starts=1, seed=2, threads=1)
     terms = first.program.terms
-    found = Search(first.program, (first.found,), terms, estimator_of(problem.system), 1, 1, (), "")
+    found = Search(first.program, (first.iterate,), terms, estimator_of(problem.system), 1, 1, (), "")
     again = settle(found, np.ones(1))
     assert again.cost == pytest.approx(first.cost, rel=2e-6)

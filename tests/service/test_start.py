@@ -99,5 +99,5 @@ def test_settings_of_numba_that_cannot_work_are_refused_at_the_start(
 
 def test_who_optimises_does_not_wait_for_the_tables_of_statistics() -> None:
     """Half a second of every computing process of a service, which loads the optimiser before its first task."""
-    code = "import sys, tailstack.optimisation.optimising; print('scipy.stats' in sys.modules, file=sys.stderr)"
+    code = "import sys, tailstack.optimisation.course; print('scipy.stats' in sys.modules, file=sys.stderr)"
     assert told(code)[-1] == "False"

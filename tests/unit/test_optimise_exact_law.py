@@ -199,7 +199,7 @@ def test_no_feasible_neighbour_of_an_optimum_is_better(name: str) -> None:
     assert solution.kkt_residual < 1e-5
     assert solution.worst_ratio == pytest.approx(_exact_worst(solution, solution.choice), rel=1e-9)
     assert solution.problem.objective == "quantile" or 1 - 1e-5 < solution.worst_ratio <= 1
-    x, rng = solution.found.point.x, np.random.default_rng(6)
+    x, rng = solution.iterate.point.x, np.random.default_rng(6)
     best = _objective(solution, x)
     for k in range(12):
         step = rng.normal(size=len(x))
@@ -244,7 +244,7 @@ def test_a_law_of_wide_uniform_rotations_settles() -> None:
 def test_kkt_residual_sees_a_wrong_multiplier_and_a_wrong_point() -> None:
     """property: one per cent off in either raises it from 1e-7 to 1e-3."""
     solution = solve_placement(OPTIMA["tolerances"])
-    program, point, parameters = solution.program, solution.found.point, solution.found.parameters
+    program, point, parameters = solution.program, solution.iterate.point, solution.iterate.parameters
     good = kkt_residual(program, point, parameters)
     wrong = replace(point, row_multipliers=point.row_multipliers * 1.01)
     step = np.zeros(len(point.x))

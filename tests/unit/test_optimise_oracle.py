@@ -56,13 +56,13 @@ def test_best_known_cost_is_met(fiducials: int, limit_mm: float, best_known: flo
     """independent: cost within 0.2 % of the best known, evaluated by the approximation those costs used."""
     problem = oracle_problem(fiducials, limit_mm)
     found = search(problem, starts=starts, seed=seed, threads=1)
-    choice = found.program.split(found.found[0].point.x)
+    choice = found.program.split(found.iterates[0].point.x)
     layout, tau = choice.fiducials_mm, choice.half_width
     image = image_covariance_by_score(problem, layout)
     # A violation of the limit would be a discount.
     assert oracle_p95_mm(image, oracle_levers_mm(), tau) <= limit_mm * (1 + 1e-6)
     assert float((1 / tau).sum()) <= best_known * 1.002
-    assert objective_for_people(found.program, found.found[0].point.objective) == pytest.approx(
+    assert objective_for_people(found.program, found.iterates[0].point.objective) == pytest.approx(
         (1 / tau).sum(), rel=1e-12
     )
     assert tau.max() <= np.deg2rad(3.0) * (1 + 1e-12)

@@ -112,7 +112,7 @@ def _resident_bytes() -> int:
 
 def list_warm_up_steps() -> list[Callable[[], object]]:
     """Modules to import, then the compiled kernels, in the order in which they are to be called."""
-    optimiser = "tailstack.optimisation.optimising"
+    optimiser = "tailstack.optimisation.course"
     modules = ("numpy", "scipy.linalg", "tailstack.design", "tailstack.verification", optimiser, "casadi")
     return [*(partial(import_module, name) for name in modules), check_once]
 

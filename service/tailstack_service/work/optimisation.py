@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -16,9 +17,18 @@ from pydantic import TypeAdapter
 from tailstack.errors import InfeasibleError, NotConvergedError, TailstackError
 from tailstack.montecarlo.shards import Pending
 from tailstack.optimisation.alternatives import front_factors, front_point, mark_dominated
-from tailstack.optimisation.optimising import Asked, ask, finish
+from tailstack.optimisation.course import optimise_task
 from tailstack.optimisation.program import Point
-from tailstack.optimisation.search import Iterate, PreparedSearch, Search, conclude_search, prepare_search, solve_start
+from tailstack.optimisation.search import (
+    Control,
+    Iterate,
+    PreparedSearch,
+    Search,
+    conclude_search,
+    prepare_search,
+    solve_start,
+)
+from tailstack.optimisation.task import Task, read_task
 from tailstack.packed import pack, unpack
 from tailstack.results import FrontPoint
 
@@ -33,38 +43,48 @@ Key = tuple[bytes, int | None, int | None]  # design, seed, starts
 # Building the programme costs as much as solving ten starts from it (0.4 s and 0.03 s at twelve fiducials), and every
 # process that is given a unit has to build it once.
 STARTS_PER_UNIT = 4
+ONE_THREAD = Control(threads=1)
 
 
 def advance(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
     """First every start, at every number of fiducials; then the points of a front; then the answer."""
-    asked = _asked(*_key(request))
+    task = _task(*_key(request))
     held = {unit.spec: unit.result for unit in results}
     try:
-        searches = {position: _ends(asked, held, position) for position in _searched(asked)}
+        ends = {position: _ends(task, held, position) for position in _searched(task)}
     except Pending as pending:
-        starts = asked.starts * len(_searched(asked))
+        starts = task.starts * len(_searched(task))
         return More(pending.wanted, 0, f"solving from {starts} starts, then the best is settled and verified")
-
-    def searched(position: int) -> Search:
-        prepared = _prepared(*_key(request), position)
-        if isinstance(prepared, TailstackError):
-            raise type(prepared)(prepared.problems)
-        points = searches.get(position)
-        if points is None:
-            points = [solve_start(prepared, number) for number in range(len(prepared.begun))]
-        return conclude_search(prepared, (point for point in points))
-
-    def fronted(position: int, search: Search) -> tuple[FrontPoint, ...]:
-        prepared = _prepared(*_key(request), position)
-        assert isinstance(prepared, PreparedSearch)  # or it had not been searched
-        specs = _front_specs(asked, position, search, prepared)
-        _all_there(specs, held)
-        return mark_dominated([_FRONT_POINT.validate_json(held[spec]) for spec in specs])
-
     try:
-        return Done(to_json(finish(asked, searched, threads=1, fronted=fronted)))
+        return Done(to_json(optimise_task(task, Recorded(_key(request), task, ends, held), ONE_THREAD)))
     except Pending as pending:
         return More(pending.wanted, 0, f"{len(pending.wanted)} points of the front")
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """A searcher of what is recorded; it raises Pending with the specs of the points of a front that are not."""
+
+    key: Key
+    task: Task
+    ends: Mapping[int, list[Point]]  # where the starts at a number of fiducials ended, where these are units
+    held: Mapping[bytes, bytes]
+
+    def search(self, position: int) -> Search:
+        prepared = _prepared(*self.key, position)
+        if isinstance(prepared, TailstackError):
+            raise type(prepared)(prepared.problems)
+        points = self.ends.get(position)
+        if points is None:
+            points = [solve_start(prepared, number) for number in range(len(prepared.starts))]
+        return conclude_search(prepared, (point for point in points), ONE_THREAD)
+
+    def trace_front(self, position: int, search: Search) -> tuple[FrontPoint, ...]:
+        prepared = _prepared(*self.key, position)
+        assert isinstance(prepared, PreparedSearch)  # or it had not been searched
+        specs = _front_specs(self.task, position, search, prepared)
+        _all_there(specs, self.held)
+        return mark_dominated([_FRONT_POINT.validate_json(self.held[spec]) for spec in specs])
 
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
@@ -76,11 +96,10 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     if isinstance(prepared, TailstackError):
         return _bytes([])
     if spec["what"] == "front":
-        asked = _asked(*_key(request))
         search = Search(prepared.program, _found(prepared, spec), prepared.terms, prepared.estimator, 0, 0, (), "")
-        point = front_point(asked.request, search, spec["number"], spec["factor"], seed=asked.seed, threads=1)
+        point = front_point(_task(*_key(request)), search, spec["number"], spec["factor"], ONE_THREAD)
         return canonical(_FRONT_POINT.dump_python(point))
-    numbers = range(spec["first"], min(spec["first"] + spec["count"], len(prepared.begun)))
+    numbers = range(spec["first"], min(spec["first"] + spec["count"], len(prepared.starts)))
     return _bytes([solve_start(prepared, number) for number in numbers])
 
 
@@ -90,24 +109,24 @@ def _all_there(specs: list[bytes], held: Mapping[bytes, bytes]) -> None:
         raise Pending(missing)
 
 
-def _ends(asked: Asked, held: Mapping[bytes, bytes], position: int) -> list[Point]:
+def _ends(task: Task, held: Mapping[bytes, bytes], position: int) -> list[Point]:
     """Where the starts at one number of fiducials ended.  Raises Pending for those at all numbers."""
-    _all_there([_spec(place, first) for place in _searched(asked) for first in _groups(asked)], held)
-    return [point for first in _groups(asked) for point in _points(held[_spec(position, first)])]
+    _all_there([_spec(place, first) for place in _searched(task) for first in _groups(task)], held)
+    return [point for first in _groups(task) for point in _points(held[_spec(position, first)])]
 
 
-def _front_specs(asked: Asked, position: int, search: Search, prepared: PreparedSearch) -> list[bytes]:
+def _front_specs(task: Task, position: int, search: Search, prepared: PreparedSearch) -> list[bytes]:
     """The best layouts go into the spec: to find them again would take every start."""
     found = []
-    for item in search.found:
-        starts = {id(begun.parameters): number for number, begun in enumerate(prepared.begun)}
-        led = {id(end.parameters): number for number, end in prepared.led.items()}
+    for item in search.iterates:
+        starts = {id(begun.parameters): number for number, begun in enumerate(prepared.starts)}
+        led = {id(end.parameters): number for number, end in prepared.ends.items()}
         was_led = id(item.parameters) in led
         number = (led if was_led else starts)[id(item.parameters)]
         found.append({"start": number, "led": was_led, "point": b64encode(_bytes([item.point])).decode()})
     return [
         canonical({"what": "front", "position": position, "number": number, "factor": factor, "found": found})
-        for number, factor in enumerate(front_factors(asked.request, search))
+        for number, factor in enumerate(front_factors(task.request, search))
     ]
 
 
@@ -115,19 +134,19 @@ def _found(prepared: PreparedSearch, spec: dict[str, Any]) -> tuple[Iterate, ...
     return tuple(
         Iterate(
             _points(b64decode(item["point"]))[0],
-            (prepared.led if item["led"] else prepared.begun)[item["start"]].parameters,
+            (prepared.ends if item["led"] else prepared.starts)[item["start"]].parameters,
         )
         for item in spec["found"]
     )
 
 
-def _searched(asked: Asked) -> list[int]:
+def _searched(task: Task) -> list[int]:
     """Numbers of fiducials, by position, whose starts are units of their own: where a layout may change."""
-    return [position for position, problem in enumerate(asked.problems) if problem.places]
+    return [position for position, problem in enumerate(task.problems) if problem.places]
 
 
-def _groups(asked: Asked) -> range:
-    return range(0, asked.starts, STARTS_PER_UNIT)
+def _groups(task: Task) -> range:
+    return range(0, task.starts, STARTS_PER_UNIT)
 
 
 def _spec(position: int, first: int) -> bytes:
@@ -139,16 +158,16 @@ def _key(request: dict[str, Any]) -> Key:
 
 
 @lru_cache(maxsize=4)
-def _asked(design: bytes, seed: int | None, starts: int | None) -> Asked:
-    return ask(loaded_design(design), seed=seed, starts=starts)
+def _task(design: bytes, seed: int | None, starts: int | None) -> Task:
+    return read_task(loaded_design(design), seed=seed, starts=starts)
 
 
 @lru_cache(maxsize=2)  # a large programme holds hundreds of megabytes
 def _prepared(design: bytes, seed: int | None, starts: int | None, position: int) -> PreparedSearch | TailstackError:
     """A search before its starts are solved, or its refusal: that takes a search of its own to find."""
-    asked = _asked(design, seed, starts)
+    task = _task(design, seed, starts)
     try:
-        return prepare_search(asked.problems[position], starts=asked.starts, seed=asked.seed, threads=1)
+        return prepare_search(task.problems[position], starts=task.starts, seed=task.seed, threads=1)
     except (InfeasibleError, NotConvergedError) as refused:
         return refused.with_traceback(None)  # its frames hold the programme
 

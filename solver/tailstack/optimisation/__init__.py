@@ -6,9 +6,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .optimising import influence, optimise
+    from .course import optimise
     from .placement import PlacementSolution, solve_placement
     from .problem import FreeFiducial, FreeHalfWidth, PlacementProblem
+    from .task import influence
 
 # Loaded on first use: who asks only for the prices of a design does not wait a second for the solvers.
 _HOME = {
@@ -16,8 +17,8 @@ _HOME = {
     "FreeFiducial": "problem",
     "PlacementProblem": "problem",
     "PlacementSolution": "placement",
-    "influence": "optimising",
-    "optimise": "optimising",
+    "influence": "task",
+    "optimise": "course",
     "solve_placement": "placement",
 }
 

@@ -23,7 +23,7 @@ from .problem import PlacementProblem, for_people, present_choice
 from .program import Program
 from .request import Request
 from .search import (
-    Progress,
+    Control,
     Search,
     Stop,
     evaluate_demands,
@@ -35,48 +35,46 @@ from .search import (
     worst_ratio,
 )
 from .starts import careless_layouts, textbook_layout
+from .task import Task
 from .terms import is_flat
-from .verified import VerifiedOptimum, tighten, trials_for
+from .tightening import CheckSettings, VerifiedOptimum, tighten, trials_for
 
 LEAST_TRIALS = 2**18  # of the check of a point: P95 within 0.3 %
 ABOVE_LEAST = 1.02  # the tightest limit, as a multiple of the smallest quantile attainable
 LOOSEST = 2.0  # the loosest, as a multiple of the requirement's
 
 
-def front_of(
-    request: Request, search: Search, *, seed: int, threads: int | None, progress: Progress | None, stop: Stop | None
-) -> tuple[FrontPoint, ...]:
+def trace_front(task: Task, search: Search, control: Control) -> tuple[FrontPoint, ...]:
     """One point for each limit, ascending; those without a design say why."""
-    factors = front_factors(request, search)
+    factors = front_factors(task.request, search)
     points: list[FrontPoint] = []
     for number, factor in enumerate(factors):
-        if stop is not None and stop():
+        if control.stops():
             points.append(_empty(search.program.problem, factor, "not tried", "stopped on request"))
             continue
-        points.append(front_point(request, search, number, factor, seed=seed, threads=threads, stop=stop))
-        if progress is not None:
-            progress("front", number + 1, len(factors), points[-1].cost)
+        points.append(front_point(task, search, number, factor, replace(control, progress=None)))
+        control.report("front", number + 1, len(factors), points[-1].cost)
     return mark_dominated(points)
 
 
-def front_point(
-    request: Request, search: Search, number: int, factor: float, *, seed: int, threads: int | None = None,
-    stop: Stop | None = None,
-) -> FrontPoint:  # fmt: skip
+def front_point(task: Task, search: Search, number: int, factor: float, control: Control) -> FrontPoint:
     """The least cost at ``factor`` times the limit, solved from each of the search's best layouts."""
     problem = search.program.problem
-    trials = max(trials_for(len(problem.targets)) // 4, LEAST_TRIALS // 4)
+    settings = CheckSettings(
+        seed=task.seed + 1 + number,
+        stage="front check",
+        trials=max(trials_for(len(problem.targets)) // 4, LEAST_TRIALS // 4),
+        limits=factor,
+        others=False,
+    )
     best, reason = None, ""
-    for item in search.found:
+    for item in search.iterates:
         try:
-            found = tighten(
-                request, replace(search, found=(item,)), seed=seed + 1 + number, stage="front check", trials=trials,
-                limits=factor, threads=threads, stop=stop, others=False,
-            )  # fmt: skip
+            found = tighten(task.request, replace(search, iterates=(item,)), settings, control)
         except (InfeasibleError, NotConvergedError) as error:
             reason = reason or error.problems[0].detail
             continue
-        if best is None or found.settled.cost < best.settled.cost:
+        if best is None or found.optimum.cost < best.optimum.cost:
             best = found
     if best is None:
         return _empty(problem, factor, "out of reach", reason)
@@ -121,7 +119,7 @@ def front_factors(request: Request, search: Search) -> tuple[float, ...]:
 
 def _least_ratio(program: Program, search: Search) -> float:
     """The smallest worst ratio attainable, from the best layouts found."""
-    starts = [start_at(program, program.split(item.point.x).fiducials_mm) for item in search.found]
+    starts = [start_at(program, program.split(item.point.x).fiducials_mm) for item in search.iterates]
     ratios = []
     for start in starts:
         point = least_quantile(program, [start]).point
@@ -130,7 +128,7 @@ def _least_ratio(program: Program, search: Search) -> float:
 
 
 def _point(problem: PlacementProblem, search: Search, found: VerifiedOptimum, factor: float) -> FrontPoint:
-    choice = found.settled.choice
+    choice = found.optimum.choice
     first = problem.requirements[0]
     own = [term for term in search.terms if term.demand.requirement.name == first.name]
     checks = [check for check in found.verification.verdict.checks if check.requirement == first.name]
@@ -139,7 +137,7 @@ def _point(problem: PlacementProblem, search: Search, found: VerifiedOptimum, fa
         limit_mm=first.limit_mm * factor,
         status="verified",
         note="",
-        cost=found.settled.cost,
+        cost=found.optimum.cost,
         quantile_mm=max(evaluate_demand(problem, term, choice).exact_mm for term in own),
         verified_upper_mm=max(check.upper_mm for check in checks),
         half_widths=tuple(for_people(problem, k, float(value))[0] for k, value in enumerate(choice.half_width)),
@@ -152,12 +150,9 @@ def _point(problem: PlacementProblem, search: Search, found: VerifiedOptimum, fa
 CARELESS = 30
 
 
-def placement_value(search: Search, best: float, seed: int, stop: Stop | None = None) -> PlacementValue | None:
-    """Compare with what the placement would have been otherwise; None without free fiducials.
-
-    ``best``: cost (or largest ratio, or factor) of the optimum by the closed form.
-    """
-    problem = search.program.problem
+def value_placement(search: Search, seed: int, stop: Stop | None = None) -> PlacementValue | None:
+    """Compare with what the placement would have been otherwise; None without free fiducials."""
+    problem, best = search.program.problem, search.best_objective
     if not problem.places:
         return None
     value = _at_layout(search)
@@ -226,7 +221,7 @@ def _at_layout(search: Search) -> Callable[[Array], float | None]:
     problem = program.problem
     if problem.pivots or problem.spacings:
         # Mechanics act through the same constants whatever the layout: leave them where the optimum has them.
-        choice = program.split(search.found[0].point.x)
+        choice = program.split(search.iterates[0].point.x)
     else:
         choice = present_choice(problem)
     small = budgets_of(program) if problem.half_widths else None

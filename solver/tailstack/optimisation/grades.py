@@ -57,17 +57,23 @@ class Purchase:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GradedOptimum:
-    """Grades and layout that no single step improves."""
+class Optimum:
+    """An optimum by the exact law: of the continuous programme, or of grades and what was left of it."""
 
+    problem: PlacementProblem
     choice: Choice  # of the whole problem
     cost: float
-    ratios: tuple[float, ...]
-    bought: Purchase
-    solution: PlacementSolution | None  # of what was left continuous; None where nothing was
+    ratios: tuple[float, ...]  # exact quantile over its limit, every demand
+    solution: PlacementSolution | None  # of what is continuous; None where everything was bought from tables
+    purchase: Purchase | None = None
+
+    @staticmethod
+    def of(solution: PlacementSolution) -> Optimum:
+        """Without grades."""
+        return Optimum(solution.problem, solution.choice, solution.cost, solution.ratios, solution)
 
 
-def settle_grades(search: Search, aims: Array, graded: tuple[int, ...], stop: Stop | None = None) -> GradedOptimum:
+def settle_grades(search: Search, aims: Array, graded: tuple[int, ...], stop: Stop | None = None) -> Optimum:
     """Cheapest grades found, every exact quantile at or below its aim.
 
     Raises InfeasibleError when even the tightest grades do not do, NotConvergedError.
@@ -75,9 +81,9 @@ def settle_grades(search: Search, aims: Array, graded: tuple[int, ...], stop: St
     problem = search.program.problem
     exact = len(graded) == len(problem.half_widths)
     best: tuple[float, Choice, tuple[Purchase, ...]] | None = None
-    for item in search.found:
+    for item in search.iterates:
         # The relaxation at its aims: the tightest grades are no looser, so there is something to choose.
-        start = settle(replace(search, found=(item,)), aims)
+        start = settle(replace(search, iterates=(item,)), aims)
         bought = _choose(search, aims, graded, start.choice, stop) if exact else _compare(search, aims, graded, start)
         cost = _price(problem, graded, bought[0].half_width) if exact else float(bought[0].bound.cost or inf)
         if best is None or cost < best[0] * (1 - PAYS):
@@ -90,7 +96,7 @@ def settle_grades(search: Search, aims: Array, graded: tuple[int, ...], stop: St
 
 def _alternate(
     search: Search, aims: Array, graded: tuple[int, ...], start: Choice, first: tuple[Purchase, ...], stop: Stop | None
-) -> GradedOptimum:
+) -> Optimum:
     problem = search.program.problem
     exact = len(graded) == len(problem.half_widths)
     choice, kept, bought = start, None, first
@@ -111,7 +117,7 @@ def _alternate(
 
 def _first_that_holds(
     search: Search, aims: Array, graded: tuple[int, ...], choice: Choice, bought: tuple[Purchase, ...]
-) -> GradedOptimum:
+) -> Optimum:
     """The cheapest of the proposals that the exact law accepts.  Raises InfeasibleError when it accepts none."""
     refused: InfeasibleError | None = None
     for item in bought:
@@ -159,7 +165,7 @@ def _compare_again(search: Search, aims: Array, graded: tuple[int, ...], choice:
     """The comparison at a layout that was optimised since."""
     layout = start_at(search.program, choice.fiducials_mm)
     point = solve(search.program, layout.x, layout.parameters)
-    start = settle(replace(search, found=(Iterate(point, layout.parameters),)), aims)
+    start = settle(replace(search, iterates=(Iterate(point, layout.parameters),)), aims)
     return _compare(search, aims, graded, start)
 
 
@@ -244,23 +250,22 @@ def _shift_levels(levels: tuple[int, ...], steps: dict[int, int]) -> tuple[int, 
     return tuple(level + steps.get(k, 0) for k, level in enumerate(levels))
 
 
-def _place(search: Search, aims: Array, graded: tuple[int, ...], choice: Choice, bought: Purchase) -> GradedOptimum:
+def _place(search: Search, aims: Array, graded: tuple[int, ...], choice: Choice, bought: Purchase) -> Optimum:
     """Everything else optimised with the grades held: budgets that are continuous, or the layout for more room."""
     whole = search.program.problem
     rest = hold_grades(whole, choice, graded)
     if not (rest.half_widths or rest.places or rest.pivots or rest.spacings):
         ratios = tuple(float(ratio) for ratio in exact_ratios(whole, search.terms, choice))
-        return GradedOptimum(choice, whole.cost(choice.half_width), ratios, bought, None)
+        return Optimum(whole, choice, whole.cost(choice.half_width), ratios, None, bought)
     program = build_program(rest, search.estimator, tuple(terms_of(rest, demand) for demand in rest.demands))
-    begun = start_at(program, choice.fiducials_mm)
-    point = solve(program, begun.x, begun.parameters)
-    inner = replace(search, program=program, found=(Iterate(point, begun.parameters),), terms=program.terms)
+    start = start_at(program, choice.fiducials_mm)
+    point = solve(program, start.x, start.parameters)
+    inner = replace(search, program=program, iterates=(Iterate(point, start.parameters),), terms=program.terms)
     solution = settle(inner, aims)
     others = tuple(k for k in range(len(choice.half_width)) if k not in graded)
     width = _replace_widths(choice.half_width, others, solution.choice.half_width)
-    return GradedOptimum(
-        replace(solution.choice, half_width=width), whole.cost(width), solution.ratios, bought, solution
-    )
+    placed = replace(solution.choice, half_width=width)
+    return Optimum(whole, placed, whole.cost(width), solution.ratios, solution, bought)
 
 
 def hold_grades(problem: PlacementProblem, choice: Choice, graded: tuple[int, ...]) -> PlacementProblem:

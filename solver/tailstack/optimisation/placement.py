@@ -48,7 +48,7 @@ class PlacementSolution:
     kkt_residual: float
     rounds: int  # solves it took to bring the exact quantiles to their aims
     program: Program
-    found: Iterate
+    iterate: Iterate
 
     @property
     def worst_ratio(self) -> float:
@@ -82,8 +82,8 @@ def settle(found: Search, aims: Array, start: PlacementSolution | None = None) -
     outside the programme that turn out worse join it.  Raises InfeasibleError, NotConvergedError.
     """
     if start is not None:
-        found = replace(found, program=start.program, found=(start.found,))
-    here = found.found[0]
+        found = replace(found, program=start.program, iterates=(start.iterate,))
+    here = found.iterates[0]
     reached = np.inf
     for rounds in range(MAX_ROUNDS):
         program = found.program
@@ -100,7 +100,7 @@ def settle(found: Search, aims: Array, start: PlacementSolution | None = None) -
             if (ratios / aims).max() <= max(reached, 1.0) * (1 + 1e-9):
                 return _solution(found, here, residual, ratios, aims, rounds)
             found = with_demands(found, here.point, ratios / aims, max(reached, 1.0))
-            here = found.found[0]
+            here = found.iterates[0]
             continue
         parameters = _correct(program, here, held, own, same_ends=rounds >= FREE_VERTICES)
         here = Iterate(_solve_again(program, here.point, parameters), parameters)
@@ -253,5 +253,5 @@ def _solution(
         kkt_residual=residual,
         rounds=rounds,
         program=program,
-        found=here,
+        iterate=here,
     )

@@ -11,29 +11,29 @@ from ..results import Relaxation
 from ..system import Law
 from .allocation import gaussian_bracket
 from .exact_law import evaluate_demand, image_parts
+from .grades import Optimum
 from .problem import Choice, PlacementProblem
 from .search import Search
 from .terms import free_laws
-from .verified import Optimum
 
 
-def relaxation_of(search: Search, settled: Optimum) -> Relaxation:
+def relaxation_of(search: Search, optimum: Optimum) -> Relaxation:
     """The bound that goes with an optimum."""
-    problem = settled.problem
-    if settled.graded is not None:
-        return settled.graded.bought.bound
+    problem = optimum.problem
+    if optimum.purchase is not None:
+        return optimum.purchase.bound
     reason = _no_bound(search, problem)
     if reason is not None:
-        return Relaxation("none", settled.cost or None, None, None, reason)
+        return Relaxation("none", optimum.cost or None, None, None, reason)
     try:
-        low, high = _bracket(search, problem, settled.choice)
+        low, high = _bracket(search, problem, optimum.choice)
     except (InfeasibleError, NotConvergedError) as error:
         return Relaxation(
-            "none", settled.cost, None, None, f"the convex relaxation gave none: {error.problems[0].detail}"
+            "none", optimum.cost, None, None, f"the convex relaxation gave none: {error.problems[0].detail}"
         )
-    gap = 100 * (settled.cost / low - 1)
+    gap = 100 * (optimum.cost / low - 1)
     return Relaxation(
-        "convex allocation", settled.cost, low, gap,
+        "convex allocation", optimum.cost, low, gap,
         f"with this layout no allocation costs less than {low:.6g} ({gap:.2g} % below this one): the optimum of a "
         "convex relaxation, (tr S + c |S|_F) / k <= limit^2 with k checked numerically over all spectra; without k it "
         f"is always safe, and costs {high:.6g}",

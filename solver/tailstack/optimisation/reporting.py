@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from ..results import (
     ChangedSpacing,
     ChangedTolerance,
     CountTried,
-    Finding,
     FrontPoint,
     MovedFiducial,
     MovedPivot,
@@ -33,31 +32,22 @@ from .prices import cost_of
 from .problem import Choice, Demand, PlacementProblem, for_people, in_words, label_of, present_choice
 from .relaxation import relaxation_of
 from .request import Request, read_request
-from .search import Search, objective_for_people
+from .task import Task
 from .terms import DemandTerms, mechanics_of
-from .verified import VerifiedOptimum
+from .tightening import VerifiedOptimum
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
-    """Everything that was found, before it is put in words."""
-
-    request: Request  # as it arrived
-    search: Search
-    exact: PlacementSolution | None  # at the limits themselves
-    verified: VerifiedOptimum
-    influence: tuple[Finding, ...]
-    value: PlacementValue | None
-    counts: tuple[CountTried, ...]
-    front: tuple[FrontPoint, ...]
-    seed: int
-
-
-def report(outcome: Outcome) -> Optimisation:
+def report(
+    task: Task,
+    verified: VerifiedOptimum,
+    counts: tuple[CountTried, ...],
+    front: tuple[FrontPoint, ...],
+    value: PlacementValue | None,
+) -> Optimisation:
     """Costs and P95 are recomputed from the new document as written."""
-    request, verified = outcome.request, outcome.verified
-    settled, solution = verified.settled, verified.settled.solution
-    problem = settled.problem
+    request, optimum = task.request, verified.optimum
+    solution = optimum.solution
+    problem = optimum.problem
     after = read_request(verified.design).problem
     before_system, after_system = request.problem.system, after.system
     p95_before: float | None = None
@@ -68,7 +58,7 @@ def report(outcome: Outcome) -> Optimisation:
         pass
     before, now = present_choice(request.problem), present_choice(after)
     priced = bool(problem.half_widths)
-    closed = objective_for_people(outcome.search.program, outcome.search.found[0].point.objective)
+    search = verified.search
     cost_before = request.problem.cost(before.half_width) if priced else 0.0
     count_price = request.wanted.count.cost_per_fiducial if request.wanted.count is not None else 0.0
     cost_before += count_price * len(before_system.fiducial_labels)
@@ -80,12 +70,12 @@ def report(outcome: Outcome) -> Optimisation:
         objective=_in_a_sentence(request, problem),
         cost_before=cost_before if np.isfinite(cost_before) else None,
         cost_after=cost_after,
-        cost_closed_form=closed if minimised else None,
-        cost_exact_law=None if outcome.exact is None else outcome.exact.cost,
+        cost_closed_form=search.best_objective if minimised else None,
+        cost_exact_law=None if verified.exact is None else verified.exact.cost,
         p95_before_mm=p95_before,
         p95_after_mm=_p95(after_system, after.demands),
         moved=_moved(request.problem.system, after_system, problem),
-        tolerances=_tolerances(outcome, before, now),
+        tolerances=_tolerances(task.request, verified, before, now),
         pivots=tuple(
             MovedPivot(
                 free.contributor, label_of(problem, free.contributor), vector3(before.pivots_mm[k]),
@@ -95,29 +85,31 @@ def report(outcome: Outcome) -> Optimisation:
         ),
         spacings=tuple(
             ChangedSpacing(
-                free.contributor, label_of(problem, free.contributor), round(float(settled.choice.spacing[k]), 6)
+                free.contributor, label_of(problem, free.contributor), round(float(optimum.choice.spacing[k]), 6)
             )
             for k, free in enumerate(problem.spacings)
         ),
         scaling=_scaling(problem, before, now),
         certificate=Certificate(
             kkt_residual=0.0 if solution is None else solution.kkt_residual,
-            starts=outcome.search.starts,
-            converged_starts=outcome.search.converged,
-            best_costs=tuple(item.objective for item in outcome.search.optima),
-            optima=outcome.search.optima,
-            relaxation=relaxation_of(outcome.search, settled),
-            seed=outcome.seed,
+            starts=search.starts,
+            converged_starts=search.converged,
+            best_costs=tuple(item.objective for item in search.optima),
+            optima=search.optima,
+            relaxation=relaxation_of(search, optimum),
+            seed=task.seed,
             tightening_rounds=verified.rounds,
-            stopped=outcome.search.stopped,
+            stopped=search.stopped,
             verification=verified.verification,
         ),
-        shadow_prices=_shadow_prices(outcome),
-        binding=() if solution is None else binding(solution.program, solution.found.point, solution.found.parameters),
-        influence=outcome.influence,
-        placement_value=outcome.value,
-        counts=outcome.counts,
-        front=outcome.front,
+        shadow_prices=_shadow_prices(verified),
+        binding=_binding(solution),
+        influence=task.remarks,
+        placement_value=value,
+        counts=tuple(
+            replace(item, note=f"{item.note}; chosen") if item.fiducials == verified.count else item for item in counts
+        ),
+        front=front,
         design_before=design_to_data(request.design),
         design=design_to_data(verified.design),
         not_asked=tuple(
@@ -162,24 +154,29 @@ def _p95(system: System, demands: tuple[Demand, ...]) -> float:
     return max(values)
 
 
-def _shadow_prices(outcome: Outcome) -> tuple[ShadowPrice, ...]:
+def _binding(solution: PlacementSolution | None) -> tuple[str, ...]:
+    if solution is None:
+        return ()
+    return binding(solution.program, solution.iterate.point, solution.iterate.parameters)
+
+
+def _shadow_prices(verified: VerifiedOptimum) -> tuple[ShadowPrice, ...]:
     """At the limits themselves where there is an optimum there: what a check's margin below them costs is not smooth
     in them, and for a per-unit quantile the margin is some per cent."""
-    settled = outcome.verified.settled
-    if outcome.exact is not None:
-        exact = outcome.exact
-        return shadow_prices(exact.program, exact.found.point, exact.cost)
-    if settled.solution is None:
+    optimum = verified.optimum
+    if verified.exact is not None:
+        exact = verified.exact
+        return shadow_prices(exact.program, exact.iterate.point, exact.cost)
+    if optimum.solution is None:
         return ()
-    program, point = settled.solution.program, settled.solution.found.point
-    if settled.problem.objective == "quantile":
-        return shadow_prices(program, point, _largest_mm(outcome))
-    return shadow_prices(program, point, settled.solution.cost, settled.cost)
+    program, point = optimum.solution.program, optimum.solution.iterate.point
+    if optimum.problem.objective == "quantile":
+        return shadow_prices(program, point, _largest_mm(verified))
+    return shadow_prices(program, point, optimum.solution.cost, optimum.cost)
 
 
-def _largest_mm(outcome: Outcome) -> float:
-    settled = outcome.verified.settled
-    sized = zip(settled.ratios, outcome.search.terms, strict=True)
+def _largest_mm(verified: VerifiedOptimum) -> float:
+    sized = zip(verified.optimum.ratios, verified.search.terms, strict=True)
     return max(ratio * term.demand.requirement.limit_mm for ratio, term in sized)
 
 
@@ -194,15 +191,17 @@ def _moved(before: System, after: System, problem: PlacementProblem) -> tuple[Mo
     return (*entries, *(MovedFiducial(label, vector3(old[label]), None) for label in old if label not in new))
 
 
-def _tolerances(outcome: Outcome, before: Choice, now: Choice) -> tuple[ChangedTolerance, ...]:
+def _tolerances(
+    request: Request, verified: VerifiedOptimum, before: Choice, now: Choice
+) -> tuple[ChangedTolerance, ...]:
     """Lever by the linear model at the demand with the largest quantile over its limit."""
-    settled = outcome.verified.settled
-    problem = settled.problem
-    worst = outcome.search.terms[int(np.argmax(settled.ratios))]
-    lever_before, lever = (_lever(worst, problem, choice) for choice in (before, settled.choice))
+    optimum = verified.optimum
+    problem = optimum.problem
+    worst = verified.search.terms[int(np.argmax(optimum.ratios))]
+    lever_before, lever = (_lever(worst, problem, choice) for choice in (before, optimum.choice))
     chosen = {}
-    if settled.graded is not None:
-        chosen = dict(zip(outcome.request.graded, settled.graded.bought.names, strict=True))
+    if optimum.purchase is not None:
+        chosen = dict(zip(request.graded, optimum.purchase.names, strict=True))
     found = []
     for k, free in enumerate(problem.half_widths):
         (old, unit), (new, _) = (for_people(problem, k, float(c.half_width[k])) for c in (before, now))

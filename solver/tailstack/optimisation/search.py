@@ -5,7 +5,7 @@ A solve starts, at a given layout, from half-widths that use up what the limits 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -48,6 +48,31 @@ Stop = Callable[[], bool]
 Points = Generator[Point, None, None]
 
 
+@dataclass(frozen=True, slots=True)
+class Control:
+    """How many threads work, who is told how far it is, and who may end it early."""
+
+    threads: int | None = None  # None: one for each core
+    progress: Progress | None = None
+    stop: Stop | None = None
+
+    def report(self, stage: str, done: int, total: int, least: float | None) -> None:
+        if self.progress is not None:
+            self.progress(stage, done, total, least)
+
+    def stops(self) -> bool:
+        return self.stop is not None and self.stop()
+
+    def shifted(self, position: int, searches: int) -> Control:
+        """For one of several searches: its progress as part of theirs."""
+        return replace(
+            self,
+            progress=lambda stage, done, total, least: self.report(
+                stage, position * total + done, searches * total, least
+            ),
+        )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Iterate:
     """A point and the parameters it was solved with."""
@@ -61,13 +86,18 @@ class Search:
     """What the starts found: the programme, the best points first, and how the starts ended."""
 
     program: Program
-    found: tuple[Iterate, ...]
+    iterates: tuple[Iterate, ...]
     terms: tuple[DemandTerms, ...]  # of every demand, also those outside the programme
     estimator: Estimator
     starts: int
     converged: int
     optima: tuple[LocalOptimum, ...]  # ascending
     stopped: str
+
+    @property
+    def best_objective(self) -> float:
+        """By the closed form, as people read it."""
+        return objective_for_people(self.program, self.iterates[0].point.objective)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,8 +107,8 @@ class PreparedSearch:
     program: Program
     terms: tuple[DemandTerms, ...]  # of every demand, also those outside the programme
     estimator: Estimator
-    begun: tuple[Start, ...]
-    led: dict[int, Iterate]  # ends that are known already
+    starts: tuple[Start, ...]
+    ends: dict[int, Iterate]  # that are known already
 
 
 def search(
@@ -95,7 +125,7 @@ def search(
     Raises InfeasibleError, and NotConvergedError when it was stopped before anything converged.
     """
     prepared = prepare_search(problem, starts=starts, seed=seed, threads=threads)
-    return conclude_search(prepared, _solve_all(prepared.program, prepared.begun, stop), progress, stop)
+    return _solve_prepared(prepared, Control(threads, progress, stop))
 
 
 def prepare_search(
@@ -119,49 +149,46 @@ def prepare_search(
 def _prepare(
     program: Program, terms: tuple[DemandTerms, ...], estimator: Estimator, layouts: list[Array]
 ) -> PreparedSearch:
-    begun, led = _lead(program, _starts(program, layouts))
-    return PreparedSearch(program, terms, estimator, tuple(begun), led)
+    starts, ends = _lead(program, _starts(program, layouts))
+    return PreparedSearch(program, terms, estimator, tuple(starts), ends)
 
 
-def explore(
-    program: Program, terms: tuple[DemandTerms, ...], estimator: Estimator, layouts: list[Array],
-    progress: Progress | None, stop: Stop | None,
-) -> Search:  # fmt: skip
+def explore(program: Program, terms: tuple[DemandTerms, ...], estimator: Estimator, layouts: list[Array]) -> Search:
     """Solve from given layouts."""
-    prepared = _prepare(program, terms, estimator, layouts)
-    return conclude_search(prepared, _solve_all(program, prepared.begun, stop), progress, stop)
+    return _solve_prepared(_prepare(program, terms, estimator, layouts), Control())
+
+
+def _solve_prepared(prepared: PreparedSearch, control: Control) -> Search:
+    return conclude_search(prepared, _solve_all(prepared.program, prepared.starts, control.stop), control)
 
 
 def solve_start(prepared: PreparedSearch, number: int) -> Point:
     """Where one start ends, on the first lane."""
-    start = prepared.begun[number]
+    start = prepared.starts[number]
     return solve(prepared.program, start.x, start.parameters)
 
 
-def conclude_search(
-    prepared: PreparedSearch, points: Points, progress: Progress | None = None, stop: Stop | None = None
-) -> Search:
+def conclude_search(prepared: PreparedSearch, points: Points, control: Control) -> Search:
     """What the ends of the starts come to, given in their order; the best are polished.
 
     Raises InfeasibleError, NotConvergedError when none converged, or when stopped before one did.
     """
-    program, begun, ends = prepared.program, prepared.begun, dict(prepared.led)
-    stopped, cut = f"all {len(begun)} starts were solved", False
+    program, starts, ends = prepared.program, prepared.starts, dict(prepared.ends)
+    stopped, cut = f"all {len(starts)} starts were solved", False
     with closing(points):  # what is still being solved is over before anything else is
         for k, point in enumerate(points):
             if point.solved and (k not in ends or point.objective < ends[k].point.objective):
-                ends[k] = Iterate(point, begun[k].parameters)
-            if progress is not None:
-                least = min((end.point.objective for end in ends.values()), default=None)
-                progress("start", k + 1, len(begun), None if least is None else objective_for_people(program, least))
-            if stop is not None and stop() and k + 1 < len(begun):
-                stopped, cut = f"stopped on request after {k + 1} of {len(begun)} starts", True
+                ends[k] = Iterate(point, starts[k].parameters)
+            least = min((objective_for_people(program, end.point.objective) for end in ends.values()), default=None)
+            control.report("start", k + 1, len(starts), least)
+            if control.stops() and k + 1 < len(starts):
+                stopped, cut = f"stopped on request after {k + 1} of {len(starts)} starts", True
                 break
     if not ends and cut:
         detail = f"{stopped}: none had converged"
         raise NotConvergedError(Problem("/optimise", "stopped", detail, "let it run longer"))
     if not ends:
-        raise _explain_failure(program, list(begun))
+        raise _explain_failure(program, starts)
     solved = sorted(ends.values(), key=lambda item: item.point.objective)
     polished = [
         Iterate(solve(program, item.point.x, item.parameters, warm=item.point), item.parameters)
@@ -169,41 +196,47 @@ def conclude_search(
     ]
     best = sorted((item for item in polished if item.point.solved), key=lambda item: item.point.objective) or solved
     return Search(
-        program, tuple(best), prepared.terms, prepared.estimator, len(begun), len(ends), local_optima(program, ends),
-        stopped,
-    )  # fmt: skip
+        program=program,
+        iterates=tuple(best),
+        terms=prepared.terms,
+        estimator=prepared.estimator,
+        starts=len(starts),
+        converged=len(ends),
+        optima=local_optima(program, ends),
+        stopped=stopped,
+    )
 
 
-def _lead(program: Program, begun: list[Start]) -> tuple[list[Start], dict[int, Iterate]]:
+def _lead(program: Program, starts: list[Start]) -> tuple[list[Start], dict[int, Iterate]]:
     """Starts, and the end of the most promising one where it had to be led to the feasible set.
 
     When no start is feasible even with its half-widths at their smallest: is there anything to find?  The smallest
     quantile is asked for from the best layouts, before all starts fail.  Raises InfeasibleError.
     """
-    ranked = sorted(begun, key=lambda start: start.tightest_ratio)
+    ranked = sorted(starts, key=lambda start: start.tightest_ratio)
     if ranked[0].tightest_ratio <= 1 or program.problem.objective == "quantile":
-        return begun, {}
-    first = begun.index(ranked[0])
+        return starts, {}
+    first = starts.index(ranked[0])
     least = least_quantile(program, ranked[:ATTEMPTS])
     if least.point.objective > 0:
-        held = evaluate_demands(program, least.point)
-        if worst_ratio(held) > 1:
+        exact = evaluate_demands(program, least.point)
+        if worst_ratio(exact) > 1:
             raise explain_infeasible(program, least.point)
         # The closed form refuses what the exact law accepts: search on with the one corrected to the other.
-        corrected = corrections_at(program, program.split(least.point.x), held)
-        begun = [replace(start, parameters=replace(start.parameters, corrections=corrected)) for start in begun]
+        corrected = corrections_at(program, program.split(least.point.x), exact)
+        starts = [replace(start, parameters=replace(start.parameters, corrections=corrected)) for start in starts]
         least = replace(least, parameters=replace(least.parameters, corrections=corrected))
     end = Iterate(solve(program, least.point.x, least.parameters), least.parameters)
-    return begun, {first: end} if end.point.solved else {}
+    return starts, {first: end} if end.point.solved else {}
 
 
-def _explain_failure(program: Program, begun: list[Start]) -> TailstackError:
+def _explain_failure(program: Program, starts: Sequence[Start]) -> TailstackError:
     """Why no start ended anywhere."""
-    ranked = sorted(begun, key=lambda start: start.tightest_ratio)
+    ranked = sorted(starts, key=lambda start: start.tightest_ratio)
     least = least_quantile(program, ranked[:ATTEMPTS])
     if worst_ratio(evaluate_demands(program, least.point)) > 1:
         return explain_infeasible(program, least.point)
-    return none_converged(len(begun))
+    return none_converged(len(starts))
 
 
 def objective_for_people(program: Program, objective: float) -> float:
@@ -211,7 +244,7 @@ def objective_for_people(program: Program, objective: float) -> float:
     return float(np.exp(objective / 2 if program.problem.objective == "quantile" else objective))
 
 
-def _solve_all(program: Program, begun: tuple[Start, ...], stop: Stop | None) -> Points:
+def _solve_all(program: Program, starts: tuple[Start, ...], stop: Stop | None) -> Points:
     """The starts solved side by side, in their order: what a start ends at does not depend on the threads."""
     lanes: SimpleQueue[int] = SimpleQueue()
     for lane in range(len(program.explore)):
@@ -225,7 +258,7 @@ def _solve_all(program: Program, begun: tuple[Start, ...], stop: Stop | None) ->
             lanes.put(lane)
 
     with ThreadPoolExecutor(len(program.explore), thread_name_prefix="tailstack-start") as pool:
-        futures = [pool.submit(one, start) for start in begun]
+        futures = [pool.submit(one, start) for start in starts]
         try:
             for future in futures:
                 _wait(future, futures, stop)
@@ -341,8 +374,8 @@ def with_demands(search: Search, point: Point, ratios: Array, least: float) -> S
         if ratio > least * LEADING or term.demand.key in inside
     )
     program = build_program(search.program.problem, search.estimator, active, len(search.program.explore))
-    layouts = [search.program.split(p.x).fiducials_mm for p in (point, *(item.point for item in search.found[1:]))]
-    again = explore(program, search.terms, search.estimator, layouts, None, None)
+    layouts = [search.program.split(p.x).fiducials_mm for p in (point, *(item.point for item in search.iterates[1:]))]
+    again = explore(program, search.terms, search.estimator, layouts)
     return replace(
         again, starts=search.starts, converged=search.converged, optima=search.optima, stopped=search.stopped
     )

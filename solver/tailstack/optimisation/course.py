@@ -1,0 +1,166 @@
+"""The optimiser's course on one page: from a design document to a better one, verified before it is called that.
+
+====================  =========================================================================================
+problem               what may change and what must hold (``request``, ``problem``); what no search could meet is
+                      refused at once (``task``, ``contradictions``, ``explain``)
+starts                layouts to start from (``starts``)
+programme             the first-order quantiles in symbols, one expression (``terms``, ``program``)
+search                IPOPT from every start, the best polished (``search``)
+exact law             the closed form corrected until the declared law itself is at its limit (``exact_law``,
+                      ``placement``)
+grades                what is bought from a table, and everything else around it (``grades``)
+check                 Monte Carlo with a fresh seed, the aim tightened until it passes (``tightening``)
+front, comparison     the same at other limits, and at other layouts (``alternatives``)
+record, certificate   residual, bound of the convex allocation, shadow prices (``reporting``, ``certificate``,
+                      ``relaxation``, ``allocation``)
+====================  =========================================================================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from ..design import Design
+from ..errors import InfeasibleError, NotConvergedError, TailstackError
+from ..results import CountTried, FrontPoint, Optimisation
+from .alternatives import trace_front, value_placement
+from .placement import settle
+from .reporting import report
+from .search import Control, Progress, Search, Stop, search
+from .task import Task, locate_refusals, read_task
+from .tightening import CheckSettings, VerifiedOptimum, tighten
+
+TIE = 1e-4  # relative: a count must be better by that to be preferred to a smaller one
+
+
+def optimise(
+    design: Design,
+    *,
+    seed: int | None = None,
+    starts: int | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    stop: Stop | None = None,
+) -> Optimisation:
+    """Move what is free in a design to what its ``optimise`` section asks for, under the design's own limits.
+
+    ``seed`` and ``starts`` default to the document's, ``threads`` to every core; the answer does not depend on it.
+    ``progress(stage, done, total, least objective so far)`` is called after every start, count, check and point of a
+    front; what it raises ends the work.  ``stop()`` is polled; once it is true the best found so far is settled,
+    verified and returned, ``certificate.stopped`` says so.  The design returned is verified: the upper confidence
+    limit of every quantile, from a fresh seed, is within its limit.
+
+    Raises DesignError (contradictions, nothing that is free acts), InfeasibleError (with the smallest quantile
+    attainable and what would cure it), IllPosedError, NotConvergedError (also when stopped before anything
+    converged).
+    """
+    task = read_task(design, seed=seed, starts=starts)
+    control = Control(threads, progress, stop)
+    return optimise_task(task, LocalSearcher(task, control), control)
+
+
+def optimise_task(task: Task, searcher: Searcher, control: Control) -> Optimisation:
+    """:func:`optimise` of what was read, with searches and fronts from a searcher: made here, or recorded elsewhere.
+
+    Raises InfeasibleError, IllPosedError, NotConvergedError, and what the searcher raises.
+    """
+    with locate_refusals(task.request.design):
+        searches, counts = search_counts(task, searcher, control)
+        optimum = take_first_verified(task, searches, control)
+        front: tuple[FrontPoint, ...] = ()
+        if task.request.wanted.wanted == "pareto":
+            front = searcher.trace_front(task.counts.index(optimum.count), optimum.search)
+        value = None if task.request.graded else value_placement(optimum.search, task.seed, control.stop)
+        return report(task, optimum, counts, front, value)
+
+
+class Searcher(Protocol):
+    """What takes long and can be done in parts."""
+
+    def search(self, position: int) -> Search: ...  # at one of the numbers of fiducials; raises what ``search`` does
+    def trace_front(self, position: int, search: Search) -> tuple[FrontPoint, ...]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class LocalSearcher:
+    """Everything solved here and now."""
+
+    task: Task
+    control: Control
+
+    def search(self, position: int) -> Search:
+        task, control = self.task, self.control
+        shifted = control.shifted(position, len(task.counts))
+        return search(
+            task.problems[position], starts=task.starts, seed=task.seed, threads=control.threads,
+            progress=shifted.progress, stop=control.stop,
+        )  # fmt: skip
+
+    def trace_front(self, position: int, search: Search) -> tuple[FrontPoint, ...]:
+        return trace_front(self.task, search, self.control)
+
+
+def search_counts(task: Task, searcher: Searcher, control: Control) -> tuple[list[Search], tuple[CountTried, ...]]:
+    """Searches at every number of fiducials, best objective first (a tie goes to fewer), and what each reached.
+
+    Raises what the search at the first number raises if none found anything.
+    """
+    count = task.request.wanted.count
+    each = 0.0 if count is None else count.cost_per_fiducial
+    searches: list[tuple[float, Search]] = []
+    tried: list[CountTried] = []
+    missed = 0
+    refused: TailstackError | None = None
+    for position, (number, problem) in enumerate(zip(task.counts, task.problems, strict=True)):
+        if control.stops() and searches:
+            tried.append(CountTried(number, None, None, "not tried: stopped on request"))
+            missed += 1
+            continue
+        try:
+            found = searcher.search(position)
+        except (InfeasibleError, NotConvergedError) as error:
+            refused = refused or error
+            tried.append(CountTried(number, None, None, error.problems[0].detail))
+            continue
+        priced = problem.objective != "quantile"
+        total = found.best_objective + each * number if priced else found.best_objective
+        note = f"{found.converged} of {found.starts} starts converged"
+        tried.append(CountTried(number, total if priced else None, None if priced else total, note))
+        searches.append((total, found))
+    if not searches:
+        assert refused is not None  # there is at least one count
+        raise refused
+    least = min(total for total, _ in searches)
+    ranked = [item[1] for item in sorted(searches, key=lambda item: 0.0 if item[0] <= least * (1 + TIE) else item[0])]
+    if missed:
+        stopped = f"stopped on request: {missed} of {len(task.counts)} numbers of fiducials were not tried"
+        ranked = [replace(found, stopped=stopped) for found in ranked]
+    return ranked, () if count is None else tuple(tried)
+
+
+def take_first_verified(task: Task, searches: list[Search], control: Control) -> VerifiedOptimum:
+    """The best of the optima that verifies.
+
+    Where first order does not hold at the best one (a nearly flat layout of few fiducials), another may do; where a
+    number of fiducials cannot keep the limit with the check's margin, another may.
+    """
+    refused: TailstackError | None = None
+    for found in searches:
+        for item in found.iterates:
+            first = replace(found, iterates=(item, *(other for other in found.iterates if other is not item)))
+            try:
+                exact = None
+                if found.program.problem.objective != "quantile" and not task.request.graded:
+                    exact = settle(first, np.ones(len(first.terms)))
+                optimum = tighten(task.request, first, CheckSettings(task.seed), control, start=exact)
+                return replace(optimum, search=found, exact=exact)
+            except NotConvergedError as error:
+                refused = refused or error
+            except InfeasibleError as error:
+                refused = refused or error
+                break  # the other optima are no better
+    assert refused is not None  # a search has at least one point
+    raise refused

@@ -1,0 +1,65 @@
+"""What a document asks the optimiser for: its problems, refused already where no search is needed to refuse them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from ..design import Design
+from ..design.refusals import place
+from ..errors import TailstackError
+from ..results import Finding
+from .contradictions import refuse_contradictions
+from .explain import influence_of, refuse_incurable
+from .problem import PlacementProblem
+from .request import Request, list_counts, read_request, with_count
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """What a document asks for."""
+
+    request: Request
+    seed: int
+    starts: int
+    counts: tuple[int, ...]  # numbers of fiducials to be tried
+    problems: tuple[PlacementProblem, ...]  # one for each
+    remarks: tuple[Finding, ...]  # what the free variables can and cannot do
+
+
+def read_task(design: Design, *, seed: int | None = None, starts: int | None = None) -> Task:
+    """Read the ``optimise`` section of a design.  Raises DesignError, InfeasibleError."""
+    with locate_refusals(design):
+        request = read_request(design)
+        wanted, counts = request.wanted, list_counts(request)
+        problems = tuple(with_count(request, count) for count in counts)
+        for problem in problems:
+            refuse_contradictions(problem)
+        refuse_incurable(request.problem)
+        return Task(
+            request=request,
+            seed=wanted.seed if seed is None else seed,
+            starts=wanted.starts if starts is None else starts,
+            counts=counts,
+            problems=problems,
+            remarks=influence_of(request.problem),
+        )
+
+
+def influence(design: Design) -> tuple[Finding, ...]:
+    """What the free variables of a design can and cannot do, in milliseconds.  Raises DesignError."""
+    with locate_refusals(design):
+        problem = read_request(design).problem
+        refuse_contradictions(problem)
+        refuse_incurable(problem)
+        return influence_of(problem)
+
+
+@contextmanager
+def locate_refusals(design: Design) -> Iterator[None]:
+    """Refusals with their place in the user's document."""
+    try:
+        yield
+    except TailstackError as error:
+        raise type(error)([place(problem, design.source) for problem in error.problems]) from None
