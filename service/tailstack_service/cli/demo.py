@@ -25,7 +25,7 @@ READY_SECONDS = 600.0  # a slow machine compiles for a while
 FIRST_WORD_SECONDS, WORD_SECONDS = 3.0, 20.0
 FIRST_TIME = "a minute or two the first time on a machine; later runs read them from a cache"
 REPORT_SECONDS = 60.0
-TELL_SECONDS = 1.0  # between lines of progress
+ANNOUNCE_SECONDS = 1.0  # between lines of progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,61 +63,61 @@ def run(arguments: argparse.Namespace) -> Answer:
     output.mkdir(parents=True, exist_ok=True)
     begun = time.monotonic()
 
-    def tell(text: str) -> None:
+    def announce(text: str) -> None:
         print(f"[{time.monotonic() - begun:5.1f} s] {text}", file=sys.stderr, flush=True)
 
     def show(title: str, text: str) -> None:
         sys.stdout.write(chapter(title, colour) + text)
         sys.stdout.flush()
 
-    def keep(name: str, content: bytes) -> None:
+    def save(name: str, content: bytes) -> None:
         (output / name).write_bytes(content)
 
     design = design_to_data(load_design(demo_text()))
-    tell("starting the service on a free loopback port, a worker beside it")
+    announce("starting the service on a free loopback port, a worker beside it")
     with running_service(default_settings(), worker=True, worker_log=output / "worker.log") as (host, port):
         service = Service(f"http://{host}:{port}", key="")
-        wait_until_ready(service, tell)
-        tell(f"service ready at {service.url}; POST /v1/scores")
+        wait_until_ready(service, announce)
+        announce(f"service ready at {service.url}; POST /v1/scores")
         body = service.ask("POST", "/v1/scores", {"design": design}).content
         score = read_record("score", body)
-        keep("score.json", body)
+        save("score.json", body)
         show("Score: first order", score_text(score, colour=colour))
 
-        tell(f"POST /v1/verifications, to {100 * PRECISION:g} %")
-        body, _ = run_job(service, "/v1/verifications", {"design": design, "precision": PRECISION, "seed": 1}, tell)
+        announce(f"POST /v1/verifications, to {100 * PRECISION:g} %")
+        body, _ = run_job(service, "/v1/verifications", {"design": design, "precision": PRECISION, "seed": 1}, announce)
         before = read_record("verification", body)
-        keep("verification.json", body)
+        save("verification.json", body)
         show("Check: Monte Carlo on the full chain", verification_text(before, colour=colour))
 
-        tell("POST /v1/optimisations, a second or two per start")
-        body, result = run_job(service, "/v1/optimisations", {"design": design}, tell)
+        announce("POST /v1/optimisations, a second or two per start")
+        body, result = run_job(service, "/v1/optimisations", {"design": design}, announce)
         optimised = read_record("optimisation", body)
-        keep("optimisation.json", body)
-        keep("optimised.yaml", data_to_yaml(optimised.design).encode())
+        save("optimisation.json", body)
+        save("optimised.yaml", data_to_yaml(optimised.design).encode())
         show("Optimised: layout and rotational tolerances", optimisation_text(optimised, colour=colour))
 
-        tell("POST /v1/scores and /v1/verifications of the optimised design")
+        announce("POST /v1/scores and /v1/verifications of the optimised design")
         score_after = read_record("score", service.ask("POST", "/v1/scores", {"design": optimised.design}).content)
         again = {"design": optimised.design, "precision": PRECISION, "seed": 2}
-        body, _ = run_job(service, "/v1/verifications", again, tell)
+        body, _ = run_job(service, "/v1/verifications", again, announce)
         after = read_record("verification", body)
         show("Before -> after", before_after_text(score, before, score_after, after, optimised))
 
-        tell(f"GET {result}/report?format=html")
-        keep("report.html", service.ask("GET", f"{result}/report?format=html", seconds=REPORT_SECONDS).content)
-        tell("stopping the service")
+        announce(f"GET {result}/report?format=html")
+        save("report.html", service.ask("GET", f"{result}/report?format=html", seconds=REPORT_SECONDS).content)
+        announce("stopping the service")
     names = ", ".join(sorted(path.name for path in output.iterdir()))
     closing = f"\nwritten to {output}/: {names}\nnext: {program()} score {output}/optimised.yaml\n"
     return Answer(closing, exit_code_of(after.verdict))
 
 
-def wait_until_ready(service: Service, tell: Callable[[str], None], seconds: float = READY_SECONDS) -> None:
+def wait_until_ready(service: Service, announce: Callable[[str], None], seconds: float = READY_SECONDS) -> None:
     """Poll readiness; the first run on a machine compiles the kernels.  Raises RemoteError."""
     from .remote import RemoteError
 
     begun = time.monotonic()
-    say = begun + FIRST_WORD_SECONDS
+    next_word = begun + FIRST_WORD_SECONDS
     while True:
         try:
             service.ask("GET", "/health/ready")
@@ -127,25 +127,25 @@ def wait_until_ready(service: Service, tell: Callable[[str], None], seconds: flo
                 raise
             if error.status != 503:
                 raise
-        if time.monotonic() > say:
-            first = say == begun + FIRST_WORD_SECONDS
-            say = time.monotonic() + WORD_SECONDS
-            tell(f"compiling the kernels: {FIRST_TIME}" if first else "still compiling")
+        if time.monotonic() > next_word:
+            first = next_word == begun + FIRST_WORD_SECONDS
+            next_word = time.monotonic() + WORD_SECONDS
+            announce(f"compiling the kernels: {FIRST_TIME}" if first else "still compiling")
         time.sleep(0.05)
 
 
-def run_job(service: Service, path: str, request: dict[str, Any], tell: Callable[[str], None]) -> tuple[bytes, str]:
-    """The result of a job and its path, its progress told on the way.  Raises RemoteError if it fails."""
+def run_job(service: Service, path: str, request: dict[str, Any], announce: Callable[[str], None]) -> tuple[bytes, str]:
+    """The result of a job and its path, its progress announced on the way.  Raises RemoteError if it fails."""
     from ..rendering.jobs import advance_text
 
     job = service.ask_record("POST", path, request)
-    said = time.monotonic()
+    announced_at = time.monotonic()
     for event in service.events(job["id"]):
-        if event.name == "progress" and time.monotonic() - said > TELL_SECONDS:
-            said = time.monotonic()
+        if event.name == "progress" and time.monotonic() - announced_at > ANNOUNCE_SECONDS:
+            announced_at = time.monotonic()
             done, expected = event.data["units_done"], max(event.data["units_expected"], 1)
             words = advance_text(done / expected, done, expected, event.data["eta_seconds"])
-            tell(f"  job {job['id']}: {words}, {event.data['note']}")
+            announce(f"  job {job['id']}: {words}, {event.data['note']}")
     reply = service.ask("GET", f"/v1/jobs/{job['id']}/result")
     record = service.ask_record("GET", f"/v1/jobs/{job['id']}")
     return reply.content, record["links"]["result"]

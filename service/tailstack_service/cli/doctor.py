@@ -77,7 +77,7 @@ def _compile_cache() -> str:
 
 
 def _kernels() -> str:
-    """What is kept of this very version for this processor, and whether it is what was written."""
+    """Which kernels are stored for these sources and this processor, and whether their files are undamaged."""
     from importlib import import_module
 
     from tailstack import kernels, sources
@@ -87,16 +87,16 @@ def _kernels() -> str:
     if without := kernels.kernels_without_store():
         raise RuntimeError(f"{kernels.BUILT_WITH} keeps no kernels: every process compiles {without[0]} and the others")
     folders = (kernels.PREBUILT, kernels.writable_directory())
-    kept = [one for folder in folders for one in kernels.stored_kernels(folder)]
-    current = [one for one in kept if one.current]
-    damaged = [one.path for one in current if not one.sound]
+    files = [file for folder in folders for file in kernels.stored_kernels(folder)]
+    current = [file for file in files if file.current]
+    damaged = [file.path for file in current if not file.sound]
     if damaged:
         raise RuntimeError(f"{len(damaged)} damaged, which are compiled again when needed; delete {damaged[0]}")
-    here = {one.name for one in current} & kernels.KERNELS.keys()
+    here = {file.name for file in current} & kernels.KERNELS.keys()
     return (
         f"{len(here)} of {len(kernels.KERNELS)} are compiled from these sources "
         f"({sources.digest_of_all(sources.SOURCES)[:12]}) with {kernels.BUILT_WITH} for {kernels.target()[1]}; "
-        f"files of other sources, versions or processors, not used: {len(kept) - len(current)}"
+        f"files of other sources, versions or processors, not used: {len(files) - len(current)}"
     )
 
 
@@ -106,10 +106,10 @@ def _known_value() -> str:
 
     from tailstack.tail.gaussian import norm_quantile
 
-    found = norm_quantile(0.95, np.zeros(3), np.eye(3))
-    if not abs(found / CHI_95_3 - 1) < 1e-9:
-        raise RuntimeError(f"P95 of |N(0, I)| is {found!r}, should be {CHI_95_3!r}")
-    return f"P95 of |N(0, I)| = {found:.9f} mm, closed form {CHI_95_3:.9f} mm"
+    p95 = norm_quantile(0.95, np.zeros(3), np.eye(3))
+    if not abs(p95 / CHI_95_3 - 1) < 1e-9:
+        raise RuntimeError(f"P95 of |N(0, I)| is {p95!r}, should be {CHI_95_3!r}")
+    return f"P95 of |N(0, I)| = {p95:.9f} mm, closed form {CHI_95_3:.9f} mm"
 
 
 def _chain() -> str:

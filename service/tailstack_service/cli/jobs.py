@@ -29,18 +29,16 @@ HINTS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listed = actions.add_parser("list", help="jobs, newest first", allow_abbrev=False)
-    listed.add_argument("--state", choices=STATES, help="only jobs in this state")
-    listed.add_argument("--kind", choices=KINDS, help="only jobs of this kind")
-    listed.add_argument("--limit", type=whole(1), default=50, metavar="N", help="at most N (default %(default)s)")
-    shown = actions.add_parser("show", help="one job in full", allow_abbrev=False)
-    followed = actions.add_parser(
-        "follow", help="progress until the job ends, also across restarts", allow_abbrev=False
-    )
-    cancelled = actions.add_parser("cancel", help="stop a job; nothing of it is recorded any more", allow_abbrev=False)
-    for action in (shown, followed, cancelled):
+    list_ = actions.add_parser("list", help="jobs, newest first", allow_abbrev=False)
+    list_.add_argument("--state", choices=STATES, help="only jobs in this state")
+    list_.add_argument("--kind", choices=KINDS, help="only jobs of this kind")
+    list_.add_argument("--limit", type=whole(1), default=50, metavar="N", help="at most N (default %(default)s)")
+    show = actions.add_parser("show", help="one job in full", allow_abbrev=False)
+    follow = actions.add_parser("follow", help="progress until the job ends, also across restarts", allow_abbrev=False)
+    cancel = actions.add_parser("cancel", help="stop a job; nothing of it is recorded any more", allow_abbrev=False)
+    for action in (show, follow, cancel):
         action.add_argument("id", metavar="ID", help="as tailstack jobs list shows it")
-    for action in (listed, shown, followed, cancelled):
+    for action in (list_, show, follow, cancel):
         action.add_argument("--url", metavar="URL", help="the service (default TAILSTACK_URL, or this machine's)")
         action.add_argument("--json", action="store_true", help="records as JSON (tailstack schema job)")
 
@@ -69,19 +67,19 @@ def _list(service: Service, arguments: argparse.Namespace) -> Answer:
 
     query = {"limit": min(arguments.limit, PAGE), "state": arguments.state, "kind": arguments.kind}
     path: str | None = "/v1/jobs?" + urlencode({name: value for name, value in query.items() if value is not None})
-    found: list[dict[str, Any]] = []
-    while path is not None and len(found) < arguments.limit:
+    records: list[dict[str, Any]] = []
+    while path is not None and len(records) < arguments.limit:
         page = service.ask_record("GET", path)
-        found += page["jobs"]
+        records += page["jobs"]
         path = page["next"]
-    found = found[: arguments.limit]
+    records = records[: arguments.limit]
     if arguments.json:
-        return Answer(write_json(found).encode())
-    if not found:
-        made = f"curl {service.url}/v1/verifications -H 'Content-Type: application/yaml' --data-binary @design.yaml"
-        print(f"there are no such jobs; to make one: {made}", file=sys.stderr)
+        return Answer(write_json(records).encode())
+    if not records:
+        command = f"curl {service.url}/v1/verifications -H 'Content-Type: application/yaml' --data-binary @design.yaml"
+        print(f"there are no such jobs; to make one: {command}", file=sys.stderr)
         return Answer("")
-    return Answer(jobs_text(found))
+    return Answer(jobs_text(records))
 
 
 def _record(record: dict[str, Any], arguments: argparse.Namespace, code: int = PASS) -> Answer:
@@ -144,13 +142,13 @@ class ProgressLine:
 
         if name == "progress":
             done, expected = data["units_done"], max(data["units_expected"], 1)
-            said = advance_text(min(done / expected, 1.0), done, expected, data["eta_seconds"])
-            said += f", {data['note']}" if data["note"] else ""
+            news = advance_text(min(done / expected, 1.0), done, expected, data["eta_seconds"])
+            news += f", {data['note']}" if data["note"] else ""
         elif name == "recomputed":
-            said = f"begun anew: the solver was upgraded from {data['from']} to {data['to']}"
+            news = f"begun anew: the solver was upgraded from {data['from']} to {data['to']}"
         else:
-            said = str(data.get("state", name))
-        text = f"{self.what}: {said}"
+            news = str(data.get("state", name))
+        text = f"{self.what}: {news}"
         sys.stderr.write(f"\r{text[:98]}\x1b[K" if self.terminal else text + "\n")
         sys.stderr.flush()
 

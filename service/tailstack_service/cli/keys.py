@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from ..jobs.store.database import Database
 
 HELP = "make, list or revoke API keys; who did what"
-
-
 ACTIONS = ("key-created", "key-revoked", "key-used", "policy-changed")
 
 
@@ -29,22 +27,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="read, compute or metrics; may be repeated (default: read and compute)",
     )  # fmt: skip
     create.add_argument("--days", type=float, default=365.0, metavar="D", help="good for D days (default %(default)g)")
-    listed = actions.add_parser("list", help="every key, without secrets", allow_abbrev=False)
-    listed.add_argument("--tenant", metavar="T", help="only this tenant's")
-    listed.add_argument("--json", action="store_true", help="as JSON")
-    revoke_key = actions.add_parser("revoke", help="refuse a key from now on", allow_abbrev=False)
-    revoke_key.add_argument("id", metavar="ID", help="as tailstack keys list shows it, or the secret itself")
-    logged = actions.add_parser(
+    list_ = actions.add_parser("list", help="every key, without secrets", allow_abbrev=False)
+    list_.add_argument("--tenant", metavar="T", help="only this tenant's")
+    list_.add_argument("--json", action="store_true", help="as JSON")
+    revoke = actions.add_parser("revoke", help="refuse a key from now on", allow_abbrev=False)
+    revoke.add_argument("id", metavar="ID", help="as tailstack keys list shows it, or the secret itself")
+    log = actions.add_parser(
         "log", help="who made, revoked or first used keys, and changed policies of gates", allow_abbrev=False
     )
-    logged.add_argument("--tenant", metavar="T", help="only what concerns this tenant")
-    logged.add_argument("--action", dest="only", metavar="A", choices=ACTIONS, help=f"only {', '.join(ACTIONS)}")
-    logged.add_argument(
-        "--days", type=float, default=30.0, metavar="D", help="of the last D days (default %(default)g)"
-    )
-    logged.add_argument("--limit", type=whole(1), default=1000, metavar="N", help="the last N (default %(default)s)")
-    logged.add_argument("--json", action="store_true", help="as JSON")
-    for action in (create, listed, revoke_key, logged):
+    log.add_argument("--tenant", metavar="T", help="only what concerns this tenant")
+    log.add_argument("--action", dest="only", metavar="A", choices=ACTIONS, help=f"only {', '.join(ACTIONS)}")
+    log.add_argument("--days", type=float, default=30.0, metavar="D", help="of the last D days (default %(default)g)")
+    log.add_argument("--limit", type=whole(1), default=1000, metavar="N", help="the last N (default %(default)s)")
+    log.add_argument("--json", action="store_true", help="as JSON")
+    for action in (create, list_, revoke, log):
         add_database(action)
 
 
@@ -80,15 +76,15 @@ def _list(db: Database, arguments: argparse.Namespace) -> Answer:
     from ..jobs.store.keys import list_keys
     from ..rendering.tables import table
 
-    found = list_keys(db, arguments.tenant)
+    keys = list_keys(db, arguments.tenant)
     if arguments.json:
-        return Answer(write_json([{**asdict(key), "state": state} for key, state in found]).encode())
-    if not found:
+        return Answer(write_json([{**asdict(key), "state": state} for key, state in keys]).encode())
+    if not keys:
         print(f"there are no keys; to make one: {program()} keys create --tenant T --name N", file=sys.stderr)
         return Answer("")
     rows = [
         (key.id, key.tenant, key.name, " ".join(key.scopes), _day(key.created_at), _day(key.expires_at), state)
-        for key, state in found
+        for key, state in keys
     ]
     return Answer(table(("id", "tenant", "name", "scopes", "created", "expires", "state"), rows, left=7) + "\n")
 
@@ -121,12 +117,12 @@ def _log(db: Database, arguments: argparse.Namespace) -> Answer:
     from ..rendering.tables import table
 
     since = time.time() - arguments.days * 86_400.0
-    found = audit.list_entries(db, tenant=arguments.tenant, action=arguments.only, since=since, limit=arguments.limit)
+    entries = audit.list_entries(db, tenant=arguments.tenant, action=arguments.only, since=since, limit=arguments.limit)
     if arguments.json:
-        return Answer(write_json([{**asdict(entry), "at": moment(entry.at)} for entry in found], indent=2).encode())
+        return Answer(write_json([{**asdict(entry), "at": moment(entry.at)} for entry in entries], indent=2).encode())
     rows = [
         (moment(entry.at), entry.actor, entry.action, entry.tenant, entry.subject, _describe_detail(entry.detail))
-        for entry in found
+        for entry in entries
     ]
     return Answer(table(("at", "who", "what", "tenant", "which", "detail"), rows, left=6) + "\n" if rows else "")
 

@@ -37,22 +37,22 @@ def problem_text(problem: Problem) -> str:
         place = f"{problem.file}:{problem.line}:{problem.column or 1}: {place}"
     elif problem.file is not None:
         place = f"{problem.file}: {place}"
-    said = f"{place}: {problem.detail}" if place else problem.detail
-    return said + (f"\n  hint: {spell_commands(problem.hint)}" if problem.hint else "")
+    text = f"{place}: {problem.detail}" if place else problem.detail
+    return text + (f"\n  hint: {spell_commands(problem.hint)}" if problem.hint else "")
 
 
 def name_stdin(problems: tuple[Problem, ...], file: str | None) -> tuple[Problem, ...]:
-    """Problems of a design that came from stdin get that for a file name."""
+    """Problems with ``<stdin>`` for a file name where the design came from there."""
     return tuple(replace(p, file="<stdin>") if p.file is None and file == "-" else p for p in problems)
 
 
 def next_command(slug: str, arguments: argparse.Namespace) -> str:
     file = getattr(arguments, "design", None) or "DESIGN"
     file = file[0] if isinstance(file, list) else file
-    chosen = NEXT.get(slug, "tailstack {verb} --help")
+    command = NEXT.get(slug, "tailstack {verb} --help")
     if arguments.verb == "optimise" and slug == "invalid-design":
-        chosen = OPTIMISE_AGAIN  # validate does not look at what the optimiser is asked for
-    return spell_commands("next: " + chosen.format(file=file, verb=arguments.verb))
+        command = OPTIMISE_AGAIN  # validate does not look at what the optimiser is asked for
+    return spell_commands("next: " + command.format(file=file, verb=arguments.verb))
 
 
 def report_error(error: TailstackError | OSError, arguments: argparse.Namespace) -> int:

@@ -186,8 +186,8 @@ def read_refusal(status: int, content: bytes) -> RemoteError:
     """What a problem document says, as an exception; anything else is told by its status."""
     try:
         document = json.loads(content)
-        told = (Problem(**{**OPTIONAL, **entry}) for entry in document["errors"])
-        problems = tuple(replace(problem, hint=HINTS.get(problem.code, problem.hint)) for problem in told)
+        problems = tuple(Problem(**{**OPTIONAL, **entry}) for entry in document["errors"])
+        problems = tuple(replace(problem, hint=HINTS.get(problem.code, problem.hint)) for problem in problems)
         return RemoteError(document["type"].rpartition("/")[2], document["title"], status, problems)
     except (ValueError, KeyError, TypeError, AttributeError):
         problem = Problem("", "unexpected-answer", f"status {status}, and no document of ours: is this a tailstack?")

@@ -30,10 +30,10 @@ def run(arguments: argparse.Namespace) -> Answer:
     if arguments.check:
         from ..jobs.process import find_live_worker
 
-        found = find_live_worker(settings)
-        if found is None:
+        worker = find_live_worker(settings)
+        if worker is None:
             return Answer("no worker of this host is alive\n", NOT_EVALUATED)
-        return Answer(f"worker {found.id} is alive\n", PASS)
+        return Answer(f"worker {worker.id} is alive\n", PASS)
 
     from ..jobs.process import run_worker
     from ..processes.interpreter import refuse_unusable_kernels
