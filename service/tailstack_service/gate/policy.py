@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from tailstack.design.fields import Length, Name, Record, refusal
 from tailstack.precision import FINEST_PRECISION
@@ -38,36 +38,43 @@ def _refuse_half(rule: Record, first: str, second: str) -> None:
         raise refusal("missing-field", f"{first} and {second} go together; {missing[0]} is missing")
 
 
-class Rule(Record):
-    """A rule without limits."""
+class _ErrorRule(Record):
+    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
 
+
+class _WarningRule(Record):
     severity: Severity = Field(default="warning", description=_WEIGHT, examples=["warning"])
 
 
-class P95Rule(Record):
+class _NoteRule(Record):
+    severity: Severity = Field(default="note", description=_WEIGHT, examples=["note"])
+
+
+class Rule(_WarningRule):
+    """A rule without limits."""
+
+
+class P95Rule(_ErrorRule):
     """Quantiles: every pooled requirement of the design, and a P95 limit of the policy's own."""
 
-    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
     limit_mm: Length | None = Field(
         default=None, description="P95 of the TCP error at every target must not exceed this, mm.", examples=[2.0]
     )
     confidence: Confidence = Field(default=0.95, description=_CONFIDENCE)
 
 
-class CvarRule(Record):
+class CvarRule(_ErrorRule):
     """Mean of the worst 5 % of errors."""
 
-    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
     limit_mm: Length | None = Field(
         default=None, description="CVaR95 of the TCP error at every target must not exceed this, mm.", examples=[2.5]
     )
     confidence: Confidence = Field(default=0.95, description=_CONFIDENCE)
 
 
-class ExceedanceRule(Record):
+class ExceedanceRule(_ErrorRule):
     """How often an error may be large."""
 
-    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
     limit_mm: Length | None = Field(default=None, description="Error that counts as large, mm.", examples=[2.5])
     max_probability: Probability | None = Field(
         default=None, description="Largest share of shots beyond limit_mm.", examples=[0.01]
@@ -80,10 +87,9 @@ class ExceedanceRule(Record):
         return self
 
 
-class YieldRule(Record):
+class YieldRule(_ErrorRule):
     """Share of installed units that are good: per-unit requirements of the design, and one of the policy's own."""
 
-    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
     limit_mm: Length | None = Field(
         default=None, description="A unit is good if the P95 of its own shots is within this, mm.", examples=[2.0]
     )
@@ -98,39 +104,33 @@ class YieldRule(Record):
         return self
 
 
-class GapRule(Record):
+class GapRule(_WarningRule):
     """How far first order may be from Monte Carlo."""
 
-    severity: Severity = Field(default="warning", description=_WEIGHT, examples=["warning"])
     max_percent: Percent = Field(
         default=5.0, description="Largest difference of the two P95, per cent of the verified one.", examples=[5.0]
     )
 
 
-class ConditioningRule(Record):
+class ConditioningRule(_WarningRule):
     """How well the layout determines the projections and the target."""
 
-    severity: Severity = Field(default="warning", description=_WEIGHT, examples=["warning"])
 
-
-class SpacingRule(Record):
+class SpacingRule(_ErrorRule):
     """Distance between fiducials."""
 
-    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
     min_mm: Length | None = Field(default=None, description="Smallest distance of two fiducials, mm.", examples=[8.0])
 
 
-class VisibilityRule(Record):
+class VisibilityRule(_WarningRule):
     """Margin between the images of fiducials and the border of each view."""
 
-    severity: Severity = Field(default="warning", description=_WEIGHT, examples=["warning"])
     min_margin_px: Pixels = Field(default=0.0, description="Smallest distance from the border, px.", examples=[20.0])
 
 
-class OverlapRule(Record):
+class OverlapRule(_WarningRule):
     """Distance between the images of two fiducials in each view."""
 
-    severity: Severity = Field(default="warning", description=_WEIGHT, examples=["warning"])
     min_px: Pixels = Field(default=10.0, description="Smallest distance of two images, px.", examples=[10.0])
 
 
@@ -157,19 +157,17 @@ class Process(Record):
         return self
 
 
-class ProcessRule(Record):
+class ProcessRule(_ErrorRule):
     """Tolerances tighter than their process can hold."""
 
-    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
     processes: Annotated[list[Process], Field(max_length=200)] = Field(
         default=[], description="What each process can hold. Default none: nothing is judged."
     )
 
 
-class RegressionRule(Record):
+class RegressionRule(_ErrorRule):
     """Worse than the baseline."""
 
-    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
     max_percent: Percent = Field(
         default=0.0,
         description="By how much the P95 at a target may exceed the baseline's, per cent; --max-regression goes before "
@@ -195,16 +193,12 @@ class ExpiredRule(Record):
     severity: Literal["error"] = Field(default="error", description="Always an error.", examples=["error"])
 
 
-class UnusedRule(Record):
+class UnusedRule(_NoteRule):
     """A waiver that accepts nothing."""
 
-    severity: Severity = Field(default="note", description=_WEIGHT, examples=["note"])
 
-
-class UnusedProcessRule(Record):
+class UnusedProcessRule(_NoteRule):
     """A process whose pattern judges no tolerance."""
-
-    severity: Severity = Field(default="note", description=_WEIGHT, examples=["note"])
 
 
 class UnjudgedRule(Record):
@@ -217,22 +211,17 @@ class UnjudgedRule(Record):
     )
 
 
-class RelaxedRule(Record):
+class RelaxedRule(_ErrorRule):
     """Asked for less than the baseline."""
 
-    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
 
-
-class ClassNameRule(Record):
+class ClassNameRule(_ErrorRule):
     """A design whose name matches a class that names do not choose."""
 
-    severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
 
-
-class WideWaiverRule(Record):
+class WideWaiverRule(_WarningRule):
     """A waiver that accepts more than anybody looked at."""
 
-    severity: Severity = Field(default="warning", description=_WEIGHT, examples=["warning"])
     max_limit_ratio: Ratio = Field(
         default=2.0, description="A waiver may accept up to so many times the limit. Default 2.", examples=[2.0]
     )
@@ -247,28 +236,30 @@ class WideWaiverRule(Record):
 class Rules(Record):
     """Rules by id.  A rule that is not given has its defaults."""
 
+    model_config = ConfigDict(alias_generator=lambda name: name.replace("_", "-"))
+
     p95: P95Rule = Field(default_factory=P95Rule)
     cvar: CvarRule = Field(default_factory=CvarRule)
     exceedance: ExceedanceRule = Field(default_factory=ExceedanceRule)
-    per_unit_yield: YieldRule = Field(default_factory=YieldRule, alias="per-unit-yield")
-    first_order_gap: GapRule = Field(default_factory=GapRule, alias="first-order-gap")
+    per_unit_yield: YieldRule = Field(default_factory=YieldRule)
+    first_order_gap: GapRule = Field(default_factory=GapRule)
     conditioning: ConditioningRule = Field(default_factory=ConditioningRule)
-    fiducial_spacing: SpacingRule = Field(default_factory=SpacingRule, alias="fiducial-spacing")
+    fiducial_spacing: SpacingRule = Field(default_factory=SpacingRule)
     visibility: VisibilityRule = Field(default_factory=VisibilityRule)
     overlap: OverlapRule = Field(default_factory=OverlapRule)
-    process_capability: ProcessRule = Field(default_factory=ProcessRule, alias="process-capability")
-    process_unused: UnusedProcessRule = Field(default_factory=UnusedProcessRule, alias="process-unused")
+    process_capability: ProcessRule = Field(default_factory=ProcessRule)
+    process_unused: UnusedProcessRule = Field(default_factory=UnusedProcessRule)
     regression: RegressionRule = Field(default_factory=RegressionRule)
-    limit_relaxed: RelaxedRule = Field(default_factory=RelaxedRule, alias="limit-relaxed")
-    not_compared: Rule = Field(default_factory=Rule, alias="not-compared")
-    not_judged: UnjudgedRule = Field(default_factory=UnjudgedRule, alias="not-judged")
-    class_relaxed: Rule = Field(default_factory=Rule, alias="class-relaxed")
-    class_by_name: ClassNameRule = Field(default_factory=ClassNameRule, alias="class-by-name")
+    limit_relaxed: RelaxedRule = Field(default_factory=RelaxedRule)
+    not_compared: Rule = Field(default_factory=Rule)
+    not_judged: UnjudgedRule = Field(default_factory=UnjudgedRule)
+    class_relaxed: Rule = Field(default_factory=Rule)
+    class_by_name: ClassNameRule = Field(default_factory=ClassNameRule)
     inconclusive: InconclusiveRule = Field(default_factory=InconclusiveRule)
-    waiver_expired: ExpiredRule = Field(default_factory=ExpiredRule, alias="waiver-expired")
-    waiver_unused: UnusedRule = Field(default_factory=UnusedRule, alias="waiver-unused")
-    waiver_wide: WideWaiverRule = Field(default_factory=WideWaiverRule, alias="waiver-wide")
-    model_version: Rule = Field(default_factory=Rule, alias="model-version")
+    waiver_expired: ExpiredRule = Field(default_factory=ExpiredRule)
+    waiver_unused: UnusedRule = Field(default_factory=UnusedRule)
+    waiver_wide: WideWaiverRule = Field(default_factory=WideWaiverRule)
+    model_version: Rule = Field(default_factory=Rule)
 
 
 class DesignClass(Record):

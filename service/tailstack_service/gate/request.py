@@ -12,7 +12,7 @@ from tailstack.design import load_design
 from tailstack.design.fields import Name, Record, refusal
 from tailstack.design.reading import DEFAULT_LIMITS, Limits, Source
 from tailstack.design.refusals import refuse
-from tailstack.errors import DesignError, LimitError, Problem, TailstackError
+from tailstack.errors import DesignError, LimitError, Problem
 
 from ..problems import RequestError
 from .baseline import read_baseline
@@ -117,9 +117,9 @@ def admit_gate(
         raise LimitError(Problem("/policy/verification/max_trials", "too-many", detail, hint))
     for index, entry in enumerate(gate.designs):
         if entry.refusal is not None:
-            raise _point_into_request(
-                entry.refusal, index, "design" if "design" in complete["designs"][index] else "text"
-            )
+            field = "text" if request.designs[index].design is None else "design"
+            at = f"/designs/{index}/{field}"
+            raise type(entry.refusal)([replace(p, pointer=at + p.pointer) for p in entry.refusal.problems])
     return {**complete, "seed": gate.seed}
 
 
@@ -197,8 +197,3 @@ def _read_design(entry: GateRequestDesign, limits: Limits) -> GateDesign:
         return GateDesign(entry.file, load_design(given, allow_files=False, limits=limits), None, entry.class_)
     except (DesignError, LimitError) as error:
         return GateDesign(entry.file, None, error, entry.class_)
-
-
-def _point_into_request(error: TailstackError, index: int, field: str) -> TailstackError:
-    problems = [replace(p, pointer=f"/designs/{index}/{field}{p.pointer}") for p in error.problems]
-    return type(error)(problems)

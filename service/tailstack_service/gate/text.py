@@ -10,9 +10,12 @@ import re
 from ..rendering.tables import coloured, fixed, number, percent, signed, table, visible, wrapped
 from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord, counts, find_largest_p95, split_findings
 
+_MARKUP = re.compile(r"([\\`*_{}\[\]<>()#+!|~$@&])")
 _COMMAND = re.compile(r"(?m)^([ \t]*)(?=::|##\[)")
 MOST_TOLD = 10  # of a kind, in a summary
+MOST_ROWS = 100  # of a table in Markdown
 _ROLE = {"error": "fail", "warning": "warning", "pass": "pass", "fail": "fail", "inconclusive": "inconclusive"}
+_MARK = {"pass": "✅", "fail": "❌", "inconclusive": "❔", "not evaluated": "⛔"}
 
 
 def render_text(record: GateRecord, *, colour: bool = False) -> str:
@@ -83,34 +86,36 @@ def _list_designs(record: GateRecord, colour: bool) -> str:
 def choose_numbers(numbers: tuple[GateNumber, ...]) -> list[tuple[GateNumber, str]]:
     """Everything that does not pass, with its target; of what passes, for each requirement the target nearest to its
     limit."""
-    found = [(entry, entry.target) for entry in numbers if entry.status != "pass"]
+    rows = [(entry, entry.target) for entry in numbers if entry.status != "pass"]
     for name in dict.fromkeys(entry.requirement for entry in numbers):
         passing = [entry for entry in numbers if entry.requirement == name and entry.status == "pass"]
         if passing:
             nearest = max(passing, key=lambda entry: (entry.value_mm or 0.0) / (entry.limit_mm or 1.0))
             others = f" (worst of {len(passing)})" if len(passing) > 1 else ""
-            found.append((nearest, nearest.target + others))
-    return found
+            rows.append((nearest, nearest.target + others))
+    return rows
 
 
 def _write_table(numbers: tuple[GateNumber, ...]) -> str:
     """What decided, in mm, and of a yield the fraction of units beside it."""
-    header = (
-        "requirement", "target", "rule", "value\nmm", "interval\nmm", "limit\nmm", "margin\nmm", "yield\n%", "status",
-    )  # fmt: skip
     rows = [_write_row(entry, target) for entry, target in choose_numbers(numbers)]
-    shown = [k for k in range(len(header)) if k != 7 or any(row[k] != "-" for row in rows)]
-    return table([header[k] for k in shown], [[row[k] for k in shown] for row in rows], left=3)
+    shown = [title for title in rows[0] if title != "yield\n%" or any(row[title] != "-" for row in rows)]
+    return table(shown, [[row[title] for title in shown] for row in rows], left=3)
 
 
-def _write_row(entry: GateNumber, target: str) -> tuple[str, ...]:
-    ends = "-"
-    if entry.interval_mm is not None:
-        ends = f"{fixed(entry.interval_mm[0], 3)} .. {fixed(entry.interval_mm[1], 3)}"
-    return (
-        entry.requirement, target, entry.rule, number(entry.value_mm), ends, number(entry.limit_mm),
-        signed(entry.margin_mm), percent(entry.value) if entry.unit == "fraction" else "-", entry.status,
-    )  # fmt: skip
+def _write_row(entry: GateNumber, target: str) -> dict[str, str]:
+    low_mm, high_mm = entry.interval_mm or (None, None)
+    return {
+        "requirement": entry.requirement,
+        "target": target,
+        "rule": entry.rule,
+        "value\nmm": number(entry.value_mm),
+        "interval\nmm": "-" if entry.interval_mm is None else f"{fixed(low_mm, 3)} .. {fixed(high_mm, 3)}",
+        "limit\nmm": number(entry.limit_mm),
+        "margin\nmm": signed(entry.margin_mm),
+        "yield\n%": percent(entry.value) if entry.unit == "fraction" else "-",
+        "status": entry.status,
+    }
 
 
 def _write_finding(finding: GateFinding, colour: bool) -> str:
@@ -129,11 +134,6 @@ def count_not_judged(record: GateRecord) -> str:
         for design in record.designs
     )
     return f", {count} requirement{'s' if count > 1 else ''} not judged" if count else ""
-
-
-MOST_ROWS = 100
-_SPECIAL = re.compile(r"([\\`*_{}\[\]<>()#+!|~$@&])")
-_MARK = {"pass": "✅", "fail": "❌", "inconclusive": "❔", "not evaluated": "⛔"}
 
 
 def render_markdown(record: GateRecord) -> str:
@@ -182,7 +182,7 @@ def _write_markdown_numbers(record: GateRecord) -> list[str]:
 
 def escape_markdown(text: str) -> str:
     """Text that Markdown shows as it stands, on one line."""
-    return _SPECIAL.sub(r"\\\1", visible(" ".join(text.split())))
+    return _MARKUP.sub(r"\\\1", visible(" ".join(text.split())))
 
 
 def _write_markdown_findings(findings: list[GateFinding]) -> list[str]:
