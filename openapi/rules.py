@@ -35,18 +35,21 @@ UNSAID = {"text/plain"}  # means nothing without the parameter that says what th
 ITSELF = "get_openapi"  # answers with this very document, which is its own example
 
 COUNTS = frozenset(
-    {"careless_infeasible", "careless_layouts", "changes_left_out", "column", "compared_trials", "converged_starts",
-     "count", "exit_code", "fiducials", "first_start", "flagged_trials", "line", "max", "max_trials", "min", "order",
-     "points", "points_per_axis", "sections", "seed", "starts", "status", "tightening_rounds", "trials",
-     "units_done", "units_expected", "workers"}
+    {"benches", "broken", "careless_infeasible", "careless_layouts", "changes_left_out", "column", "compared_cells",
+     "compared_trials", "converged_starts", "count", "counts", "exit_code", "fiducials", "first_start",
+     "flagged_trials", "installations", "kept", "line", "max", "max_trials", "min", "open", "order", "outside_cells",
+     "points", "points_per_axis", "published_trials", "sections", "seed", "starts", "status", "tightening_rounds",
+     "trials", "units_done", "units_expected", "workers"}
 )  # fmt: skip
 RATIOS = frozenset(
-    {"axis", "beam_direction", "confidence", "coverage_factor", "exceedance_probability", "extrapolation", "factor",
-     "first_order", "first_order_ratio", "fraction", "interval", "kkt_residual", "locator_scales", "max_scale",
-     "min_scale", "min_yield", "normal", "nu", "nu_crossing", "nu_depth", "nu_disagreement", "nu_gap",
-     "precision", "precision_reached", "precision_requested", "probability", "quantile", "quaternion_wxyz", "rotation",
-     "sampled", "scale", "units_fraction", "up_direction", "variance_share", "worst_ratio", "yield_fraction",
-     "yield_standard_error"}
+    {"axis", "band", "beam_direction", "chi_square", "confidence", "coverage_factor", "exceedance_probability",
+     "extrapolation", "factor", "first_order", "first_order_ratio", "fraction", "highest_ratio", "interval",
+     "kkt_residual", "largest_share", "locator_scales", "lowest_ratio", "max_scale", "min_scale", "min_yield", "normal",
+     "nu", "nu_crossing", "nu_depth", "nu_disagreement", "nu_gap", "over_monte_carlo", "p95_over_mean", "p_adjusted",
+     "p_value", "precision", "precision_reached", "precision_requested", "predicted_p95_over_mean",
+     "predicted_standard_deviations", "probability", "quantile", "quaternion_wxyz", "ratio", "ratio_interval",
+     "rotation", "sampled", "scale", "second_order_ratio", "spread", "spreads", "standard_deviations", "statistic",
+     "units_fraction", "up_direction", "variance_share", "worst_ratio", "yield_fraction", "yield_standard_error", "z"}
 )  # fmt: skip
 PRICES = frozenset(  # in the unit in which the design states its own prices
     {"best_costs", "cost", "cost_after", "cost_before", "cost_closed_form", "cost_exact_law", "cost_limit",

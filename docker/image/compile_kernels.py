@@ -20,7 +20,7 @@ def compile_all(examples: Path) -> None:
     """Run every computation, briefly, so that numba meets nearly every function with every signature."""
     from tailstack import load_design, optimise, score, verify
     from tailstack.errors import TailstackError
-    from tailstack_service.http.example import variants
+    from tailstack_service.operations.example import variants
 
     for variant in variants():  # what a service warms up with
         score(load_design(variant))

@@ -4,26 +4,6 @@
  */
 
 export interface paths {
-    "/v1/scores": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * First-order score
-         * @description First order through every stage at the biased geometry: bias, covariance and quantiles of the error under the declared laws, their bounds, the budget of every tolerance, the validity of the linearisation, the verdict. Takes milliseconds; more with second_order.
-         */
-        post: operations["create_score"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
     "/v1/validations": {
         parameters: {
             query?: never;
@@ -34,10 +14,30 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Read and check a design
+         * Parse and check, no computing
          * @description Reads the design, checks its geometry and says what it holds. No error is computed. A design that is not valid is answered with 422 and everything that is wrong with it.
          */
         post: operations["create_validation"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/scores": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * First-order score: P95 bound, covariance, budget
+         * @description First order through every stage at the biased geometry: bias, covariance and quantiles of the error under the declared laws, their bounds, the budget of every tolerance, the validity of the linearisation, the verdict. Takes milliseconds; more with second_order.
+         */
+        post: operations["create_score"];
         delete?: never;
         options?: never;
         head?: never;
@@ -54,7 +54,7 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Monte Carlo check
+         * Check of the full nonlinear chain by Monte Carlo
          * @description Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance, worst trial, the verdict. One seed, one answer. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
          */
         post: operations["create_verification"];
@@ -74,7 +74,7 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Optimise placement and tolerances
+         * Placement and tolerances at least cost
          * @description Places fiducials and sets tolerances as the design's section optimise asks, and answers with a new design that passed a Monte Carlo check. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
          */
         post: operations["create_optimisation"];
@@ -94,7 +94,7 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Many designs
+         * Score or check many designs: numbers of one varied over a grid
          * @description Scores, or checks, the design at every point of a grid of some of its numbers. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
          */
         post: operations["create_sweep"];
@@ -104,7 +104,7 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
-    "/v1/reports": {
+    "/v1/studies/paper": {
         parameters: {
             query?: never;
             header?: never;
@@ -114,17 +114,17 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * One record of score, check and optimisation
-         * @description Score, check and optimisation of one design in one record, of which /v1/results/{sha256}/report makes pages. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
+         * The published tables, cell by cell, reproduced and corrected
+         * @description The tables S1 to S4 of the paper that this chain comes from: printed cells beside ours in two geometries that were fitted to them, and what explains the rest. With a design the same sweeps are made in its geometry too; without one in that of a C-arm. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
          */
-        post: operations["create_report"];
+        post: operations["create_study_paper"];
         delete?: never;
         options?: never;
         head?: never;
         patch?: never;
         trace?: never;
     };
-    "/v1/conversions": {
+    "/v1/studies/linearity": {
         parameters: {
             query?: never;
             header?: never;
@@ -134,17 +134,17 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Fiducial files and designs into one another
-         * @description In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
+         * Where first order holds: a map over noise, rotation, spread and count
+         * @description First order, second order and Monte Carlo over a grid of noise, rotation, spread and count: where the first-order P95 is within 1, 5 and 20 %, where it is optimistic, and whether the validity number nu knew. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
          */
-        post: operations["create_conversion"];
+        post: operations["create_study_linearity"];
         delete?: never;
         options?: never;
         head?: never;
         patch?: never;
         trace?: never;
     };
-    "/v1/comparisons": {
+    "/v1/studies/coupling": {
         parameters: {
             query?: never;
             header?: never;
@@ -154,10 +154,30 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Two designs side by side
-         * @description Both are checked alike with one seed; differences have an interval. Becomes a job.
+         * Is the tail of installation error and noise together more than the parts?
+         * @description Installation error and noise together against the parts (noise gain, quadrature, plain sum, first order), as designed and at fixed installation errors of the structure, in both readings of such an error. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
          */
-        post: operations["create_comparison"];
+        post: operations["create_study_coupling"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/studies/compare": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Bench measurements against prediction
+         * @description Bias and spread with intervals, calibrated tests, Q-Q of the tail, and how large which contributor would have to be to explain a difference. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
+         */
+        post: operations["create_study_comparison"];
         delete?: never;
         options?: never;
         head?: never;
@@ -178,6 +198,66 @@ export interface paths {
          * @description Mode analytic is answered at once; verify and auto become a job.
          */
         post: operations["create_gate"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/reports": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Tolerance-budget report: HTML, PDF, spreadsheet, JSON
+         * @description Score, check and optimisation of one design in one record, of which /v1/results/{sha256}/report makes pages. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
+         */
+        post: operations["create_report"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Two designs side by side
+         * @description Both are checked alike with one seed; differences have an interval. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
+         */
+        post: operations["create_comparison"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/conversions": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Convert designs and fiducial files, by their endings
+         * @description In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
+         */
+        post: operations["create_conversion"];
         delete?: never;
         options?: never;
         head?: never;
@@ -489,6 +569,57 @@ export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
         /**
+         * Additivity
+         * @description A cell of S2 against its parts: installation error alone and noise alone.
+         */
+        Additivity: {
+            /**
+             * Row
+             * @description Row of S2.
+             */
+            row: string;
+            /**
+             * Joint Mm
+             * @description P95 of installation error and noise together, mm.
+             */
+            joint_mm: number;
+            /**
+             * First Order Mm
+             * @description The same to first order, mm.
+             */
+            first_order_mm: number;
+            /**
+             * Bias Mm
+             * @description Of the installation error alone, mm.
+             */
+            bias_mm: number;
+            /**
+             * Noise Mm
+             * @description Of the noise alone, mm.
+             */
+            noise_mm: number;
+            /**
+             * Quadrature Mm
+             * @description Root of the sum of squares of the two, mm.
+             */
+            quadrature_mm: number;
+            /**
+             * Sum Mm
+             * @description Sum of the two, mm.
+             */
+            sum_mm: number;
+            /**
+             * Printed Joint Mm
+             * @description What is printed for both together, mm; null where nothing is.
+             */
+            printed_joint_mm: number | null;
+            /**
+             * Printed Quadrature Mm
+             * @description Root of the sum of squares of the printed parts, mm; null where nothing is printed.
+             */
+            printed_quadrature_mm: number | null;
+        };
+        /**
          * Allowance
          * @description How far one half-width could go by itself, to first order, everything else as it is; and what it costs.
          *
@@ -653,6 +784,72 @@ export interface components {
             tz_mm?: number;
         };
         /**
+         * BiasCompared
+         * @description Mean error vector of all trials, mm, in the frame of the error.
+         */
+        BiasCompared: {
+            /**
+             * Measured Mm
+             * @description Measured mean error vector, in the frame of the error, mm.
+             */
+            measured_mm: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Interval Mm
+             * @description Confidence interval of each component by itself, mm.
+             */
+            interval_mm: [
+                [
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number
+                ]
+            ];
+            /**
+             * Interval Of
+             * @description What the interval is of: this installation's mean, or that of installations of this kind.
+             * @enum {string}
+             */
+            interval_of: "this installation" | "installations of this kind";
+            /**
+             * Predicted Mm
+             * @description Predicted mean error vector, mm.
+             */
+            predicted_mm: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Predicted Range Mm
+             * @description Where the mean of 95 % of such benches would be, each component by itself, mm.
+             */
+            predicted_range_mm: [
+                [
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number
+                ]
+            ];
+        };
+        /**
          * Bounds
          * @description Upper bounds of the quantile under ever weaker assumptions on the law of the error.
          */
@@ -717,6 +914,47 @@ export interface components {
                 number,
                 number
             ];
+        };
+        /**
+         * Calibration
+         * @description How the validity statement did on this grid, one line for each thing it may say.
+         */
+        Calibration: {
+            /**
+             * Promise
+             * @description What the validity statement says.
+             */
+            promise: string;
+            /**
+             * Points
+             * @description Points at which it says so.
+             */
+            points: number;
+            /**
+             * Kept
+             * @description Points within what it promises, with the whole interval; of not valid: beyond 20 %.
+             */
+            kept: number;
+            /**
+             * Broken
+             * @description Points beyond what it promises, with the whole interval; of not valid: none.
+             */
+            broken: number;
+            /**
+             * Open
+             * @description Points whose interval reaches across the limit.
+             */
+            open: number;
+            /**
+             * Lowest Ratio
+             * @description Smallest ratio of first order to Monte Carlo.
+             */
+            lowest_ratio: number;
+            /**
+             * Highest Ratio
+             * @description Largest ratio of first order to Monte Carlo.
+             */
+            highest_ratio: number;
         };
         /**
          * Certificate
@@ -1082,6 +1320,49 @@ export interface components {
             parts?: ("score" | "verification")[];
         };
         /**
+         * ComparisonTest
+         * @description One test of one level at one target.
+         */
+        ComparisonTest: {
+            /**
+             * Test
+             * @description What is tested.
+             * @enum {string}
+             */
+            test: "mean" | "spread" | "between installations" | "tail";
+            /**
+             * Statistic
+             * @description The test's statistic.
+             */
+            statistic: number;
+            /**
+             * Sides
+             * @description Whether large values alone count, or small ones too.
+             * @enum {string}
+             */
+            sides: "upper" | "both";
+            /**
+             * P Value
+             * @description How often a bench as predicted would be as far off, 0 to 1.
+             */
+            p_value: number;
+            /**
+             * P Adjusted
+             * @description The same for all tests of the file together (Holm).
+             */
+            p_adjusted: number;
+            /**
+             * Differs
+             * @description Whether the adjusted one is below one less the confidence.
+             */
+            differs: boolean;
+            /**
+             * Says
+             * @description What the test says, in a sentence.
+             */
+            says: string;
+        };
+        /**
          * Compliance
          * @description Elastic deflection of the tool under a load: d = C f, in the tcp frame.
          */
@@ -1305,10 +1586,6 @@ export interface components {
              */
             notes: string[];
         };
-        /**
-         * ConversionOptions
-         * @description The content and what to make of it.
-         */
         ConversionRequest: {
             /**
              * Format
@@ -1431,6 +1708,104 @@ export interface components {
              * @description What happened, where there is no cost.
              */
             note: string;
+        };
+        /**
+         * CouplingCase
+         * @description One installation error, in one reading, at one target.  All P95 are of the error norm, mm.
+         */
+        CouplingCase: {
+            /**
+             * Reading
+             * @description Reading of the installation error.
+             * @enum {string}
+             */
+            reading: "physical" | "eq18";
+            /**
+             * Installation
+             * @description as designed, or the level in words.
+             */
+            installation: string;
+            /**
+             * Rotation Deg
+             * @description Of a level: about each axis, deg; null as designed.
+             */
+            rotation_deg: number | null;
+            /**
+             * Translation Mm
+             * @description Of a level: along (1, 1, 1), mm; null as designed.
+             */
+            translation_mm: number | null;
+            /**
+             * Target
+             * @description Name of the target.
+             */
+            target: string;
+            /**
+             * P95 Together Mm
+             * @description P95 of installation error and noise together, mm.
+             */
+            p95_together_mm: number;
+            /**
+             * P95 Installation Mm
+             * @description P95 without noise, mm.
+             */
+            p95_installation_mm: number;
+            /**
+             * P95 Noise Mm
+             * @description P95 of the noise at the nominal geometry, mm.
+             */
+            p95_noise_mm: number;
+            /**
+             * P95 Vector Sum Mm
+             * @description P95 of the error without noise plus the noise at the nominal geometry, trial by trial, mm.
+             */
+            p95_vector_sum_mm: number;
+            /**
+             * P95 First Order Mm
+             * @description P95 of the first-order law, linearised at the biased geometry, mm.
+             */
+            p95_first_order_mm: number;
+            /**
+             * Nu
+             * @description Validity number of depths and crossing, the larger of both geometries'; beyond 0.2 the noise has no standard deviation.
+             */
+            nu: number;
+            /**
+             * Largest Share
+             * @description Largest share of one trial in the sum of squares of the noise, the larger of both geometries'.
+             */
+            largest_share: number;
+            /**
+             * Noise Rms Biased Mm
+             * @description Root mean square of what image noise adds to the localisation error, installed, mm; null where there is no standard deviation.
+             */
+            noise_rms_biased_mm: number | null;
+            /**
+             * Noise Rms Nominal Mm
+             * @description The same at the nominal geometry, mm; null where there is no standard deviation.
+             */
+            noise_rms_nominal_mm: number | null;
+            /** @description Ratio of the two; null where there is no standard deviation. */
+            gain: components["schemas"]["Ratio"] | null;
+            /** @description P95 together over the root of the sum of squares of the parts. */
+            against_quadrature: components["schemas"]["Ratio"];
+            /** @description P95 together over the sum of the parts. */
+            against_sum: components["schemas"]["Ratio"];
+            /** @description Together over the vector sum: of the means of the norms between their 94 % and 96 % quantiles. */
+            against_vector_sum: components["schemas"]["Ratio"];
+            /** @description P95 together over that of the first-order law. */
+            against_first_order: components["schemas"]["Ratio"];
+            /**
+             * Coupling
+             * @description What the interval of `against_vector_sum` says.
+             * @enum {string}
+             */
+            coupling: "more" | "less" | "none seen";
+            /**
+             * Sentence
+             * @description The case as a sentence.
+             */
+            sentence: string;
         };
         /**
          * tailstack design, version 1
@@ -1733,6 +2108,156 @@ export interface components {
             hand_eye?: components["schemas"]["HandEye"];
             /** @description Deflection under load. Absent: rigid. */
             compliance?: components["schemas"]["Compliance"];
+        };
+        /**
+         * Explanation
+         * @description How large one contributor alone would have to be for the measurements to be plausible.
+         */
+        Explanation: {
+            /**
+             * Kind
+             * @description factor: on the declared tolerance or noise of a contributor; value: fixed, of one component.
+             * @enum {string}
+             */
+            kind: "factor" | "value";
+            /**
+             * Target
+             * @description Name of the target.
+             */
+            target: string;
+            /**
+             * Contributor
+             * @description Source of error.
+             */
+            contributor: string;
+            /**
+             * Component
+             * @description Its component.
+             */
+            component: string;
+            /**
+             * Unit
+             * @description Unit of the values: deg or mm; empty for a factor.
+             */
+            unit: string;
+            /**
+             * Declared
+             * @description Declared half-width, in `unit`; 1 for a factor; null where none is declared.
+             */
+            declared: number | null;
+            /**
+             * Most Plausible
+             * @description The most plausible factor or value, in `unit`; null: none explains the difference.
+             */
+            most_plausible: number | null;
+            /**
+             * Intervals
+             * @description 95 % intervals of it, in `unit`; empty when none does. The last end may be the end of the search.
+             */
+            intervals: [
+                number,
+                number
+            ][];
+            /**
+             * Search End
+             * @description Largest factor or value that was tried, in `unit`.
+             */
+            search_end: number;
+            /**
+             * Explains
+             * @description Which tests it is held against.
+             */
+            explains: string;
+            /**
+             * Label
+             * @description What people call the source: the label that the design gives an interface, otherwise its name or words for it.
+             * @default
+             */
+            label: string;
+        };
+        /**
+         * Factor
+         * @description S3: the analytic column against Monte Carlo, and which simplification makes it.
+         */
+        Factor: {
+            /**
+             * Noise Px
+             * @description Standard deviation of each image coordinate, px.
+             */
+            noise_px: number;
+            /**
+             * Monte Carlo Mm
+             * @description Standard deviations by Monte Carlo along x, y, z of con, mm.
+             */
+            monte_carlo_mm: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Standard Error Mm
+             * @description Standard errors of them, mm.
+             */
+            standard_error_mm: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Printed Monte Carlo Mm
+             * @description The printed Monte Carlo column, mm; null where it is not compared.
+             */
+            printed_monte_carlo_mm: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Printed Analytic Mm
+             * @description The printed analytic column, mm; null where it is not compared.
+             */
+            printed_analytic_mm: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Mean Error Mm
+             * @description Mean of Monte Carlo less the point that first order has for it, along x, y, z of con, mm.
+             */
+            mean_error_mm: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Mean Standard Error Mm
+             * @description Standard errors of it, mm.
+             */
+            mean_standard_error_mm: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Printed Mean Difference Mm
+             * @description Printed mean by Monte Carlo less the analytic one, mm; null where it is not compared.
+             */
+            printed_mean_difference_mm: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Propagations
+             * @description The simplifications that were tried.
+             */
+            propagations: components["schemas"]["Propagation"][];
+            /**
+             * Sentence
+             * @description Which of them makes the printed column, in a sentence.
+             */
+            sentence: string;
         };
         /**
          * FiducialOrigin
@@ -2622,6 +3147,84 @@ export interface components {
             sections: components["schemas"]["GateSection"][];
         };
         /**
+         * Geometry
+         * @description The tables in one geometry.
+         */
+        Geometry: {
+            /**
+             * Name
+             * @description Name of the geometry.
+             */
+            name: string;
+            /**
+             * Design Sha256
+             * @description SHA-256 of its design's canonical content; null where there is no design.
+             */
+            design_sha256: string | null;
+            /**
+             * Compared
+             * @description Whether it was fitted to the tables, and is set beside them.
+             */
+            compared: boolean;
+            /**
+             * Reading
+             * @description Reading of the installation error: physical or eq18.
+             */
+            reading: string;
+            /**
+             * Target
+             * @description Name of the target.
+             */
+            target: string;
+            /**
+             * Lever Mm
+             * @description Distance from the pivot to the target, mm.
+             */
+            lever_mm: number;
+            /**
+             * Nu
+             * @description Validity number at the largest noise of the tables.
+             */
+            nu: number;
+            /**
+             * Cells
+             * @description The cells of S1 to S3 in this geometry.
+             */
+            cells: components["schemas"]["PaperCell"][];
+            /**
+             * Compared Cells
+             * @description How many of them stand beside a printed one.
+             */
+            compared_cells: number;
+            /**
+             * Outside Cells
+             * @description How many printed ones are outside their band.
+             */
+            outside_cells: number;
+            /**
+             * Chi Square
+             * @description Sum of the squares of their z; null where nothing is compared.
+             */
+            chi_square: number | null;
+            /**
+             * Additivity
+             * @description S2 against its parts.
+             */
+            additivity: components["schemas"]["Additivity"][];
+            /** @description S3's analytic column. */
+            factor: components["schemas"]["Factor"];
+            /**
+             * Levels
+             * @description S4's ratio of error to reprojection error.
+             */
+            levels: components["schemas"]["LevelRatio"][];
+            /**
+             * Shapes
+             * @description S4's tail.
+             */
+            shapes: components["schemas"]["LevelShape"][];
+        };
+        /**
          * Grade
          * @description One process and what it costs.
          */
@@ -2774,6 +3377,24 @@ export interface components {
             status: "alive";
         };
         /**
+         * InstallationLevel
+         * @description A fixed installation error of the structure.
+         */
+        InstallationLevel: {
+            /**
+             * Rotation Deg
+             * @description About each axis through the pivot, deg.
+             * @example 1
+             */
+            rotation_deg: number;
+            /**
+             * Translation Mm
+             * @description Along (1, 1, 1), mm.
+             * @example 2
+             */
+            translation_mm: number;
+        };
+        /**
          * Interface
          * @description A mechanical interface: a known bias and either tolerances or six locators.
          */
@@ -2877,7 +3498,7 @@ export interface components {
              * @description What is computed.
              * @enum {string}
              */
-            kind: "verification" | "optimisation" | "sweep" | "gate" | "report" | "comparison";
+            kind: "verification" | "optimisation" | "sweep" | "study-paper" | "study-linearity" | "study-coupling" | "study-comparison" | "gate" | "report" | "comparison";
             /**
              * State
              * @description queued, running, or how it ended.
@@ -3051,6 +3672,259 @@ export interface components {
              */
             clearance_mm?: number;
         } & (unknown | unknown | unknown);
+        /**
+         * LevelCompared
+         * @description One level at one target.
+         */
+        LevelCompared: {
+            /**
+             * Level
+             * @description Name of the level in the file.
+             */
+            level: string;
+            /**
+             * Target
+             * @description Name of the target.
+             */
+            target: string;
+            /**
+             * Trials
+             * @description Trials; null for summary statistics without n.
+             */
+            trials: number | null;
+            /**
+             * Installations
+             * @description Installations that the trials belong to.
+             */
+            installations: number;
+            /**
+             * Deliberate Deg Mm
+             * @description Installation error that was set on purpose: rx, ry, rz in deg and tx, ty, tz in mm; null where none was stated.
+             */
+            deliberate_deg_mm: [
+                number,
+                number,
+                number,
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Benches
+             * @description Simulated benches; 0 when nothing could be tested.
+             */
+            benches: number;
+            /** @description Mean error vectors; null for norms and summaries. */
+            bias: components["schemas"]["BiasCompared"] | null;
+            /** @description Mean norms. */
+            norm: components["schemas"]["NormCompared"];
+            /** @description Spread from trial to trial within installations; null where nothing can be said of it. */
+            spread: components["schemas"]["SpreadCompared"] | null;
+            /** @description Spread of the means of two or more installations; null for one. */
+            spread_between: components["schemas"]["SpreadCompared"] | null;
+            /**
+             * Tests
+             * @description The tests.
+             */
+            tests: components["schemas"]["ComparisonTest"][];
+            /**
+             * Quantiles
+             * @description Ordered norms against simulated benches.
+             */
+            quantiles: components["schemas"]["QuantilePoint"][];
+            /**
+             * Ratio To Reprojection Mm Per Px
+             * @description Mean norm over the reprojection error that the file states, mm per px; null where it states none.
+             */
+            ratio_to_reprojection_mm_per_px: number | null;
+            /**
+             * Not Tested
+             * @description Why nothing was tested; empty where it was.
+             */
+            not_tested: string;
+            /**
+             * @description How far P95 stands above the mean, of summary statistics that state a P95; otherwise null.
+             * @default null
+             */
+            tail_shape: components["schemas"]["TailShape"] | null;
+        };
+        /**
+         * LevelRatio
+         * @description S4: what an installation level does to error and reprojection error where there is no noise.
+         */
+        LevelRatio: {
+            /**
+             * Level
+             * @description Installation level of S4.
+             */
+            level: string;
+            /**
+             * Rotation Deg
+             * @description About each axis, deg.
+             */
+            rotation_deg: number;
+            /**
+             * Translation Mm
+             * @description Along (1, 1, 1), mm.
+             */
+            translation_mm: number;
+            /**
+             * Error Mm
+             * @description Norm of the localisation error without noise, mm.
+             */
+            error_mm: number;
+            /**
+             * Reprojection Estimated Px
+             * @description Reprojection error with the matrices estimated at this level, as the chain does, px.
+             */
+            reprojection_estimated_px: number;
+            /**
+             * Reprojection Noisy Px
+             * @description The same with 2 px of noise: mean over trials, px.
+             */
+            reprojection_noisy_px: number;
+            /**
+             * Reprojection Kept Px
+             * @description Reprojection error with the matrices of L0 kept: RMS over fiducials and views, px.
+             */
+            reprojection_kept_px: number;
+            /**
+             * Mm Per Px
+             * @description Error over the latter, mm per px; null at L0.
+             */
+            mm_per_px: number | null;
+        };
+        /**
+         * LevelShape
+         * @description Where the P95 of the error stands at a level with 2 px of noise: S4 beside this says what its tail is.
+         */
+        LevelShape: {
+            /**
+             * Level
+             * @description Installation level of S4.
+             */
+            level: string;
+            /**
+             * P95 Over Mean
+             * @description P95 of the error's norm over its mean.
+             */
+            p95_over_mean: number;
+            /**
+             * Standard Deviations
+             * @description P95 less the mean, over the standard deviation; a normal law has 1.645.
+             */
+            standard_deviations: number;
+        };
+        /**
+         * LinearityPoint
+         * @description One point of the grid.
+         */
+        LinearityPoint: {
+            /**
+             * Noise Px
+             * @description Noise of every image coordinate, fiducials and targets, px.
+             */
+            noise_px: number;
+            /**
+             * Rotation Deg
+             * @description Standard deviation of each random rotation of the structure's mount, deg.
+             */
+            rotation_deg: number;
+            /**
+             * Spread
+             * @description Factor on the layout about its centroid.
+             */
+            spread: number;
+            /**
+             * Fiducials
+             * @description Number of fiducials.
+             */
+            fiducials: number;
+            /**
+             * Status
+             * @description refused: this point could not be computed.
+             * @enum {string}
+             */
+            status: "ok" | "refused";
+            /**
+             * Reason
+             * @description Why it was refused; otherwise null.
+             */
+            reason: string | null;
+            /**
+             * Nu
+             * @description Validity number; null where it was refused.
+             */
+            nu: number | null;
+            /**
+             * Promise
+             * @description What the validity statement says: good to 1 % ...; null where it was refused.
+             */
+            promise: string | null;
+            /**
+             * Promised Percent
+             * @description Relative error of P95 that it promises, %; null where it says that first order is not valid.
+             */
+            promised_percent: number | null;
+            /**
+             * First Order P95 Mm
+             * @description First-order P95, mm; null where it was refused.
+             */
+            first_order_p95_mm: number | null;
+            /**
+             * Second Order P95 Mm
+             * @description Second-order P95, mm; null where there is none.
+             */
+            second_order_p95_mm: number | null;
+            /**
+             * Second Order Reason
+             * @description Why there is none; otherwise null.
+             */
+            second_order_reason: string | null;
+            /**
+             * Monte Carlo P95 Mm
+             * @description Sampled P95, mm; null where it was refused.
+             */
+            monte_carlo_p95_mm: number | null;
+            /**
+             * Ratio
+             * @description First order over Monte Carlo; null where it was refused.
+             */
+            ratio: number | null;
+            /**
+             * Ratio Interval
+             * @description Confidence interval of that ratio; null where it was refused.
+             */
+            ratio_interval: [
+                number,
+                number
+            ] | null;
+            /**
+             * Second Order Ratio
+             * @description Second order over Monte Carlo; null where there is none.
+             */
+            second_order_ratio: number | null;
+            /**
+             * Within
+             * @description How far first order is from Monte Carlo, by the ratio; null where it was refused.
+             */
+            within: ("1 %" | "5 %" | "20 %" | "beyond") | null;
+            /**
+             * Sure
+             * @description Whether the whole interval says the same; null where it was refused.
+             */
+            sure: boolean | null;
+            /**
+             * Trials
+             * @description Trials drawn: an eighth of them where first order is plainly beyond all levels; null where it was refused.
+             */
+            trials: number | null;
+            /**
+             * Errs
+             * @description On which side first order errs, by the whole interval; null where it was refused.
+             */
+            errs: ("optimistic" | "pessimistic" | "none seen") | null;
+        };
         /**
          * LocalOptimum
          * @description A distinct optimum among the starts, by the closed form that ranks them.
@@ -3267,6 +4141,40 @@ export interface components {
                 number,
                 number
             ];
+        };
+        /** MeasuredFile */
+        MeasuredFile: {
+            /**
+             * Name
+             * @description Name of the file.
+             */
+            name: string;
+            /**
+             * Sha256
+             * @description SHA-256 of its bytes, hexadecimal.
+             */
+            sha256: string;
+            /**
+             * Form
+             * @description What it holds: points, error vectors, error norms, or summary statistics.
+             * @enum {string}
+             */
+            form: "points" | "vectors" | "norms" | "summary";
+            /**
+             * Unit
+             * @description Unit of the lengths in it.
+             */
+            unit: string;
+            /**
+             * Rows
+             * @description Rows that were read.
+             */
+            rows: number;
+            /**
+             * Notes
+             * @description What was done to the numbers on the way.
+             */
+            notes: string[];
         };
         /**
          * MetricEstimate
@@ -3536,6 +4444,38 @@ export interface components {
              */
             after_mm: [
                 number,
+                number,
+                number
+            ];
+        };
+        /**
+         * NormCompared
+         * @description Mean error norm of all trials, mm.
+         */
+        NormCompared: {
+            /**
+             * Measured Mm
+             * @description Measured mean of the error's norm, mm.
+             */
+            measured_mm: number;
+            /**
+             * Interval Mm
+             * @description Confidence interval of it, of this installation or of installations, mm; null for summary statistics without n.
+             */
+            interval_mm: [
+                number,
+                number
+            ] | null;
+            /**
+             * Predicted Mm
+             * @description Predicted mean, mm.
+             */
+            predicted_mm: number;
+            /**
+             * Predicted Range Mm
+             * @description Where the mean of 95 % of such benches would be, mm.
+             */
+            predicted_range_mm: [
                 number,
                 number
             ];
@@ -3813,6 +4753,102 @@ export interface components {
              * @example 1
              */
             seed?: number;
+        };
+        /**
+         * PaperCell
+         * @description One statistic under one condition: what is printed, what the full chain gives, and how far apart they may be.
+         */
+        PaperCell: {
+            /**
+             * Table
+             * @description Table of the paper.
+             * @enum {string}
+             */
+            table: "S1" | "S2" | "S3";
+            /**
+             * Row
+             * @description Row of the table.
+             */
+            row: string;
+            /**
+             * Quantity
+             * @description Statistic of the localisation error: mean or P95 of its norm, or a standard deviation along an axis of con.
+             * @enum {string}
+             */
+            quantity: "mean" | "p95" | "std_x" | "std_y" | "std_z";
+            /**
+             * Rotation Deg
+             * @description Installation error of the structure, about each axis, deg.
+             */
+            rotation_deg: number;
+            /**
+             * Translation Mm
+             * @description Installation error of the structure, along (1, 1, 1), mm.
+             */
+            translation_mm: number;
+            /**
+             * Noise Px
+             * @description Standard deviation of each image coordinate, px.
+             */
+            noise_px: number;
+            /**
+             * Value Mm
+             * @description Monte Carlo on the full chain, mm.
+             */
+            value_mm: number;
+            /**
+             * Standard Error Mm
+             * @description Standard error of `value_mm`, mm.
+             */
+            standard_error_mm: number;
+            /**
+             * Tcp Mm
+             * @description The same statistic of the error at the tool, sampled at the same trials, mm.
+             */
+            tcp_mm: number;
+            /**
+             * First Order Mm
+             * @description The same statistic to first order, mm.
+             */
+            first_order_mm: number;
+            /**
+             * Other Reading Mm
+             * @description First order in the other reading of the installation error, mm.
+             */
+            other_reading_mm: number;
+            /**
+             * Printed Mm
+             * @description What is printed, mm: of the localisation error, of the tool's where the table has no other. Null: not printed, trivial, or this geometry is not meant to be the paper's.
+             */
+            printed_mm: number | null;
+            /**
+             * Rounding Mm
+             * @description Half of the last printed decimal, mm; null where nothing is printed.
+             */
+            rounding_mm: number | null;
+            /**
+             * Published Error Mm
+             * @description Standard deviation of this statistic over experiments of the paper's size, mm.
+             */
+            published_error_mm: number;
+            /**
+             * Band Mm
+             * @description Where 99 % of such experiments would print it, mm.
+             */
+            band_mm: [
+                number,
+                number
+            ];
+            /**
+             * Z
+             * @description Printed less ours, in standard deviations of such experiments, our sampling and the rounding; null where nothing is printed.
+             */
+            z: number | null;
+            /**
+             * Outside
+             * @description Whether the printed cell is outside the band; null where nothing is printed.
+             */
+            outside: boolean | null;
         };
         /**
          * PerUnit
@@ -4209,6 +5245,54 @@ export interface components {
             ];
         } & (unknown | unknown);
         /**
+         * PrintedCell
+         * @description A cell as it stands in its table, beside ours, or with the reason why nothing can stand beside it.
+         */
+        PrintedCell: {
+            /**
+             * Table
+             * @description Table of the paper.
+             * @enum {string}
+             */
+            table: "S1" | "S2" | "S3" | "S4";
+            /**
+             * Row
+             * @description Row of the table.
+             */
+            row: string;
+            /**
+             * Column
+             * @description Column of the table.
+             */
+            column: string;
+            /**
+             * Printed
+             * @description The cell as it is printed.
+             */
+            printed: string;
+            /**
+             * Value
+             * @description What it says, in `unit`: S1 to S3 are read as metres; S4 as printed.
+             */
+            value: number;
+            /**
+             * Unit
+             * @description Unit of `value` and `ours`: mm or px.
+             * @enum {string}
+             */
+            unit: "mm" | "px";
+            /**
+             * Ours
+             * @description What the chain gives in each geometry, in `unit`; null where nothing can stand beside it.
+             */
+            ours: (number | null)[];
+            /**
+             * Remark
+             * @description Why nothing stands beside it, or why it is not compared; empty for a cell that is compared.
+             */
+            remark: string;
+        };
+        /**
          * ProblemDocument
          * @description RFC 9457 problem details.
          */
@@ -4321,6 +5405,54 @@ export interface components {
              */
             cure: string;
         };
+        /**
+         * Propagation
+         * @description Standard deviations at S3's noise, propagated one way.
+         */
+        Propagation: {
+            /**
+             * Name
+             * @description Name of this way of propagating.
+             */
+            name: string;
+            /**
+             * Sentence
+             * @description What it leaves out, in a sentence.
+             */
+            sentence: string;
+            /**
+             * Std Mm
+             * @description Standard deviations along x, y, z of con, mm.
+             */
+            std_mm: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Over Monte Carlo
+             * @description Their ratio to Monte Carlo's, along x, y, z.
+             */
+            over_monte_carlo: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Printed Difference Mm
+             * @description Their difference from the printed analytic column, mm; null where nothing is printed.
+             */
+            printed_difference_mm: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Reproduces Printed
+             * @description Whether that is within the rounding on all three axes; null where nothing is printed.
+             */
+            reproduces_printed: boolean | null;
+        };
         /** Provenance */
         Provenance: {
             /**
@@ -4363,6 +5495,64 @@ export interface components {
              * @description Errors that no number here includes.
              */
             not_included: string[];
+        };
+        /**
+         * QuantilePoint
+         * @description One ordered error norm against the same place in simulated benches.
+         */
+        QuantilePoint: {
+            /**
+             * Probability
+             * @description Place in the ordered error norms, 0 to 1.
+             */
+            probability: number;
+            /**
+             * Measured Mm
+             * @description Measured norm there, mm.
+             */
+            measured_mm: number;
+            /**
+             * Predicted Mm
+             * @description Median over simulated benches, mm.
+             */
+            predicted_mm: number;
+            /**
+             * Envelope Mm
+             * @description Where 95 % of benches are, at this place alone, mm.
+             */
+            envelope_mm: [
+                number,
+                number
+            ];
+            /**
+             * Outside
+             * @description Whether the measured norm is outside of it.
+             */
+            outside: boolean;
+        };
+        /**
+         * Ratio
+         * @description A ratio of two sampled numbers, from the same trials.
+         */
+        Ratio: {
+            /**
+             * Value
+             * @description The ratio.
+             */
+            value: number;
+            /**
+             * Interval
+             * @description Its confidence interval.
+             */
+            interval: [
+                number,
+                number
+            ];
+            /**
+             * First Order
+             * @description The same ratio to first order; null where it is 1 by definition.
+             */
+            first_order: number | null;
         };
         /**
          * Readiness
@@ -5044,6 +6234,508 @@ export interface components {
             radius_mm: number;
         };
         /**
+         * SpreadCompared
+         * @description Standard deviation from trial to trial, within installations, or between their means.
+         */
+        SpreadCompared: {
+            /**
+             * Of
+             * @description vectors: root of the trace of the covariance; norms: standard deviation of the norms.
+             * @enum {string}
+             */
+            of: "vectors" | "norms";
+            /**
+             * Measured Mm
+             * @description Measured spread, mm.
+             */
+            measured_mm: number;
+            /**
+             * Predicted Mm
+             * @description Predicted spread, mm.
+             */
+            predicted_mm: number;
+            /**
+             * Ratio
+             * @description Measured over predicted.
+             */
+            ratio: number;
+            /**
+             * Interval
+             * @description Confidence interval of the ratio, as if the law had the predicted shape; null without n.
+             */
+            interval: [
+                number,
+                number
+            ] | null;
+        };
+        /**
+         * Statement
+         * @description Something that can be said of the tables, with the numbers it rests on.
+         */
+        Statement: {
+            /**
+             * About
+             * @description What of the tables it is about.
+             * @enum {string}
+             */
+            about: "units" | "repeat" | "falling" | "lever" | "means" | "S4" | "tail" | "zero";
+            /**
+             * Sentence
+             * @description The statement.
+             */
+            sentence: string;
+            /**
+             * Values
+             * @description The numbers that it rests on, in its order.
+             */
+            values: number[];
+        };
+        /**
+         * StudyComparison
+         * @description Bench measurements against the prediction of a design.
+         */
+        StudyComparison: {
+            /**
+             * Schema
+             * @description Name and version of this record's schema.
+             * @constant
+             */
+            schema: "tailstack/study-comparison/1";
+            /**
+             * Error
+             * @description Error that was measured: tcp (at the tool) or localisation (of the target).
+             * @enum {string}
+             */
+            error: "tcp" | "localisation";
+            /**
+             * Frame
+             * @description Frame of vectors: con or tcp.
+             */
+            frame: string;
+            /** @description The measurements. */
+            file: components["schemas"]["MeasuredFile"];
+            /**
+             * Seed
+             * @description Seed of the simulated benches.
+             */
+            seed: number;
+            /**
+             * Confidence
+             * @description Confidence of intervals and of all tests together, 0 to 1.
+             */
+            confidence: number;
+            /**
+             * Instrument Sd Mm
+             * @description Standard deviation of the instrument per coordinate, which is added to the prediction, mm.
+             */
+            instrument_sd_mm: number;
+            /**
+             * Levels
+             * @description Every level at every target.
+             */
+            levels: components["schemas"]["LevelCompared"][];
+            /**
+             * Explanations
+             * @description How large one contributor alone would have to be for the measurements to be plausible.
+             */
+            explanations: components["schemas"]["Explanation"][];
+            /**
+             * Verdict
+             * @description What all tests together say.
+             * @enum {string}
+             */
+            verdict: "agrees" | "differs" | "not testable";
+            /**
+             * Conclusions
+             * @description What can be said of the comparison.
+             */
+            conclusions: string[];
+            /**
+             * Findings
+             * @description Remarks about design and measurements.
+             */
+            findings: components["schemas"]["Finding"][];
+            /** @description How far the linearisation can be trusted. */
+            validity: components["schemas"]["Validity"];
+            /** @description Which design, by which version, under which model, and what is not included. */
+            provenance: components["schemas"]["Provenance"];
+        };
+        StudyComparisonRequest: {
+            /** @description The design document. */
+            design: components["schemas"]["Design"];
+            /**
+             * Measurements
+             * @description The measurements, as CSV whose header names quantity and unit (docs/studies.md).
+             * @example level,error_mm
+             *     L0,0.31
+             *     L0,0.28
+             *     L0,0.35
+             *     L0,0.30
+             */
+            measurements: string;
+            /**
+             * Name
+             * @description What the record calls the measurements.
+             * @default measurements.csv
+             */
+            name?: string;
+            /**
+             * Error
+             * @description Which error was measured.
+             * @default tcp
+             * @enum {string}
+             */
+            error?: "tcp" | "localisation";
+            /**
+             * Instrument Sd Mm
+             * @description Standard deviation of the measuring instrument, mm per coordinate; 0: taken as exact.
+             * @default 0
+             */
+            instrument_sd_mm?: number;
+            /**
+             * Seed
+             * @description Seed of the prediction.
+             * @default 0
+             */
+            seed?: number;
+        };
+        /**
+         * StudyCoupling
+         * @description Is the tail of installation error and noise together more than the parts?
+         */
+        StudyCoupling: {
+            /**
+             * Schema
+             * @description Name and version of this record's schema.
+             * @constant
+             */
+            schema: "tailstack/study-coupling/1";
+            /**
+             * Error
+             * @description Error that is studied: tcp (at the tool) or localisation (of the target).
+             * @enum {string}
+             */
+            error: "tcp" | "localisation";
+            /**
+             * Quantile
+             * @description Quantile of the error's norm, 0.95 for P95.
+             */
+            quantile: number;
+            /**
+             * Seed
+             * @description Seed of the trials.
+             */
+            seed: number;
+            /**
+             * Trials
+             * @description Trials of each case, with the same deviates in all of them.
+             */
+            trials: number;
+            /**
+             * Confidence
+             * @description Confidence of each interval by itself, 0 to 1.
+             */
+            confidence: number;
+            /**
+             * Interval Method
+             * @description How intervals are made, in words.
+             */
+            interval_method: string;
+            /**
+             * Installation
+             * @description Contributors that count as installation error.
+             */
+            installation: string;
+            /**
+             * Noise
+             * @description Contributors that count as noise.
+             */
+            noise: string;
+            /**
+             * Cases
+             * @description Every installation error in every reading at every target.
+             */
+            cases: components["schemas"]["CouplingCase"][];
+            /**
+             * Conclusions
+             * @description What can be said of the cases.
+             */
+            conclusions: string[];
+            /** @description How far the linearisation can be trusted. */
+            validity: components["schemas"]["Validity"];
+            /** @description Which design, by which version, under which model, and what is not included. */
+            provenance: components["schemas"]["Provenance"];
+        };
+        StudyCouplingRequest: {
+            /** @description The design document. */
+            design: components["schemas"]["Design"];
+            /**
+             * Levels
+             * @description Fixed installation errors beside the design as it is; absent: 1 deg, 2 mm and 2 deg, 5 mm.
+             * @default null
+             * @example [
+             *       {
+             *         "rotation_deg": 1,
+             *         "translation_mm": 2
+             *       }
+             *     ]
+             */
+            levels?: components["schemas"]["InstallationLevel"][] | null;
+            /**
+             * Error
+             * @description Which error.
+             * @default tcp
+             * @enum {string}
+             */
+            error?: "tcp" | "localisation";
+            /**
+             * Trials
+             * @description Trials of each case; absent: 262144, fewer with many targets.
+             * @default null
+             */
+            trials?: number | null;
+            /**
+             * Seed
+             * @description Seed of every case.
+             * @default 0
+             */
+            seed?: number;
+        };
+        /**
+         * StudyLinearity
+         * @description Where first order is good, and where it is optimistic.
+         */
+        StudyLinearity: {
+            /**
+             * Schema
+             * @description Name and version of this record's schema.
+             * @constant
+             */
+            schema: "tailstack/study-linearity/1";
+            /**
+             * Target
+             * @description Name of the target.
+             */
+            target: string;
+            /**
+             * Error
+             * @description Error that is studied: tcp (at the tool) or localisation (of the target).
+             * @enum {string}
+             */
+            error: "tcp" | "localisation";
+            /**
+             * Quantile
+             * @description Quantile of the error's norm, 0.95 for P95.
+             */
+            quantile: number;
+            /**
+             * Seed
+             * @description Seed of the trials.
+             */
+            seed: number;
+            /**
+             * Trials
+             * @description Trials of each point, at most.
+             */
+            trials: number;
+            /**
+             * Confidence
+             * @description Confidence of each interval by itself, 0 to 1.
+             */
+            confidence: number;
+            /**
+             * Interval Method
+             * @description How intervals are made, in words.
+             */
+            interval_method: string;
+            /**
+             * Noises Px
+             * @description Noises of the grid, px.
+             */
+            noises_px: number[];
+            /**
+             * Rotations Deg
+             * @description Standard deviations of the rotations of the grid, deg.
+             */
+            rotations_deg: number[];
+            /**
+             * Spreads
+             * @description Factors on the layout of the grid.
+             */
+            spreads: number[];
+            /**
+             * Counts
+             * @description Numbers of fiducials of the grid.
+             */
+            counts: number[];
+            /**
+             * Points
+             * @description Every combination: count, spread, noise, rotation; the last runs fastest.
+             */
+            points: components["schemas"]["LinearityPoint"][];
+            /**
+             * Calibration
+             * @description How the validity statement did, one entry for each thing that it may say.
+             */
+            calibration: components["schemas"]["Calibration"][];
+            /**
+             * Sentences
+             * @description What can be said of the grid.
+             */
+            sentences: string[];
+            /**
+             * Varied
+             * @description What was changed in the design, in words.
+             */
+            varied: string;
+            /** @description Which design, by which version, under which model, and what is not included. */
+            provenance: components["schemas"]["Provenance"];
+        };
+        StudyLinearityRequest: {
+            /** @description The design document. */
+            design: components["schemas"]["Design"];
+            /**
+             * Noises Px
+             * @description Noise of every image coordinate, px; absent: 0.3, 1, 3, 10.
+             * @default null
+             * @example [
+             *       0.3,
+             *       1,
+             *       3
+             *     ]
+             */
+            noises_px?: number[] | null;
+            /**
+             * Rotations Deg
+             * @description Standard deviation of each rotation of the structure's mount, deg, normal; absent: 0, 1, 5.
+             * @default null
+             * @example [
+             *       0,
+             *       1,
+             *       5
+             *     ]
+             */
+            rotations_deg?: number[] | null;
+            /**
+             * Spreads
+             * @description Factors on the layout about its centroid; absent: 1, 0.5, 0.2.
+             * @default null
+             * @example [
+             *       1,
+             *       0.5
+             *     ]
+             */
+            spreads?: number[] | null;
+            /**
+             * Counts
+             * @description Numbers of fiducials kept, far apart; absent: all, two thirds, 7.
+             * @default null
+             * @example [
+             *       12,
+             *       8
+             *     ]
+             */
+            counts?: number[] | null;
+            /**
+             * Target
+             * @description Name of the target; absent: the one with the largest P95.
+             * @default null
+             */
+            target?: string | null;
+            /**
+             * Error
+             * @description Which error.
+             * @default tcp
+             * @enum {string}
+             */
+            error?: "tcp" | "localisation";
+            /**
+             * Trials
+             * @description Trials of each point.
+             * @default 16384
+             */
+            trials?: number;
+            /**
+             * Seed
+             * @description Seed of every point.
+             * @default 0
+             */
+            seed?: number;
+        };
+        /**
+         * StudyPaper
+         * @description Tables S1 to S4, printed and reproduced.
+         */
+        StudyPaper: {
+            /**
+             * Schema
+             * @description Name and version of this record's schema.
+             * @constant
+             */
+            schema: "tailstack/study-paper/1";
+            /**
+             * Source
+             * @description The publication.
+             */
+            source: string;
+            /**
+             * Seed
+             * @description Seed of the trials.
+             */
+            seed: number;
+            /**
+             * Trials
+             * @description Trials of each of our cells.
+             */
+            trials: number;
+            /**
+             * Published Trials
+             * @description Trials of each published cell.
+             */
+            published_trials: number;
+            /**
+             * Band
+             * @description Share of experiments of the paper's size that would print a cell within its band.
+             */
+            band: number;
+            /**
+             * Geometries
+             * @description The tables in each geometry.
+             */
+            geometries: components["schemas"]["Geometry"][];
+            /**
+             * Printed
+             * @description Every cell of S1 to S4.
+             */
+            printed: components["schemas"]["PrintedCell"][];
+            /**
+             * Statements
+             * @description What can be said of the tables.
+             */
+            statements: components["schemas"]["Statement"][];
+            /**
+             * Tailstack Version
+             * @description Version of the solver.
+             */
+            tailstack_version: string;
+        };
+        StudyPaperRequest: {
+            /** @description The design document. */
+            design?: components["schemas"]["Design"];
+            /**
+             * Trials
+             * @description Trials of each of our cells.
+             * @default 100000
+             */
+            trials?: number;
+            /**
+             * Seed
+             * @description Seed of all cells.
+             * @default 0
+             */
+            seed?: number;
+        };
+        /**
          * Sweep
          * @description A grid of designs: every combination of the axes' values, the last axis running fastest.
          */
@@ -5232,6 +6924,32 @@ export interface components {
             mirror?: components["schemas"]["Mirror"];
             /** @description Groups turned about an axis. */
             rotation?: components["schemas"]["Turn"];
+        };
+        /**
+         * TailShape
+         * @description How far the P95 of the error norm stands above its mean, of summary statistics; no test, as n is not enough.
+         */
+        TailShape: {
+            /**
+             * P95 Over Mean
+             * @description Measured P95 of the error's norm over its mean.
+             */
+            p95_over_mean: number;
+            /**
+             * Standard Deviations
+             * @description Measured P95 less the mean, over the standard deviation; a normal law has 1.645. Null: nothing varies.
+             */
+            standard_deviations: number | null;
+            /**
+             * Predicted P95 Over Mean
+             * @description The first ratio, median of simulated benches.
+             */
+            predicted_p95_over_mean: number;
+            /**
+             * Predicted Standard Deviations
+             * @description The second ratio, median of simulated benches; null: nothing varies from trial to trial.
+             */
+            predicted_standard_deviations: number | null;
         };
         /**
          * TargetDocument
@@ -6208,6 +7926,42 @@ export interface components {
 }
 export type $defs = Record<string, never>;
 export interface operations {
+    create_validation: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ValidationRequest"];
+                "application/yaml": components["schemas"]["Design"];
+            };
+        };
+        responses: {
+            /** @description Parse and check, no computing. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Validation"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            408: components["responses"]["Problem408"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
     create_score: {
         parameters: {
             query?: {
@@ -6225,7 +7979,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description First-order score. */
+            /** @description First-order score: P95 bound, covariance, budget. */
             200: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
@@ -6233,42 +7987,6 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["Score"];
-                };
-            };
-            400: components["responses"]["Problem400"];
-            401: components["responses"]["Problem401"];
-            403: components["responses"]["Problem403"];
-            408: components["responses"]["Problem408"];
-            413: components["responses"]["Problem413"];
-            415: components["responses"]["Problem415"];
-            421: components["responses"]["Problem421"];
-            422: components["responses"]["Problem422"];
-            500: components["responses"]["Problem500"];
-            503: components["responses"]["Problem503"];
-        };
-    };
-    create_validation: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["ValidationRequest"];
-                "application/yaml": components["schemas"]["Design"];
-            };
-        };
-        responses: {
-            /** @description Read and check a design. */
-            200: {
-                headers: {
-                    "X-Request-ID": components["headers"]["RequestId"];
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Validation"];
                 };
             };
             400: components["responses"]["Problem400"];
@@ -6314,7 +8032,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description Monte Carlo check: with Prefer: wait, in time. */
+            /** @description Check of the full nonlinear chain by Monte Carlo: with Prefer: wait, in time. */
             200: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
@@ -6386,7 +8104,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description Optimise placement and tolerances: with Prefer: wait, in time. */
+            /** @description Placement and tolerances at least cost: with Prefer: wait, in time. */
             200: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
@@ -6462,7 +8180,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description Many designs: with Prefer: wait, in time. */
+            /** @description Score or check many designs: numbers of one varied over a grid: with Prefer: wait, in time. */
             200: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
@@ -6477,6 +8195,381 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["Sweep"];
+                };
+            };
+            /** @description Accepted: the job. */
+            202: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    Location: components["headers"]["Location"];
+                    "Retry-After": components["headers"]["RetryAfter"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Job"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            408: components["responses"]["Problem408"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    create_study_paper: {
+        parameters: {
+            query?: never;
+            header?: {
+                /**
+                 * @description RFC 7240. wait=N: answer 200 with the result if it is there within N seconds, otherwise 202. The service may wait for less (TAILSTACK_MAX_WAIT_SECONDS).
+                 * @example wait=10
+                 */
+                Prefer?: components["parameters"]["Prefer"];
+                /** @description One key stands for one request: sent again with the same body it gives the same job. */
+                "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["StudyPaperRequest"];
+            };
+        };
+        responses: {
+            /** @description The published tables, cell by cell, reproduced and corrected: with Prefer: wait, in time. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    ETag: components["headers"]["ETag"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    Vary: components["headers"]["Vary"];
+                    Location: components["headers"]["Location"];
+                    "Content-Location": components["headers"]["ResultLocation"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["StudyPaper"];
+                };
+            };
+            /** @description Accepted: the job. */
+            202: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    Location: components["headers"]["Location"];
+                    "Retry-After": components["headers"]["RetryAfter"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Job"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            408: components["responses"]["Problem408"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    create_study_linearity: {
+        parameters: {
+            query?: {
+                /** @description Only with a YAML body. Noise of every image coordinate, px; absent: 0.3, 1, 3, 10. */
+                noises_px?: string[];
+                /** @description Only with a YAML body. Standard deviation of each rotation of the structure's mount, deg, normal; absent: 0, 1, 5. */
+                rotations_deg?: string[];
+                /** @description Only with a YAML body. Factors on the layout about its centroid; absent: 1, 0.5, 0.2. */
+                spreads?: string[];
+                /** @description Only with a YAML body. Numbers of fiducials kept, far apart; absent: all, two thirds, 7. */
+                counts?: string[];
+                /** @description Only with a YAML body. Name of the target; absent: the one with the largest P95. */
+                target?: string;
+                /** @description Only with a YAML body. Which error. */
+                error?: "tcp" | "localisation";
+                /** @description Only with a YAML body. Trials of each point. */
+                trials?: number;
+                /** @description Only with a YAML body. Seed of every point. */
+                seed?: number;
+            };
+            header?: {
+                /**
+                 * @description RFC 7240. wait=N: answer 200 with the result if it is there within N seconds, otherwise 202. The service may wait for less (TAILSTACK_MAX_WAIT_SECONDS).
+                 * @example wait=10
+                 */
+                Prefer?: components["parameters"]["Prefer"];
+                /** @description One key stands for one request: sent again with the same body it gives the same job. */
+                "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["StudyLinearityRequest"];
+                "application/yaml": components["schemas"]["Design"];
+            };
+        };
+        responses: {
+            /** @description Where first order holds: a map over noise, rotation, spread and count: with Prefer: wait, in time. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    ETag: components["headers"]["ETag"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    Vary: components["headers"]["Vary"];
+                    Location: components["headers"]["Location"];
+                    "Content-Location": components["headers"]["ResultLocation"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["StudyLinearity"];
+                };
+            };
+            /** @description Accepted: the job. */
+            202: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    Location: components["headers"]["Location"];
+                    "Retry-After": components["headers"]["RetryAfter"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Job"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            408: components["responses"]["Problem408"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    create_study_coupling: {
+        parameters: {
+            query?: {
+                /** @description Only with a YAML body. Fixed installation errors beside the design as it is; absent: 1 deg, 2 mm and 2 deg, 5 mm. */
+                level?: string[];
+                /** @description Only with a YAML body. Which error. */
+                error?: "tcp" | "localisation";
+                /** @description Only with a YAML body. Trials of each case; absent: 262144, fewer with many targets. */
+                trials?: number;
+                /** @description Only with a YAML body. Seed of every case. */
+                seed?: number;
+            };
+            header?: {
+                /**
+                 * @description RFC 7240. wait=N: answer 200 with the result if it is there within N seconds, otherwise 202. The service may wait for less (TAILSTACK_MAX_WAIT_SECONDS).
+                 * @example wait=10
+                 */
+                Prefer?: components["parameters"]["Prefer"];
+                /** @description One key stands for one request: sent again with the same body it gives the same job. */
+                "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["StudyCouplingRequest"];
+                "application/yaml": components["schemas"]["Design"];
+            };
+        };
+        responses: {
+            /** @description Is the tail of installation error and noise together more than the parts?: with Prefer: wait, in time. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    ETag: components["headers"]["ETag"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    Vary: components["headers"]["Vary"];
+                    Location: components["headers"]["Location"];
+                    "Content-Location": components["headers"]["ResultLocation"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["StudyCoupling"];
+                };
+            };
+            /** @description Accepted: the job. */
+            202: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    Location: components["headers"]["Location"];
+                    "Retry-After": components["headers"]["RetryAfter"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Job"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            408: components["responses"]["Problem408"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    create_study_comparison: {
+        parameters: {
+            query?: never;
+            header?: {
+                /**
+                 * @description RFC 7240. wait=N: answer 200 with the result if it is there within N seconds, otherwise 202. The service may wait for less (TAILSTACK_MAX_WAIT_SECONDS).
+                 * @example wait=10
+                 */
+                Prefer?: components["parameters"]["Prefer"];
+                /** @description One key stands for one request: sent again with the same body it gives the same job. */
+                "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["StudyComparisonRequest"];
+            };
+        };
+        responses: {
+            /** @description Bench measurements against prediction: with Prefer: wait, in time. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    ETag: components["headers"]["ETag"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    Vary: components["headers"]["Vary"];
+                    Location: components["headers"]["Location"];
+                    "Content-Location": components["headers"]["ResultLocation"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["StudyComparison"];
+                };
+            };
+            /** @description Accepted: the job. */
+            202: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    Location: components["headers"]["Location"];
+                    "Retry-After": components["headers"]["RetryAfter"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Job"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            408: components["responses"]["Problem408"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    create_gate: {
+        parameters: {
+            query?: {
+                /** @description Only with a YAML body. analytic: first order, answered at once. verify: Monte Carlo for every design. auto: Monte Carlo where first order is near a limit. */
+                mode?: "analytic" | "verify" | "auto";
+                /** @description Only with a YAML body. Seed. Absent: the baseline's, else the policy's. */
+                seed?: number;
+                /** @description Only with a YAML body. Findings of this severity fail the gate. */
+                fail_level?: "error" | "warning";
+                /** @description Only with a YAML body. What an open question counts as. Absent: 4. */
+                on_inconclusive?: "fail" | "warn";
+            };
+            header?: {
+                /**
+                 * @description RFC 7240. wait=N: answer 200 with the result if it is there within N seconds, otherwise 202. The service may wait for less (TAILSTACK_MAX_WAIT_SECONDS).
+                 * @example wait=10
+                 */
+                Prefer?: components["parameters"]["Prefer"];
+                /** @description One key stands for one request: sent again with the same body it gives the same job. */
+                "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["GateRequest"];
+                "application/yaml": components["schemas"]["Design"];
+            };
+        };
+        responses: {
+            /** @description Policy and designs to a verdict: mode analytic, or with Prefer: wait in time. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    /** @description Strong validator of the body. Only when it was a job. */
+                    ETag?: string;
+                    /** @description How long the answer may be used without asking. Only when it was a job. */
+                    "Cache-Control"?: string;
+                    /** @description A cache keeps answers to different credentials apart. Only when it was a job. */
+                    Vary?: string;
+                    /** @description Path of the job. Only when it was a job. */
+                    Location?: string;
+                    /** @description Path of the result. Only when it was a job. */
+                    "Content-Location"?: string;
+                    /** @description The wait that was granted; absent when none was asked for. Only when it was a job. */
+                    "Preference-Applied"?: string;
+                    /** @description true: the key had made this job before; otherwise absent. Only when it was a job. */
+                    "Idempotency-Replayed"?: "true";
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Gate"];
                 };
             };
             /** @description Accepted: the job. */
@@ -6538,7 +8631,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description One record of score, check and optimisation: with Prefer: wait, in time. */
+            /** @description Tolerance-budget report: HTML, PDF, spreadsheet, JSON: with Prefer: wait, in time. */
             200: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
@@ -6579,49 +8672,6 @@ export interface operations {
             421: components["responses"]["Problem421"];
             422: components["responses"]["Problem422"];
             429: components["responses"]["Problem429"];
-            500: components["responses"]["Problem500"];
-            503: components["responses"]["Problem503"];
-        };
-    };
-    create_conversion: {
-        parameters: {
-            query?: {
-                /** @description Not with a JSON body. What the content is; text/csv and YAML say it themselves. */
-                from?: "csv" | "fcsv" | "mrk.json" | "yaml" | "json";
-                /** @description Not with a JSON body. What to make of it. */
-                to?: "csv" | "fcsv" | "mrk.json" | "yaml" | "json";
-            };
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["ConversionRequest"];
-                "application/yaml": components["schemas"]["Design"];
-                "text/csv": string;
-                "text/plain": string;
-            };
-        };
-        responses: {
-            /** @description The converted text. */
-            200: {
-                headers: {
-                    "X-Request-ID": components["headers"]["RequestId"];
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Conversion"];
-                };
-            };
-            400: components["responses"]["Problem400"];
-            401: components["responses"]["Problem401"];
-            403: components["responses"]["Problem403"];
-            408: components["responses"]["Problem408"];
-            413: components["responses"]["Problem413"];
-            415: components["responses"]["Problem415"];
-            421: components["responses"]["Problem421"];
-            422: components["responses"]["Problem422"];
             500: components["responses"]["Problem500"];
             503: components["responses"]["Problem503"];
         };
@@ -6692,74 +8742,35 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    create_gate: {
+    create_conversion: {
         parameters: {
             query?: {
-                /** @description Only with a YAML body. analytic: first order, answered at once. verify: Monte Carlo for every design. auto: Monte Carlo where first order is near a limit. */
-                mode?: "analytic" | "verify" | "auto";
-                /** @description Only with a YAML body. Seed. Absent: the baseline's, else the policy's. */
-                seed?: number;
-                /** @description Only with a YAML body. Findings of this severity fail the gate. */
-                fail_level?: "error" | "warning";
-                /** @description Only with a YAML body. What an open question counts as. Absent: 4. */
-                on_inconclusive?: "fail" | "warn";
+                /** @description Not with a JSON body. What the content is; text/csv and YAML say it themselves. */
+                from?: "csv" | "fcsv" | "mrk.json" | "yaml" | "json";
+                /** @description Not with a JSON body. What to make of it. */
+                to?: "csv" | "fcsv" | "mrk.json" | "yaml" | "json";
             };
-            header?: {
-                /**
-                 * @description RFC 7240. wait=N: answer 200 with the result if it is there within N seconds, otherwise 202. The service may wait for less (TAILSTACK_MAX_WAIT_SECONDS).
-                 * @example wait=10
-                 */
-                Prefer?: components["parameters"]["Prefer"];
-                /** @description One key stands for one request: sent again with the same body it gives the same job. */
-                "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
-            };
+            header?: never;
             path?: never;
             cookie?: never;
         };
         requestBody: {
             content: {
-                "application/json": components["schemas"]["GateRequest"];
+                "application/json": components["schemas"]["ConversionRequest"];
                 "application/yaml": components["schemas"]["Design"];
+                "text/csv": string;
+                "text/plain": string;
             };
         };
         responses: {
-            /** @description The verdict: mode analytic, or with Prefer: wait in time. */
+            /** @description Convert designs and fiducial files, by their endings. */
             200: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
-                    /** @description Strong validator of the body. Only when it was a job. */
-                    ETag?: string;
-                    /** @description How long the answer may be used without asking. Only when it was a job. */
-                    "Cache-Control"?: string;
-                    /** @description A cache keeps answers to different credentials apart. Only when it was a job. */
-                    Vary?: string;
-                    /** @description Path of the job. Only when it was a job. */
-                    Location?: string;
-                    /** @description Path of the result. Only when it was a job. */
-                    "Content-Location"?: string;
-                    /** @description The wait that was granted; absent when none was asked for. Only when it was a job. */
-                    "Preference-Applied"?: string;
-                    /** @description true: the key had made this job before; otherwise absent. Only when it was a job. */
-                    "Idempotency-Replayed"?: "true";
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Gate"];
-                };
-            };
-            /** @description Accepted: the job. */
-            202: {
-                headers: {
-                    "X-Request-ID": components["headers"]["RequestId"];
-                    Location: components["headers"]["Location"];
-                    "Retry-After": components["headers"]["RetryAfter"];
-                    "Cache-Control": components["headers"]["CacheControl"];
-                    "Preference-Applied": components["headers"]["PreferenceApplied"];
-                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Job"];
+                    "application/json": components["schemas"]["Conversion"];
                 };
             };
             400: components["responses"]["Problem400"];
@@ -6770,7 +8781,6 @@ export interface operations {
             415: components["responses"]["Problem415"];
             421: components["responses"]["Problem421"];
             422: components["responses"]["Problem422"];
-            429: components["responses"]["Problem429"];
             500: components["responses"]["Problem500"];
             503: components["responses"]["Problem503"];
         };
@@ -6836,7 +8846,7 @@ export interface operations {
                 /** @description Only jobs in this state. */
                 state?: "queued" | "running" | "succeeded" | "failed" | "cancelled";
                 /** @description Only jobs of this kind. */
-                kind?: "verification" | "optimisation" | "sweep" | "gate" | "report" | "comparison";
+                kind?: "verification" | "optimisation" | "sweep" | "study-paper" | "study-linearity" | "study-coupling" | "study-comparison" | "gate" | "report" | "comparison";
             };
             header?: never;
             path?: never;
@@ -7014,7 +9024,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Verification"] | components["schemas"]["Optimisation"] | components["schemas"]["Sweep"] | components["schemas"]["Gate"] | components["schemas"]["Report"] | components["schemas"]["Comparison"];
+                    "application/json": components["schemas"]["Verification"] | components["schemas"]["Optimisation"] | components["schemas"]["Sweep"] | components["schemas"]["StudyPaper"] | components["schemas"]["StudyLinearity"] | components["schemas"]["StudyCoupling"] | components["schemas"]["StudyComparison"] | components["schemas"]["Gate"] | components["schemas"]["Report"] | components["schemas"]["Comparison"];
                 };
             };
             /** @description The client has it. */

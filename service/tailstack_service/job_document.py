@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field
 
 from .logs import moment
+from .operations.registry import OPERATIONS
 from .problems import ProblemDocument, ProblemEntry
 
 if TYPE_CHECKING:
     from .jobs.store.jobs import Job
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
-JobKind = Literal["verification", "optimisation", "sweep", "gate", "report", "comparison"]
-ENDED = frozenset({"succeeded", "failed", "cancelled"})
+KINDS = tuple(operation.name for operation in OPERATIONS.values() if not operation.immediate)
+JobKind = Annotated[str, Field(json_schema_extra={"enum": list(KINDS)})]
 FIRST_GENERATION = 1
 
 
@@ -104,7 +107,7 @@ def job_document(job: Job, eta_seconds: float | None = None) -> JobDocument:
     return JobDocument(
         schema="tailstack/job/1",
         id=job.id,
-        kind=job.kind,  # type: ignore[arg-type]
+        kind=job.kind,
         state=job.state,  # type: ignore[arg-type]
         design_name=job.design_name,
         created_at=moment(job.created_at),

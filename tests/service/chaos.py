@@ -41,15 +41,15 @@ from worker_scenes import end
 
 from optimise_documents import BOX, document
 from tailstack.version import __version__
-from tailstack_service.http.example import EXAMPLE_DESIGN
 from tailstack_service.jobs.store import jobs, results, tables, workers
 from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.jobs.store.errors import StoreError, StoreUnavailable
 from tailstack_service.jobs.store.schema import migrate_database, open_database
+from tailstack_service.operations.content import canonical
+from tailstack_service.operations.example import EXAMPLE_DESIGN
+from tailstack_service.operations.perform import perform
 from tailstack_service.processes.interpreter import make_command, make_environment
-from tailstack_service.work.perform import perform
-from tailstack_service.work.requests import canonical
-from tailstack_service.work.task import ADVANCE, Task, UnitResult
+from tailstack_service.task import ADVANCE, Task, UnitResult
 
 T = TypeVar("T")
 

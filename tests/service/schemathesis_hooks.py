@@ -16,7 +16,7 @@ from typing import Any
 import schemathesis
 from schemathesis import GenerationMode
 
-from tailstack_service.http.example import EXAMPLE_DESIGN
+from tailstack_service.operations.example import EXAMPLE_DESIGN
 
 # Documents that the schema of a request leaves open, and trials within the limit of the service that is asked.
 POLICY = {"schema": "tailstack/policy/1", "verification": {"max_trials": 1000, "precision": 0.3}}

@@ -15,9 +15,9 @@ from typing import Any, cast
 import httpx
 from starlette.requests import Request
 
-from tailstack_service.documents import json_schema
-from tailstack_service.http.example import EXAMPLE_DESIGN
 from tailstack_service.http.server import running_service
+from tailstack_service.operations.example import EXAMPLE_DESIGN
+from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]

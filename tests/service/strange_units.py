@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from tailstack_service.work.task import ADVANCE, Outcome, Task
+from tailstack_service.task import ADVANCE, Outcome, Task
 
 FUNCTION = f"{__name__}:perform"
 

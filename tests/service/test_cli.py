@@ -15,8 +15,9 @@ from jsonschema import Draft202012Validator
 from service_scenes import EXAMPLES, coplanar_design, limited, small_design, write_json
 
 from tailstack_service.cli.main import main
-from tailstack_service.cli.verbs import VERBS, spell_commands
-from tailstack_service.documents import json_schema, schema_names
+from tailstack_service.cli.verbs import verbs
+from tailstack_service.console.program import spell_commands
+from tailstack_service.schemas import TITLES, json_schema
 
 DEMO = str(EXAMPLES / "demo.yaml")
 Captured = tuple[int, str, str]
@@ -45,10 +46,10 @@ def check_columns(text: str) -> None:
 def test_help_names_every_verb(call: Any) -> None:
     code, out, _ = call("--help")
     assert code == 0
-    assert all(f"    {verb} " in out for verb in VERBS)
+    assert all(f"    {verb} " in out for verb in verbs())
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", verbs())
 def test_every_verb_has_help(call: Any, verb: str) -> None:
     code, out, _ = call(verb, "--help")
     assert code == 0
@@ -81,8 +82,8 @@ def test_version(call: Any) -> None:
 def test_schemas_are_listed_and_printed(call: Any) -> None:
     code, out, _ = call("schema")
     assert code == 0
-    assert [line.split()[0] for line in out.splitlines()] == list(schema_names())
-    for name in schema_names():
+    assert [line.split()[0] for line in out.splitlines()] == list(TITLES)
+    for name in TITLES:
         code, out, _ = call("schema", name)
         assert code == 0
         assert json.loads(out) == json_schema(name)
@@ -91,7 +92,7 @@ def test_schemas_are_listed_and_printed(call: Any) -> None:
 def test_an_unknown_schema_is_2(call: Any) -> None:
     code, out, err = call("schema", "nothing")
     assert (code, out) == (2, "")
-    assert "one of design, score" in err
+    assert "one of design, validation, score" in err
 
 
 def test_presets_are_listed_with_their_sources() -> None:

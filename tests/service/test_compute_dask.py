@@ -17,7 +17,7 @@ from strange_units import request
 
 from tailstack_service.problems import RequestError
 from tailstack_service.settings import Settings
-from tailstack_service.work.task import Task
+from tailstack_service.task import Task
 
 if TYPE_CHECKING:
     from tailstack_service.jobs.engines.dask import DaskEngine

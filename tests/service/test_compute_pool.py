@@ -25,7 +25,7 @@ from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.processes import child
 from tailstack_service.processes.frames import Defect, Died, GivenBack, OutOfDate
 from tailstack_service.processes.interpreter import digest_code, make_command, make_environment
-from tailstack_service.work.task import ADVANCE, Outcome, Task, UnitResult
+from tailstack_service.task import ADVANCE, Outcome, Task, UnitResult
 
 UNIT = b'{"unit":0}'
 LONG = 30.0  # s, for what takes a fraction of one
@@ -219,7 +219,7 @@ PARENT = """
 import json, sys, time
 from strange_units import FUNCTION, request
 from tailstack_service.jobs.engines.pool import PoolEngine
-from tailstack_service.work.task import Task
+from tailstack_service.task import Task
 engine = PoolEngine(2, function=FUNCTION)
 future = engine.submit(Task("verification", request("burn"), b'{"unit":0}'), "x")
 while not engine.seconds(future):

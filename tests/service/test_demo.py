@@ -20,8 +20,8 @@ from service_scenes import EXAMPLES, ROOT
 from tailstack_service.cli import demo
 from tailstack_service.cli.demo import demo_text
 from tailstack_service.cli.main import main
-from tailstack_service.cli.remote import RemoteError, Service
-from tailstack_service.documents import json_schema
+from tailstack_service.console.remote import RemoteError, Service
+from tailstack_service.schemas import json_schema
 
 
 def test_the_demo_does_the_whole_job(tmp_path: Path, capsys: pytest.CaptureFixture[str], loggers: None) -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import re
 
 import pytest
 from service_scenes import ROOT
 
-from tailstack_service.cli.verbs import VERBS
-from tailstack_service.http.openapi import openapi_json
+from tailstack_service.cli.verbs import verbs
+from tailstack_service.http.app import create_app
 from tailstack_service.names import OTHERS
 from tailstack_service.problems import CATALOGUE
 from tailstack_service.settings import schemas
@@ -19,12 +18,12 @@ HTTP = (ROOT / "docs" / "http.md").read_text(encoding="utf-8")
 SETTINGS = (ROOT / "docs" / "settings.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", verbs())
 def test_every_verb_is_described(verb: str) -> None:
     assert verb in CLI
 
 
-@pytest.mark.parametrize("path", json.loads(openapi_json())["paths"])
+@pytest.mark.parametrize("path", create_app(warm_up=False).openapi()["paths"])
 def test_every_path_is_described(path: str) -> None:
     assert f"`{path}`" in HTTP or f"{path}`" in HTTP
 

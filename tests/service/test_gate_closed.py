@@ -17,8 +17,8 @@ from service_scenes import ROOT, write_json
 
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
-from tailstack_service.documents import from_plain
 from tailstack_service.gate.records import GateRecord
+from tailstack_service.schemas import record_of
 
 ALL = ("text", "json", "sarif", "junit", "github", "gitlab", "markdown")
 
@@ -38,7 +38,7 @@ def gate(*arguments: str) -> int:
 
 
 def record() -> GateRecord:
-    found: GateRecord = from_plain("gate", json.loads(Path("out.json").read_text(encoding="utf-8")))
+    found: GateRecord = record_of("gate", json.loads(Path("out.json").read_text(encoding="utf-8")))
     return found
 
 
@@ -309,7 +309,7 @@ def test_an_output_that_a_pattern_matches_is_neither_written_over_nor_judged(
     assert "good.yaml would overwrite a file that is read" in capsys.readouterr().err
     assert (folder / "good.yaml").read_bytes() == before
     assert main(["gate", "g*", "--policy", "policy.yaml", "--mode", "analytic", "--format", "json=gate.json"]) == 0
-    found = from_plain("gate", json.loads((folder / "gate.json").read_text(encoding="utf-8")))
+    found = record_of("gate", json.loads((folder / "gate.json").read_text(encoding="utf-8")))
     assert [design.file for design in found.designs] == ["good.yaml"]
 
 

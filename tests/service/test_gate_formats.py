@@ -18,7 +18,6 @@ from service_scenes import ROOT, limited
 
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
-from tailstack_service.documents import from_plain, json_schema
 from tailstack_service.gate.formats import FORMATS as WRITERS
 from tailstack_service.gate.formats import (
     SUMMARY_BYTES,
@@ -33,6 +32,7 @@ from tailstack_service.gate.formats import (
 )
 from tailstack_service.gate.records import GateFinding, GateRecord
 from tailstack_service.gate.text import render_text
+from tailstack_service.schemas import json_schema, read_record
 
 SCHEMAS = ROOT / "tests" / "data" / "schemas"
 
@@ -84,7 +84,7 @@ def test_a_baseline_that_is_kept_shows_what_changed_line_by_line(
 
 
 def record_of(title: str) -> GateRecord:
-    found: GateRecord = from_plain("gate", json.loads(golden(title, "json").read_text(encoding="utf-8")) | {})
+    found: GateRecord = read_record("gate", golden(title, "json").read_bytes())
     return found
 
 

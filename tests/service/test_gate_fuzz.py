@@ -13,9 +13,10 @@ from typing import Any
 from service_scenes import small_design
 
 from tailstack.errors import TailstackError
-from tailstack_service.documents import from_plain, to_json
+from tailstack_service.documents import to_json
 from tailstack_service.gate.records import GateRecord
 from tailstack_service.gate.request import admit_gate, judge_designs
+from tailstack_service.schemas import record_of
 
 TODAY = date(2026, 11, 21)
 SEED, CASES = 7, 250
@@ -102,6 +103,6 @@ def test_whatever_arrives_is_judged_or_refused() -> None:
             assert all(problem.pointer.startswith("/") or problem.pointer == "" for problem in found.problems)
         else:
             assert found.exit_code in (0, 1, 2, 3, 4)
-            assert from_plain("gate", json.loads(to_json(found))) == found
+            assert record_of("gate", json.loads(to_json(found))) == found
     assert met["GateRecord"] > CASES / 20, met
     assert met["GateError"] > CASES / 4, met

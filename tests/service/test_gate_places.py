@@ -17,8 +17,8 @@ from xsd import problems
 
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
-from tailstack_service.documents import from_plain
 from tailstack_service.gate.records import GateFinding
+from tailstack_service.schemas import record_of
 
 VALUE = "0.3"  # the limit that is missed
 
@@ -34,7 +34,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def found(*arguments: str, code: int = 1) -> list[GateFinding]:
     assert main(["gate", *arguments, "--policy", "policy.yaml", "--mode", "analytic", "--format=json=out.json"]) == code
-    return list(from_plain("gate", json.loads(Path("out.json").read_text(encoding="utf-8"))).findings)
+    return list(record_of("gate", json.loads(Path("out.json").read_text(encoding="utf-8"))).findings)
 
 
 def yaml_text() -> str:
@@ -208,7 +208,7 @@ def test_whatever_a_file_is_called_a_refusal_of_it_can_be_written(folder: Path) 
     for option in ("--waivers", "--baseline", "--policy"):
         arguments = ["gate", "d.yaml", "--mode", "analytic", option, raw, "--format=json=out.json"]
         assert main(arguments) == 2
-        findings = from_plain("gate", json.loads((folder / "out.json").read_text(encoding="utf-8"))).findings
+        findings = record_of("gate", json.loads((folder / "out.json").read_text(encoding="utf-8"))).findings
         assert {entry.file for entry in findings} == {"caf\ufffd.yaml"}
 
 

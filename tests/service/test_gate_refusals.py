@@ -10,7 +10,7 @@ from gate_scenes import GOOD, STRICT, TODAY, waivers
 
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
-from tailstack_service.documents import from_plain
+from tailstack_service.schemas import record_of
 
 POLICY = "schema: tailstack/policy/1\nrules:\n"
 WAIVERS = "schema: tailstack/waivers/1\nwaivers:\n"
@@ -33,7 +33,7 @@ def refused(capsys: pytest.CaptureFixture[str], option: str, line: int | None, w
     said = " ".join(capsys.readouterr().err.split())
     assert words in said
     assert (f"given:{line}:" if line else "given: ") in said
-    record = from_plain("gate", json.loads(Path("out.json").read_text(encoding="utf-8")))
+    record = record_of("gate", json.loads(Path("out.json").read_text(encoding="utf-8")))
     assert (record.verdict, record.exit_code, record.provenance.policy_sha256) == ("not evaluated", 2, None)
     first = record.findings[0]
     assert (first.rule, first.file, first.line) == ("invalid-input", "given", line)

@@ -16,12 +16,13 @@ from work_driver import run_job
 from tailstack import load_design, score, verify
 from tailstack.design.write import data_to_yaml
 from tailstack.errors import DesignError, LimitError, TailstackError
-from tailstack_service.documents import json_schema, to_json
+from tailstack_service.documents import to_json
 from tailstack_service.gate.reading import GateError
 from tailstack_service.gate.records import GateFinding, GateRecord
 from tailstack_service.gate.request import admit_gate, judge_designs
 from tailstack_service.gate.rules import RULES
 from tailstack_service.problems import RequestError
+from tailstack_service.schemas import json_schema
 
 TODAY = date(2026, 11, 21)
 P95 = score(load_design(small_design())).targets[0].p95_mm

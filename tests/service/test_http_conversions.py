@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 from service_scenes import check_problem, client_with, small_design
 
 from tailstack.design.write import data_to_yaml
-from tailstack_service.documents import json_schema
+from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
 
 CSV = "label,x_cm,y_cm,z_cm\nA,1,2,-3\nB,0.5,0,0\n"

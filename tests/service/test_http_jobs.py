@@ -16,9 +16,10 @@ from starlette.requests import Request
 
 from tailstack import load_design, verify
 from tailstack.design.write import data_to_yaml
-from tailstack_service.cli.remote import Event, Service, read_events
-from tailstack_service.documents import json_schema, to_json
+from tailstack_service.console.remote import Event, Service, read_events
+from tailstack_service.documents import to_json
 from tailstack_service.http.answers import wait_seconds
+from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
 
 ENDLESS = {"design": small_design(), "trials": 1_000_000_000}  # minutes of computing

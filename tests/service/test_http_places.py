@@ -24,10 +24,9 @@ from starlette.requests import Request
 
 from tailstack.errors import LimitError
 from tailstack_service.http import computations, effort, places
-from tailstack_service.http.asked import Sent
-from tailstack_service.http.bodies import Placed
 from tailstack_service.http.places import CallerLeft, Places, Turns
 from tailstack_service.jobs.store import database
+from tailstack_service.operations.sent import Placed, Sent
 from tailstack_service.problems import TransportError
 from tailstack_service.processes.frames import Defect, Died
 from tailstack_service.settings import Settings

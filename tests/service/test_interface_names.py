@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tailstack_service.report.audit import audit
+from tailstack_service.report.rendering import rendered
 
 from tailstack.design import load_design
 from tailstack.scoring import score
 from tailstack_service.documents import from_plain, plain, to_json
 from tailstack_service.rendering.score import score_text
 from tailstack_service.report.assembling import compute_report, options_of
-from tailstack_service.report.audit import audit
-from tailstack_service.report.rendering import rendered
 
 ROOT = Path(__file__).resolve().parents[2]
 OLDER = ROOT / "tests" / "data" / "older" / "report.json"  # as written when interfaces were numbered

@@ -17,7 +17,7 @@ import pytest
 from service_scenes import client_with, limited, small_design
 
 from tailstack_service.cli.main import main
-from tailstack_service.cli.remote import Event, RemoteError, Service, read_events
+from tailstack_service.console.remote import Event, RemoteError, Service, read_events
 from tailstack_service.jobs.store.keys import create_key
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.settings import Settings

@@ -16,7 +16,8 @@ from service_scenes import client_with, small_design, write_json
 
 from tailstack import load_design, score
 from tailstack_service.cli.main import main
-from tailstack_service.documents import read_record, to_json
+from tailstack_service.documents import to_json
+from tailstack_service.schemas import read_record
 from tailstack_service.settings import Settings
 
 NUMBERS = [1e-5, 1.5e-7, 1e16, 1e22, 5e-324, 0.1, -0.0, 100.0, 1e15]  # their texts differ between common writers

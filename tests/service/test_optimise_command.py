@@ -25,8 +25,8 @@ from tailstack.design import design_to_data, load_design
 from tailstack.errors import NotConvergedError, Problem
 from tailstack.results import Finding, Optimisation
 from tailstack_service.cli.main import main
-from tailstack_service.cli.optimise import STOPPING, reporter
 from tailstack_service.console.progress import Progress
+from tailstack_service.operations.optimisation import STOPPING, reporter
 
 DEMO = EXAMPLES / "demo.yaml"
 NEW_DESIGN = design_to_data(load_design(DEMO.read_text(encoding="utf-8").replace("[-30, -29, -72]", "[-40, -41, -72]")))

@@ -21,7 +21,7 @@ import psutil
 import pytest
 from service_scenes import EXAMPLES, ROOT, small_design
 
-from tailstack_service.cli.remote import Event, read_events
+from tailstack_service.console.remote import Event, read_events
 
 DEMO = str(EXAMPLES / "demo.yaml")
 PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])

@@ -15,7 +15,7 @@ from service_scenes import client_with, limited
 from tailstack import load_design, score, verify
 from tailstack_service.documents import to_json
 from tailstack_service.gate.request import admit_gate, judge_designs
-from tailstack_service.report import render
+from tailstack_service.operations.rendering import render
 from tailstack_service.report.assembling import ReportOptions, compute_report
 from tailstack_service.report.comparing import compute_comparison
 

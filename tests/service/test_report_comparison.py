@@ -17,15 +17,15 @@ from service_scenes import check_problem, client_with, coplanar_design, limited,
 from work_driver import run_job
 
 from tailstack import load_design, verify
-from tailstack_service.documents import json_schema, to_json
+from tailstack_service.documents import to_json
+from tailstack_service.operations.rendering import document_of, render
 from tailstack_service.problems import RequestError
-from tailstack_service.report import render
 from tailstack_service.report.assembling import ReportOptions, compute_report
 from tailstack_service.report.changes import MOST, changes_of
 from tailstack_service.report.comparing import compute_comparison
 from tailstack_service.report.paired import FEWEST, paired_difference
 from tailstack_service.report.records import Comparison
-from tailstack_service.report.rendering import document_of
+from tailstack_service.schemas import json_schema
 
 TRIALS = 20_000
 

@@ -24,13 +24,14 @@ from work_driver import run_job
 from tailstack import load_design, score, verify
 from tailstack.results import Score
 from tailstack.sweeping import read_axes, sweep
-from tailstack_service.documents import json_schema, to_json
+from tailstack_service.documents import to_json
 from tailstack_service.gate.request import admit_gate, judge_designs
+from tailstack_service.operations.rendering import render
 from tailstack_service.report import html as html_module
-from tailstack_service.report import render
 from tailstack_service.report.assembling import ReportOptions, compute_report
 from tailstack_service.report.errors import PdfUnavailable
 from tailstack_service.report.records import Report
+from tailstack_service.schemas import json_schema
 
 HOSTILE = "<script>alert(1)</script>\"&'"
 FORMULA = '=HYPERLINK("http://127.0.0.1","x")'

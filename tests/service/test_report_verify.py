@@ -19,14 +19,14 @@ from service_scenes import EXAMPLES, limited, small_design
 from tailstack import TailstackError, load_design, optimise, score, verify
 from tailstack.design.write import data_to_yaml
 from tailstack.sweeping import read_axes, sweep
+from tailstack_service.audit import Audit, Effort, audit
 from tailstack_service.cli.main import main
-from tailstack_service.documents import from_plain, to_json
-from tailstack_service.report import FORMATS, render
+from tailstack_service.documents import to_json
+from tailstack_service.operations.rendering import FORMATS, document_of, render
 from tailstack_service.report.assembling import ReportOptions, compute_report
-from tailstack_service.report.audit import Audit, Effort, audit
 from tailstack_service.report.comparing import compute_comparison
 from tailstack_service.report.html import html_report
-from tailstack_service.report.rendering import document_of
+from tailstack_service.schemas import record_of
 
 TRIALS = 4_000
 DESIGN = limited(0.9)
@@ -54,7 +54,7 @@ def changed(body: bytes, change: Callable[[Any], None]) -> bytes:
     """The record with something else in it, as canonical JSON."""
     data = json.loads(body)
     change(data)
-    return to_json(from_plain(data["schema"].split("/")[1], data))
+    return to_json(record_of(data["schema"].split("/")[1], data))
 
 
 # --- what is untouched ----------------------------------------------------------------------------
@@ -143,7 +143,7 @@ def test_a_record_that_asks_for_too_much_is_refused_at_once(
     made: str, change: dict[str, Any], words: str, enough: list[Any],
 ) -> None:  # fmt: skip
     """The refusal says what to type; typed, it is computed (which is not waited for here)."""
-    from tailstack_service.report.audit import auditing
+    from tailstack_service.audit import verify
 
     def update(data: dict[str, Any], new: dict[str, Any]) -> None:
         for key, value in new.items():
@@ -163,14 +163,14 @@ def test_a_record_that_asks_for_too_much_is_refused_at_once(
     (tmp_path / "forged.json").write_bytes(changed(honest, lambda data: update(data, change)))
     (tmp_path / "design.json").write_text(json.dumps(DESIGN), encoding="utf-8")
     given = [str(tmp_path / "design.json")] if made in ("verification", "sweep") else []
-    monkeypatch.setattr(auditing, "again", lambda *_, **__: pytest.fail("computed"))
+    monkeypatch.setattr(verify, "_number_questions", lambda *_, **__: pytest.fail("computed"))
     command = ["report", "--verify", str(tmp_path / "forged.json"), *given]
     assert main(command) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert words in said
     assert f"add {enough[0]} {enough[1]}, or --fast" in said
     asked = []
-    monkeypatch.setattr(auditing, "again", lambda *_, **__: asked.append(1))
+    monkeypatch.setattr(verify, "_number_questions", lambda *_, **__: asked.append(1))
     assert main([*command, enough[0], str(enough[1] - 1)]) == 2
     assert not asked
     assert main([*command, enough[0], str(enough[1])]) == 0
@@ -556,5 +556,5 @@ def test_an_optimised_design_says_where_its_points_came_from(
     assert (before["file"], before["coordinate_system"], "changed" in before) == ("ras.csv", "RAS", False)
     assert origin == {**before, "changed": True}
     assert any("RAS" in note for note in record["certificate"]["verification"]["provenance"]["notes"])
-    found = audit(to_json(from_plain("optimisation", record)), "x", fast=True)
+    found = audit(to_json(record_of("optimisation", record)), "x", fast=True)
     assert found.verdict == "verified", details(found)

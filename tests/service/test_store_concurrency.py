@@ -24,7 +24,7 @@ from tailstack_service.jobs.store import database, events, jobs, queue, results,
 from tailstack_service.jobs.store.database import Database, reading, writing
 from tailstack_service.jobs.store.errors import StoreUnavailable
 from tailstack_service.jobs.store.schema import HEAD, migrate_database, open_database
-from tailstack_service.work.task import ADVANCE
+from tailstack_service.task import ADVANCE
 
 PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service"), str(ROOT / "tests" / "service")])
 
@@ -34,7 +34,7 @@ import sys
 import time
 from tailstack_service.jobs.store import queue
 from tailstack_service.jobs.store.schema import open_database
-from tailstack_service.work.task import ADVANCE, Outcome
+from tailstack_service.task import ADVANCE, Outcome
 
 url, name, patience = sys.argv[1], sys.argv[2], int(sys.argv[3])
 db, idle = open_database(url), 0

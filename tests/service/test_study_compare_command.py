@@ -13,9 +13,9 @@ import jsonschema
 import pytest
 
 from tailstack_service.cli.main import main
-from tailstack_service.documents import from_plain, json_schema
 from tailstack_service.rendering.studies.comparison import comparison_text
 from tailstack_service.rendering.studies.comparison_figure import comparison_svg
+from tailstack_service.schemas import json_schema, record_of
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
@@ -38,7 +38,7 @@ def test_the_tilted_flange_is_found(capfdbinary: pytest.CaptureFixture[bytes], t
     assert document["verdict"] == "differs"
     named = [e for e in document["explanations"] if (e["contributor"], e["component"]) == ("connector_flange", "rx")]
     assert named[0]["intervals"][0][0] < 0.46 < named[0]["intervals"][0][1]
-    study = from_plain("study-comparison", document)
+    study = record_of("study-comparison", document)
     assert figure.read_text() == comparison_svg(study)
     root = ElementTree.fromstring(figure.read_text())
     marks = [node for node in root.iter() if node.tag.endswith("circle")]

@@ -12,8 +12,8 @@ import pytest
 
 from tailstack.studies.coupling import decimals_of
 from tailstack_service.cli.main import main
-from tailstack_service.documents import from_plain, json_schema
 from tailstack_service.rendering.studies.coupling import COMPARISONS, coupling_svg, coupling_text
+from tailstack_service.schemas import json_schema, record_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMO = str(EXAMPLES / "demo.yaml")
@@ -58,7 +58,7 @@ def test_first_order_says_what_is_seen_against_the_vector_sum(document: dict) ->
 
 
 def test_text_fits_the_page_and_holds_every_ratio(document: dict) -> None:
-    study = from_plain("study-coupling", document["study"])
+    study = record_of("study-coupling", document["study"])
     text = coupling_text(study)
     assert max(map(len, text.splitlines())) <= 100
     for case in study.cases:
@@ -73,7 +73,7 @@ def test_text_fits_the_page_and_holds_every_ratio(document: dict) -> None:
 
 
 def test_what_there_is_none_of_is_told(document: dict) -> None:
-    study = from_plain("study-coupling", document["study"])
+    study = record_of("study-coupling", document["study"])
     long = "a target with a long name, " * 3
     cases = tuple(replace(case, target=long, gain=None, noise_rms_biased_mm=None) for case in study.cases)
     bare = replace(study, cases=cases)
@@ -86,7 +86,7 @@ def test_what_there_is_none_of_is_told(document: dict) -> None:
 
 
 def test_the_figure_is_drawn_from_the_record(document: dict) -> None:
-    study = from_plain("study-coupling", document["study"])
+    study = record_of("study-coupling", document["study"])
     assert document["figure"] == coupling_svg(study)
     root = ElementTree.fromstring(document["figure"])
     marks = [node for node in root.iter() if node.tag.endswith("circle")]

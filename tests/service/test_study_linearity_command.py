@@ -16,8 +16,8 @@ from test_report_figures import check_picture
 from tailstack.design import compile_design, load_design
 from tailstack.studies.linearity import study_linearity
 from tailstack_service.cli.main import main
-from tailstack_service.documents import from_plain, json_schema
 from tailstack_service.rendering.studies.linearity import linearity_csv, linearity_svg, linearity_text
+from tailstack_service.schemas import json_schema, record_of
 
 AXES = ["--noise", "0.3,4", "--rotation", "0,2", "--spread", "1,0.4,6", "--count", "8,7", "--trials", "8192"]
 
@@ -47,7 +47,7 @@ def test_json_is_the_published_record(printed: dict) -> None:
 
 
 def test_text_has_every_point_and_its_class(printed: dict) -> None:
-    study = from_plain("study-linearity", printed["study"])
+    study = record_of("study-linearity", printed["study"])
     text = linearity_text(study)
     assert max(map(len, text.splitlines())) <= 100
     rows = [line.split() for line in text.splitlines() if line[:1].isdigit() and "fiducials" not in line]
@@ -79,7 +79,7 @@ def test_many_rotations_stand_below_one_another_on_a_page_of_100_columns(tmp_pat
 
 
 def test_csv_has_a_line_for_each_point(printed: dict) -> None:
-    study = from_plain("study-linearity", printed["study"])
+    study = record_of("study-linearity", printed["study"])
     rows = list(csv.DictReader(io.StringIO(linearity_csv(study))))
     assert len(rows) == len(study.points)
     for row, point in zip(rows, study.points, strict=True):
@@ -89,7 +89,7 @@ def test_csv_has_a_line_for_each_point(printed: dict) -> None:
 
 
 def test_the_map_shows_every_cell(printed: dict) -> None:
-    study = from_plain("study-linearity", printed["study"])
+    study = record_of("study-linearity", printed["study"])
     assert printed["figure"] == linearity_svg(study)
     check_picture(printed["figure"])
     alone = replace(study, points=study.points[:1], noises_px=(0.3,), rotations_deg=(0.0,), spreads=(1.0,), counts=(8,))

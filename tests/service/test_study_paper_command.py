@@ -15,9 +15,9 @@ from test_report_figures import check_picture
 
 from tailstack.studies.paper.published import CELLS
 from tailstack_service.cli.main import main
-from tailstack_service.cli.studies.paper import C_ARM, FITTED, scenario
-from tailstack_service.documents import from_plain, json_schema
+from tailstack_service.operations.study_paper import C_ARM, FITTED, scenario
 from tailstack_service.rendering.studies.paper import paper_csv, paper_text
+from tailstack_service.schemas import json_schema, record_of
 
 QUICK = ["--trials", "40000"]
 
@@ -48,7 +48,7 @@ def test_json_is_the_published_record(printed: dict) -> None:
 
 
 def test_text_holds_every_printed_cell_with_its_z(printed: dict) -> None:
-    study = from_plain("study-paper", printed["study"])
+    study = record_of("study-paper", printed["study"])
     text = paper_text(study)
     assert max(map(len, text.splitlines())) <= 100
     lines = text.splitlines()
@@ -74,7 +74,7 @@ def test_text_holds_every_printed_cell_with_its_z(printed: dict) -> None:
 
 def test_text_has_every_cell_of_the_tables(printed: dict) -> None:
     """published: the tables, typed once more by themselves."""
-    text = paper_text(from_plain("study-paper", printed["study"]))
+    text = paper_text(record_of("study-paper", printed["study"]))
     lines = text.splitlines()
     heads = {name: next(k for k, line in enumerate(lines) if line.startswith(start)) for name, start in (
         ("S1", "S1: "), ("S2", "S2: "), ("S3", "S3: standard"), ("means", "S3: means"), ("S4", "S4, as"),
@@ -104,7 +104,7 @@ def test_text_has_every_cell_of_the_tables(printed: dict) -> None:
 
 
 def test_csv_has_a_line_for_each_cell_and_geometry(printed: dict) -> None:
-    rows = list(csv.DictReader(io.StringIO(paper_csv(from_plain("study-paper", printed["study"])))))
+    rows = list(csv.DictReader(io.StringIO(paper_csv(record_of("study-paper", printed["study"])))))
     assert len(rows) == 3 * 34
     held = [row for row in rows if row["z"]]
     assert len(held) == 2 * len(CELLS)

@@ -12,7 +12,7 @@ import pytest
 
 from tailstack import load_design, score
 from tailstack_service.cli.main import main
-from tailstack_service.documents import json_schema
+from tailstack_service.schemas import json_schema
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMO = str(EXAMPLES / "demo.yaml")

@@ -25,9 +25,9 @@ from tailstack.design import Design
 from tailstack_service.documents import to_json
 from tailstack_service.gate.formats import FORMATS
 from tailstack_service.gate.request import admit_gate, judge_designs
+from tailstack_service.operations.rendering import render
 from tailstack_service.rendering.score import score_text
 from tailstack_service.rendering.verification import verification_text
-from tailstack_service.report import render
 from tailstack_service.report.assembling import ReportOptions, compute_report
 from tailstack_service.report.comparing import compute_comparison
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tailstack_service.rendering.validation import validation_text
 
 from tailstack.design import load_design
 from tailstack.scoring import score
@@ -19,7 +20,6 @@ from tailstack_service.rendering.jobs import jobs_text
 from tailstack_service.rendering.score import score_text
 from tailstack_service.rendering.sweep import sweep_text
 from tailstack_service.rendering.tables import WIDTH
-from tailstack_service.rendering.validation import validation_text
 from tailstack_service.rendering.verification import verification_text
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -21,11 +21,13 @@ from optimise_documents import BOX, document
 from tailstack import TailstackError, load_design, optimise, verify
 from tailstack.design import design_to_data
 from tailstack.sweeping import read_axes, sweep
-from tailstack_service.documents import json_schema, to_json
-from tailstack_service.work.kinds import KINDS, Kind
-from tailstack_service.work.perform import perform
-from tailstack_service.work.requests import canonical
-from tailstack_service.work.task import ADVANCE, Task
+from tailstack_service.documents import to_json
+from tailstack_service.operations.content import canonical
+from tailstack_service.operations.operation import Operation
+from tailstack_service.operations.perform import perform
+from tailstack_service.operations.registry import OPERATIONS
+from tailstack_service.schemas import json_schema
+from tailstack_service.task import ADVANCE, Task
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -188,15 +190,15 @@ def test_units_come_back_from_a_spawned_process_as_they_are_computed_here() -> N
     assert there.cpu_seconds > 0
 
 
-@pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))
-def test_every_kind_answers_with_a_published_schema(kind: Kind) -> None:
-    assert json_schema(kind.answer)["$id"] == f"urn:tailstack:schema:{kind.answer}:1"
+@pytest.mark.parametrize("operation", OPERATIONS.values(), ids=list(OPERATIONS))
+def test_every_operation_answers_with_a_published_schema(operation: Operation) -> None:
+    assert json_schema(operation.name)["$id"] == f"urn:tailstack:schema:{operation.name}:1"
 
 
-def test_knowing_the_kinds_loads_no_solver() -> None:
+def test_knowing_the_operations_loads_no_solver() -> None:
     code = (
-        "import sys, tailstack_service.work.kinds, tailstack_service.work.task\n"
-        "heavy = {'numpy', 'numba', 'casadi', 'scipy', 'pydantic', 'yaml'} & set(sys.modules)\n"
+        "import sys, tailstack_service.operations.registry\n"
+        "heavy = {'numpy', 'numba', 'casadi', 'scipy', 'yaml', 'fastapi', 'sqlalchemy'} & set(sys.modules)\n"
         "sys.exit(f'loaded: {heavy}' if heavy else 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)

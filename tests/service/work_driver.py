@@ -5,9 +5,9 @@ from __future__ import annotations
 from random import Random
 from typing import Any
 
-from tailstack_service.work.perform import perform
-from tailstack_service.work.requests import canonical
-from tailstack_service.work.task import ADVANCE, Outcome, Task, UnitResult
+from tailstack_service.operations.content import canonical
+from tailstack_service.operations.perform import perform
+from tailstack_service.task import ADVANCE, Outcome, Task, UnitResult
 
 ROUNDS = 60
 

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from tailstack import load_design, score
 from tailstack.design import design_to_data
-from tailstack_service.documents import read_record, to_json
+from tailstack_service.documents import to_json
 from tailstack_service.rendering.score import score_text
+from tailstack_service.schemas import read_record
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "small_cluster_far_target.yaml"
 

@@ -15,7 +15,7 @@ from ..console.answer import Answer, exit_code_of
 from ..console.program import program
 
 if TYPE_CHECKING:
-    from .remote import Service
+    from ..console.remote import Service
 
 HELP = "the whole main job on a real design, over HTTP"
 
@@ -47,15 +47,15 @@ def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design.write import data_to_yaml
 
     from ..console.arguments import coloured_output
-    from ..documents import read_record
+    from ..console.remote import Service
     from ..http.server import running_service
     from ..logs import log_to_stderr
     from ..rendering.demo import before_after_text, chapter
     from ..rendering.optimisation import optimisation_text
     from ..rendering.score import score_text
     from ..rendering.verification import verification_text
+    from ..schemas import read_record
     from ..settings import default_settings
-    from .remote import Service
 
     log_to_stderr(level=logging.WARNING)
     colour = coloured_output()
@@ -114,7 +114,7 @@ def run(arguments: argparse.Namespace) -> Answer:
 
 def wait_until_ready(service: Service, announce: Callable[[str], None], seconds: float = READY_SECONDS) -> None:
     """Poll readiness; the first run on a machine compiles the kernels.  Raises RemoteError."""
-    from .remote import RemoteError
+    from ..console.remote import RemoteError
 
     begun = time.monotonic()
     next_word = begun + FIRST_WORD_SECONDS

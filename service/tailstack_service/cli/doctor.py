@@ -118,7 +118,7 @@ def _chain() -> str:
     from tailstack.scoring import score
     from tailstack.verification import verify
 
-    from ..http.example import EXAMPLE_DESIGN
+    from ..operations.example import EXAMPLE_DESIGN
 
     design = load_design(EXAMPLE_DESIGN)
     first = score(design).targets[0].p95_mm

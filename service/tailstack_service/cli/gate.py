@@ -89,9 +89,9 @@ def run(arguments: argparse.Namespace) -> Answer:
     if arguments.explain is not None:
         return Answer(_explain(arguments.explain), PASS)
 
+    from ..console.refusals import problem_text
     from ..gate.text import summarise
     from .gate_outputs import FOR_PEOPLE, choose_outputs, record_unwritten, say
-    from .refusals import problem_text
 
     found = _find_files(arguments.design)  # before anything is written: no output becomes a design, no design an output
     inputs = [arguments.policy, arguments.waivers, arguments.baseline, *arguments.design, *chain(*found.values())]
@@ -140,9 +140,9 @@ def _make_record(
     stderr and kept in the record."""
     from tailstack.errors import Problem, TailstackError
 
+    from ..console.refusals import report_error, report_failure
     from ..problems import RequestError
     from .gate_outputs import INTERRUPTED, NOT_FINISHED, OutputError, record_unfinished
-    from .refusals import report_error, report_failure
 
     known = partial(
         record_unfinished, today=today(), mode=arguments.mode, fail_level=arguments.fail_level,

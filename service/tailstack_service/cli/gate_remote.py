@@ -20,8 +20,8 @@ def judge_remotely(gate: Gate, url: str, progress: Progress) -> GateRecord:
     """The record as it would have been computed here.  Raises RemoteError, also for an answer that is no record."""
     from pydantic import ValidationError
 
-    from ..documents import read_record
-    from .remote import RemoteError, Service, compute_remotely
+    from ..console.remote import RemoteError, Service, compute_remotely
+    from ..schemas import read_record
 
     request = write_request(gate)
     service = Service(url)

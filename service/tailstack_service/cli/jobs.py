@@ -12,13 +12,13 @@ from tailstack.json_text import write_json
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..console.arguments import whole
+from ..job_document import KINDS
 
 if TYPE_CHECKING:
-    from .remote import Service
+    from ..console.remote import Service
 
 HELP = "jobs of a running service: list, show, follow, cancel"
 STATES = ("queued", "running", "succeeded", "failed", "cancelled")
-KINDS = ("verification", "optimisation", "sweep", "gate", "report", "comparison")
 PAGE = 200
 # What to type after a refusal of one job, by its class
 HINTS = {
@@ -46,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Answer:
     from dataclasses import replace
 
+    from ..console.remote import RemoteError, Service
     from ..settings import refuse_unknown
-    from .remote import RemoteError, Service
 
     refuse_unknown(os.environ)
     service = Service(arguments.url)
@@ -106,7 +106,7 @@ def _cancel(service: Service, arguments: argparse.Namespace) -> Answer:
 
 def _follow(service: Service, arguments: argparse.Namespace) -> Answer:
     """Exit code 0 when the job has succeeded, that of its problem when it failed, 3 when it was cancelled."""
-    from .remote import EXIT_CODE
+    from ..console.remote import EXIT_CODE
 
     record = service.ask_record("GET", _path(arguments))
     line = ProgressLine(f"{record['kind']} {record['id']}")

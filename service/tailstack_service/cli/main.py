@@ -13,8 +13,8 @@ from typing import NoReturn
 
 from ..console.answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
 from ..console.answer import write_out as _write
-from ..console.program import program
-from .verbs import VERBS, spell_commands
+from ..console.program import INSTALLED, know_verbs, program, spell_commands
+from .verbs import OWN, verbs
 
 EPILOG = """\
 exit codes: 0 pass · 1 the design fails · 2 bad input or usage · 3 could not evaluate · 4 inconclusive · 130 interrupted
@@ -32,9 +32,8 @@ class _Parser(argparse.ArgumentParser):
         return spell_commands(super().format_help())
 
 
-def build_parser(verbs: Sequence[str] = VERBS) -> argparse.ArgumentParser:
-    """Parser of these verbs.  Importing one is cheap, all of them are a tenth of a second: they load numpy and the rest
-    when they run."""
+def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
+    """Parser of one verb, or of all.  Importing a verb is cheap: it loads numpy and the rest when it runs."""
     parser = _Parser(
         prog=program(),
         description="Tolerance stack-up of X-ray reference structures, judged by its tail.",
@@ -43,11 +42,16 @@ def build_parser(verbs: Sequence[str] = VERBS) -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     parsers = parser.add_subparsers(dest="verb", metavar="VERB", parser_class=_Parser)
-    for name in verbs:
-        module = import_module(f"tailstack_service.cli.{name}")
-        verb = parsers.add_parser(name, help=module.HELP, description=module.__doc__, allow_abbrev=False)
-        module.add_arguments(verb)
-        verb.set_defaults(run=module.run)
+    for name in verbs() if verb is None else (verb,):
+        if name in OWN:
+            module = import_module(f"tailstack_service.cli.{name}")
+            own = parsers.add_parser(name, help=module.HELP, description=module.__doc__, allow_abbrev=False)
+            module.add_arguments(own)
+            own.set_defaults(run=module.run)
+        else:
+            from .operation import add_verb
+
+            add_verb(parsers, name)
     return parser
 
 
@@ -56,7 +60,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     _speak_utf8_where_possible()
     _leave_quickly()
     argv = sys.argv[1:] if argv is None else argv
-    parser = build_parser(argv[:1] if argv and argv[0] in VERBS else VERBS)
+    if program() != INSTALLED:
+        know_verbs(verbs())  # they are spell_commands in another way here
+    parser = build_parser(argv[0] if argv and (argv[0] in OWN or argv[0] in verbs()) else None)
     try:
         arguments = parser.parse_args(argv)
         if arguments.verb is None:
@@ -79,7 +85,7 @@ def _leave_quickly() -> None:
 def _guarded(arguments: argparse.Namespace) -> int:
     from tailstack.errors import TailstackError
 
-    from .refusals import report_error, report_failure
+    from ..console.refusals import report_error, report_failure
 
     answer: Answer = Answer("", NOT_EVALUATED)
     try:

@@ -14,6 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
+    from ..http.app import create_app
     from ..http.openapi import openapi_json
 
-    return Answer(openapi_json())
+    return Answer(openapi_json(create_app(warm_up=False)))

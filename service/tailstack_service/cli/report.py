@@ -8,19 +8,21 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
+from tailstack.precision import FINEST_PRECISION
+
 from ..console.answer import EXIT_CODE, FAIL, NOT_EVALUATED, PASS, Answer
 from ..console.arguments import whole
 from ..console.files import replace_file
 from ..console.progress import Progress
-from .verify import add_most, precision
+from .operation import LIMITS, number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tailstack.design import Design
 
+    from ..operations.reading import ReadResult
     from ..report.assembling import ReportOptions
-    from ..report.reading import ReadResult
 
 HELP = "tolerance-budget report: HTML, PDF, spreadsheet, JSON"
 
@@ -47,8 +49,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--trials", type=whole(1), metavar="N", help="of a design: trials of its check")
-    size.add_argument("--precision", type=precision, metavar="REL", help="of a design: see tailstack verify")
-    add_most(parser)
+    size.add_argument(
+        "--precision",
+        type=number({"ge": FINEST_PRECISION, "lt": 1}),
+        metavar="REL",
+        help="of a design: see tailstack verify",
+    )
+    parser.add_argument("--max-trials", type=whole(1000), metavar="N", help=LIMITS["max_trials"])
     parser.add_argument("--seed", type=whole(0, 2**63 - 1), metavar="N", help="of a design: seed of its check (0)")
     parser.add_argument("--starts", type=whole(1, 10_000), metavar="N", help="of a design: starts of the optimiser")
     parser.add_argument(
@@ -109,17 +116,17 @@ def _stem(name: str) -> str:
 
 
 def _rendered(kind: str, body: bytes, forms: Sequence[str]) -> list[tuple[str, bytes]]:
-    from ..report.rendering import rendered_all
+    from ..operations.rendering import render_all
 
     with Progress("report"):
-        return rendered_all(kind, body, forms)
+        return render_all(kind, body, forms)
 
 
 def _read(name: str) -> ReadResult | bytes | Path:
     """A result, or where a design is to be loaded from.  Raises RequestError, LimitError."""
+    from ..audit.holding import held
     from ..gate.reading import LIMITS
-    from ..report.audit.holding import held
-    from ..report.reading import ReadResult, read_document
+    from ..operations.reading import ReadResult, read_document
 
     given = sys.stdin.buffer.read(LIMITS.document_bytes + 1) if name == "-" else Path(name)
     file = "<stdin>" if name == "-" else name
@@ -131,7 +138,7 @@ def _read(name: str) -> ReadResult | bytes | Path:
 
 def _page(given: bytes | Path) -> bytes | None:
     """The content of a report that is not JSON: its record is rendered again."""
-    from ..report.audit.holding import form_of
+    from ..audit.holding import form_of
 
     if isinstance(given, Path):
         try:
@@ -190,8 +197,8 @@ def _held_design(result: ReadResult, file: str) -> Design:
 
 def _verified(arguments: argparse.Namespace) -> Answer:
     """Exit code 0 when everything is the same, 1 when something differs, 3 when it could not be compared."""
-    from ..report.audit import Effort, audit
-    from ..report.audit.findings import audit_text
+    from ..audit import Effort, audit
+    from ..audit.findings import audit_text
 
     refused = ("format", "output", *(name for name in OF_A_DESIGN if name not in BOUNDS))
     _no_options(arguments, refused, "a report is verified as it is", "leave it out")

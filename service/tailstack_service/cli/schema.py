@@ -17,10 +17,10 @@ def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.errors import Problem
     from tailstack.json_text import write_json
 
-    from ..documents import json_schema, schema_names
     from ..problems import RequestError
+    from ..schemas import TITLES, json_schema
 
-    names = schema_names()
+    names = TITLES
     if arguments.name is None:
         return Answer("".join(f"{name:<18}{words}\n" for name, words in names.items()))
     if arguments.name not in names:

@@ -1,21 +1,18 @@
-"""The verbs, and commands in a text as they can be typed where this one was started."""
+"""The verbs: those of operations, and those that have a module here."""
 
 from __future__ import annotations
 
-import re
+from functools import cache
 
-from ..console.program import INSTALLED, program
-
-VERBS = (
-    "demo", "validate", "score", "verify", "optimise", "sweep", "study", "gate", "report", "convert", "serve", "worker",
-    "jobs", "db", "keys", "schema", "openapi", "doctor", "version",
-)  # fmt: skip
+FIRST = ("demo",)
+LAST = ("serve", "worker", "jobs", "db", "keys", "schema", "openapi", "doctor", "version")
+OWN = frozenset({*FIRST, *LAST, "gate", "report"})  # modules of this package: gate and report take more than a design
 
 
-def spell_commands(text: str) -> str:
-    """The text with the commands in it (``tailstack score ...``) as they can be typed here."""
-    here = program()
-    if here == INSTALLED:
-        return text
-    before = re.escape(here.removesuffix(INSTALLED))
-    return re.sub(rf"(?<!{before})\b{INSTALLED} (?=({'|'.join(VERBS)})\b)", lambda _: f"{here} ", text)
+@cache
+def verbs() -> tuple[str, ...]:
+    """All verbs, in the order in which they are listed."""
+    from ..operations.registry import OPERATIONS
+
+    of_operations = dict.fromkeys(operation.verb.partition(" ")[0] for operation in OPERATIONS.values())
+    return (*FIRST, *of_operations, *LAST)

@@ -61,7 +61,7 @@ def read_baseline(given: Given, *, name: str = "baseline", prefix: str = "") -> 
     hint = "write one with: tailstack gate DESIGN... --format baseline=baseline.json"
     source = read_data(given, "tailstack/gate/1", prefix, hint)
     try:
-        record: GateRecord = from_plain("gate", source.data)
+        record: GateRecord = from_plain(GateRecord, source.data)
     except ValidationError as error:
         raise GateError(add_prefix(refuse(error, source, LIMITS, BaseModel).problems, prefix)) from None
     problem = _find_bad_number(source.data, record.seed)

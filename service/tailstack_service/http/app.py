@@ -79,11 +79,11 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
 
 class _Application(FastAPI):
     def openapi(self) -> dict[str, Any]:
-        """The document of these routes, which says more of them than a signature could."""
+        """The document of these routes, with what the overlay adds."""
         from .openapi import document
 
         if self.openapi_schema is None:
-            self.openapi_schema = document()
+            self.openapi_schema = document(ROUTERS, information.DESCRIBED)
         return self.openapi_schema
 
 

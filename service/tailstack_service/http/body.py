@@ -9,9 +9,9 @@ from starlette.requests import Request
 
 from tailstack.errors import LimitError, Problem, TailstackError
 
+from ..operations.sent import Sent, refuse_query
 from ..problems import MalformedError, TransportError
 from ..settings import Settings, variable
-from .asked import Sent, refuse_query
 from .service import service_of
 
 JSON = "application/json"

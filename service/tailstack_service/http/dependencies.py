@@ -7,8 +7,8 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
+from ..operations.sent import refuse_query
 from .access import Caller
-from .asked import refuse_query
 from .service import Service, service_of
 
 

@@ -12,16 +12,17 @@ from fastapi.responses import StreamingResponse
 from tailstack.errors import Problem, TailstackError
 from tailstack.json_text import write_json
 
-from ..job_document import ENDED
 from ..jobs.store import jobs as stored
 from ..jobs.store.events import Event, read_events
 from ..jobs.store.jobs import Job
 from ..logs import moment
+from ..operations.sent import single
 from ..problems import RequestError, TransportError
 from ..settings import variable
-from .asked import single
+from ..task import ENDED
 from .dependencies import Needs, TheService, query
 from .jobs import find_job
+from .openapi import extra, media_types, parameter, reference, response_of
 from .service import Seat, Service
 
 EVENT_STREAM = "text/event-stream"
@@ -32,10 +33,30 @@ RETRY_MS = 1000
 SEAT_SECONDS = 5  # after which a place may be free
 
 
-router = APIRouter(tags=["jobs"], dependencies=[Depends(Needs("read"))])
+router = APIRouter(tags=["jobs"], dependencies=[Depends(Needs("read"))], default_response_class=Response)
 
 
-@router.get("/v1/jobs/{id}/events", operation_id="get_job_events", dependencies=[Depends(query("after"))])
+@router.get(
+    "/v1/jobs/{id}/events",
+    operation_id="get_job_events",
+    dependencies=[Depends(query("after"))],
+    summary="What happens to a job, as server-sent events",
+    description="The schema is that of one event. Events state, progress and recomputed; id counts them from 1, data "
+    "is one JSON object. The stream begins after Last-Event-ID (or after), heartbeats are comments, and it ends after "
+    "the final state.",
+    responses={
+        200: response_of(
+            "The stream.",
+            media_types(EVENT_STREAM, reference("schemas", "JobEvent"), "JobEvent"),
+            Cache_Control="CacheControl",
+            X_Accel_Buffering="Unbuffered",
+        ),
+        204: response_of("The job has ended and the client has seen everything: stop asking."),
+    },
+    openapi_extra=extra(
+        parameter("JobId"), parameter("LastEventID"), parameter("After"), problems=(404, 422, 429, 503)
+    ),
+)
 async def get_events(request: Request, service: TheService) -> Response:
     """A stream of what happened after the last event that the client saw, until the job ends.
 

@@ -7,24 +7,25 @@ import logging
 import platform
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
-from fastapi import APIRouter, Depends, Response
+from fastapi import APIRouter, Depends, FastAPI, Request, Response
 
 from tailstack import __version__
 from tailstack.errors import Problem, TailstackError
 from tailstack.json_text import write_json
 
-from ..documents import RECORDS, json_schema, schema_names
 from ..jobs.store.workers import check_readiness
 from ..problems import CATALOGUE, ProblemType, TransportError
+from ..schemas import RECORDS, TITLES, json_schema
 from .answers import JSON, record_response
 from .dependencies import Needs, TheService
 from .metrics import CONTENT_TYPE, FRESH_SECONDS
+from .openapi import extra, media_types, reference, response_of
 from .places import Warmth
 
 log = logging.getLogger("tailstack.service")
-router = APIRouter(tags=["information"])
+router = APIRouter(tags=["information"], default_response_class=Response)
 DOCUMENTS = tuple(f"tailstack/{name}/1" for name in ("design", *RECORDS) if name != "problem")
 
 
@@ -74,12 +75,46 @@ class Version:
     """Value of the field `schema` of each document that this version reads and writes."""
 
 
-@router.get("/health/live", operation_id="get_liveness")
+DESCRIBED = (Health, Readiness, SchemaList, Version, ProblemType)  # what is answered beside published records
+READINESS = media_types(JSON, reference("schemas", "Readiness"))
+
+
+def _named(name: str, words: str, example: str) -> dict[str, Any]:
+    """A parameter of the path."""
+    return {
+        "name": name, "in": "path", "required": True, "description": words, "schema": {"type": "string"},
+        "example": example,
+    }  # fmt: skip
+
+
+@router.get(
+    "/health/live",
+    operation_id="get_liveness",
+    summary="The process answers",
+    description="It looks at nothing else: /health/ready says whether requests should be sent here.",
+    responses={200: response_of("The process answers.", media_types(JSON, reference("schemas", "Health")))},
+    openapi_extra=extra(),
+)
 async def liveness() -> Response:
     return record_response(Health("alive"))
 
 
-@router.get("/health/ready", operation_id="get_readiness")
+@router.get(
+    "/health/ready",
+    operation_id="get_readiness",
+    summary="Whether requests should be sent here",
+    description="Kernels are compiled and the database can be used. Jobs wait while workers is 0.",
+    responses={
+        200: response_of("Ready.", READINESS, Cache_Control="CacheControl"),
+        503: response_of(
+            "Warming up, stopping, without its database, or broken; see status.",
+            READINESS,
+            Retry_After="ComeBack",
+            Cache_Control="CacheControl",
+        ),
+    },
+    openapi_extra=extra(),
+)
 async def readiness(service: TheService) -> Response:
     """200 once the kernels are compiled and the database can be used, until the service is told to stop.
 
@@ -106,7 +141,19 @@ async def readiness(service: TheService) -> Response:
     return record_response(document, 200 if ready else 503, headers)
 
 
-@router.get("/metrics", operation_id="get_metrics", dependencies=[Depends(Needs("metrics"))])
+@router.get(
+    "/metrics",
+    operation_id="get_metrics",
+    dependencies=[Depends(Needs("metrics"))],
+    summary="Figures for Prometheus",
+    description="Counters of this process; of jobs and workers too while the database answers.",
+    responses={
+        200: response_of(
+            "Figures for Prometheus.", media_types("text/plain; version=0.0.4; charset=utf-8", {"type": "string"})
+        )
+    },
+    openapi_extra=extra(),
+)
 async def metrics(service: TheService) -> Response:
     """Counters of the API; jobs and workers too while the database answers."""
     try:
@@ -116,44 +163,85 @@ async def metrics(service: TheService) -> Response:
     return Response(page, media_type=CONTENT_TYPE)
 
 
-@router.get("/version", operation_id="get_version")
+@router.get(
+    "/version",
+    operation_id="get_version",
+    summary="Version and documents",
+    description="Of the service, and which documents it reads and writes.",
+    responses={200: response_of("Version and documents.", media_types(JSON, reference("schemas", "Version")))},
+    openapi_extra=extra(),
+)
 async def version() -> Response:
     return record_response(Version(__version__, platform.python_version(), DOCUMENTS))
 
 
-@router.get("/v1/schemas", operation_id="list_schemas")
+@router.get(
+    "/v1/schemas",
+    operation_id="list_schemas",
+    summary="Published schemas",
+    description="Every document that is sent or answered, with the path of its JSON Schema.",
+    responses={200: response_of("Published schemas.", media_types(JSON, reference("schemas", "SchemaList")))},
+    openapi_extra=extra(),
+)
 async def schemas() -> Response:
-    entries = (SchemaEntry(name, title, f"/v1/schemas/{name}") for name, title in schema_names().items())
+    entries = (SchemaEntry(name, title, f"/v1/schemas/{name}") for name, title in TITLES.items())
     return record_response(SchemaList(tuple(entries)))
 
 
-@router.get("/v1/schemas/{name}", operation_id="get_schema")
-async def schema(name: str) -> Response:
-    if name not in schema_names():
-        raise _unknown_name_error(f"no schema is called {name[:60]!r}", f"one of {', '.join(schema_names())}")
+@router.get(
+    "/v1/schemas/{name}",
+    operation_id="get_schema",
+    summary="One JSON Schema (draft 2020-12)",
+    description="The same as tailstack schema NAME prints.",
+    responses={
+        200: response_of("One JSON Schema (draft 2020-12).", media_types("application/schema+json", {"type": "object"}))
+    },
+    openapi_extra=extra(_named("name", "Name of a published schema.", "design"), problems=(404,)),
+)
+async def schema(request: Request) -> Response:
+    name = request.path_params["name"]
+    if name not in TITLES:
+        raise _unknown_name_error(f"no schema is called {name[:60]!r}", f"one of {', '.join(TITLES)}")
     body = await asyncio.to_thread(lambda: write_json(json_schema(name)))
     return Response(body, media_type="application/schema+json")
 
 
-@router.get("/v1/problems/{slug}", operation_id="get_problem_type")
-async def problem_type(slug: str) -> Response:
+@router.get(
+    "/v1/problems/{slug}",
+    operation_id="get_problem_type",
+    summary="What a class of problems means and what cures it",
+    description="Where the field type of a problem leads.",
+    responses={
+        200: response_of(
+            "What a class of problems means and what cures it.", media_types(JSON, reference("schemas", "ProblemType"))
+        )
+    },
+    openapi_extra=extra(_named("slug", "Last part of the type of a problem.", "invalid-design"), problems=(404,)),
+)
+async def problem_type(request: Request) -> Response:
+    slug = request.path_params["slug"]
     if slug not in CATALOGUE:
         raise _unknown_name_error(f"no class of problems is called {slug[:60]!r}", f"one of {', '.join(CATALOGUE)}")
     entry: ProblemType = CATALOGUE[slug]
     return record_response(entry)
 
 
-@router.get("/openapi.json", operation_id="get_openapi")
-async def openapi() -> Response:
+@router.get(
+    "/openapi.json",
+    operation_id="get_openapi",
+    summary="This document",
+    description="OpenAPI 3.1, as tailstack openapi prints it.",
+    responses={200: response_of("This document.", media_types(JSON, {"type": "object"}))},
+    openapi_extra=extra(),
+)
+async def openapi(request: Request) -> Response:
     # putting it together takes seconds, which nobody else has to wait for
-    return Response(await asyncio.to_thread(_document), media_type=JSON)
+    return Response(await asyncio.to_thread(_document, request.app), media_type=JSON)
 
 
 @cache
-def _document() -> bytes:
-    from .openapi import document
-
-    return write_json(document()).encode()
+def _document(app: FastAPI) -> bytes:
+    return write_json(app.openapi()).encode()
 
 
 def _unknown_name_error(detail: str, hint: str) -> TransportError:

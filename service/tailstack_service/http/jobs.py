@@ -17,7 +17,7 @@ from fastapi import APIRouter, Depends, Request, Response
 from tailstack.errors import Problem
 
 from ..documents import to_json
-from ..job_document import JobPage, job_document, problem_of
+from ..job_document import KINDS, JobPage, job_document, problem_of
 from ..jobs.store import jobs as stored
 from ..jobs.store import results as stored_results
 from ..jobs.store.database import Database
@@ -25,12 +25,24 @@ from ..jobs.store.events import estimate_eta_seconds, read_events
 from ..jobs.store.jobs import Job
 from ..jobs.store.results import Result
 from ..jobs.store.tables import STATES
+from ..operations.effort import LONG
+from ..operations.rendering import FORMATS, MEDIA_TYPES
+from ..operations.sent import single
 from ..problems import RequestError, TransportError
-from ..work.kinds import KINDS
-from . import computations, effort
+from . import computations
 from .answers import JSON, path_of, record_response, tagged_response
-from .asked import single
 from .dependencies import Needs, TheService, query
+from .openapi import (
+    component,
+    extra,
+    job_links,
+    media_types,
+    parameter,
+    query_parameter,
+    reference,
+    response_of,
+    result_links,
+)
 from .problems import document_response
 from .service import service_of
 
@@ -38,7 +50,7 @@ PAGE, LARGEST_PAGE = 50, 200
 LONGEST_RETRY = 30  # seconds
 REVALIDATE = {"Cache-Control": "private, no-cache"}
 
-router = APIRouter(tags=["jobs"])
+router = APIRouter(tags=["jobs"], default_response_class=Response)
 READ, COMPUTE = Depends(Needs("read")), Depends(Needs("compute"))
 
 
@@ -67,7 +79,28 @@ def accepted_response(job: Job, **headers: str) -> Response:
     return record_response(job_document(job), 202, {**REVALIDATE, **waiting, **headers})
 
 
-@router.get("/v1/jobs/{id}", operation_id="get_job", dependencies=[READ, Depends(query())])
+@router.get(
+    "/v1/jobs/{id}",
+    operation_id="get_job",
+    dependencies=[READ, Depends(query())],
+    summary="State, progress, problem and links of a job",
+    description="While it runs, Retry-After says when it is worth asking again; with If-None-Match the answer is 304 "
+    "until something has changed.",
+    responses={
+        200: {
+            **response_of(
+                "The record.",
+                media_types(JSON, reference("schemas", "Job"), "Job"),
+                ETag="ETag",
+                Cache_Control="CacheControl",
+                Retry_After="RetryAfter",
+            ),
+            "links": job_links() | result_links(),
+        },
+        304: response_of("Unchanged.", ETag="ETag", Cache_Control="CacheControl", Retry_After="RetryAfter"),
+    },
+    openapi_extra=extra(parameter("JobId"), parameter("IfNoneMatch"), problems=(404, 422, 503)),
+)
 async def get_job(request: Request) -> Response:
     """The record.  Its time to the end is that of the last event, so that equal versions are equal bytes."""
     job_id = request.path_params["id"]
@@ -87,7 +120,35 @@ def _with_eta(db: Database, tenant: str, job_id: str) -> tuple[Job | None, float
 
 
 @router.get(
-    "/v1/jobs", operation_id="list_jobs", dependencies=[READ, Depends(query("limit", "cursor", "state", "kind"))]
+    "/v1/jobs",
+    operation_id="list_jobs",
+    dependencies=[READ, Depends(query("limit", "cursor", "state", "kind"))],
+    summary="Jobs, newest first",
+    description="Those of the caller's tenant. The field next and the Link header lead to the next page.",
+    responses={
+        200: {
+            **response_of(
+                "A page, newest first.",
+                media_types(JSON, reference("schemas", "JobPage"), "JobPage"),
+                Link="Link",
+                Cache_Control="CacheControl",
+            ),
+            "links": {"get_job": {"operationId": "get_job", "parameters": {"id": "$response.body#/jobs/0/id"}}},
+        },
+    },
+    openapi_extra=extra(
+        query_parameter(
+            "limit", {"type": "integer", "minimum": 1, "maximum": LARGEST_PAGE, "default": PAGE}, "Jobs a page."
+        ),
+        query_parameter(
+            "cursor",
+            {"type": "string"},
+            "From the field next, or the Link header, of the page before; empty: the first page.",
+        ),
+        query_parameter("state", {"type": "string", "enum": list(STATES)}, "Only jobs in this state."),
+        query_parameter("kind", {"type": "string", "enum": list(KINDS)}, "Only jobs of this kind."),
+        problems=(422, 503),
+    ),
 )
 async def list_jobs(request: Request) -> Response:
     wanted = _page_query(request)
@@ -112,7 +173,7 @@ async def list_jobs(request: Request) -> Response:
 
 def _page_query(request: Request) -> dict[str, Any]:
     wanted: dict[str, Any] = {"limit": PAGE}
-    for name, known in (("state", tuple(STATES)), ("kind", tuple(KINDS)), ("cursor", None), ("limit", None)):
+    for name, known in (("state", tuple(STATES)), ("kind", KINDS), ("cursor", None), ("limit", None)):
         value = single(request.query_params.multi_items(), name)
         if value is None or (name == "cursor" and not value):  # an empty cursor is the first page
             continue
@@ -130,7 +191,23 @@ def _limit(text: str) -> int:
     return int(text)
 
 
-@router.post("/v1/jobs/{id}/cancel", operation_id="cancel_job", dependencies=[COMPUTE, Depends(query())])
+@router.post(
+    "/v1/jobs/{id}/cancel",
+    operation_id="cancel_job",
+    dependencies=[COMPUTE, Depends(query())],
+    summary="Cancel a job",
+    description="Nothing of it can be recorded from then on. Again 202 for a job that was cancelled before.",
+    status_code=202,
+    responses={
+        202: {
+            **response_of(
+                "Cancelled.", media_types(JSON, reference("schemas", "Job"), "Job"), Cache_Control="CacheControl"
+            ),
+            "links": job_links(),
+        },
+    },
+    openapi_extra=extra(parameter("JobId"), problems=(404, 409, 422, 503)),
+)
 async def cancel_job(request: Request) -> Response:
     """202 once nothing of the job can be recorded any more; again 202 if it was cancelled before."""
     job_id = request.path_params["id"]
@@ -143,7 +220,16 @@ async def cancel_job(request: Request) -> Response:
     return accepted_response(job)
 
 
-@router.get("/v1/jobs/{id}/result", operation_id="get_job_result", dependencies=[READ, Depends(query())])
+@router.get(
+    "/v1/jobs/{id}/result",
+    operation_id="get_job_result",
+    dependencies=[READ, Depends(query())],
+    summary="From a job to its result",
+    description="A job that failed answers with its own problem and that problem's status.",
+    status_code=303,
+    responses={303: response_of("The result is there.", Location="ResultLocation", Cache_Control="CacheControl")},
+    openapi_extra=extra(parameter("JobId"), problems=(404, 409, 422, 503)),
+)
 async def get_job_result(request: Request) -> Response:
     """303 to the result; the job's own problem if it failed."""
     job = await find_job(request)
@@ -169,9 +255,20 @@ def failure_response(request: Request, job: Job, *, bare_design: bool = False) -
     raise TransportError("not-finished", Problem("", "not-finished", detail, hint), retry_after())
 
 
-FORMATS = ("html", "pdf", "xlsx", "json")
+UNCHANGING = {"ETag": "ETag", "Cache_Control": "CacheControl", "Vary": "Vary"}
+ANY_RECORD = [reference("schemas", component(kind)) for kind in KINDS]
+REPORT = {
+    "ETag": "ETag", "Cache_Control": "CacheControl", "Content_Disposition": "ContentDisposition",
+    "Content_Security_Policy": "ContentSecurityPolicy", "X_Content_Type_Options": "ContentTypeOptions",
+}  # fmt: skip
+PAGES = {
+    "html": {"type": "string"},
+    # bytes: contentMediaType is how 3.1 says it, format what generators of clients look at
+    **{form: {"type": "string", "format": "binary", "contentMediaType": MEDIA_TYPES[form]} for form in ("pdf", "xlsx")},
+    "json": {"type": "object"},
+}
 # private: whoever may read a result is decided by the credential, which a shared cache does not look at
-result_router = APIRouter(tags=["results"], dependencies=[Depends(Needs("read"))])
+result_router = APIRouter(tags=["results"], dependencies=[Depends(Needs("read"))], default_response_class=Response)
 FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable", "Vary": "Authorization"}
 
 
@@ -189,12 +286,41 @@ def result_response(request: Request, result: Result, headers: dict[str, str] | 
     return tagged_response(request, result.body, JSON, {**FOR_EVER, **(headers or {})}, result.sha256)
 
 
-@result_router.get("/v1/results/{sha256}", operation_id="get_result", dependencies=[Depends(query())])
+@result_router.get(
+    "/v1/results/{sha256}",
+    operation_id="get_result",
+    dependencies=[Depends(query())],
+    summary="A result, which never changes",
+    description="It is named by the SHA-256 of its bytes and may be kept for ever. Its field schema says which record "
+    "it is.",
+    responses={
+        200: response_of("The result.", media_types(JSON, {"oneOf": ANY_RECORD}), **UNCHANGING),
+        304: response_of("The client has it.", None, **UNCHANGING),
+    },
+    openapi_extra=extra(parameter("Sha256"), parameter("IfNoneMatch"), problems=(404, 422, 503)),
+)
 async def get_result(request: Request) -> Response:
     return result_response(request, await find_result(request))
 
 
-@result_router.get("/v1/results/{sha256}/report", operation_id="get_report", dependencies=[Depends(query("format"))])
+@result_router.get(
+    "/v1/results/{sha256}/report",
+    operation_id="get_report",
+    dependencies=[Depends(query("format"))],
+    summary="A result as a report",
+    description="Any result, rendered for people: html (one self-contained file), pdf, xlsx; or json, the record "
+    "itself. Nothing is computed anew, and the record stands in every format.",
+    responses={
+        200: response_of("The report.", {MEDIA_TYPES[form]: {"schema": PAGES[form]} for form in FORMATS}, **REPORT),
+        304: response_of("The client has it.", None, **REPORT),
+    },
+    openapi_extra=extra(
+        parameter("Sha256"),
+        query_parameter("format", {"type": "string", "enum": list(FORMATS), "default": "html"}, "Of the report."),
+        parameter("IfNoneMatch"),
+        problems=(404, 422, 501, 503),
+    ),
+)
 async def get_report(request: Request, service: TheService) -> Response:
     form = single(request.query_params.multi_items(), "format")
     form = "html" if form is None else form
@@ -203,7 +329,7 @@ async def get_report(request: Request, service: TheService) -> Response:
         raise RequestError(Problem("/format", "unknown-value", detail))
     result = await find_result(request)
     call = partial(computations.report, result.schema_name, result.body, form)
-    body, media_type = await service.places.run(request, call, effort.LONG if form != "json" else 0.0)
+    body, media_type = await service.places.run(request, call, LONG if form != "json" else 0.0)
     headers = {
         "Cache-Control": "private, no-cache",
         "Content-Disposition": f'inline; filename="tailstack-{result.sha256[:12]}.{form}"',

@@ -1,20 +1,288 @@
-"""The OpenAPI 3.1 document, written from the routes and the published schemas.
+"""The OpenAPI 3.1 document: FastAPI's own, of the routes as they are declared, with one overlay.
 
-Bodies are read by our own strict reader and streams are plain, so nothing here is inferred by the framework.
+Bodies are read by our own strict reader, so their schemas are given by the routes; the overlay adds the published
+schemas, what every answer has (a request id, the problems that can come) and examples.
 """
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+from fastapi import APIRouter, FastAPI
+from fastapi.openapi.utils import get_openapi
 from fastapi.routing import APIRoute
 
 from tailstack import __version__
 from tailstack.json_text import write_json
 
-from . import openapi_components as components
-from .app import ROUTERS
-from .openapi_operations import operation_of
+from ..documents import record_json_schema
+from ..operations.conversion import BEADS
+from ..operations.example import EXAMPLE_DESIGN
+from ..operations.operation import Operation
+from ..operations.registry import OPERATIONS
+from ..problems import CATALOGUE
+from ..schemas import json_schema
+from .dependencies import Needs
+from .problems import PROBLEM
+
+JSON, YAML = "application/json", "application/yaml"
+ANSWERS = Path(__file__).with_name("example_answers")  # written by openapi/answers.py, of a running service
+ANSWERED = frozenset(path.stem for path in ANSWERS.glob("*.json"))  # operations whose 200 is shown so
+RETRIED = frozenset({409, 429, 503})
+EXAMPLE_ID = "01k4z8t5r2w7x3y9v6n1m0q8pc"
+EXAMPLE_SHA256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
+
+
+def reference(kind: str, name: str) -> dict[str, str]:
+    """A reference to a component."""
+    return {"$ref": f"#/components/{kind}/{name}"}
+
+
+# --- parameters and headers -------------------------------------------------------------------------
+
+WHOLE = {"type": "integer", "minimum": 0}
+
+PARAMETERS: dict[str, Any] = {
+    "Prefer": {
+        "name": "Prefer", "in": "header", "required": False, "schema": {"type": "string"}, "example": "wait=10",
+        "description": "RFC 7240. wait=N: answer 200 with the result if it is there within N seconds, otherwise 202. "
+        "The service may wait for less (TAILSTACK_MAX_WAIT_SECONDS).",
+    },
+    "IdempotencyKey": {
+        "name": "Idempotency-Key", "in": "header", "required": False,
+        "schema": {"type": "string", "minLength": 1, "maxLength": 255, "pattern": "^[!-~]+$"},
+        "description": "One key stands for one request: sent again with the same body it gives the same job.",
+    },
+    "IfNoneMatch": {
+        "name": "If-None-Match", "in": "header", "required": False, "schema": {"type": "string"},
+        "description": "The ETag of what the client has: 304 if it is still that.",
+    },
+    "LastEventID": {
+        "name": "Last-Event-ID", "in": "header", "required": False,
+        "schema": {"type": "string", "pattern": "^[0-9]{0,15}$"},
+        "description": "Id of the last event that was read; the stream goes on after it. Empty: none was.",
+    },
+    "After": {
+        "name": "after", "in": "query", "required": False,
+        "schema": {"type": "integer", "minimum": 0, "maximum": 10**15 - 1},
+        "description": "The same as Last-Event-ID, for clients that cannot set headers.",
+    },
+    "JobId": {
+        "name": "id", "in": "path", "required": True, "schema": {"type": "string", "pattern": "^[0-9a-z]{26}$"},
+        "description": "Id of a job.", "example": EXAMPLE_ID,
+    },
+    "Sha256": {
+        "name": "sha256", "in": "path", "required": True, "schema": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
+        "description": "SHA-256 of the result, hexadecimal.", "example": EXAMPLE_SHA256,
+    },
+}  # fmt: skip
+
+
+def header(description: str, schema: dict[str, Any] | None = None, **more: Any) -> dict[str, Any]:
+    return {"description": description, "schema": schema or {"type": "string"}, **more}
+
+
+# ``required``: wherever it is documented it is sent
+HEADERS: dict[str, Any] = {
+    "RequestId": header("Id of the request, in the log too.", {"type": "string", "maxLength": 64}, required=True),
+    "ETag": header("Strong validator of the body.", required=True),
+    "CacheControl": header("How long the answer may be used without asking.", required=True),
+    "Vary": header("A cache keeps answers to different credentials apart.", required=True),
+    "Location": header("Path of the job.", {"type": "string", "format": "uri-reference"}, required=True),
+    "ResultLocation": header("Path of the result.", {"type": "string", "format": "uri-reference"}, required=True),
+    "RetryAfter": header("Seconds after which it is worth asking again; absent once it is not.", WHOLE),
+    "ComeBack": header("Seconds after which it is worth asking again.", WHOLE, required=True),
+    "PreferenceApplied": header("The wait that was granted; absent when none was asked for."),
+    "IdempotencyReplayed": header(
+        "true: the key had made this job before; otherwise absent.", {"type": "string", "const": "true"}
+    ),
+    "Link": header('The next page, as <path>; rel="next"; absent on the last.'),
+    "Challenge": header("RFC 6750 challenge.", required=True),
+    "WWWAuthenticate": header("RFC 6750 challenge; absent where there is no authentication."),
+    "ContentDisposition": header("A file name for the report.", required=True),
+    "ContentSecurityPolicy": header("What HTML may do in a browser: run what it came with. Only with html."),
+    "ContentTypeOptions": header("nosniff.", {"type": "string", "const": "nosniff"}, required=True),
+    "Unbuffered": header("no: proxies pass events on as they come.", {"type": "string", "const": "no"}, required=True),
+}
+
+
+# --- what routes declare ----------------------------------------------------------------------------------
+
+
+def headers_of(**named: str) -> dict[str, Any]:
+    """Header components by header name, underscores for hyphens."""
+    return {name.replace("_", "-"): reference("headers", component) for name, component in named.items()}
+
+
+def only_with(words: str, headers: Mapping[str, Any]) -> dict[str, Any]:
+    """The same headers, which come only under a condition."""
+    made = {}
+    for name, header in headers.items():
+        known = HEADERS[header["$ref"].rpartition("/")[2]]
+        made[name] = {**known, "description": f"{known['description']} Only {words}.", "required": False}
+    return made
+
+
+def media_types(media: str, schema: dict[str, Any], example: str | None = None) -> dict[str, Any]:
+    """Content of one media type, perhaps with an example."""
+    entry: dict[str, Any] = {"schema": schema}
+    if example is not None:
+        entry["examples"] = {"example": reference("examples", example)}
+    return {media: entry}
+
+
+def response_of(description: str, content: Mapping[str, Any] | None = None, **headers: str) -> dict[str, Any]:
+    """A response object; headers by component, underscores for hyphens."""
+    response: dict[str, Any] = {"description": description}
+    if headers:
+        response["headers"] = headers_of(**headers)
+    if content is not None:
+        response["content"] = content
+    return response
+
+
+def parameter(name: str) -> dict[str, str]:
+    """A parameter of the components."""
+    return reference("parameters", name)
+
+
+def query_parameter(name: str, schema: dict[str, Any], description: str) -> dict[str, Any]:
+    """An optional parameter of the query."""
+    return {"name": name, "in": "query", "required": False, "description": description, "schema": schema}
+
+
+def job_links() -> dict[str, Any]:
+    """From a job to what can be asked of it."""
+    return {
+        operation_id: {"operationId": operation_id, "parameters": {"id": "$response.body#/id"}}
+        for operation_id in ("get_job", "get_job_events", "get_job_result", "cancel_job")
+    }
+
+
+def result_links() -> dict[str, Any]:
+    """From a job that has succeeded to its result."""
+    return {
+        operation_id: {"operationId": operation_id, "parameters": {"sha256": "$response.body#/result_sha256"}}
+        for operation_id in ("get_result", "get_report")
+    }
+
+
+def extra(
+    *parameters: Mapping[str, Any], body: Mapping[str, Any] | None = None, problems: Sequence[int] = ()
+) -> dict[str, Any]:
+    """The part of a route's description that FastAPI cannot see: parameters, the body, statuses of problems."""
+    described: dict[str, Any] = {PROBLEMS: tuple(problems)}
+    if parameters:
+        described["parameters"] = list(parameters)
+    if body is not None:
+        described["requestBody"] = {"required": True, "content": body}
+    return described
+
+
+PROBLEMS = "x-problems"  # statuses, until the overlay has made responses of them
+
+
+# --- the routes of operations -----------------------------------------------------------------------------
+
+BODY_PROBLEMS = (400, 408, 413, 415, 422, 503)
+BECOMES_A_JOB = (
+    " Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if "
+    "that is known within N seconds."
+)
+
+
+def describe(operation: Operation) -> dict[str, Any]:
+    """The arguments of a route that say what an operation takes and gives."""
+    answers = _answers_at_once(operation) if operation.immediate else _job_answers(operation)
+    own = () if operation.immediate else (parameter("Prefer"), parameter("IdempotencyKey"))
+    problems = BODY_PROBLEMS if operation.immediate else (*BODY_PROBLEMS, 429)
+    return {
+        "summary": operation.summary,
+        "description": operation.description + ("" if operation.immediate or operation.receive else BECOMES_A_JOB),
+        "responses": answers,
+        "openapi_extra": extra(*own, *_query_parameters(operation), body=_body(operation), problems=problems),
+    }
+
+
+def component(name: str) -> str:
+    """What a published schema is called in the document, and so by generated clients: study-paper is StudyPaper."""
+    return "JobPage" if name == "jobs" else "".join(word.capitalize() for word in name.split("-"))
+
+
+def request_name(operation: Operation) -> str:
+    """What the request of an operation is called: /v1/scores is asked with a ScoreRequest."""
+    word = operation.path.rpartition("/")[2]
+    return component(operation.name if "/studies/" in operation.path else word.removesuffix("s")) + "Request"
+
+
+def _body(operation: Operation) -> dict[str, Any]:
+    name = request_name(operation)
+    content = media_types(JSON, reference("schemas", name), name)
+    if operation.yaml:
+        content |= media_types(YAML, reference("schemas", "Design"), "DesignAsYaml")
+    for media in operation.media:
+        content |= media_types(media, {"type": "string"}, "Csv")
+    return content
+
+
+def _answers_at_once(operation: Operation) -> dict[int | str, Any]:
+    return {
+        200: response_of(f"{operation.summary}.", media_types(JSON, reference("schemas", component(operation.name))))
+    }
+
+
+def _job_answers(operation: Operation) -> dict[int | str, Any]:
+    sometimes = operation.receive is not None  # it may be answered at once, too
+    in_time = "mode analytic, or with Prefer: wait in time" if sometimes else "with Prefer: wait, in time"
+    done = response_of(
+        f"{operation.summary}: {in_time}.", media_types(JSON, reference("schemas", component(operation.name))),
+        ETag="ETag", Cache_Control="CacheControl", Vary="Vary", Location="Location", Content_Location="ResultLocation",
+        Preference_Applied="PreferenceApplied", Idempotency_Replayed="IdempotencyReplayed",
+    )  # fmt: skip
+    if sometimes:
+        done["headers"] = only_with("when it was a job", done["headers"])
+    accepted = response_of(
+        "Accepted: the job.", media_types(JSON, reference("schemas", "Job"), "Job"), Location="Location",
+        Retry_After="RetryAfter", Cache_Control="CacheControl", Preference_Applied="PreferenceApplied",
+        Idempotency_Replayed="IdempotencyReplayed",
+    )  # fmt: skip
+    return {200: done, 202: {**accepted, "links": job_links()}}
+
+
+def _query_parameters(operation: Operation) -> list[dict[str, Any]]:
+    """What a body that is no JSON takes from the query."""
+    if operation.query:
+        assert operation.query_schemas is not None
+        described = operation.query_schemas()
+        when = "Not with a JSON body." if operation.media else "Only with a YAML body."
+        return [_query_parameter(name, described[name], when) for name in operation.query]
+    if not operation.yaml or not operation.designs:
+        return []
+    renamed = {option: name for name, option in operation.options.in_query().items()}
+    made = []
+    for option, described in operation.options.model_json_schema().get("properties", {}).items():
+        if option in renamed:
+            words = f"Only with a YAML body. {described.get('description', '')}".strip()
+            schema = {"type": "array", "items": operation.options.query_item(option)}
+            made.append(query_parameter(renamed[option], schema, words))
+        else:
+            made.append(_query_parameter(option, described))
+    return made
+
+
+def _query_parameter(name: str, described: Mapping[str, Any], when: str = "Only with a YAML body.") -> dict[str, Any]:
+    """A parameter of the query; absence is how a query says null."""
+    words = f"{when} {described.get('description', '')}".strip()
+    schema = {key: value for key, value in described.items() if key not in ("title", "description")}
+    if "anyOf" in schema:
+        schema = next(entry for entry in schema["anyOf"] if entry.get("type") != "null")
+    return query_parameter(name, schema, words)
+
+
+# --- the document -----------------------------------------------------------------------------------------
 
 DESCRIPTION = (
     "Where does the tool end up, how bad is the worst 5 %, which tolerance is to blame, and what is the cheapest "
@@ -39,35 +307,219 @@ BEARER = {
 }
 
 
-def document() -> dict[str, Any]:
-    """The document as plain data."""
-    paths: dict[str, dict[str, Any]] = {}
-    for route in (route for router in ROUTERS for route in router.routes if isinstance(route, APIRoute)):
+def document(routers: Sequence[APIRouter], records: Sequence[type]) -> dict[str, Any]:
+    """The document as plain data.  ``records``: what routes answer with besides the published records."""
+    routes = [route for router in routers for route in router.routes if isinstance(route, APIRoute)]
+    made = get_openapi(
+        title="tailstack",
+        version=__version__,
+        openapi_version="3.1.0",
+        summary="Tolerance stack-up of X-ray reference structures, judged by its tail.",
+        description=DESCRIPTION,
+        routes=routes,
+        tags=TAGS,
+        servers=[{"url": "http://127.0.0.1:8321", "description": "tailstack serve"}],
+        license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+    )
+    for route in routes:
         for method in route.methods or ():
-            paths.setdefault(route.path, {})[method.lower()] = operation_of(route)
+            _complete(made["paths"][route.path][method.lower()], route, method)
+    made["components"] = {
+        "schemas": _schemas(records),
+        "parameters": PARAMETERS,
+        "headers": HEADERS,
+        "responses": _problem_responses(),
+        "examples": _examples(),
+        "securitySchemes": {"bearer": BEARER},
+    }
+    return made
+
+
+def openapi_json(app: FastAPI) -> bytes:
+    """The document as it is committed."""
+    return (write_json(app.openapi(), indent=1) + "\n").encode()
+
+
+def _complete(described: dict[str, Any], route: APIRoute, method: str) -> None:
+    """What every route has: the problems that can come, the id of the request, an example, the scope."""
+    scope = next((one.dependency.scope for one in route.dependencies if isinstance(one.dependency, Needs)), None)
+    statuses = {421, 500, *described.pop(PROBLEMS, ()), *((401, 403) if scope else ())}
+    if method == "POST":
+        statuses.add(403)  # a page of another site, where there is no authentication
+    responses = described["responses"]
+    content = responses.get("200", {}).get("content", {}).get(JSON)
+    shown = SHOWN_BY.get(str(route.operation_id), route.operation_id)
+    if content is not None and shown in ANSWERED:
+        content.setdefault("examples", {"example": reference("examples", str(shown))})
+    for response in responses.values():
+        response["headers"] = {"X-Request-ID": reference("headers", "RequestId"), **response.get("headers", {})}
+    for status in sorted(statuses):
+        responses[str(status)] = reference("responses", f"Problem{status}")
+    described["responses"] = dict(sorted(responses.items()))
+    described["security"] = [{"bearer": [scope]}] if scope else []
+
+
+SHOWN_BY = {"get_result": "create_verification", "get_report": "create_verification"}
+
+
+# --- its components ---------------------------------------------------------------------------------------
+
+
+PUBLISHED = {"JobDocument": "Job", "ProblemDocument": "Problem"}  # records whose own names say it twice
+
+
+class _Schemas:
+    """Schemas by component name.  Equal definitions are shared, different ones of one name are kept apart."""
+
+    def __init__(self) -> None:
+        self.found: dict[str, Any] = {}
+
+    def add(self, name: str, schema: dict[str, Any]) -> None:
+        definitions = schema.pop("$defs", {})
+        body = {key: value for key, value in schema.items() if key not in ("$schema", "$id")}
+        names = {
+            key: key if key != name and self._free(key, definitions[key]) else f"{name}{key}" for key in definitions
+        } | {key: PUBLISHED[key] for key in definitions if key in PUBLISHED}
+        for key, definition in definitions.items():
+            self.found[names[key]] = _renamed(definition, names)
+        self.found[name] = _renamed(body, names)
+
+    def _free(self, key: str, definition: Any) -> bool:
+        return key not in self.found or self.found[key] == _renamed(definition, {})
+
+
+def _renamed(node: Any, names: dict[str, str]) -> Any:
+    """The same schema with its references led to the components."""
+    if isinstance(node, list):
+        return [_renamed(item, names) for item in node]
+    if not isinstance(node, dict):
+        return node
     return {
-        "openapi": "3.1.0",
-        "info": {
-            "title": "tailstack",
-            "summary": "Tolerance stack-up of X-ray reference structures, judged by its tail.",
-            "description": DESCRIPTION,
-            "version": __version__,
-            "license": {"name": "Apache-2.0", "identifier": "Apache-2.0"},
-        },
-        "servers": [{"url": "http://127.0.0.1:8321", "description": "tailstack serve"}],
-        "tags": TAGS,
-        "paths": paths,
-        "components": {
-            "schemas": components.schemas(),
-            "parameters": components.PARAMETERS,
-            "headers": components.HEADERS,
-            "responses": components.problem_responses(),
-            "examples": components.examples(),
-            "securitySchemes": {"bearer": BEARER},
-        },
+        key: "#/components/schemas/" + names.get(value[8:], value[8:])
+        if key == "$ref" and isinstance(value, str) and value.startswith("#/$defs/")
+        else _renamed(value, names)
+        for key, value in node.items()
     }
 
 
-def openapi_json() -> bytes:
-    """The document as it is committed."""
-    return (write_json(document(), indent=1) + "\n").encode()
+def _schemas(records: Sequence[type]) -> dict[str, Any]:
+    """Every schema that a route speaks of."""
+    made = _Schemas()
+    for name in ("design", *OPERATIONS, "job", "jobs", "problem"):
+        made.add(component(name), json_schema(name))
+    for operation in OPERATIONS.values():
+        if operation.request is None:
+            made.add(request_name(operation), _request_schema(operation))
+        else:
+            made.add(request_name(operation), operation.request().model_json_schema(by_alias=True))
+    made.add("JobEvent", _job_event())
+    for record in records:
+        made.add(record.__name__, record_json_schema(record))
+    return dict(sorted(made.found.items()))
+
+
+def _request_schema(operation: Operation) -> dict[str, Any]:
+    """The schema of a request: designs, each with what it is, beside the options."""
+    schema = operation.options.model_json_schema()
+    designs = {
+        field: {**reference("schemas", "Design"), "description": words} for field, words in operation.designs.items()
+    }
+    return {
+        "type": "object",
+        "additionalProperties": False,
+        "required": [*(designs if operation.needs_design else ()), *schema.get("required", ())],
+        "properties": {**designs, **schema.get("properties", {})},
+        "$defs": schema.get("$defs", {}),
+    }
+
+
+def _job_event() -> dict[str, Any]:
+    words = (
+        "job (its id) and at (RFC 3339); with state: state, and result_sha256 or problem; with progress: units_done, "
+    )
+    words += "units_expected, note, eta_seconds; with recomputed, after an upgrade of the solver: from and to."
+    data = {"type": "string", "contentMediaType": "application/json", "description": words}
+    properties: dict[str, Any] = {
+        "id": {"type": "string", "pattern": "^[0-9]+$", "description": "Counts the events of a job from 1."},
+        "event": {
+            "type": "string",
+            "enum": ["state", "progress", "recomputed"],
+            "description": "What `data` tells of.",
+        },
+        "data": data,
+    }
+    return {"type": "object", "additionalProperties": False, "required": list(properties), "properties": properties}
+
+
+def _problem_responses() -> dict[str, Any]:
+    """One response per status, with the classes of problems that come with it."""
+    slugs: dict[int, list[str]] = {413: ["limit-exceeded"]}
+    for entry in CATALOGUE.values():
+        slugs.setdefault(entry.status, []).append(entry.slug)
+    made = {}
+    for status in sorted(slugs.keys() - {405}):  # of a path, not of an operation: nothing could refer to it
+        headers = {"X-Request-ID": reference("headers", "RequestId")}
+        if status in RETRIED:
+            headers["Retry-After"] = reference("headers", "RetryAfter" if status == 409 else "ComeBack")
+        if status in (401, 403):
+            headers["WWW-Authenticate"] = reference("headers", "Challenge" if status == 401 else "WWWAuthenticate")
+        made[f"Problem{status}"] = {
+            "description": "Problem: " + ", ".join(slugs[status]) + ".",
+            "headers": headers,
+            "content": {PROBLEM: {"schema": reference("schemas", "Problem")}},
+        }
+    return made
+
+
+# --- its examples -----------------------------------------------------------------------------------------
+
+_JOB: dict[str, Any] = {
+    "schema": "tailstack/job/1",
+    "id": EXAMPLE_ID,
+    "kind": "verification",
+    "state": "running",
+    "design_name": "eight beads, two seats",
+    "created_at": "2026-01-31T12:00:00.000Z",
+    "started_at": "2026-01-31T12:00:00.120Z",
+    "finished_at": None,
+    "solver_version": "0.4.0",
+    "recomputed": None,
+    "cpu_seconds": 0.31,
+    "progress": {
+        "fraction": 0.4, "units_done": 4, "units_expected": 10, "note": "524288 trials", "eta_seconds": 1.5,
+    },
+    "problem": None,
+    "result_sha256": None,
+    "links": {
+        "self": f"/v1/jobs/{EXAMPLE_ID}",
+        "events": f"/v1/jobs/{EXAMPLE_ID}/events",
+        "cancel": f"/v1/jobs/{EXAMPLE_ID}/cancel",
+        "result": None,
+        "report": None,
+    },
+}  # fmt: skip
+_JOB_EVENT = {
+    "id": "3",
+    "event": "progress",
+    "data": f'{{"job": "{EXAMPLE_ID}", "at": "2026-01-31T12:00:01.000Z", "units_done": 4, "units_expected": 10, '
+    '"note": "524288 trials", "eta_seconds": 1.5}',
+}
+
+
+def _examples() -> dict[str, Any]:
+    """A request for every operation, and answers where they are small."""
+    made: dict[str, Any] = {}
+    for operation in OPERATIONS.values():
+        design = {"design": EXAMPLE_DESIGN} if tuple(operation.designs) == ("design",) else {}
+        value = {**design, **operation.example}
+        made[request_name(operation)] = {"summary": operation.example_title, "value": value}
+    made["Csv"] = {"summary": "The file itself", "value": BEADS}
+    made["DesignAsYaml"] = {"summary": "The design itself", "value": EXAMPLE_DESIGN}
+    made["Job"] = {"summary": "A job that runs", "value": _JOB}
+    page = {"schema": "tailstack/jobs/1", "jobs": [_JOB], "next": None}
+    made["JobPage"] = {"summary": "A page of one", "value": page}
+    made["JobEvent"] = {"summary": "A job gets on", "value": _JOB_EVENT}
+    for operation_id in sorted(ANSWERED):
+        value = json.loads((ANSWERS / f"{operation_id}.json").read_text(encoding="utf-8"))
+        made[operation_id] = {"summary": "As a service answered the example of the request", "value": value}
+    return made

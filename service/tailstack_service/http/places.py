@@ -26,12 +26,12 @@ from starlette.requests import Request
 
 from tailstack.errors import LimitError, Problem, TailstackError
 
+from ..operations.sent import Placed
 from ..problems import TransportError
 from ..processes import frames
 from ..processes.frames import BEGUN, OTHER_CODE, Defect, Died, OutOfDate
 from ..processes.interpreter import describe_ending, digest_code, make_command, make_environment
 from ..settings import variable
-from .bodies import Placed
 from .computations import Refusal, warm_up
 
 T = TypeVar("T")

@@ -1,4 +1,4 @@
-"""Computations over HTTP: what is answered at once, and what becomes a job and is perhaps waited for."""
+"""Computations over HTTP: each operation has its route; what it came to is answered, or becomes a job."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from functools import partial
-from typing import Annotated, TypeVar
 
 from fastapi import APIRouter, Depends, Request, Response
 
@@ -20,107 +19,61 @@ from ..jobs.store import results
 from ..jobs.store.errors import StoreUnavailable
 from ..jobs.store.jobs import Job
 from ..jobs.store.usage import sum_cpu_seconds
+from ..operations.operation import JobRequest, Operation
+from ..operations.registry import OPERATIONS
+from ..operations.sent import Sent
 from ..problems import TransportError
 from ..settings import variable
-from . import computations, effort
+from . import computations
 from .answers import JSON, idempotency_key, wait_seconds
-from .asked import Sent
 from .body import strict_body
-from .computations import JobRequest
 from .dependencies import Needs, TheService
 from .jobs import accepted_response, failure_response, result_response
-from .operations import JOB_OPERATIONS, OPERATIONS, SCORES, JobOperation, Operation
+from .openapi import describe
 from .service import Service, note_policy, service_of
-
-T = TypeVar("T")
 
 log = logging.getLogger("tailstack.service")
 HOUR = 3600.0
 BUDGET_RETRY_SECONDS = 60  # what was used leaves the last hour minute by minute
 FIRST_LOOK, LONGEST_LOOK = 0.01, 0.25  # seconds between looks at a job that somebody waits for
-RAW = ("text/csv", "text/plain")  # what a conversion reads besides
 
-router = APIRouter(tags=["computations"], dependencies=[Depends(Needs("compute"))])
-DesignSent = Annotated[Sent, Depends(strict_body())]
-DesignsSent = Annotated[Sent, Depends(strict_body(yaml=False, hint="options go into the body, beside the designs"))]
-GateSent = Annotated[Sent, Depends(strict_body(hint="options go into the body, beside the designs"))]
-FileSent = Annotated[Sent, Depends(strict_body(raw=RAW, hint="format and to go into the body, beside the content"))]
+router = APIRouter(tags=["computations"], dependencies=[Depends(Needs("compute"))], default_response_class=Response)
 
 
-async def computed(request: Request, call: Callable[[], T], expected_seconds: float, *, kernels: bool = True) -> T:
-    """What the call returns, computed in a process of its own.  Raises what ``Places.run`` does.
+def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
+    """The endpoint of an operation: its answer at once, or a job."""
+    body = Depends(strict_body(yaml=operation.yaml, raw=operation.media, hint=_hint(operation)))
 
-    ``kernels``: it needs them, and so waits a little while they are being compiled (TransportError 503 if longer).
-    """
-    service = service_of(request)
-    if kernels:
-        await service.places.wait_until_warm(service.settings.warm_up_seconds)
-    return await service.places.run(request, call, expected_seconds)
-
-
-def _answering(operation: Operation) -> Callable[[Request, Service, Sent], Awaitable[Response]]:
-    """The endpoint of a computation that is answered at once."""
-
-    async def create(request: Request, service: TheService, sent: DesignSent) -> Response:
-        seconds = effort.reading_seconds(sent)
-        if operation is SCORES:
-            sizes = effort.sizes_of(sent)
-            second_order = effort.asks_second_order(sent)
-            seconds += effort.LONG if sizes is None else effort.score_seconds(sizes, second_order=second_order)
-        call = partial(computations.answer, operation.path, sent, service.settings)
-        return Response(await computed(request, call, seconds), media_type=JSON)
+    async def create(request: Request, service: TheService, sent: Sent = body) -> Response:
+        key = None if operation.immediate else idempotency_key(request)
+        if operation.kernels:
+            await service.places.wait_until_warm(service.settings.warm_up_seconds)
+        call = partial(computations.receive, operation.name, sent, service.settings)
+        found = await service.places.run(request, call, operation.seconds(sent))
+        if found.terms is not None:
+            await note_policy(request, dict(found.terms))
+        if found.job is not None:
+            return await submitted(request, found.job, key)
+        return Response(found.answer, media_type=JSON)
 
     return create
 
 
-def _submitting(operation: JobOperation) -> Callable[[Request, Service, Sent], Awaitable[Response]]:
-    """The endpoint of a computation of one design that becomes a job."""
-
-    async def create(request: Request, service: TheService, sent: DesignSent) -> Response:
-        key = idempotency_key(request)
-        call = partial(computations.job_request, operation.kind, sent, service.settings)
-        return await submitted(request, await computed(request, call, effort.admission_seconds(sent)), key)
-
-    return create
+def _hint(operation: Operation) -> str:
+    """What to do about a query beside a JSON body."""
+    if operation.name == "conversion":
+        return "format and to go into the body, beside the content"
+    return f"options go into the body, beside the design{'' if tuple(operation.designs) == ('design',) else 's'}"
 
 
-for _operation in OPERATIONS:
+for _operation in OPERATIONS.values():
     router.add_api_route(
-        _operation.path, _answering(_operation), methods=["POST"], operation_id=f"create_{_operation.answer}",
-        summary=_operation.summary,
-    )  # fmt: skip
-for _job in JOB_OPERATIONS:
-    router.add_api_route(
-        _job.path, _submitting(_job), methods=["POST"], operation_id=f"create_{_job.kind}", summary=_job.summary
+        _operation.path,
+        _endpoint(_operation),
+        methods=["POST"],
+        operation_id=f"create_{_operation.name.replace('-', '_')}",
+        **describe(_operation),
     )
-
-
-@router.post("/v1/conversions", operation_id="create_conversion", summary="Convert a fiducial file or a design")
-async def create_conversion(request: Request, service: TheService, sent: FileSent) -> Response:
-    """Nothing is read from disk or fetched."""
-    call = partial(computations.conversion, sent, service.settings)
-    body = await computed(request, call, effort.reading_seconds(sent), kernels=False)
-    return Response(body, media_type=JSON)
-
-
-@router.post("/v1/comparisons", operation_id="create_comparison", summary="Compare two designs")
-async def create_comparison(request: Request, service: TheService, sent: DesignsSent) -> Response:
-    """Two designs checked alike, with one seed, and what sets them apart; always a job."""
-    key = idempotency_key(request)
-    call = partial(computations.comparison_request, sent, service.settings)
-    return await submitted(request, await computed(request, call, effort.admission_seconds(sent)), key)
-
-
-@router.post("/v1/gates", operation_id="create_gate", summary="Hold designs to a policy")
-async def create_gate(request: Request, service: TheService, sent: GateSent) -> Response:
-    """First order at once, Monte Carlo as a job."""
-    key = idempotency_key(request)
-    call = partial(computations.gate, sent, service.settings)
-    terms, found = await computed(request, call, effort.gate_seconds(sent))
-    await note_policy(request, terms)
-    if isinstance(found, JobRequest):
-        return await submitted(request, found, key)
-    return Response(found, media_type=JSON)
 
 
 async def submitted(request: Request, posted: JobRequest, key: str | None) -> Response:
@@ -132,7 +85,7 @@ async def submitted(request: Request, posted: JobRequest, key: str | None) -> Re
     settings = service.settings
     await _hold_to_budget(service, tenant)
     job, new = await service.storage.write(
-        stored.submit_job, tenant=tenant, kind=posted.kind, request=posted.request, design_name=posted.design_name,
+        stored.submit_job, tenant=tenant, kind=posted.kind, request=posted.content, design_name=posted.design_name,
         solver_version=__version__, request_id=request.state.request_id, idempotency_key=key,
         max_queued=settings.max_queued_jobs,
     )  # fmt: skip

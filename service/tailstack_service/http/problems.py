@@ -13,9 +13,9 @@ from tailstack.errors import Problem, TailstackError
 
 from ..documents import to_json
 from ..jobs.store.errors import DamagedStore, StoreError, StoreUnavailable
+from ..operations.sent import Placed
 from ..problems import ProblemDocument, TransportError, problem_document
 from .answers import path_of
-from .bodies import Placed
 from .body import BodyTooLarge
 from .places import CallerLeft
 

@@ -24,7 +24,7 @@ from tailstack.errors import (
 
 from ..problems import RequestError
 from ..processes.frames import Died, GivenBack
-from ..work.task import ADVANCE, Outcome, Task, UnitResult
+from ..task import ADVANCE, Outcome, Task, UnitResult
 from .engines.engine import Engine
 
 PATIENCE_SECONDS = 60.0  # for an engine that has nothing to compute with

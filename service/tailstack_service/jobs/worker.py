@@ -33,7 +33,7 @@ from tailstack.version import __version__
 from ..problems import TransportError
 from ..processes.frames import Died, GivenBack, OutOfDate
 from ..settings import Settings
-from ..work.task import Outcome, Task
+from ..task import Outcome, Task
 from .engines.engine import Engine
 from .store import queue, workers
 from .store.database import Database

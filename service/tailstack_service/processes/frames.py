@@ -10,7 +10,7 @@ import pickle
 import struct
 from typing import IO, Any
 
-PERFORM = "tailstack_service.work.perform:perform"  # computes the units of jobs
+PERFORM = "tailstack_service.operations.perform:perform"  # computes the units of jobs
 BEGUN = "begun"  # said by a computing process when it has taken up a task
 OTHER_CODE = 78  # exit code of a process that finds other sources than the one that started it
 

@@ -1,9 +1,13 @@
 """Contains all the data models used in inputs/outputs"""
 
+from .additivity import Additivity
 from .allowance import Allowance
 from .allowance_status import AllowanceStatus
 from .axis import Axis
+from .bias_compared import BiasCompared
+from .bias_compared_interval_of import BiasComparedIntervalOf
 from .bounds import Bounds
+from .calibration import Calibration
 from .certificate import Certificate
 from .change import Change
 from .change_kind import ChangeKind
@@ -16,6 +20,9 @@ from .comparison_headline import ComparisonHeadline
 from .comparison_headline_status import ComparisonHeadlineStatus
 from .comparison_request import ComparisonRequest
 from .comparison_request_parts_item import ComparisonRequestPartsItem
+from .comparison_test import ComparisonTest
+from .comparison_test_sides import ComparisonTestSides
+from .comparison_test_test import ComparisonTestTest
 from .contributor import Contributor
 from .convergence import Convergence
 from .convergence_point import ConvergencePoint
@@ -26,12 +33,18 @@ from .conversion_request_format import ConversionRequestFormat
 from .conversion_request_to import ConversionRequestTo
 from .converted_point import ConvertedPoint
 from .count_tried import CountTried
+from .coupling_case import CouplingCase
+from .coupling_case_coupling import CouplingCaseCoupling
+from .coupling_case_reading import CouplingCaseReading
 from .design import Design
 from .difference import Difference
 from .difference_basis import DifferenceBasis
 from .difference_conclusion import DifferenceConclusion
 from .error_distribution import ErrorDistribution
 from .exceedance import Exceedance
+from .explanation import Explanation
+from .explanation_kind import ExplanationKind
+from .factor import Factor
 from .finding import Finding
 from .finding_severity import FindingSeverity
 from .front_point import FrontPoint
@@ -64,36 +77,57 @@ from .gate_verdict import GateVerdict
 from .gated_design import GatedDesign
 from .gated_design_basis import GatedDesignBasis
 from .gated_design_verdict import GatedDesignVerdict
+from .geometry import Geometry
 from .get_openapi_response_200 import GetOpenapiResponse200
 from .get_report_format import GetReportFormat
 from .get_schema_response_200 import GetSchemaResponse200
 from .headline import Headline
 from .headline_status import HeadlineStatus
 from .health import Health
+from .installation_level import InstallationLevel
 from .job import Job
 from .job_kind import JobKind
 from .job_links import JobLinks
 from .job_page import JobPage
 from .job_progress import JobProgress
 from .job_state import JobState
+from .level_compared import LevelCompared
+from .level_ratio import LevelRatio
+from .level_shape import LevelShape
+from .linearity_point import LinearityPoint
+from .linearity_point_errs_type_0 import LinearityPointErrsType0
+from .linearity_point_status import LinearityPointStatus
+from .linearity_point_within_type_0 import LinearityPointWithinType0
 from .list_jobs_kind import ListJobsKind
 from .list_jobs_state import ListJobsState
 from .local_optimum import LocalOptimum
+from .measured_file import MeasuredFile
+from .measured_file_form import MeasuredFileForm
 from .metric_estimate import MetricEstimate
 from .metric_score import MetricScore
 from .moved_fiducial import MovedFiducial
 from .moved_pivot import MovedPivot
+from .norm_compared import NormCompared
 from .optimisation import Optimisation
 from .optimisation_design import OptimisationDesign
 from .optimisation_design_before import OptimisationDesignBefore
 from .optimisation_request import OptimisationRequest
 from .optimisation_verdict_status import OptimisationVerdictStatus
+from .paper_cell import PaperCell
+from .paper_cell_quantity import PaperCellQuantity
+from .paper_cell_table import PaperCellTable
 from .per_unit import PerUnit
 from .placement_value import PlacementValue
+from .printed_cell import PrintedCell
+from .printed_cell_table import PrintedCellTable
+from .printed_cell_unit import PrintedCellUnit
 from .problem import Problem
 from .problem_entry import ProblemEntry
 from .problem_type import ProblemType
+from .propagation import Propagation
 from .provenance import Provenance
+from .quantile_point import QuantilePoint
+from .ratio import Ratio
 from .readiness import Readiness
 from .readiness_database import ReadinessDatabase
 from .readiness_kernels import ReadinessKernels
@@ -113,6 +147,25 @@ from .score_request import ScoreRequest
 from .second_order import SecondOrder
 from .second_order_status import SecondOrderStatus
 from .shadow_price import ShadowPrice
+from .spread_compared import SpreadCompared
+from .spread_compared_of import SpreadComparedOf
+from .statement import Statement
+from .statement_about import StatementAbout
+from .study_comparison import StudyComparison
+from .study_comparison_error import StudyComparisonError
+from .study_comparison_request import StudyComparisonRequest
+from .study_comparison_request_error import StudyComparisonRequestError
+from .study_comparison_verdict import StudyComparisonVerdict
+from .study_coupling import StudyCoupling
+from .study_coupling_error import StudyCouplingError
+from .study_coupling_request import StudyCouplingRequest
+from .study_coupling_request_error import StudyCouplingRequestError
+from .study_linearity import StudyLinearity
+from .study_linearity_error import StudyLinearityError
+from .study_linearity_request import StudyLinearityRequest
+from .study_linearity_request_error import StudyLinearityRequestError
+from .study_paper import StudyPaper
+from .study_paper_request import StudyPaperRequest
 from .sweep import Sweep
 from .sweep_axis import SweepAxis
 from .sweep_check import SweepCheck
@@ -122,6 +175,7 @@ from .sweep_point_verdict_type_0 import SweepPointVerdictType0
 from .sweep_request import SweepRequest
 from .sweep_request_check import SweepRequestCheck
 from .sweep_target import SweepTarget
+from .tail_shape import TailShape
 from .target_estimate import TargetEstimate
 from .target_score import TargetScore
 from .unjudged import Unjudged
@@ -139,10 +193,14 @@ from .version import Version
 from .view_check import ViewCheck
 
 __all__ = (
+    "Additivity",
     "Allowance",
     "AllowanceStatus",
     "Axis",
+    "BiasCompared",
+    "BiasComparedIntervalOf",
     "Bounds",
+    "Calibration",
     "Certificate",
     "Change",
     "ChangedSpacing",
@@ -155,6 +213,9 @@ __all__ = (
     "ComparisonHeadlineStatus",
     "ComparisonRequest",
     "ComparisonRequestPartsItem",
+    "ComparisonTest",
+    "ComparisonTestSides",
+    "ComparisonTestTest",
     "Contributor",
     "Convergence",
     "ConvergencePoint",
@@ -165,12 +226,18 @@ __all__ = (
     "ConversionRequestTo",
     "ConvertedPoint",
     "CountTried",
+    "CouplingCase",
+    "CouplingCaseCoupling",
+    "CouplingCaseReading",
     "Design",
     "Difference",
     "DifferenceBasis",
     "DifferenceConclusion",
     "ErrorDistribution",
     "Exceedance",
+    "Explanation",
+    "ExplanationKind",
+    "Factor",
     "Finding",
     "FindingSeverity",
     "FrontPoint",
@@ -203,36 +270,57 @@ __all__ = (
     "GateSection",
     "GateTarget",
     "GateVerdict",
+    "Geometry",
     "GetOpenapiResponse200",
     "GetReportFormat",
     "GetSchemaResponse200",
     "Headline",
     "HeadlineStatus",
     "Health",
+    "InstallationLevel",
     "Job",
     "JobKind",
     "JobLinks",
     "JobPage",
     "JobProgress",
     "JobState",
+    "LevelCompared",
+    "LevelRatio",
+    "LevelShape",
+    "LinearityPoint",
+    "LinearityPointErrsType0",
+    "LinearityPointStatus",
+    "LinearityPointWithinType0",
     "ListJobsKind",
     "ListJobsState",
     "LocalOptimum",
+    "MeasuredFile",
+    "MeasuredFileForm",
     "MetricEstimate",
     "MetricScore",
     "MovedFiducial",
     "MovedPivot",
+    "NormCompared",
     "Optimisation",
     "OptimisationDesign",
     "OptimisationDesignBefore",
     "OptimisationRequest",
     "OptimisationVerdictStatus",
+    "PaperCell",
+    "PaperCellQuantity",
+    "PaperCellTable",
     "PerUnit",
     "PlacementValue",
+    "PrintedCell",
+    "PrintedCellTable",
+    "PrintedCellUnit",
     "Problem",
     "ProblemEntry",
     "ProblemType",
+    "Propagation",
     "Provenance",
+    "QuantilePoint",
+    "Ratio",
     "Readiness",
     "ReadinessDatabase",
     "ReadinessKernels",
@@ -252,6 +340,25 @@ __all__ = (
     "SecondOrder",
     "SecondOrderStatus",
     "ShadowPrice",
+    "SpreadCompared",
+    "SpreadComparedOf",
+    "Statement",
+    "StatementAbout",
+    "StudyComparison",
+    "StudyComparisonError",
+    "StudyComparisonRequest",
+    "StudyComparisonRequestError",
+    "StudyComparisonVerdict",
+    "StudyCoupling",
+    "StudyCouplingError",
+    "StudyCouplingRequest",
+    "StudyCouplingRequestError",
+    "StudyLinearity",
+    "StudyLinearityError",
+    "StudyLinearityRequest",
+    "StudyLinearityRequestError",
+    "StudyPaper",
+    "StudyPaperRequest",
     "Sweep",
     "SweepAxis",
     "SweepCheck",
@@ -261,6 +368,7 @@ __all__ = (
     "SweepRequest",
     "SweepRequestCheck",
     "SweepTarget",
+    "TailShape",
     "TargetEstimate",
     "TargetScore",
     "Unjudged",

@@ -21,8 +21,7 @@ T = TypeVar("T", bound="ConversionRequest")
 
 @_attrs_define
 class ConversionRequest:
-    """The content and what to make of it.
-
+    """
     Attributes:
         format_ (ConversionRequestFormat): What the content is; yaml and json are designs.
         content (str): The text of the file.

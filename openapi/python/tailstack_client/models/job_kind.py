@@ -1,12 +1,27 @@
 from typing import Literal
 
-JobKind = Literal["comparison", "gate", "optimisation", "report", "sweep", "verification"]
+JobKind = Literal[
+    "comparison",
+    "gate",
+    "optimisation",
+    "report",
+    "study-comparison",
+    "study-coupling",
+    "study-linearity",
+    "study-paper",
+    "sweep",
+    "verification",
+]
 
 JOB_KIND_VALUES: set[JobKind] = {
     "comparison",
     "gate",
     "optimisation",
     "report",
+    "study-comparison",
+    "study-coupling",
+    "study-linearity",
+    "study-paper",
     "sweep",
     "verification",
 }

@@ -1,12 +1,27 @@
 from typing import Literal
 
-ListJobsKind = Literal["comparison", "gate", "optimisation", "report", "sweep", "verification"]
+ListJobsKind = Literal[
+    "comparison",
+    "gate",
+    "optimisation",
+    "report",
+    "study-comparison",
+    "study-coupling",
+    "study-linearity",
+    "study-paper",
+    "sweep",
+    "verification",
+]
 
 LIST_JOBS_KIND_VALUES: set[ListJobsKind] = {
     "comparison",
     "gate",
     "optimisation",
     "report",
+    "study-comparison",
+    "study-coupling",
+    "study-linearity",
+    "study-paper",
     "sweep",
     "verification",
 }

@@ -30,7 +30,7 @@ from tailstack.version import __version__
 from ...problems import RequestError
 from ...processes.frames import PERFORM, Defect, Died, GivenBack
 from ...settings import Settings, variable
-from ...work.task import Outcome, Task
+from ...task import Outcome, Task
 from . import remote
 
 log = logging.getLogger("tailstack.worker")

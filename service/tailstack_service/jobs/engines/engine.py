@@ -12,7 +12,7 @@ from tailstack.errors import Problem
 from ...problems import RequestError
 from ...processes.frames import PERFORM
 from ...settings import Settings
-from ...work.task import Outcome, Task
+from ...task import Outcome, Task
 
 
 class Engine(Protocol):

@@ -22,7 +22,7 @@ from typing import Any
 
 from ...processes.frames import BEGUN, OTHER_CODE, PERFORM, Defect, Died, GivenBack, OutOfDate, receive, send
 from ...processes.interpreter import describe_ending, digest_code, make_command, make_environment
-from ...work.task import Outcome, Task
+from ...task import Outcome, Task
 
 WAITS_FOR_SYSTEM = {"R", "D"}  # for a processor, for a disk: nothing that the process could do about
 LOOK_SECONDS = 1.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 from tailstack.version import __version__
 
 from ...processes.frames import GivenBack, OutOfDate
-from ...work.task import Outcome, Task
+from ...task import Outcome, Task
 from .pool import Children
 
 _children: dict[str, Children] = {}  # by function: one Dask worker serves every client that knows it

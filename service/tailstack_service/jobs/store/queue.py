@@ -22,8 +22,7 @@ from sqlalchemy.engine import Connection
 
 from tailstack.errors import LimitError, Problem
 
-from ...work.kinds import KINDS
-from ...work.task import ADVANCE, Outcome, UnitResult
+from ...task import ADVANCE, Outcome, UnitResult
 from . import tables
 from .database import AnyRow, Database, now, reading, writing
 from .errors import UnitLost
@@ -381,7 +380,7 @@ def record(db: Database, claim: Claim, outcome: Outcome, *, max_job_seconds: flo
         if outcome.problem is not None:
             end_job(connection, job.id, job.last_event, at, "failed", problem=outcome.problem, changes=changes)
         elif outcome.answer is not None:
-            name = store_result(db, connection, KINDS[job.kind].answer, outcome.answer, at)
+            name = store_result(db, connection, job.kind, outcome.answer, at)
             changes["units_expected"] = changes["units_done"]
             end_job(connection, job.id, job.last_event, at, "succeeded", result_sha256=name, changes=changes)
         elif cpu_seconds > max_job_seconds:

@@ -136,7 +136,9 @@ def sync_detailed(
 ) -> Response[Comparison | Job | Problem]:
     """Two designs side by side
 
-     Both are checked alike with one seed; differences have an interval. Becomes a job.
+     Both are checked alike with one seed; differences have an interval. Becomes a job. With Prefer:
+    wait=N the answer is the result itself (200), or the problem that it came to, if that is known
+    within N seconds.
 
     Args:
         prefer (str | Unset):
@@ -173,7 +175,9 @@ def sync(
 ) -> Comparison | Job | Problem | None:
     """Two designs side by side
 
-     Both are checked alike with one seed; differences have an interval. Becomes a job.
+     Both are checked alike with one seed; differences have an interval. Becomes a job. With Prefer:
+    wait=N the answer is the result itself (200), or the problem that it came to, if that is known
+    within N seconds.
 
     Args:
         prefer (str | Unset):
@@ -205,7 +209,9 @@ async def asyncio_detailed(
 ) -> Response[Comparison | Job | Problem]:
     """Two designs side by side
 
-     Both are checked alike with one seed; differences have an interval. Becomes a job.
+     Both are checked alike with one seed; differences have an interval. Becomes a job. With Prefer:
+    wait=N the answer is the result itself (200), or the problem that it came to, if that is known
+    within N seconds.
 
     Args:
         prefer (str | Unset):
@@ -240,7 +246,9 @@ async def asyncio(
 ) -> Comparison | Job | Problem | None:
     """Two designs side by side
 
-     Both are checked alike with one seed; differences have an interval. Becomes a job.
+     Both are checked alike with one seed; differences have an interval. Becomes a job. With Prefer:
+    wait=N the answer is the result itself (200), or the problem that it came to, if that is known
+    within N seconds.
 
     Args:
         prefer (str | Unset):

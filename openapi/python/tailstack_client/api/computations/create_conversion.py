@@ -111,12 +111,12 @@ def sync_detailed(
     client: AuthenticatedClient,
     body: ConversionRequest,
 ) -> Response[Conversion | Problem]:
-    """Fiducial files and designs into one another
+    """Convert designs and fiducial files, by their endings
 
      In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
 
     Args:
-        body (ConversionRequest): The content and what to make of it.
+        body (ConversionRequest):
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -142,12 +142,12 @@ def sync(
     client: AuthenticatedClient,
     body: ConversionRequest,
 ) -> Conversion | Problem | None:
-    """Fiducial files and designs into one another
+    """Convert designs and fiducial files, by their endings
 
      In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
 
     Args:
-        body (ConversionRequest): The content and what to make of it.
+        body (ConversionRequest):
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -168,12 +168,12 @@ async def asyncio_detailed(
     client: AuthenticatedClient,
     body: ConversionRequest,
 ) -> Response[Conversion | Problem]:
-    """Fiducial files and designs into one another
+    """Convert designs and fiducial files, by their endings
 
      In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
 
     Args:
-        body (ConversionRequest): The content and what to make of it.
+        body (ConversionRequest):
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -197,12 +197,12 @@ async def asyncio(
     client: AuthenticatedClient,
     body: ConversionRequest,
 ) -> Conversion | Problem | None:
-    """Fiducial files and designs into one another
+    """Convert designs and fiducial files, by their endings
 
      In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
 
     Args:
-        body (ConversionRequest): The content and what to make of it.
+        body (ConversionRequest):
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.

@@ -134,7 +134,7 @@ def sync_detailed(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Optimisation | Problem]:
-    """Optimise placement and tolerances
+    """Placement and tolerances at least cost
 
      Places fiducials and sets tolerances as the design's section optimise asks, and answers with a new
     design that passed a Monte Carlo check. Becomes a job. With Prefer: wait=N the answer is the result
@@ -173,7 +173,7 @@ def sync(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Optimisation | Problem | None:
-    """Optimise placement and tolerances
+    """Placement and tolerances at least cost
 
      Places fiducials and sets tolerances as the design's section optimise asks, and answers with a new
     design that passed a Monte Carlo check. Becomes a job. With Prefer: wait=N the answer is the result
@@ -207,7 +207,7 @@ async def asyncio_detailed(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Optimisation | Problem]:
-    """Optimise placement and tolerances
+    """Placement and tolerances at least cost
 
      Places fiducials and sets tolerances as the design's section optimise asks, and answers with a new
     design that passed a Monte Carlo check. Becomes a job. With Prefer: wait=N the answer is the result
@@ -244,7 +244,7 @@ async def asyncio(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Optimisation | Problem | None:
-    """Optimise placement and tolerances
+    """Placement and tolerances at least cost
 
      Places fiducials and sets tolerances as the design's section optimise asks, and answers with a new
     design that passed a Monte Carlo check. Becomes a job. With Prefer: wait=N the answer is the result

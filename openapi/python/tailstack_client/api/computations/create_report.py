@@ -132,7 +132,7 @@ def sync_detailed(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | Report]:
-    """One record of score, check and optimisation
+    """Tolerance-budget report: HTML, PDF, spreadsheet, JSON
 
      Score, check and optimisation of one design in one record, of which /v1/results/{sha256}/report
     makes pages. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the
@@ -171,7 +171,7 @@ def sync(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | Report | None:
-    """One record of score, check and optimisation
+    """Tolerance-budget report: HTML, PDF, spreadsheet, JSON
 
      Score, check and optimisation of one design in one record, of which /v1/results/{sha256}/report
     makes pages. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the
@@ -205,7 +205,7 @@ async def asyncio_detailed(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | Report]:
-    """One record of score, check and optimisation
+    """Tolerance-budget report: HTML, PDF, spreadsheet, JSON
 
      Score, check and optimisation of one design in one record, of which /v1/results/{sha256}/report
     makes pages. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the
@@ -242,7 +242,7 @@ async def asyncio(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | Report | None:
-    """One record of score, check and optimisation
+    """Tolerance-budget report: HTML, PDF, spreadsheet, JSON
 
      Score, check and optimisation of one design in one record, of which /v1/results/{sha256}/report
     makes pages. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the

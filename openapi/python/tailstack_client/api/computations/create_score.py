@@ -109,7 +109,7 @@ def sync_detailed(
     client: AuthenticatedClient,
     body: ScoreRequest,
 ) -> Response[Problem | Score]:
-    """First-order score
+    """First-order score: P95 bound, covariance, budget
 
      First order through every stage at the biased geometry: bias, covariance and quantiles of the error
     under the declared laws, their bounds, the budget of every tolerance, the validity of the
@@ -142,7 +142,7 @@ def sync(
     client: AuthenticatedClient,
     body: ScoreRequest,
 ) -> Problem | Score | None:
-    """First-order score
+    """First-order score: P95 bound, covariance, budget
 
      First order through every stage at the biased geometry: bias, covariance and quantiles of the error
     under the declared laws, their bounds, the budget of every tolerance, the validity of the
@@ -170,7 +170,7 @@ async def asyncio_detailed(
     client: AuthenticatedClient,
     body: ScoreRequest,
 ) -> Response[Problem | Score]:
-    """First-order score
+    """First-order score: P95 bound, covariance, budget
 
      First order through every stage at the biased geometry: bias, covariance and quantiles of the error
     under the declared laws, their bounds, the budget of every tolerance, the validity of the
@@ -201,7 +201,7 @@ async def asyncio(
     client: AuthenticatedClient,
     body: ScoreRequest,
 ) -> Problem | Score | None:
-    """First-order score
+    """First-order score: P95 bound, covariance, budget
 
      First order through every stage at the biased geometry: bias, covariance and quantiles of the error
     under the declared laws, their bounds, the budget of every tolerance, the validity of the

@@ -132,7 +132,7 @@ def sync_detailed(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | Sweep]:
-    """Many designs
+    """Score or check many designs: numbers of one varied over a grid
 
      Scores, or checks, the design at every point of a grid of some of its numbers. Becomes a job. With
     Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is
@@ -171,7 +171,7 @@ def sync(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | Sweep | None:
-    """Many designs
+    """Score or check many designs: numbers of one varied over a grid
 
      Scores, or checks, the design at every point of a grid of some of its numbers. Becomes a job. With
     Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is
@@ -205,7 +205,7 @@ async def asyncio_detailed(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | Sweep]:
-    """Many designs
+    """Score or check many designs: numbers of one varied over a grid
 
      Scores, or checks, the design at every point of a grid of some of its numbers. Becomes a job. With
     Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is
@@ -242,7 +242,7 @@ async def asyncio(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | Sweep | None:
-    """Many designs
+    """Score or check many designs: numbers of one varied over a grid
 
      Scores, or checks, the design at every point of a grid of some of its numbers. Becomes a job. With
     Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is

@@ -111,7 +111,7 @@ def sync_detailed(
     client: AuthenticatedClient,
     body: ValidationRequest,
 ) -> Response[Problem | Validation]:
-    """Read and check a design
+    """Parse and check, no computing
 
      Reads the design, checks its geometry and says what it holds. No error is computed. A design that is
     not valid is answered with 422 and everything that is wrong with it.
@@ -143,7 +143,7 @@ def sync(
     client: AuthenticatedClient,
     body: ValidationRequest,
 ) -> Problem | Validation | None:
-    """Read and check a design
+    """Parse and check, no computing
 
      Reads the design, checks its geometry and says what it holds. No error is computed. A design that is
     not valid is answered with 422 and everything that is wrong with it.
@@ -170,7 +170,7 @@ async def asyncio_detailed(
     client: AuthenticatedClient,
     body: ValidationRequest,
 ) -> Response[Problem | Validation]:
-    """Read and check a design
+    """Parse and check, no computing
 
      Reads the design, checks its geometry and says what it holds. No error is computed. A design that is
     not valid is answered with 422 and everything that is wrong with it.
@@ -200,7 +200,7 @@ async def asyncio(
     client: AuthenticatedClient,
     body: ValidationRequest,
 ) -> Problem | Validation | None:
-    """Read and check a design
+    """Parse and check, no computing
 
      Reads the design, checks its geometry and says what it holds. No error is computed. A design that is
     not valid is answered with 422 and everything that is wrong with it.

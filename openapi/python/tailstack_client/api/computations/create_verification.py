@@ -134,7 +134,7 @@ def sync_detailed(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | Verification]:
-    """Monte Carlo check
+    """Check of the full nonlinear chain by Monte Carlo
 
      Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance,
     worst trial, the verdict. One seed, one answer. Becomes a job. With Prefer: wait=N the answer is the
@@ -173,7 +173,7 @@ def sync(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | Verification | None:
-    """Monte Carlo check
+    """Check of the full nonlinear chain by Monte Carlo
 
      Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance,
     worst trial, the verdict. One seed, one answer. Becomes a job. With Prefer: wait=N the answer is the
@@ -207,7 +207,7 @@ async def asyncio_detailed(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | Verification]:
-    """Monte Carlo check
+    """Check of the full nonlinear chain by Monte Carlo
 
      Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance,
     worst trial, the verdict. One seed, one answer. Becomes a job. With Prefer: wait=N the answer is the
@@ -244,7 +244,7 @@ async def asyncio(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | Verification | None:
-    """Monte Carlo check
+    """Check of the full nonlinear chain by Monte Carlo
 
      Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance,
     worst trial, the verdict. One seed, one answer. Becomes a job. With Prefer: wait=N the answer is the

@@ -13,6 +13,10 @@ from ...models.gate import Gate
 from ...models.optimisation import Optimisation
 from ...models.problem import Problem
 from ...models.report import Report
+from ...models.study_comparison import StudyComparison
+from ...models.study_coupling import StudyCoupling
+from ...models.study_linearity import StudyLinearity
+from ...models.study_paper import StudyPaper
 from ...models.sweep import Sweep
 from ...models.verification import Verification
 from ...types import UNSET, Unset
@@ -41,10 +45,37 @@ def _get_kwargs(
 
 def _parse_response(
     *, client: AuthenticatedClient | Client, response: httpx.Response
-) -> Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem | None:
+) -> (
+    Any
+    | Comparison
+    | Gate
+    | Optimisation
+    | Report
+    | StudyComparison
+    | StudyCoupling
+    | StudyLinearity
+    | StudyPaper
+    | Sweep
+    | Verification
+    | Problem
+    | None
+):
     if response.status_code == 200:
 
-        def _parse_response_200(data: object) -> Comparison | Gate | Optimisation | Report | Sweep | Verification:
+        def _parse_response_200(
+            data: object,
+        ) -> (
+            Comparison
+            | Gate
+            | Optimisation
+            | Report
+            | StudyComparison
+            | StudyCoupling
+            | StudyLinearity
+            | StudyPaper
+            | Sweep
+            | Verification
+        ):
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
@@ -72,7 +103,7 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_3 = Gate.from_dict(data)
+                response_200_type_3 = StudyPaper.from_dict(data)
 
                 return response_200_type_3
             except (TypeError, ValueError, AttributeError, KeyError):
@@ -80,16 +111,48 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_4 = Report.from_dict(data)
+                response_200_type_4 = StudyLinearity.from_dict(data)
 
                 return response_200_type_4
             except (TypeError, ValueError, AttributeError, KeyError):
                 pass
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                response_200_type_5 = StudyCoupling.from_dict(data)
+
+                return response_200_type_5
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                response_200_type_6 = StudyComparison.from_dict(data)
+
+                return response_200_type_6
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                response_200_type_7 = Gate.from_dict(data)
+
+                return response_200_type_7
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                response_200_type_8 = Report.from_dict(data)
+
+                return response_200_type_8
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
             if not isinstance(data, dict):
                 raise TypeError()
-            response_200_type_5 = Comparison.from_dict(data)
+            response_200_type_9 = Comparison.from_dict(data)
 
-            return response_200_type_5
+            return response_200_type_9
 
         response_200 = _parse_response_200(response.json())
 
@@ -142,7 +205,20 @@ def _parse_response(
 
 def _build_response(
     *, client: AuthenticatedClient | Client, response: httpx.Response
-) -> Response[Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem]:
+) -> Response[
+    Any
+    | Comparison
+    | Gate
+    | Optimisation
+    | Report
+    | StudyComparison
+    | StudyCoupling
+    | StudyLinearity
+    | StudyPaper
+    | Sweep
+    | Verification
+    | Problem
+]:
     return Response(
         status_code=HTTPStatus(response.status_code),
         content=response.content,
@@ -156,7 +232,20 @@ def sync_detailed(
     *,
     client: AuthenticatedClient,
     if_none_match: str | Unset = UNSET,
-) -> Response[Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem]:
+) -> Response[
+    Any
+    | Comparison
+    | Gate
+    | Optimisation
+    | Report
+    | StudyComparison
+    | StudyCoupling
+    | StudyLinearity
+    | StudyPaper
+    | Sweep
+    | Verification
+    | Problem
+]:
     """A result, which never changes
 
      It is named by the SHA-256 of its bytes and may be kept for ever. Its field schema says which record
@@ -171,7 +260,7 @@ def sync_detailed(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Response[Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem]
+        Response[Any | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem]
     """
 
     kwargs = _get_kwargs(
@@ -191,7 +280,21 @@ def sync(
     *,
     client: AuthenticatedClient,
     if_none_match: str | Unset = UNSET,
-) -> Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem | None:
+) -> (
+    Any
+    | Comparison
+    | Gate
+    | Optimisation
+    | Report
+    | StudyComparison
+    | StudyCoupling
+    | StudyLinearity
+    | StudyPaper
+    | Sweep
+    | Verification
+    | Problem
+    | None
+):
     """A result, which never changes
 
      It is named by the SHA-256 of its bytes and may be kept for ever. Its field schema says which record
@@ -206,7 +309,7 @@ def sync(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem
+        Any | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem
     """
 
     return sync_detailed(
@@ -221,7 +324,20 @@ async def asyncio_detailed(
     *,
     client: AuthenticatedClient,
     if_none_match: str | Unset = UNSET,
-) -> Response[Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem]:
+) -> Response[
+    Any
+    | Comparison
+    | Gate
+    | Optimisation
+    | Report
+    | StudyComparison
+    | StudyCoupling
+    | StudyLinearity
+    | StudyPaper
+    | Sweep
+    | Verification
+    | Problem
+]:
     """A result, which never changes
 
      It is named by the SHA-256 of its bytes and may be kept for ever. Its field schema says which record
@@ -236,7 +352,7 @@ async def asyncio_detailed(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Response[Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem]
+        Response[Any | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem]
     """
 
     kwargs = _get_kwargs(
@@ -254,7 +370,21 @@ async def asyncio(
     *,
     client: AuthenticatedClient,
     if_none_match: str | Unset = UNSET,
-) -> Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem | None:
+) -> (
+    Any
+    | Comparison
+    | Gate
+    | Optimisation
+    | Report
+    | StudyComparison
+    | StudyCoupling
+    | StudyLinearity
+    | StudyPaper
+    | Sweep
+    | Verification
+    | Problem
+    | None
+):
     """A result, which never changes
 
      It is named by the SHA-256 of its bytes and may be kept for ever. Its field schema says which record
@@ -269,7 +399,7 @@ async def asyncio(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Any | Comparison | Gate | Optimisation | Report | Sweep | Verification | Problem
+        Any | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem
     """
 
     return (

@@ -1,0 +1,118 @@
+"""Whether the pages are what their record renders to, byte for byte; where they are not, what differs."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from itertools import zip_longest
+
+from tailstack import __version__
+
+from ..operations.rendering import render
+from ..report.errors import PdfUnavailable
+from .findings import DIFFERENT, NOT_COMPARED, SAME, Question
+from .holding import Held, sheet_cells, sheet_names, unpacked
+
+MOST = 5  # differences that are told
+LONGEST = 90
+_STREAM = re.compile(rb"stream\n(.*?)\nendstream", re.DOTALL)
+_FONT = re.compile(rb"/BaseFont /([^\s/<>\[\]()]+)")
+_PACKED = re.compile(rb"/Length \d+|startxref\n\d+")  # what hangs on how streams are packed
+_PRODUCER = re.compile(rb"/Producer \(([^()]*)\)")
+
+
+def pages_question(held: Held, written_by: str, file: str) -> Question:
+    """The file against what its record renders to here."""
+    if held.form == "json":
+        same = held.content.rstrip(b"\n") == held.result.body
+        words = "canonical JSON" if same else "JSON that was laid out anew: the hash is of its canonical form"
+        return Question("bytes", "same", words)
+    if written_by != __version__:
+        words = f"written by tailstack {written_by}, this is {__version__}: install that version to compare them"
+        return Question("pages", NOT_COMPARED, words)
+    try:
+        fresh, _ = render(held.result.kind, held.result.body, held.form)
+    except PdfUnavailable as error:
+        return Question("pages", NOT_COMPARED, f"PDF cannot be rendered here: {error.problems[0].detail}")
+    if fresh == held.content:
+        return Question("pages", SAME, f"what the record renders to, byte for byte ({len(fresh):,} bytes)")
+    if held.form == "html":
+        return _lines(held.content, fresh)
+    return (_cells if held.form == "xlsx" else _streams)(held.content, fresh, file)
+
+
+def _different(details: list[str], count: int, what: str) -> Question:
+    more = [f"... and {count - MOST} more"] if count > MOST else []
+    return Question("pages", DIFFERENT, f"{count} {what} not what the record renders to", (*details[:MOST], *more))
+
+
+def _lines(content: bytes, fresh: bytes) -> Question:
+    there, here = (text.decode("utf-8", "replace").split("\n") for text in (content, fresh))
+    details = []
+    for number, (old, new) in enumerate(zip_longest(there, here, fillvalue="(no line)"), 1):
+        if old != new:
+            start = next((k for k, (a, b) in enumerate(zip(old, new, strict=False)) if a != b), min(len(old), len(new)))
+            begin = max(start - 20, 0)
+            cut = [text[begin : begin + LONGEST] for text in (old, new)]
+            details.append(f"line {number}: the file has {cut[0]!r}, the record gives {cut[1]!r}")
+    return _different(details, len(details), "lines are")
+
+
+def _cells(content: bytes, fresh: bytes, file: str) -> Question:
+    there, here = (unpacked(book, file) for book in (content, fresh))
+    if there == here:
+        return Question("pages", SAME, "what the record renders to, part for part (packed by another zlib)")
+    details = []
+    for name in dict.fromkeys([*sheet_names(here), *sheet_names(there)]):
+        old, new = (sheet_cells(book, name) for book in (there, here))
+        if old is None or new is None:
+            details.append(f"sheet {name!r} is {'missing' if old is None else 'not of the record'}")
+            continue
+        for column, row in dict.fromkeys([*new, *old]):
+            a, b = old.get((column, row), ""), new.get((column, row), "")
+            if a != b:
+                said = f"the file has {a[:LONGEST]!r}, the record gives {b[:LONGEST]!r}"
+                details.append(f"sheet {name!r}, cell {column}{row}: {said}")
+    if details:
+        return _different(details, len(details), "cells are")
+    parts = sorted(name for name in {*there, *here} if there.get(name) != here.get(name))
+    return _different([f"part {name}" for name in parts], len(parts), "parts of the spreadsheet are")
+
+
+def _streams(content: bytes, fresh: bytes, file: str) -> Question:
+    there, here = (_unpacked_streams(document) for document in (content, fresh))
+    made = [_first(_PRODUCER, document, streams) for document, streams in ((content, there), (fresh, here))]
+    if made[0] != made[1]:
+        words = f"drawn by {made[0] or 'an unknown program'}, here is {made[1]}: the same version is needed"
+        return Question("pages", NOT_COMPARED, words)
+    fonts = [sorted(set(_all(_FONT, document, streams))) for document, streams in ((content, there), (fresh, here))]
+    families = [{font.partition(b"+")[2] for font in found} for found in fonts]
+    if families[0] != families[1]:
+        names = [", ".join(sorted(name.decode("latin-1") for name in family)) for family in families]
+        return Question("pages", NOT_COMPARED, f"set in {names[0]}, here in {names[1]}: the same fonts are needed")
+    between = [_STREAM.sub(b"stream", document) for document in (content, fresh)]
+    if there == here and between[0] == between[1]:
+        return Question("pages", SAME, "what the record renders to, stream for stream (packed by another zlib)")
+    if there[:-1] == here[:-1] and _PACKED.sub(b"", between[0]) == _PACKED.sub(b"", between[1]):
+        words = "the same, but packed by another zlib: its table of places, the last stream, cannot be compared"
+        return Question("pages", NOT_COMPARED, words)
+    count = sum(a != b for a, b in zip_longest(there, here))
+    return _different([], max(count, 1), "parts of the PDF are")
+
+
+def _unpacked_streams(document: bytes) -> list[bytes]:
+    found = []
+    for packed in _STREAM.findall(document):
+        try:
+            found.append(zlib.decompress(packed))
+        except zlib.error:
+            found.append(packed)
+    return found
+
+
+def _all(pattern: re.Pattern[bytes], document: bytes, streams: list[bytes]) -> list[bytes]:
+    return [match for text in (document, *streams) for match in pattern.findall(text)]
+
+
+def _first(pattern: re.Pattern[bytes], document: bytes, streams: list[bytes]) -> str:
+    return next((match.decode("latin-1") for match in _all(pattern, document, streams)), "")

@@ -1,1 +1,0 @@
-"""Commands of ``tailstack study``, one a module."""

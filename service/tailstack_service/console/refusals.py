@@ -1,0 +1,113 @@
+"""Refusals on stderr: where, what, how to mend it, and the next command to type."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import traceback
+from dataclasses import replace
+
+from tailstack.errors import Problem, TailstackError
+
+from ..names import TRACEBACK
+from .answer import BAD_INPUT, NOT_EVALUATED
+from .program import program, spell_commands
+
+# What to type next, by class of refusal; {file} is the design that was given.
+NEXT = {
+    "invalid-design": "tailstack validate {file}   (all rules: tailstack schema design)",
+    "malformed-document": "tailstack validate {file}",
+    "ill-posed-geometry": "tailstack validate {file}, then tailstack score {file}",
+    "method-out-of-range": "tailstack verify {file}",
+    "not-converged": "tailstack verify {file} --trials 100000",
+    "infeasible": "tailstack score {file}   (its budget shows what to tighten)",
+    "limit-exceeded": "tailstack {verb} --help",
+    "invalid-request": "tailstack {verb} --help",
+}
+
+OPTIMISE_AGAIN = "mend it, then tailstack optimise {file}   (all rules: tailstack schema design)"
+
+
+def problem_text(problem: Problem) -> str:
+    """``file:line:column: pointer: detail`` and, below it, the hint; what is in no document has no place."""
+    place = problem.pointer or ("(document)" if problem.file is not None else "")
+    if problem.file is not None and problem.line:
+        place = f"{problem.file}:{problem.line}:{problem.column or 1}: {place}"
+    elif problem.file is not None:
+        place = f"{problem.file}: {place}"
+    text = f"{place}: {problem.detail}" if place else problem.detail
+    return text + (f"\n  hint: {spell_commands(problem.hint)}" if problem.hint else "")
+
+
+def name_stdin(problems: tuple[Problem, ...], file: str | None) -> tuple[Problem, ...]:
+    """Problems with ``<stdin>`` for a file name where the design came from there."""
+    return tuple(replace(p, file="<stdin>") if p.file is None and file == "-" else p for p in problems)
+
+
+def next_command(slug: str, arguments: argparse.Namespace) -> str:
+    file = getattr(arguments, "design", None) or "DESIGN"
+    file = file[0] if isinstance(file, list) else file
+    command = NEXT.get(slug, "tailstack {verb} --help")
+    if arguments.verb == "optimise" and slug == "invalid-design":
+        command = OPTIMISE_AGAIN  # validate does not look at what the optimiser is asked for
+    return spell_commands("next: " + command.format(file=file, verb=arguments.verb))
+
+
+def report_error(error: TailstackError | OSError, arguments: argparse.Namespace) -> int:
+    """Write a refusal to stderr, as a problem document with --json.  Returns the exit code."""
+    _show_traceback()
+    if isinstance(error, OSError):
+        name = f"{error.filename}: " if error.filename else ""
+        problem = Problem("", "os-error", f"{name}{error.strerror or error}")
+        code = BAD_INPUT if error.filename else NOT_EVALUATED
+        return _report(RequestOrSystemError(problem), arguments, code)
+    return _report(error, arguments, error.exit_code)
+
+
+class RequestOrSystemError(TailstackError):
+    """The operating system refused: a file, a port, a full disk."""
+
+    slug = "invalid-request"
+    title = "The operating system refused"
+
+
+def _report(error: TailstackError, arguments: argparse.Namespace, code: int) -> int:
+    problems = name_stdin(error.problems, getattr(arguments, "design", None))
+    if getattr(arguments, "json", False):
+        from ..documents import to_json
+        from ..problems import problem_document
+
+        error.problems = problems
+        document = problem_document(error, instance=f"tailstack {arguments.verb}")
+        sys.stderr.write(to_json(document).decode() + "\n")
+        return code
+    lines = [f"tailstack {arguments.verb}: {error.title[0].lower()}{error.title[1:]}"]
+    lines += [problem_text(problem) for problem in problems]
+    lines.append(next_command(error.slug, arguments))
+    print("\n".join(lines), file=sys.stderr)
+    return code
+
+
+def report_failure(error: Exception, arguments: argparse.Namespace) -> int:
+    """A defect of ours: one paragraph, no traceback unless asked for."""
+    _show_traceback()
+    if getattr(arguments, "json", False):
+        from ..problems import TransportError
+
+        problem = Problem("", "internal-error", f"{type(error).__name__}: {error}", "repeat with TAILSTACK_TRACEBACK=1")
+        return _report(TransportError("internal-error", problem), arguments, NOT_EVALUATED)
+    print(
+        f"tailstack {arguments.verb}: internal error, {type(error).__name__}: {error}\n"
+        "This is a defect of tailstack, not of the design; nothing was evaluated. To see where it happened,\n"
+        "repeat the command with TAILSTACK_TRACEBACK=1 in the environment; report it with the output of\n"
+        f"{program()} doctor.",
+        file=sys.stderr,
+    )
+    return NOT_EVALUATED
+
+
+def _show_traceback() -> None:
+    """Where it happened, for who asked; what the command leaves with does not depend on that."""
+    if os.environ.get(TRACEBACK):
+        traceback.print_exc()

@@ -1,0 +1,139 @@
+"""Designs held to a policy: findings, exit code, and what changed since a baseline."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+from tailstack.errors import TailstackError
+
+from .effort import gate_seconds
+from .example import EXAMPLE_DESIGN
+from .operation import Call, JobRequest, Operation, Reception
+from .options import Options
+
+if TYPE_CHECKING:
+    from ..gate.records import GateRecord
+    from ..settings import Settings
+    from .sent import Query, Sent
+
+QUERY = ("mode", "seed", "fail_level", "on_inconclusive")  # what a single design as YAML can be asked with
+FILE = "design.yaml"  # what findings call such a design
+TEXT = "/designs/0/text"  # where it stands in the request that the body and the query make
+
+
+def _receive(sent: Sent, settings: Settings) -> Reception:
+    """The record of an analytic gate, or a job.  Raises what ``gate.request.admit_gate`` raises."""
+    from .sent import parse_json, refuse_query
+
+    if sent.form == "json":
+        return _admit(parse_json(sent.body, settings), settings)
+    refuse_query(sent.query, QUERY)
+    try:
+        return _admit(_request_of_one(sent.body, sent.query), settings)
+    except TailstackError as error:  # the design is the body: pointers start inside it
+        error.problems = tuple(replace(p, pointer=p.pointer.removeprefix(TEXT)) for p in error.problems)
+        raise
+
+
+def _request_of_one(body: bytes, query: Query) -> dict[str, Any]:
+    """The request that a YAML body and the query stand for."""
+    from ..gate.request import GateRequest
+    from .sent import from_text, single
+
+    data: dict[str, Any] = {"designs": [{"file": FILE, "text": body.decode("utf-8", "surrogateescape")}]}
+    properties = GateRequest.model_json_schema()["properties"]
+    for name in QUERY:
+        value = single(query, name)
+        if value is not None:
+            data[name] = from_text(value, properties[name])
+    return data
+
+
+def _admit(data: dict[str, Any], settings: Settings) -> Reception:
+    from ..documents import to_json
+    from ..gate.request import admit_gate, judge_designs, list_terms
+    from .content import canonical
+    from .sent import limits_of
+
+    complete = admit_gate(
+        data,
+        today=datetime.now(UTC).date(),
+        limits=limits_of(settings),
+        max_designs=settings.max_gate_designs,
+        max_trials=settings.max_trials,
+    )
+    terms = list_terms(complete)
+    if complete["mode"] == "analytic":
+        return Reception(answer=to_json(judge_designs(complete)), terms=terms)
+    count = len(complete["designs"])
+    name = complete["designs"][0]["file"] + (f" and {count - 1} more" if count > 1 else "")
+    return Reception(job=JobRequest("gate", canonical(complete), name), terms=terms)
+
+
+def _request() -> type[Any]:
+    from ..gate.request import GateRequest
+
+    return GateRequest
+
+
+def _record() -> type:
+    from ..gate.records import GateRecord
+
+    return GateRecord
+
+
+def _judge(call: Call) -> GateRecord:
+    raise NotImplementedError("a gate is received with its policy, not as a design")
+
+
+def _document(record: GateRecord, sha256: str) -> Any:
+    from ..report.chapters.gate import gate_document
+
+    return gate_document(record, sha256)
+
+
+OPERATION = Operation(
+    name="gate",
+    verb="gate",
+    path="/v1/gates",
+    summary="Policy and designs to a verdict",
+    description="Mode analytic is answered at once; verify and auto become a job.",
+    title="answer of gate: verdict, exit code, findings at their places",
+    options=Options,
+    designs={},
+    example={
+        "designs": [{"file": "designs/guide.yaml", "design": EXAMPLE_DESIGN}],
+        "policy": {
+            "schema": "tailstack/policy/1",
+            "name": "drill guides",
+            "rules": {"p95": {"limit_mm": 0.6}, "overlap": {"min_px": 5.0}},
+        },
+        "waivers": {
+            "schema": "tailstack/waivers/1",
+            "waivers": [
+                {
+                    "rule": "p95",
+                    "owner": "J. Doe, systems",
+                    "reason": "first article only",
+                    "max_value": 0.7,
+                    "expires": "2027-01-31",
+                }
+            ],
+        },
+        "today": "2026-11-21",
+        "mode": "analytic",
+    },
+    record=_record,
+    run=_judge,
+    units="gate",
+    receive=_receive,
+    seconds=gate_seconds,
+    request=_request,
+    query=QUERY,
+    query_schemas=lambda: _request().model_json_schema()["properties"],
+    example_title="One design under a policy, first order, with one finding accepted for now",
+    document=_document,
+    exit_code=lambda record: int(record.exit_code),
+)

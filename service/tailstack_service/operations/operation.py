@@ -1,0 +1,204 @@
+"""What an operation is.  From one record follow the verb, the route, the schema, the job, the report and its audit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+from ..console.answer import PASS
+from .effort import admission_seconds
+from .options import Options
+
+if TYPE_CHECKING:
+    import argparse
+
+    from tailstack.design import Design
+
+    from ..console.answer import Answer
+    from ..report.blocks import Document
+    from ..settings import Settings
+    from .sent import Request, Sent
+
+Progress = Callable[[float, float], None]  # done, of how much
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """One call of an operation: everything is read and checked."""
+
+    designs: tuple[Design, ...]
+    options: Any  # of the operation's class of options
+    limits: Mapping[str, int] = field(default_factory=dict)  # by name: settings that shape the answer
+    threads: int | None = None  # None: as many as there are cores; the answer does not depend on it
+    progress: Progress | None = None
+
+    @property
+    def design(self) -> Design:
+        """The only design."""
+        (design,) = self.designs
+        return design
+
+
+# --- over HTTP: answered at once, or a job -------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class JobRequest:
+    """A request that was checked and can become a job."""
+
+    kind: str  # name of the operation
+    content: bytes  # canonical JSON: designs, options and limits
+    design_name: str
+    bare_design: bool = False  # the body was the design itself, so pointers of refusals start inside it
+
+
+@dataclass(frozen=True, slots=True)
+class Reception:
+    """What a request came to: its answer, or a job; and by which terms it was judged, for the audit log."""
+
+    answer: bytes | None = None
+    job: JobRequest | None = None
+    terms: Mapping[str, Any] | None = None
+
+
+# --- as a job: units that are computed side by side and recorded -----------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class More:
+    """These units are needed, in any order and side by side; then the job is planned again."""
+
+    specs: tuple[bytes, ...]  # canonical JSON, none of them recorded yet and none twice
+    remaining: int = 0  # units expected after these, as far as is known
+    note: str = ""  # what they do, in words
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """The job's record, JSON as published."""
+
+    answer: bytes
+
+
+Step = More | Done
+
+
+# --- computed again from its record: report --verify ----------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Repetition:
+    """What is to be computed again: a record, and the designs that it holds or that are given beside it."""
+
+    record: Any
+    designs: tuple[Design, ...]
+    fast: bool  # without Monte Carlo and optimiser
+    progress: Progress | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Again:
+    """A record computed anew, and what of it was taken as it is recorded."""
+
+    record: Any
+    trusted: str = ""  # in words; empty: nothing
+
+
+@dataclass(frozen=True, slots=True)
+class HeldDesign:
+    """A design inside a record, and the hash that the record states of it."""
+
+    name: str
+    data: dict[str, Any]
+    stated_sha256: str | None
+    computed: bool = True  # the record's numbers are computed from it
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """How much a record asks to be computed again, and the fields that say so."""
+
+    trials: int = 0
+    trials_at: str = ""
+    starts: int = 0
+    starts_at: str = ""
+    checks: int = 1  # how often the units of per-unit requirements are drawn
+
+
+# --- the operation itself -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A verb that needs more than the flags of its options."""
+
+    add_arguments: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], Answer]
+
+
+def check_nothing(request: Request, settings: Settings) -> None:
+    """The options and a design that can be read are all that is asked for."""
+
+
+def pass_always(record: Any) -> int:
+    """The exit code of what judges nothing."""
+    return PASS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Operation:
+    """One operation, written in one place.
+
+    Whoever imports it gets by without the solver: ``run``, ``document`` and the like import what they need when they
+    are called, so that the command line and an API process know every operation and load none.
+    """
+
+    # What it is
+    name: str  # of its record: tailstack/NAME/1; and the kind of its jobs
+    verb: str  # what a person types after tailstack; "study paper" is one of a family
+    path: str  # of POST
+    summary: str  # a phrase: beside the verb, and title of the route
+    description: str  # sentences for whoever reads the interface
+    title: str  # one line about the record, in the list of schemas
+    options: type[Options]
+    record: Callable[[], type]  # gives the frozen dataclass that is published
+    example: Mapping[str, Any] = field(default_factory=dict)  # options beside the example design
+    example_title: str = "Eight beads, two seats"
+
+    # How it computes
+    run: Callable[[Call], Any]  # gives the record; raises TailstackError
+    designs: Mapping[str, str] = field(default_factory=lambda: {"design": "The design document."})  # field, meaning
+    needs_design: bool = True
+    limits: tuple[str, ...] = ()  # settings that shape the answer: they become part of a job's content
+    immediate: bool = False  # answered at once over HTTP: it takes milliseconds
+    units: str | None = None  # module with plan() and compute(); None: a job is one unit, ``run``
+
+    # How it is received over HTTP
+    check: Callable[[Request, Settings], None] = check_nothing  # raises Placed, RequestError, LimitError
+    prepare: Callable[..., dict[str, Any]] = lambda options, *designs: dict(options.model_dump())  # as a job keeps them
+    receive: Callable[[Sent, Settings], Reception] | None = None  # where a body is not designs beside options
+    request: Callable[[], type[Any]] | None = None  # gives the model of such a body
+    media: tuple[str, ...] = ()  # what such a body can be besides JSON and YAML
+    yaml: bool = True  # a design as YAML, with options in the query
+    query: tuple[str, ...] = ()  # what such a body takes from the query
+    query_schemas: Callable[[], Mapping[str, Any]] | None = None  # by name; with ``query``
+    kernels: bool = True  # it needs compiled kernels
+    seconds: Callable[[Sent], float] = admission_seconds  # expected, of its reception
+
+    # What becomes of its record
+    text: Callable[[Any, bool], str] | None = None  # for a terminal, perhaps in colour
+    document: Callable[[Any, str], Document] | None = None  # its report; the SHA-256 of the record stands in it
+    exit_code: Callable[[Any], int] = pass_always
+    hold: Callable[[Any], tuple[HeldDesign, ...]] = lambda record: ()
+    demand: Callable[[Any], Demand] = lambda record: Demand()
+    repeat: Callable[[Repetition], Again] | None = None
+
+    # How it is typed
+    command: Command | None = None  # None: DESIGN and a flag for each option
+    threads: bool = False  # --threads
+
+    @property
+    def at(self) -> Literal["at once", "as a job"]:
+        """How it is answered over HTTP."""
+        return "at once" if self.immediate else "as a job"

@@ -1,0 +1,73 @@
+"""One unit, start to end: what a computing process is asked for and what it answers."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+from importlib import import_module
+from typing import Any
+
+from tailstack.errors import TailstackError
+
+from ..task import ADVANCE, Outcome, Task, UnitResult
+from .content import Refused
+from .operation import More, Step
+from .registry import OPERATIONS
+
+
+def plan(kind: str, request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
+    """More units, or the record, by what is recorded so far.
+
+    A pure function: it is asked again after every round, and after a kill, and says the same each time.  Raises
+    TailstackError for a request that is refused, ``Refused`` where that is not about ``/design``.
+    """
+    step: Step = _units(kind).plan(request, results)
+    return step
+
+
+def compute(kind: str, request: dict[str, Any], spec: dict[str, Any]) -> bytes:
+    """The result of a unit that ``plan`` asked for; a pure function, which raises what ``plan`` raises."""
+    if OPERATIONS[kind].units is None:
+        from .units.whole import compute_whole
+
+        return compute_whole(OPERATIONS[kind], request)
+    result: bytes = _units(kind).compute(request, spec)
+    return result
+
+
+def _units(kind: str) -> Any:
+    """The module that cuts an operation into units."""
+    return import_module(f"{__package__}.units.{OPERATIONS[kind].units or 'whole'}")
+
+
+def perform(task: Task) -> Outcome:
+    """Compute a unit, or look at what a job has recorded and say what comes next.
+
+    A refusal of the request is an outcome.  Anything else that is raised is a defect, and goes to the caller.
+    """
+    begun = time.process_time()
+    try:
+        outcome = _perform(task)
+    except Refused as refused:
+        outcome = _refusal(refused.error, refused.prefix)
+    except TailstackError as error:
+        outcome = _refusal(error, "/design")
+    return replace(outcome, cpu_seconds=time.process_time() - begun)
+
+
+def _perform(task: Task) -> Outcome:
+    request = json.loads(task.request)
+    if task.spec != ADVANCE:
+        return Outcome(0.0, result=compute(task.kind, request, json.loads(task.spec)))
+    step = plan(task.kind, request, task.results)
+    if isinstance(step, More):
+        return Outcome(0.0, more=step.specs, remaining=step.remaining, note=step.note)
+    return Outcome(0.0, answer=step.answer)
+
+
+def _refusal(error: TailstackError, prefix: str) -> Outcome:
+    from ..documents import to_json
+    from ..problems import problem_document
+
+    return Outcome(0.0, problem=to_json(problem_document(error, instance="", prefix=prefix)))

@@ -1,0 +1,63 @@
+"""From a published result to a document in one of the formats."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+
+from ..documents import from_json
+from ..report.blocks import Document
+from .registry import OPERATIONS
+
+MEDIA_TYPES = {
+    "html": "text/html; charset=utf-8",
+    "pdf": "application/pdf",
+    "xlsx": "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
+    "json": "application/json",
+}
+FORMATS = ("html", "pdf", "xlsx", "json")
+
+
+def render(name: str, body: bytes, form: str) -> tuple[bytes, str]:
+    """A published result as a document: its bytes and their media type; the same body gives the same bytes.
+
+    name: of an operation whose record has chapters.  body: the record's JSON, as recorded.  Raises PdfUnavailable
+    where the libraries for PDF are missing, ValueError for a name or format that does not exist.
+    """
+    if form not in MEDIA_TYPES:
+        raise ValueError(f"no format is called {form!r}; there are {', '.join(MEDIA_TYPES)}")
+    return render_all(name, body, (form,))[0][1], MEDIA_TYPES[form]
+
+
+def render_all(name: str, body: bytes, forms: Sequence[str]) -> list[tuple[str, bytes]]:
+    """A result in several formats, its chapters and pictures made once.  Raises what ``document_of`` raises."""
+    drawn = [form for form in forms if form != "json"]
+    document = document_of(name, body) if drawn else None
+    return [(form, body if document is None or form == "json" else _content(document, body, form)) for form in forms]
+
+
+def _content(document: Document, body: bytes, form: str) -> bytes:
+    if form == "html":
+        from ..report.html import html_report
+
+        return html_report(document, body).encode()
+    if form == "pdf":
+        from ..report.pdf import pdf_report
+
+        return pdf_report(document, body)
+    from ..report.xlsx import xlsx_report
+
+    return xlsx_report(document, body)
+
+
+def document_of(name: str, body: bytes) -> Document:
+    """The chapters of a result.  Raises ValueError for a name without chapters, or a body that is not its record."""
+    make = OPERATIONS[name].document if name in OPERATIONS else None
+    if make is None:
+        raise ValueError(f"no report is made of {name!r}; there are {', '.join(reported())}")
+    return make(from_json(OPERATIONS[name].record(), body), hashlib.sha256(body).hexdigest())
+
+
+def reported() -> tuple[str, ...]:
+    """Names of the records that reports are made of."""
+    return tuple(name for name, operation in OPERATIONS.items() if operation.document is not None)

@@ -1,0 +1,130 @@
+"""The tolerance-budget report of a design: score, check and optimisation in one record."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from ..console.answer import EXIT_CODE
+from ..report.records import Report, Reproduction
+from .operation import Again, Call, Demand, HeldDesign, Operation, Repetition
+from .optimisation import check_freedom
+from .options import CheckOptions, within
+
+if TYPE_CHECKING:
+    from ..report.assembling import ReportOptions as Parts
+    from ..settings import Settings
+    from .sent import Request
+
+Part = Literal["score", "verification", "optimisation"]
+
+
+class ReportOptions(CheckOptions):
+    """What a report holds, and how much is sampled."""
+
+    parts: Annotated[list[Part], Field(min_length=1, max_length=3)] = Field(
+        ["score", "verification"],
+        description="What the record holds, each once; optimisation: before and after.",
+        examples=[["score", "verification"]],
+    )
+
+    @model_validator(mode="after")
+    def _each_once(self) -> ReportOptions:
+        if len(set(self.parts)) < len(self.parts):
+            named = ", ".join(self.parts)
+            raise PydanticCustomError("given-twice", f"each part is named once; got {named}", {"at": "/parts"})
+        return self
+
+    @classmethod
+    def in_query(cls) -> dict[str, str]:
+        return {"part": "parts"}
+
+    @classmethod
+    def query_item(cls, option: str) -> dict[str, Any]:
+        return {"type": "string", "enum": list(get_args(Part))}
+
+    @classmethod
+    def from_query(cls, option: str, given: list[str]) -> Any:
+        return given
+
+
+def _report(call: Call) -> Report:
+    from ..report.assembling import compute_report, options_of
+
+    options = options_of({**call.options.model_dump(), **call.limits})
+    return compute_report(call.design, options, progress=call.progress)
+
+
+def _check(request: Request, settings: Settings) -> None:
+    """What its parts need.  Raises Placed, LimitError."""
+    from tailstack.design import check_design
+
+    within(request.options.trials, "max_trials", settings, "/trials")
+    if "optimisation" in request.options.parts:
+        check_freedom(request, settings, starts_of_design=True)
+    else:
+        request.refuse_by(check_design)
+
+
+def _document(record: Report, sha256: str) -> Any:
+    from ..report.chapters.report import report_document
+
+    return report_document(record, sha256)
+
+
+def demand_of(made: Reproduction, at: str) -> Demand:
+    """How much the reproduction of a report asks for."""
+    from tailstack.verification import MAX_TRIALS
+
+    starts = (made.starts or 0) if "optimisation" in made.parts else 0
+    if "verification" not in made.parts:
+        return Demand(starts=starts, starts_at=f"{at}/starts", checks=0)
+    name = "max_trials" if made.trials is None else "trials"
+    trials = made.trials or made.max_trials or MAX_TRIALS
+    return Demand(trials=trials, trials_at=f"{at}/{name}", starts=starts, starts_at=f"{at}/starts")
+
+
+def parts_of(record: Report) -> Parts:
+    """The options that a report was made with."""
+    from ..report.assembling import options_of
+
+    made = record.reproduction
+    return options_of(
+        {name: getattr(made, name) for name in ("parts", "seed", "trials", "precision", "max_trials", "starts")}
+    )
+
+
+def _repeat(again: Repetition) -> Again:
+    from ..report.assembling import assemble, compute_report
+
+    record: Report = again.record
+    (design,), options = again.designs, parts_of(record)
+    if not again.fast:
+        return Again(compute_report(design, options, progress=again.progress))
+    made = assemble(design, options, record.verification, record.optimisation)
+    return Again(made, "the Monte Carlo check" if record.verification is not None else "")
+
+
+OPERATION = Operation(
+    name="report",
+    verb="report",
+    path="/v1/reports",
+    summary="Tolerance-budget report: HTML, PDF, spreadsheet, JSON",
+    description="Score, check and optimisation of one design in one record, of which /v1/results/{sha256}/report makes "
+    "pages.",
+    title="score, check and optimisation of one design in one record; html, pdf and xlsx are made from it",
+    options=ReportOptions,
+    example={"parts": ["score", "verification"], "precision": 0.01, "seed": 7},
+    record=lambda: Report,
+    run=_report,
+    limits=("max_trials",),
+    units="report",
+    check=_check,
+    document=_document,
+    exit_code=lambda record: EXIT_CODE[record.headline.status],
+    hold=lambda record: (HeldDesign("design", record.design, record.provenance.design_sha256),),
+    demand=lambda record: demand_of(record.reproduction, "/reproduction"),
+    repeat=_repeat,
+)

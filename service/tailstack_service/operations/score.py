@@ -1,0 +1,100 @@
+"""First order: bias, covariance, P95, bounds and budget at every target, and the verdict."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from pydantic import Field
+
+from tailstack.results import Score
+
+from ..console.answer import Answer, exit_code_of
+from ..console.arguments import add_design, coloured_output, read_design
+from .effort import score_reception_seconds
+from .operation import Again, Call, Command, Operation, Repetition
+from .options import Options
+
+
+class ScoreOptions(Options):
+    """How a score is computed."""
+
+    second_order: bool = Field(False, description="Add the second-order correction where it holds.")
+
+
+def _score(call: Call) -> Score:
+    from tailstack.scoring import score
+
+    return score(call.design, second_order=call.options.second_order)
+
+
+def _text(record: Score, colour: bool) -> str:
+    from ..rendering.score import score_text
+
+    return score_text(record, colour=colour)
+
+
+def _document(record: Score, sha256: str) -> Any:
+    from ..report.chapters.score import score_document
+
+    return score_document(record, sha256)
+
+
+def _repeat(again: Repetition) -> Again:
+    from tailstack.scoring import score
+
+    second_order = any(target.second_order.status != "not requested" for target in again.record.targets)
+    return Again(score(again.designs[0], second_order=second_order))
+
+
+# --- the command ------------------------------------------------------------------------------------------
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_design(parser)
+    parser.add_argument("--second-order", action="store_true", help="add the second-order correction where it holds")
+    parser.add_argument("--target", metavar="NAME", help="target whose budget is shown (default: the largest P95)")
+
+
+def _run(arguments: argparse.Namespace) -> Answer:
+    design = read_design(arguments.design)  # bad input is refused before the solver is loaded
+
+    from tailstack.errors import Problem
+
+    from ..documents import to_json
+    from ..problems import RequestError
+    from ..rendering.score import score_text
+
+    record = _score(Call((design,), ScoreOptions(second_order=arguments.second_order)))
+    names = [target.name for target in record.targets]
+    if arguments.target is not None and arguments.target not in names:
+        listed = ", ".join(names[:20])
+        detail = f"no target is called {arguments.target!r}; there are {listed}"
+        raise RequestError(Problem("", "unknown-target", detail))
+    code = exit_code_of(record.verdict)
+    if arguments.json:
+        return Answer(to_json(record), code)
+    return Answer(score_text(record, target=arguments.target, colour=coloured_output()), code)
+
+
+OPERATION = Operation(
+    name="score",
+    verb="score",
+    path="/v1/scores",
+    summary="First-order score: P95 bound, covariance, budget",
+    description="First order through every stage at the biased geometry: bias, covariance and quantiles of the error "
+    "under the declared laws, their bounds, the budget of every tolerance, the validity of the linearisation, the "
+    "verdict. Takes milliseconds; more with second_order.",
+    title="answer of score: first-order bias, covariance, tail, budget",
+    options=ScoreOptions,
+    example={"second_order": True},
+    record=lambda: Score,
+    run=_score,
+    immediate=True,
+    seconds=score_reception_seconds,
+    text=_text,
+    document=_document,
+    exit_code=lambda record: exit_code_of(record.verdict),
+    repeat=_repeat,
+    command=Command(_add_arguments, _run),
+)

@@ -1,0 +1,290 @@
+"""What was sent with a request, read strictly: designs and options, from a JSON body or from YAML and the query.
+
+Every refusal points into what was sent.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from tailstack.design import Design, load_design
+from tailstack.design.reading import DEFAULT_LIMITS, Limits, Source, Vast, decode, read_text, shown
+from tailstack.design.refusals import pointer
+from tailstack.errors import DesignError, LimitError, Problem, TailstackError
+from tailstack.json_text import write_json
+
+from ..problems import MalformedError, RequestError
+from ..settings import Settings, variable
+from .options import Options
+
+if TYPE_CHECKING:
+    from .operation import Operation
+
+O = TypeVar("O", bound=Options)  # noqa: E741
+Query = Sequence[tuple[str, str]]  # names and values, in the order in which they were sent
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """A body that has arrived, not yet looked into, and the query beside it."""
+
+    form: str  # json, yaml, or the media type of something else that the operation takes
+    body: bytes
+    query: Query = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What was sent, read: designs and options."""
+
+    options: Any  # of the operation's class of options
+    designs: tuple[Design, ...]
+    data: dict[str, dict[str, Any]]  # the designs as they were sent, by field
+    prefixes: tuple[str, ...]  # pointers to the designs in what was sent
+    bare_design: bool  # the body was the design itself
+
+    @property
+    def design(self) -> Design:
+        """The only design."""
+        (design,) = self.designs
+        return design
+
+    def refuse_by(self, check: Callable[[Design], object], which: int = 0) -> None:
+        """Let a function check a design; what it refuses is placed in what was sent.  Raises Placed."""
+        try:
+            check(self.designs[which])
+        except TailstackError as error:
+            raise Placed(error, self.prefixes[which]) from None
+
+
+def read_request(sent: Sent, operation: Operation, settings: Settings) -> Request:
+    """Options first, then each design.  Raises MalformedError, RequestError, LimitError, Placed."""
+    fields = tuple(operation.designs)
+    if sent.form != "json":
+        options = _options_of_query(operation.options, sent.query)
+        design = load(sent.body, settings, "")
+        return Request(options, (design,), {fields[0]: design.source.data}, ("",), True)
+    body = parse_json(sent.body, settings)
+    options = read_options(operation.options, body, fields)
+    fields = tuple(field for field in fields if operation.needs_design or field in body)
+    designs = tuple(design_of(body, settings, field) for field in fields)
+    return Request(options, designs, {field: body[field] for field in fields}, tuple(f"/{f}" for f in fields), False)
+
+
+# --- options ----------------------------------------------------------------------------------------------
+
+
+def read_options(kind: type[O], data: dict[str, Any], others: Sequence[str] = ("design",)) -> O:
+    """Options from everything in the body but the design.  Raises RequestError."""
+    try:
+        return kind.model_validate({key: value for key, value in data.items() if key not in others})
+    except ValidationError as error:
+        known = [*others, *kind.model_fields]
+        problems = [_translate(entry, known, kind) for entry in error.errors(include_url=False)]
+        problems.sort(key=lambda problem: problem.code != "unknown-field")  # a slip in a name explains what is missing
+        raise RequestError(problems[:25]) from None
+
+
+_WANTED = {
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "bool_type": "true or false",
+    "string_type": "a text",
+    "list_type": "a list",
+    "model_type": "a mapping of fields",
+}
+
+
+def _translate(entry: Any, known: list[str], options: type[Options]) -> Problem:
+    context, kind, value = entry.get("ctx", {}), entry["type"], entry.get("input")
+    pointer = "".join("/" + str(step).replace("~", "~0").replace("/", "~1") for step in entry["loc"])
+    pointer += str(context.get("at", ""))
+    if kind == "extra_forbidden":
+        name = str(entry["loc"][-1])
+        close = difflib.get_close_matches(name, known, 1)
+        hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(known)}"
+        return Problem(pointer, "unknown-field", f"there is no option {shown(name)[9:]}", hint)
+    if kind == "missing":
+        detail = f"the field {str(entry['loc'][-1])!r} is required"
+        return Problem(pointer.rpartition("/")[0], "missing-field", detail, "GET /openapi.json describes it")
+    if isinstance(value, Vast):
+        return Problem(pointer, "out-of-range", f"the number is too large; got {shown(value)}")
+    if kind in _WANTED:
+        return Problem(pointer, "wrong-type", f"expected {_WANTED[kind]}; got {shown(value)}")
+    if kind == "finite_number":
+        return Problem(pointer, "not-finite", f"must be a finite number; got {shown(value)}")
+    if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
+        word = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below"}.get(kind, "at most")
+        limit = next(context[key] for key in ("gt", "ge", "lt", "le") if key in context)
+        return Problem(pointer, "out-of-range", f"must be {word} {limit}; got {shown(value)}")
+    if kind == "literal_error":
+        return Problem(pointer, "unknown-value", f"must be {context['expected']}; got {shown(value)}")
+    if kind in ("too_short", "too_long"):
+        word, bound = ("at least", "min_length") if kind == "too_short" else ("at most", "max_length")
+        many = f"{context[bound]} {'entry' if context[bound] == 1 else 'entries'}"
+        detail = f"needs {word} {many}; got {shown(value)}"
+        return Problem(pointer, kind.replace("_", "-"), detail, _example(entry["loc"], options))
+    if kind in ("string_too_short", "string_too_long"):
+        bound = "must not be empty" if kind == "string_too_short" else f"has at most {context['max_length']} characters"
+        return Problem(pointer, "bad-text", f"the text {bound}; got {shown(value)}", _example(entry["loc"], options))
+    return Problem(pointer, kind.replace("_", "-"), f"{entry['msg']}")
+
+
+def _example(path: tuple[str | int, ...], options: type[Options]) -> str:
+    """The example of the field at an error's path, to be typed."""
+    name = [step for step in path if isinstance(step, str)][-1]
+    examples = next((found.examples for found in _fields(options, name) if found.examples), None)
+    return f"for example: {write_json({name: examples[0]})}" if examples else ""
+
+
+def _fields(options: type[BaseModel], name: str) -> Iterator[FieldInfo]:
+    """Fields of that name, of the options and of the models inside them."""
+    for own, found in options.model_fields.items():
+        if own == name:
+            yield found
+        for inside in _models(found.annotation):
+            yield from _fields(inside, name)
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _models(part)
+
+
+# --- the query ------------------------------------------------------------------------------------------
+
+
+def refuse_query(query: Query, known: tuple[str, ...], hint: str = "") -> None:
+    """Refuse query parameters that mean nothing here, each with a pointer to its name.  Raises RequestError."""
+    for name, _ in query:
+        if name not in known:
+            hint = hint or (f"known: {', '.join(known)}" if known else "this operation takes none")
+            detail = f"there is no query parameter {name[:60]!r}"
+            raise RequestError(Problem(pointer([name[:60]]), "unknown-parameter", detail, hint))
+
+
+def single(query: Query, name: str) -> str | None:
+    """A query parameter that may be given once.  Raises RequestError."""
+    given = [value for key, value in query if key == name]
+    if len(given) > 1:
+        raise RequestError(Problem(f"/{name}", "bad-parameter", f"{name} is given {len(given)} times; once is enough"))
+    return given[0] if given else None
+
+
+def _options_of_query(kind: type[O], query: Query) -> O:
+    """Options from the query.  Text becomes what the option takes; what cannot is refused like in JSON."""
+    known = {name: name for name in kind.model_fields} | kind.in_query()
+    refuse_query(query, tuple(known))
+    schema = kind.model_json_schema().get("properties", {})
+    data: dict[str, Any] = {}
+    for name, option in known.items():
+        if name in kind.in_query():
+            if given := [value for key, value in query if key == name]:
+                data[option] = kind.from_query(option, given)
+        elif (text := single(query, name)) is not None:
+            data[option] = from_text(text, schema[name])
+    return read_options(kind, data)
+
+
+def from_text(text: str, schema: dict[str, Any]) -> Any:
+    """A query value as the type that the schema asks for, or the text itself, which the check then refuses."""
+    types = {entry.get("type") for entry in (schema, *schema.get("anyOf", ()))}
+    if "boolean" in types and text in ("true", "false"):
+        return text == "true"
+    if "integer" in types and re.fullmatch(r"[+-]?[0-9]{1,19}", text):
+        return int(text)
+    if "number" in types and re.fullmatch(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?", text):
+        return float(text)
+    return text
+
+
+# --- bodies and designs --------------------------------------------------------------------------------
+
+# What the reader of documents says about text that is not a document at all.
+SYNTAX = frozenset(
+    {
+        "bad-key", "duplicate-key", "empty-document", "json-syntax", "not-text", "several-documents", "yaml-alias",
+        "yaml-syntax", "yaml-tag",
+    }
+)  # fmt: skip
+SETTING_OF = {"/views": "max_views", "/fiducials/points": "max_fiducials", "/targets": "max_targets",
+              "/requirements": "max_targets"}  # fmt: skip
+
+
+class Placed(Exception):
+    """A refusal that belongs to the design, with the pointer to the design in the body."""
+
+    def __init__(self, error: TailstackError, prefix: str) -> None:
+        super().__init__(str(error))
+        self.error, self.prefix = error, prefix
+
+
+def limits_of(settings: Settings) -> Limits:
+    """Bounds for the reader of designs."""
+    return replace(
+        DEFAULT_LIMITS,
+        document_bytes=settings.max_body_bytes,
+        fiducials=settings.max_fiducials,
+        targets=settings.max_targets,
+        views=settings.max_views,
+    )
+
+
+def parse_json(body: bytes, settings: Settings) -> dict[str, Any]:
+    """The body as a mapping.  Raises MalformedError, RequestError (not a mapping), LimitError (too deep)."""
+    try:
+        text = decode(body, None)
+        data = read_text(text, limits_of(settings), file=None, directory=None, form="json").data
+    except DesignError as error:
+        raise MalformedError(error.problems) from None
+    if not isinstance(data, dict):
+        hint = 'send {"design": {...}}'
+        raise RequestError(Problem("", "wrong-type", f"the body is a JSON object; got {shown(data)}", hint))
+    return data
+
+
+def design_of(data: dict[str, Any], settings: Settings, field: str = "design") -> Design:
+    """The design in a field of a JSON body.  Raises RequestError, or Placed around DesignError and LimitError."""
+    if field not in data:
+        if str(data.get("schema", "")).startswith("tailstack/design/"):
+            hint = f'the body looks like the design itself: send {{"{field}": <it>}}'
+        else:
+            hint = "the design document goes here: GET /v1/schemas/design"
+        raise RequestError(Problem("", "missing-field", f"the field {field!r} is required", hint))
+    if not isinstance(data[field], dict):
+        problem = Problem("", "wrong-type", f"a design is a mapping of fields; got {shown(data[field])}")
+        raise Placed(DesignError(problem), f"/{field}")
+    return load(Source(data[field], None, None), settings, f"/{field}")  # read strictly with the body: plain data
+
+
+def load(source: Source | bytes, settings: Settings, prefix: str) -> Design:
+    """A checked design from what was read, or from YAML.  Raises Placed, MalformedError for what is not YAML at all."""
+    form: Any = "yaml" if isinstance(source, bytes) else "auto"
+    try:
+        return load_design(source, form=form, allow_files=False, limits=limits_of(settings))
+    except DesignError as error:
+        if isinstance(source, bytes) and all(p.code in SYNTAX and not p.pointer for p in error.problems):
+            raise MalformedError(error.problems) from None
+        raise Placed(error, prefix) from None
+    except LimitError as error:
+        raise Placed(LimitError(_name_settings(error.problems)), prefix) from None
+
+
+def _name_settings(problems: Sequence[Problem]) -> list[Problem]:
+    """Say which setting raises a limit."""
+    return [
+        replace(p, hint=f"send fewer, or start the service with a higher {variable(SETTING_OF[p.pointer])}")
+        if p.code == "too-many" and p.pointer in SETTING_OF
+        else p
+        for p in problems
+    ]

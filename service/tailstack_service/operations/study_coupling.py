@@ -1,0 +1,185 @@
+"""Installation error and noise together against the parts: noise gain, quadrature, plain sum, first order.
+
+As designed and at fixed installation errors of the structure, in both readings: the structure really moves
+(physical), or the coordinates told to the estimator do (the paper's Eq 18).
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field
+
+from tailstack.errors import Problem
+
+from ..console.answer import Answer
+from ..console.arguments import add_design, read_design, whole
+from ..console.files import writable_figure, write_figure
+from ..console.progress import Progress
+from ..problems import RequestError
+from .operation import Call, Command, Operation
+from .options import Options, Seed, within
+
+if TYPE_CHECKING:
+    from tailstack.studies.coupling import StudyCoupling
+
+    from ..settings import Settings
+    from .sent import Request
+
+
+LEAST_TRIALS, MOST_TRIALS = 8192, 2**24  # of each case
+
+
+class InstallationLevel(Options):
+    """A fixed installation error of the structure."""
+
+    rotation_deg: Annotated[float, Field(ge=-45, le=45)] = Field(
+        description="About each axis through the pivot, deg.", examples=[1.0]
+    )
+    translation_mm: Annotated[float, Field(ge=-1000, le=1000)] = Field(
+        description="Along (1, 1, 1), mm.", examples=[2.0]
+    )
+
+
+class CouplingOptions(Options):
+    """Which installation errors, and how each case is sampled."""
+
+    levels: Annotated[list[InstallationLevel], Field(min_length=1, max_length=50)] | None = Field(
+        None,
+        description="Fixed installation errors beside the design as it is; absent: 1 deg, 2 mm and 2 deg, 5 mm.",
+        examples=[[{"rotation_deg": 1.0, "translation_mm": 2.0}]],
+    )
+    error: Literal["tcp", "localisation"] = Field("tcp", description="Which error.")
+    trials: Annotated[int, Field(ge=LEAST_TRIALS, le=MOST_TRIALS)] | None = Field(
+        None, description="Trials of each case; absent: 262144, fewer with many targets."
+    )
+    seed: Seed = Field(0, description="Seed of every case.")
+
+    @classmethod
+    def in_query(cls) -> dict[str, str]:
+        return {"level": "levels"}
+
+    @classmethod
+    def from_query(cls, option: str, given: list[str]) -> Any:
+        try:
+            pairs = [_level(text) for text in given]
+        except argparse.ArgumentTypeError as error:
+            raise RequestError(Problem("/level", "bad-parameter", str(error), "for example level=1,2")) from None
+        return [{"rotation_deg": rotation, "translation_mm": translation} for rotation, translation in pairs]
+
+
+def _study(call: Call) -> StudyCoupling:
+    from tailstack.studies.coupling import LEVELS, study_coupling
+
+    options = call.options
+    pairs = [(level.rotation_deg, level.translation_mm) for level in options.levels or ()]
+    return study_coupling(
+        call.design,
+        trials=options.trials,
+        seed=options.seed,
+        levels=tuple(pairs or LEVELS),
+        error=options.error,
+        threads=call.threads,
+        progress=call.progress,
+    )
+
+
+def _check(request: Request, settings: Settings) -> None:
+    """A design that determines an answer, trials within the limit.  Raises Placed, LimitError."""
+    from tailstack.design import check_design
+
+    within(request.options.trials, "max_trials", settings, "/trials")
+    request.refuse_by(check_design)
+
+
+def _text(record: StudyCoupling, colour: bool) -> str:
+    from ..rendering.studies.coupling import coupling_text
+
+    return coupling_text(record, None)
+
+
+def _record() -> type:
+    from tailstack.studies.coupling import StudyCoupling
+
+    return StudyCoupling
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_design(parser)
+    parser.add_argument(
+        "--trials", type=whole(LEAST_TRIALS, MOST_TRIALS), metavar="N",
+        help="trials of each case (default 262144; fewer with many targets or a model that takes a plain SVD)",
+    )  # fmt: skip
+    parser.add_argument("--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="seed (default %(default)s)")
+    parser.add_argument(
+        "--level", dest="levels", action="append", type=_level, metavar="DEG,MM",
+        help="a fixed installation error: DEG about each axis through the pivot, MM along (1, 1, 1); may be repeated "
+        "(default 1,2 and 2,5)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--error", choices=("tcp", "localisation"), default="tcp", help="which error (default %(default)s)"
+    )
+    parser.add_argument("--target", metavar="NAME", help="target that is shown (default: the largest P95)")
+    parser.add_argument("--figure", metavar="FILE", help="draw the ratios (.svg)")
+    parser.add_argument("--threads", type=whole(1, 1024), metavar="N", help="threads; the answer does not depend on it")
+
+
+def _level(text: str) -> tuple[float, float]:
+    try:
+        rotation, translation = (float(part) for part in text.split(","))
+        if not (abs(rotation) <= 45 and abs(translation) <= 1000):
+            raise ValueError
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"expected DEG,MM like 1,2 (at most 45 deg and 1000 mm); got {text!r}"
+        ) from None
+    return rotation, translation
+
+
+def _run(arguments: argparse.Namespace) -> Answer:
+    design = read_design(arguments.design)
+
+    from tailstack.design import compile_design
+
+    from ..documents import to_json
+    from ..rendering.studies.coupling import coupling_svg, coupling_text
+
+    figure = None if arguments.figure is None else writable_figure(arguments.figure)
+    names = [target.name for target in compile_design(design).targets]
+    if arguments.target is not None and arguments.target not in names:
+        detail = f"no target is called {arguments.target!r}; there are {', '.join(names[:20])}"
+        raise RequestError(Problem("", "unknown-target", detail))
+    pairs = arguments.levels or ()
+    options = CouplingOptions(
+        levels=[InstallationLevel(rotation_deg=rot, translation_mm=move) for rot, move in pairs] or None,
+        error=arguments.error,
+        trials=arguments.trials,
+        seed=arguments.seed,
+    )
+    with Progress("study coupling") as progress:
+        result = _study(Call((design,), options, threads=arguments.threads, progress=progress.report))
+    if figure is not None:
+        write_figure(figure, coupling_svg(result, arguments.target))
+    if arguments.json:
+        return Answer(to_json(result))
+    return Answer(coupling_text(result, arguments.target))
+
+
+OPERATION = Operation(
+    name="study-coupling",
+    verb="study coupling",
+    path="/v1/studies/coupling",
+    summary="Is the tail of installation error and noise together more than the parts?",
+    description="Installation error and noise together against the parts (noise gain, quadrature, plain sum, first "
+    "order), as designed and at fixed installation errors of the structure, in both readings of such an error.",
+    title="answer of study coupling: the tail together against its parts, with intervals",
+    options=CouplingOptions,
+    example={"levels": [{"rotation_deg": 1.0, "translation_mm": 2.0}], "trials": 8192},
+    record=_record,
+    run=_study,
+    check=_check,
+    text=_text,
+    command=Command(_add_arguments, _run),
+    threads=True,
+)

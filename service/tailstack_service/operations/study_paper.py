@@ -1,0 +1,154 @@
+"""The tables S1 to S4 of the paper this chain comes from, printed cells beside ours, and what explains the rest.
+
+Its geometry is not printed: two were fitted to the tables, one in each reading of the installation error, and a C-arm
+stands beside them.  With DESIGN the same sweeps are made in that design's geometry instead: its views without their
+noise, its fiducials, its first target, the pivot of its structure_connector, its transforms and model.
+"""
+
+from __future__ import annotations
+
+import argparse
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+
+from ..console.answer import Answer
+from ..console.arguments import add_form, read_design, whole
+from ..console.files import writable_directory, write_figure
+from ..console.progress import Progress
+from .operation import Call, Command, Operation
+from .options import Options, Seed, within
+
+if TYPE_CHECKING:
+    from tailstack.design import Design
+    from tailstack.studies.paper.reproduce import StudyPaper
+
+    from ..settings import Settings
+    from .sent import Request
+
+
+FITTED = ("fitted_eq18.yaml", "fitted_physical.yaml")
+C_ARM = "c_arm.yaml"
+LEAST_TRIALS, MOST_TRIALS = 40_000, 1_000_000
+
+
+class PaperOptions(Options):
+    """How each of our cells is sampled."""
+
+    trials: Annotated[int, Field(ge=LEAST_TRIALS, le=MOST_TRIALS)] = Field(
+        100_000, description="Trials of each of our cells."
+    )
+    seed: Seed = Field(0, description="Seed of all cells.")
+
+
+def _study(call: Call) -> StudyPaper:
+    from tailstack.design import load_design
+
+    fitted = [load_design(scenario(name)) for name in FITTED]
+    other = call.designs[0] if call.designs else load_design(scenario(C_ARM))
+    return _reproduce(fitted, other, call)
+
+
+def _reproduce(fitted: list[Design], other: Design, call: Call) -> StudyPaper:
+    """fitted: designs whose geometry was fitted to the tables; other: one that is not compared with them."""
+    from tailstack.design import compile_design
+    from tailstack.studies.paper.reproduce import Case, paper_study
+
+    cases = [*(Case(compile_design(design), True) for design in fitted), Case(compile_design(other), False)]
+    options = call.options
+    return paper_study(cases, trials=options.trials, seed=options.seed, threads=call.threads, progress=call.progress)
+
+
+def _check(request: Request, settings: Settings) -> None:
+    """Trials within the limit, a design that determines an answer.  Raises Placed, LimitError."""
+    from tailstack.design import check_design
+
+    within(request.options.trials, "max_trials", settings, "/trials")
+    if request.designs:
+        request.refuse_by(check_design)
+
+
+def _text(record: StudyPaper, colour: bool) -> str:
+    from ..rendering.studies.paper import paper_text
+
+    return paper_text(record)
+
+
+def _record() -> type:
+    from tailstack.studies.paper.reproduce import StudyPaper
+
+    return StudyPaper
+
+
+def scenario(name: str) -> Path:
+    """A design of ``examples/paper``: beside this module in an installed wheel, in ``examples/`` in a checkout."""
+    shipped = Path(str(files("tailstack_service.operations"))) / "scenarios" / name
+    if shipped.is_file():
+        return shipped
+    return Path(__file__).resolve().parents[3] / "examples" / "paper" / name
+
+
+# --- the command ------------------------------------------------------------------------------------------
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "design", metavar="DESIGN", nargs="?", help="another geometry, not compared (default: a C-arm); - reads stdin"
+    )
+    parser.add_argument(
+        "--fitted", metavar="FILE", action="append",
+        help="a design whose geometry was fitted to the tables (default: the two of examples/paper); may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--trials", type=whole(LEAST_TRIALS, MOST_TRIALS), default=100_000, metavar="N",
+        help="trials of each of our cells (default %(default)s)",
+    )  # fmt: skip
+    parser.add_argument("--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="seed (default %(default)s)")
+    add_form(parser, "study-paper", "cell and geometry")
+    parser.add_argument("--figures", metavar="DIR", help="draw sweeps, levels and S3 of every geometry (.svg)")
+    parser.add_argument("--threads", type=whole(1, 1024), metavar="N", help="threads; the answer does not depend on it")
+
+
+def _run(arguments: argparse.Namespace) -> Answer:
+    fitted = [read_design(name) for name in arguments.fitted or map(str, map(scenario, FITTED))]
+    other = read_design(arguments.design or str(scenario(C_ARM)))
+
+    from ..documents import to_json
+    from ..rendering.studies.paper import paper_csv, paper_text
+    from ..rendering.studies.paper_figures import paper_figures
+
+    directory = None if arguments.figures is None else writable_directory(arguments.figures)
+    options = PaperOptions(trials=arguments.trials, seed=arguments.seed)
+    with Progress("study paper") as progress:
+        call = Call((), options, threads=arguments.threads, progress=progress.report)
+        study = _reproduce(fitted, other, call)
+    if directory is not None:
+        for name, svg in paper_figures(study).items():
+            write_figure(directory / name, svg)
+    if arguments.json:
+        return Answer(to_json(study))
+    return Answer(paper_csv(study) if arguments.csv else paper_text(study))
+
+
+OPERATION = Operation(
+    name="study-paper",
+    verb="study paper",
+    path="/v1/studies/paper",
+    summary="The published tables, cell by cell, reproduced and corrected",
+    description="The tables S1 to S4 of the paper that this chain comes from: printed cells beside ours in two "
+    "geometries that were fitted to them, and what explains the rest. With a design the same sweeps are made in its "
+    "geometry too; without one in that of a C-arm.",
+    title="answer of study paper: the published tables cell by cell, printed and reproduced",
+    options=PaperOptions,
+    needs_design=False,
+    yaml=False,
+    example={"trials": LEAST_TRIALS},
+    record=_record,
+    run=_study,
+    check=_check,
+    text=_text,
+    command=Command(_add_arguments, _run),
+    threads=True,
+)

@@ -1,0 +1,360 @@
+"""Many designs from one: numbers of the design varied over a grid, every point scored or checked.
+
+PATH names a number of the document by its fields with dots between them (views.AP.fiducial_noise_px), or by a JSON
+pointer (/views/0/fiducial_noise_px); * stands for every element (views.*.fiducial_noise_px).
+"""
+
+from __future__ import annotations
+
+import argparse
+from math import prod
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from tailstack.errors import LimitError, Problem
+from tailstack.results.sweep import Sweep
+
+from ..console.answer import NOT_EVALUATED, PASS, Answer
+from ..console.arguments import add_design, add_figure, add_form, coloured_output, read_design, whole
+from ..console.files import writable_figure, write_figure
+from ..console.progress import Progress
+from ..problems import RequestError
+from ..settings import variable
+from .operation import Again, Call, Command, Demand, Operation, Repetition
+from .options import Options, Seed, within
+
+if TYPE_CHECKING:
+    from tailstack.design import Design
+
+    from ..settings import Settings
+    from .sent import Request
+
+
+class Axis(Options):
+    """One number of the design and the values that it takes: a list, or a range."""
+
+    pointer: Annotated[str, Field(min_length=1, max_length=500)] = Field(
+        description="JSON pointer to a number of the design as it was sent, /views/0/fiducial_noise_px, or a path of "
+        "names, views.AP.fiducial_noise_px; * stands for every element.",
+        examples=["/views/0/fiducial_noise_px"],
+    )
+    values: Annotated[list[float], Field(min_length=1)] | None = Field(
+        None, description="The values, in this order.", examples=[[0.1, 0.2, 0.4]]
+    )
+    start: float | None = Field(None, description="First value of a range.")
+    stop: float | None = Field(None, description="Last value of a range, included.")
+    count: Annotated[int, Field(ge=1)] | None = Field(None, description="Number of values of a range, evenly spaced.")
+
+    @model_validator(mode="after")
+    def _one_form(self) -> Axis:
+        parts = (self.start, self.stop, self.count)
+        whole_range, any_of_range = None not in parts, parts != (None, None, None)
+        if (self.values is None) != whole_range or (self.values is not None and any_of_range):
+            raise PydanticCustomError("one-of", "give values, or start, stop and count", {"at": ""})
+        return self
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return len(self.values) if self.values is not None else self.count or 0
+
+
+class SweepOptions(Options):
+    """What varies, and what is computed at each point."""
+
+    axes: Annotated[list[Axis], Field(min_length=1, max_length=6)] = Field(
+        description="Numbers of the design that vary; every combination of their values is a point.",
+        examples=[[{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2, 0.4]}]],
+    )
+    check: Literal["score", "verification"] = Field("score", description="What is computed at each point.")
+    trials: Annotated[int, Field(ge=1)] | None = Field(
+        None, description="Trials at each point, for check verification; absent: to the solver's own precision."
+    )
+    seed: Seed = Field(
+        0, description="Seed of every check: one for all points, which then differ by their designs alone."
+    )
+
+    @model_validator(mode="after")
+    def _trials_of_a_check(self) -> SweepOptions:
+        if self.trials is not None and self.check == "score":
+            raise PydanticCustomError("no-trials", "a score draws no trials", {"at": "/trials"})
+        return self
+
+    @classmethod
+    def in_query(cls) -> dict[str, str]:
+        return {"set": "axes"}
+
+    @classmethod
+    def query_item(cls, option: str) -> dict[str, Any]:
+        return {"type": "string", "pattern": "^[^=]+=.+$", "examples": ["views.AP.fiducial_noise_px=0.1:0.5:5"]}
+
+    @classmethod
+    def from_query(cls, option: str, given: list[str]) -> Any:
+        return [_axis_of_query(text) for text in given]
+
+
+def _axis_of_query(text: str) -> dict[str, Any]:
+    """``PATH=START:STOP:COUNT`` or ``PATH=VALUE,VALUE,...`` as in ``tailstack sweep --set``."""
+    pointer, found, said = text.rpartition("=")
+    try:
+        if not found or not pointer:
+            raise ValueError
+        if ":" in said:
+            start, stop, count = said.split(":")
+            return {"pointer": pointer, "start": float(start), "stop": float(stop), "count": int(count)}
+        return {"pointer": pointer, "values": [float(value) for value in said.split(",")]}
+    except ValueError:
+        detail = f"set is PATH=START:STOP:COUNT or PATH=VALUE,VALUE,...; got {text[:80]!r}"
+        hint = "for example set=/views/0/fiducial_noise_px=0.1:0.5:5"
+        raise RequestError(Problem("/set", "bad-parameter", detail, hint)) from None
+
+
+def _sweep(call: Call) -> Sweep:
+    from tailstack.sweeping import read_axes, sweep
+    from tailstack.verification import MAX_TRIALS
+
+    options = call.options
+    axes = read_axes(call.design, _prepare(options, call.design)["axes"])
+    return sweep(
+        call.design,
+        axes,
+        check=options.check,
+        trials=options.trials,
+        seed=options.seed,
+        max_trials=call.limits.get("max_trials", MAX_TRIALS),
+        progress=call.progress,
+    )
+
+
+def _check(request: Request, settings: Settings) -> None:
+    """Every axis leads to a number of the design, and there are not too many points.
+
+    Raises SweepError with the pointer to the axis, LimitError, Placed.
+    """
+    from tailstack.design import check_design
+    from tailstack.sweeping import read_axes
+
+    axes = request.options.axes
+    within(request.options.trials, "max_trials", settings, "/trials")
+    points = prod(axis.size for axis in axes)
+    if points > settings.max_sweep_points:
+        sizes = " × ".join(str(axis.size) for axis in axes)
+        detail = f"at most {settings.max_sweep_points} points are computed in one sweep; got {sizes} = {points}"
+        hint = f"take fewer values, or start the service with a higher {variable('max_sweep_points')}"
+        raise LimitError(Problem("/axes", "too-many", detail, hint))
+    read_axes(request.design, _prepare(request.options, request.design)["axes"])
+    request.refuse_by(check_design)
+
+
+def _prepare(options: SweepOptions, design: Design) -> dict[str, Any]:
+    """The options as a job keeps them: paths with names turned into pointers."""
+    from tailstack.sweeping import axis_pointer
+
+    kept = options.model_dump(exclude_none=True)
+    return {**kept, "axes": [{**axis, "pointer": axis_pointer(design, axis["pointer"])} for axis in kept["axes"]]}
+
+
+def _text(record: Sweep, colour: bool) -> str:
+    from ..rendering.sweep import sweep_text
+
+    return sweep_text(record, colour=colour)
+
+
+def _document(record: Sweep, sha256: str) -> Any:
+    from ..report.chapters.sweep import sweep_document
+
+    return sweep_document(record, sha256)
+
+
+def _exit_code(record: Sweep) -> int:
+    return PASS if any(point.status == "ok" for point in record.points) else NOT_EVALUATED
+
+
+def _demand(record: Sweep) -> Demand:
+    from tailstack.verification import MAX_TRIALS
+
+    points = prod(len(axis.values) for axis in record.axes)
+    if points != len(record.points):
+        detail = f"its axes make {points:,} points, the record holds {len(record.points):,}"
+        raise RequestError(Problem("/points", "bad-result", detail, "give a file that tailstack sweep wrote"))
+    if record.check == "score":
+        return Demand(checks=0)
+    at = "/max_trials" if record.trials is None else "/trials"
+    return Demand(trials=points * (record.trials or record.max_trials or MAX_TRIALS), trials_at=at, checks=points)
+
+
+def _repeat(again: Repetition) -> Again:
+    from tailstack.verification import MAX_TRIALS
+
+    record: Sweep = again.record
+    if again.fast and record.check == "verification":
+        return Again(record, "the Monte Carlo checks of all points")
+    axes = [Axis.model_validate({"pointer": axis.pointer, "values": list(axis.values)}) for axis in record.axes]
+    options = SweepOptions(axes=axes, check=record.check, trials=record.trials, seed=record.seed or 0)
+    limits = {"max_trials": record.max_trials or MAX_TRIALS}
+    return Again(_sweep(Call(again.designs, options, limits, progress=again.progress)))
+
+
+# --- the command ------------------------------------------------------------------------------------------
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_design(parser, json=False)
+    parser.add_argument(
+        "--set", dest="axes", action="append", required=True, type=_axis_of_flag, metavar="PATH=VALUES",
+        help="START:STOP:COUNT evenly spaced values, or V1,V2,... ; once for each axis, the last one runs fastest",
+    )  # fmt: skip
+    add_form(parser, "sweep", "point and target")
+    parser.add_argument(
+        "--check", choices=("score", "verification"), default="score", help="what is computed (default %(default)s)"
+    )
+    parser.add_argument("--trials", type=whole(2), metavar="N", help="trials of each verification")
+    parser.add_argument(
+        "--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="seed of every verification (default 0)"
+    )
+    add_figure(parser, "P95 over one axis of several values, or two")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--engine", choices=("pool", "dask"),
+        help="compute on processes of this host, or on the Dask cluster of the settings; the answer is the same",
+    )  # fmt: skip
+    where.add_argument(
+        "--remote", metavar="URL", help="let a running service compute, with the key in TAILSTACK_KEY; same answer"
+    )
+    parser.add_argument(
+        "--processes", type=whole(1, 256), metavar="N", help="of engine pool (default TAILSTACK_WORKER_PROCESSES)"
+    )
+
+
+def _axis_of_flag(text: str) -> tuple[str, dict[str, Any]]:
+    """The path, and its values as they stand in a request."""
+    path, found, said = text.rpartition("=")
+    try:
+        if not found or not path:
+            raise ValueError
+        if ":" in said:
+            start, stop, count = said.split(":")
+            return path, {"start": float(start), "stop": float(stop), "count": int(count)}
+        return path, {"values": [float(value) for value in said.split(",")]}
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"expected PATH=START:STOP:COUNT or PATH=V1,V2,... like views.*.fiducial_noise_px=0.1:0.5:5; got {text!r}"
+        ) from None
+
+
+def _run(arguments: argparse.Namespace) -> Answer:
+    design = read_design(arguments.design)
+
+    from tailstack.errors import Problem
+    from tailstack.sweeping import axis_pointer, read_axes, sweep
+
+    from ..documents import to_json
+    from ..problems import RequestError
+    from ..rendering.sweep import sweep_csv, sweep_text
+    from ..rendering.sweep_figure import refuse_undrawable, sweep_svg
+
+    if arguments.trials is not None and arguments.check == "score":
+        detail, hint = "a score draws no trials", "add --check verification, or leave --trials out"
+        raise RequestError(Problem("", "no-trials", detail, hint))
+    if arguments.processes is not None and arguments.engine != "pool":
+        raise RequestError(Problem("", "no-pool", "--processes is of --engine pool", "add it, or leave this out"))
+    figure = None if arguments.figure is None else writable_figure(arguments.figure)
+    asked = [{"pointer": axis_pointer(design, path), **values} for path, values in arguments.axes]
+    axes = read_axes(design, asked)
+    if figure is not None:
+        refuse_undrawable([axis.values for axis in axes])
+    with Progress("sweep") as progress:
+        if arguments.engine is None and arguments.remote is None:
+            result = sweep(
+                design, axes, check=arguments.check, trials=arguments.trials, seed=arguments.seed,
+                progress=progress.report,
+            )  # fmt: skip
+        else:
+            result = _elsewhere(arguments, design, asked, progress)
+    if figure is not None:
+        write_figure(figure, sweep_svg(result))
+    code = PASS if any(point.status == "ok" for point in result.points) else NOT_EVALUATED
+    if arguments.json:
+        return Answer(to_json(result), code)
+    if arguments.csv:
+        return Answer(sweep_csv(result), code)
+    return Answer(sweep_text(result, colour=coloured_output()), code)
+
+
+def _elsewhere(arguments: argparse.Namespace, design: Design, asked: list[dict[str, Any]], progress: Progress) -> Sweep:
+    """The record by way of the request that a service takes.  Raises RemoteError, RefusedJob, RequestError."""
+    from contextlib import closing
+
+    from tailstack.design import design_to_data
+
+    alone = design.document.fiducials.file is None
+    trials = {} if arguments.trials is None else {"trials": arguments.trials}
+    request = {
+        "design": design.source.data if alone else design_to_data(design), "axes": asked, "check": arguments.check,
+        "seed": arguments.seed, **trials,
+    }  # fmt: skip
+    if arguments.remote is not None:
+        from ..console.remote import Service, compute_remotely
+
+        service = Service(arguments.remote)
+        return _record(compute_remotely(service, "/v1/sweeps", request, progress), design, asked, service.url)
+
+    from ..console.arguments import read_settings
+    from ..documents import from_json
+    from ..jobs.alone import compute_job
+    from ..jobs.engines.engine import start_engine
+    from ..operations.content import canonical
+
+    with closing(start_engine(read_settings(arguments))) as engine:
+        result: Sweep = from_json(Sweep, compute_job(engine, "sweep", canonical(request), progress.report))
+    return result
+
+
+def _record(body: bytes, design: Design, asked: list[dict[str, Any]], url: str) -> Sweep:
+    """What a service answered, if it is the sweep that was asked for.  Raises RemoteError."""
+    from pydantic import ValidationError
+
+    from tailstack.errors import Problem
+
+    from ..console.remote import RemoteError
+    from ..documents import from_json
+
+    try:
+        result: Sweep = from_json(Sweep, body)
+        pointers = [axis.pointer for axis in result.axes]
+        if result.provenance.design_sha256 != design.sha256 or pointers != [axis["pointer"] for axis in asked]:
+            raise ValueError("it is about another design or other numbers of it")
+    except (ValidationError, ValueError) as error:
+        detail = f"{url} answered with something that is not this sweep: {str(error).splitlines()[0]}"
+        problem = Problem("", "unexpected-answer", detail, "is it a tailstack of this version? tailstack version")
+        raise RemoteError("unexpected-answer", "The service gave an unexpected answer", 0, (problem,)) from None
+    return result
+
+
+OPERATION = Operation(
+    name="sweep",
+    verb="sweep",
+    path="/v1/sweeps",
+    summary="Score or check many designs: numbers of one varied over a grid",
+    description="Scores, or checks, the design at every point of a grid of some of its numbers.",
+    title="answer of sweep: every point of a grid of designs",
+    options=SweepOptions,
+    example={
+        "axes": [{"pointer": "/views/0/fiducial_noise_px", "start": 0.1, "stop": 0.5, "count": 5}],
+        "check": "score",
+    },
+    record=lambda: Sweep,
+    run=_sweep,
+    limits=("max_trials",),
+    units="sweep",
+    check=_check,
+    prepare=_prepare,
+    text=_text,
+    document=_document,
+    exit_code=_exit_code,
+    demand=_demand,
+    repeat=_repeat,
+    command=Command(_add_arguments, _run),
+)

@@ -1,0 +1,1 @@
+"""How jobs are cut into units: pure functions of bytes, without database, clock or network."""

@@ -1,0 +1,104 @@
+"""A comparison as a job: the check of each design is that of its own kind, side by side; then both are compared."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from tailstack.errors import TailstackError
+from tailstack.results import Verification
+
+from ...documents import from_json, to_json
+from ...problems import RequestError
+from ...task import UnitResult
+from ..content import Refused, canonical, design_of
+from ..operation import Done, More, Step
+from . import verification
+
+if TYPE_CHECKING:
+    from tailstack.verification import PreparedDesign, Sampling
+
+SIDES = ("first", "second")
+
+
+def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
+    """More units for the checks that are not finished, or the comparison."""
+    from ...report.assembling import assemble, options_of
+    from ...report.comparing import check_parts, compare, drawn_alike
+
+    try:
+        options = options_of(request)
+        check_parts(options)
+    except RequestError as error:
+        raise Refused(error) from None
+    checks: tuple[Verification | None, Verification | None] = (None, None)
+    if "verification" in options.parts:
+        ready = (_ready(request, "first"), _ready(request, "second"))
+        try:
+            checks = drawn_alike(ready, options, partial(_drawn, request, results))
+        except _NotYet as missing:
+            return missing.step
+    reports = []
+    for side, check in zip(SIDES, checks, strict=True):
+        try:
+            reports.append(assemble(design_of({"design": request[side]}), options, check, None))
+        except TailstackError as error:
+            raise Refused(error, f"/{side}") from None
+    try:
+        return Done(to_json(compare(reports[0], reports[1], options)))
+    except RequestError as error:
+        raise Refused(error, "/second") from None
+
+
+def _ready(request: dict[str, Any], side: str) -> PreparedDesign:
+    try:
+        return verification.prepared(canonical(request[side]))
+    except TailstackError as error:
+        raise Refused(error, f"/{side}") from None
+
+
+class _NotYet(Exception):
+    """Parts of the checks are not recorded."""
+
+    def __init__(self, step: More) -> None:
+        super().__init__(step.note)
+        self.step = step
+
+
+def _drawn(
+    request: dict[str, Any], results: tuple[UnitResult, ...], sampling: Sampling
+) -> tuple[Verification, Verification]:
+    """Both checks from what is recorded.  Raises _NotYet with the parts that both need, Refused."""
+    found: list[Verification] = []
+    specs: list[bytes] = []
+    remaining, notes = 0, []
+    for side in SIDES:
+        own = tuple(
+            UnitResult(result.index, canonical(json.loads(result.spec)["spec"]), result.result)
+            for result in results
+            if json.loads(result.spec)["of"] == side
+        )
+        try:
+            step = verification.plan_check(request[side], sampling, own)
+        except TailstackError as error:
+            raise Refused(error, f"/{side}") from None
+        if isinstance(step, More):
+            specs += [canonical({"of": side, "spec": json.loads(spec)}) for spec in step.specs]
+            remaining += step.remaining
+            notes.append(f"{side}: {step.note}")
+        else:
+            found.append(from_json(Verification, step.answer))
+    if specs:
+        raise _NotYet(More(tuple(specs), remaining, "; ".join(notes)))
+    return found[0], found[1]
+
+
+def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
+    """One unit of one check."""
+    return verification.compute(_check_request(request, spec["of"]), spec["spec"])
+
+
+def _check_request(request: dict[str, Any], side: str) -> dict[str, Any]:
+    own = {name: request[name] for name in ("trials", "precision", "max_trials") if request.get(name) is not None}
+    return {"design": request[side], "seed": request.get("seed", 0), "method": "plain", **own}

@@ -1,0 +1,102 @@
+"""A gate as a job: the checks that it needs are those of the verification kind, one group of units per design."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from typing import Any
+
+from tailstack.design import design_to_data
+from tailstack.errors import Problem, TailstackError
+from tailstack.results import Verification
+from tailstack.verification import Sampling
+
+from ...documents import from_json, to_json
+from ...gate.judge import Gate, ScoredDesign, conclude, limit_design, plan_check, score_designs
+from ...gate.reading import GateError
+from ...gate.request import read_gate
+from ...problems import RequestError
+from ...task import UnitResult
+from ..content import Refused, canonical
+from ..operation import Done, More, Step
+from . import verification
+
+# First byte of a unit's result: a design whose check is refused is a finding of the gate, not the end of the job.
+FOUND, REFUSED = b"+", b"-"
+
+
+def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
+    """More units for the designs whose checks are not finished, or the record."""
+    gate, scored = _scored(canonical(request))
+    checks: list[Verification | TailstackError | None] = []
+    specs: list[bytes] = []
+    remaining = 0
+    for index, computed in enumerate(scored):
+        plan = plan_check(gate, computed)
+        if plan is None:
+            checks.append(None)
+            continue
+        own = [result for result in results if json.loads(result.spec)["of"] == index]
+        refused = next((result for result in own if result.result[:1] == REFUSED), None)
+        if refused is not None:
+            checks.append(_refusal(refused.result[1:]))
+            continue
+        step = _verification(computed, plan, own)
+        if isinstance(step, More):
+            specs += [canonical({"of": index, "spec": json.loads(spec)}) for spec in step.specs]
+            remaining += step.remaining
+        else:
+            checks.append(step)
+    if specs:
+        return More(tuple(specs), remaining, f"Monte Carlo checks of {len(scored)} design(s)")
+    return Done(to_json(conclude(gate, scored, checks)))
+
+
+def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
+    """One unit of one design's check."""
+    gate = _gate(canonical(request))
+    try:
+        asked = {"design": design_to_data(limit_design(gate, spec["of"])), "seed": gate.seed}
+        return FOUND + verification.compute(asked, spec["spec"])
+    except TailstackError as error:
+        problems = [[p.pointer, p.code, p.detail, p.hint] for p in error.problems]
+        return REFUSED + canonical({"slug": error.slug, "exit_code": error.exit_code, "problems": problems})
+
+
+def _verification(
+    computed: ScoredDesign, plan: Sampling, own: list[UnitResult]
+) -> More | Verification | TailstackError:
+    plain = tuple(
+        UnitResult(result.index, canonical(json.loads(result.spec)["spec"]), result.result[1:]) for result in own
+    )
+    assert computed.limited is not None
+    try:
+        step = verification.plan_check(design_to_data(computed.limited), plan, plain)
+    except TailstackError as error:
+        return error
+    if isinstance(step, More):
+        return step
+    found: Verification = from_json(Verification, step.answer)
+    return found
+
+
+@lru_cache(maxsize=2)
+def _gate(request: bytes) -> Gate:
+    """The gate of a request: the units of a job come to a process one after the other."""
+    try:
+        return read_gate(json.loads(request))
+    except (GateError, RequestError) as error:
+        raise Refused(error) from None
+
+
+@lru_cache(maxsize=2)
+def _scored(request: bytes) -> tuple[Gate, tuple[ScoredDesign, ...]]:
+    gate = _gate(request)
+    return gate, score_designs(gate)
+
+
+def _refusal(content: bytes) -> TailstackError:
+    data = json.loads(content)
+    error = TailstackError([Problem(*entry) for entry in data["problems"]])
+    error.slug, error.exit_code = data["slug"], data["exit_code"]
+    return error

@@ -1,0 +1,78 @@
+"""A sweep in units: some points of the grid each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from tailstack.design import compile_design
+from tailstack.montecarlo import compile_plan
+from tailstack.montecarlo.shards import shard_trials
+from tailstack.results.sweep import SweepPoint
+from tailstack.sweeping import Axis, SweepError, assembled, read_axes, size_of, sweep_points
+from tailstack.verification import MAX_TRIALS
+
+from ...documents import to_json
+from ...task import UnitResult
+from ..content import Refused, canonical, design_of, loaded_design
+from ..operation import Done, More, Step
+
+_POINTS = TypeAdapter(tuple[SweepPoint, ...])
+TARGETS_PER_UNIT = 16  # scores of a unit times their targets: some fifty milliseconds
+TYPICAL_TRIALS = 2**17  # of a check to the precision that is asked for by default
+
+
+def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
+    """Every point at once, then the record."""
+    design, axes = design_of(request), _axes(request)
+    held = {unit.spec: unit.result for unit in results}
+    count, total = _points_per_unit(request), size_of(axes)
+    specs = [canonical({"what": "points", "first": first, "count": count}) for first in range(0, total, count)]
+    missing = tuple(spec for spec in specs if spec not in held)
+    if missing:
+        return More(missing, 0, f"{total} points")
+    points = [point for spec in specs for point in _POINTS.validate_json(held[spec])]
+    record = assembled(
+        design, axes, points, check=_check(request), trials=request.get("trials"), seed=request.get("seed", 0),
+        max_trials=request.get("max_trials", MAX_TRIALS),
+    )  # fmt: skip
+    return Done(to_json(record))
+
+
+def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
+    """Some points, as JSON."""
+    points = sweep_points(
+        design_of(request), _axes(request), spec["first"], spec["count"], check=_check(request),
+        trials=request.get("trials"), seed=request.get("seed", 0), max_trials=request.get("max_trials", MAX_TRIALS),
+        threads=1,
+    )  # fmt: skip
+    return canonical(_POINTS.dump_python(points))
+
+
+def _check(request: dict[str, Any]) -> Any:
+    return request.get("check", "score")
+
+
+def _axes(request: dict[str, Any]) -> tuple[Axis, ...]:
+    try:
+        return read_axes(design_of(request), request["axes"])
+    except SweepError as error:
+        raise Refused(error) from None
+
+
+def _points_per_unit(request: dict[str, Any]) -> int:
+    """By the design as it stands: points differ in a few numbers."""
+    per_unit, targets = _size(canonical(request["design"]))
+    if _check(request) == "score":
+        return max(TARGETS_PER_UNIT // targets, 1)
+    return max(per_unit // (request.get("trials") or TYPICAL_TRIALS), 1)
+
+
+@lru_cache(maxsize=4)
+def _size(content: bytes) -> tuple[int, int]:
+    """Trials that make a unit, and targets, of a design.  Raises DesignError, IllPosedError."""
+    system = compile_design(loaded_design(content))
+    return shard_trials(compile_plan(system), 0), len(system.targets)

@@ -1,0 +1,155 @@
+"""A Monte Carlo check in units: shards of trials, installed units, quantiles by radial sampling.
+
+``verify`` is replayed against what is recorded.  It looks at the same trials in the same order however they were cut
+and wherever they were drawn, so the document is that of one undisturbed process, byte for byte.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from tailstack.arrays import Array
+from tailstack.montecarlo import ChainPlan, RadialEstimate, compile_plan
+from tailstack.montecarlo.shards import (
+    Pending,
+    Shard,
+    TrialsTask,
+    compute_shard,
+    shard_from_bytes,
+    shard_to_bytes,
+    shard_trials,
+    spans,
+)
+from tailstack.packed import pack, unpack
+from tailstack.verification import (
+    MAX_TRIALS,
+    SHOTS,
+    UNITS,
+    PreparedDesign,
+    RadialTask,
+    Sampling,
+    UnitsTask,
+    prepare,
+    radial_estimate,
+    unit_quantiles,
+    verify_prepared,
+)
+
+from ...documents import to_json
+from ...task import UnitResult
+from ..content import canonical, loaded_design
+from ..operation import Done, More, Step
+
+
+def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
+    """The check as far as what is recorded carries it."""
+    return plan_check(request["design"], sampling_of(request), results)
+
+
+def plan_check(design: dict[str, Any], sampling: Sampling, results: Iterable[UnitResult]) -> Step:
+    """:func:`plan` for a design document that is sampled in a way of its own."""
+    held = {unit.spec: unit.result for unit in results}
+    sampler = Recorded(held)
+    try:
+        answer = verify_prepared(prepared(canonical(design)), sampling, threads=1, sampler=sampler)
+    except Pending as pending:
+        specs = tuple(dict.fromkeys(pending.wanted))
+        return More(specs, pending.remaining, f"Monte Carlo: {len(held)} parts sampled, {len(specs)} more to come")
+    return Done(to_json(answer))
+
+
+def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
+    """One part: what :class:`Recorded` asked for."""
+    ready, seed = _ready(request), sampling_of(request).seed
+    if spec["what"] == "radial":
+        vertex = tuple((name, end) for name, end in spec["vertex"])
+        wanted = RadialTask(
+            spec["target"], spec["error"], spec["quantile"], seed, vertex, sampling_of(request).precision
+        )
+        return canonical(asdict(radial_estimate(ready, wanted)))
+    plan = _plan(canonical(request["design"]), tuple(spec["vertex"]), SHOTS if spec["what"] == "units" else 1)
+    if spec["what"] == "units":
+        units = UnitsTask(plan, seed, spec["target"], spec["error"], spec["quantile"])
+        return pack({}, [unit_quantiles(units, spec["first"], spec["count"])])
+    return shard_to_bytes(
+        compute_shard(TrialsTask(plan, seed, spec["first"], spec["stop"], spec["quantile"], True, ready.limits))
+    )
+
+
+def sampling_of(request: dict[str, Any]) -> Sampling:
+    """What a request asks for.  Raises DesignError."""
+    return Sampling(
+        request.get("trials"),
+        request.get("precision"),
+        request.get("seed", 0),
+        request.get("method", "plain"),
+        request.get("max_trials", MAX_TRIALS),
+    )
+
+
+def _ready(request: dict[str, Any]) -> PreparedDesign:
+    return prepared(canonical(request["design"]))
+
+
+@lru_cache(maxsize=4)
+def prepared(design: bytes) -> PreparedDesign:
+    """The linear model of a design in canonical JSON; the last few are kept.  Raises DesignError, IllPosedError."""
+    return prepare(loaded_design(design))
+
+
+@lru_cache(maxsize=8)
+def _plan(design: bytes, vertex: tuple[float, ...], shots_per_unit: int) -> ChainPlan:
+    return compile_plan(prepared(design).system, vertex=np.array(vertex), shots_per_unit=shots_per_unit)
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """A sampler of parts that are recorded by their specs; it raises Pending with the specs of those that are not."""
+
+    held: Mapping[bytes, bytes]
+
+    def shards(self, wanted: TrialsTask) -> Iterator[Shard]:
+        size = shard_trials(wanted.plan, wanted.seed)
+        specs = [_trials_spec(wanted, *span) for span in spans(wanted.first, wanted.stop, size)]
+        if not all(spec in self.held for spec in specs):
+            ahead = [_trials_spec(wanted, *span) for pair in wanted.then for span in spans(*pair, size)]
+            end = max([wanted.stop, *(stop for _, stop in wanted.then)])
+            self._pending([*specs, *ahead], sum(1 for _ in spans(end, wanted.expected, size)))
+        return (shard_from_bytes(self.held[spec]) for spec in specs)
+
+    def unit_quantiles(self, wanted: UnitsTask) -> Array:
+        count = max(shard_trials(wanted.plan, wanted.seed) // SHOTS, 1)
+        asked = {
+            "what": "units", "vertex": wanted.plan.vertex, "target": wanted.target, "error": wanted.error,
+            "quantile": wanted.quantile,
+        }  # fmt: skip
+        specs = [canonical({**asked, "first": first, "count": stop - first}) for first, stop in spans(0, UNITS, count)]
+        if not all(spec in self.held for spec in specs):
+            self._pending(specs)
+        return np.concatenate([unpack(self.held[spec])[1][0] for spec in specs])
+
+    def radial(self, wanted: RadialTask) -> RadialEstimate:
+        asked = {
+            "what": "radial", "vertex": wanted.vertex, "target": wanted.target, "error": wanted.error,
+            "quantile": wanted.quantile,
+        }  # fmt: skip
+        spec = canonical(asked)
+        if spec not in self.held:
+            self._pending([spec])
+        said = json.loads(self.held[spec])
+        return RadialEstimate(**{**said, "interval_mm": tuple(said["interval_mm"])})
+
+    def _pending(self, specs: list[bytes], remaining: int = 0) -> None:
+        raise Pending([spec for spec in specs if spec not in self.held], remaining)
+
+
+def _trials_spec(wanted: TrialsTask, first: int, stop: int) -> bytes:
+    return canonical({
+        "what": "trials", "vertex": wanted.plan.vertex, "first": first, "stop": stop, "quantile": wanted.quantile,
+    })  # fmt: skip

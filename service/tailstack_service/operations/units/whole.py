@@ -1,0 +1,33 @@
+"""An operation that is not cut: its job is one unit, which gives the whole record."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tailstack.errors import TailstackError
+
+from ...documents import to_json
+from ...task import UnitResult
+from ..content import Refused, canonical, design_of
+from ..operation import Call, Done, More, Operation, Step
+
+WHOLE = canonical({"what": "whole"})
+
+
+def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
+    """The one unit, then what it gave."""
+    return Done(results[0].result) if results else More((WHOLE,))
+
+
+def compute_whole(operation: Operation, request: dict[str, Any]) -> bytes:
+    """The record of an operation, computed by its ``run``."""
+    designs = tuple(design_of({"design": request[field]}) for field in operation.designs if field in request)
+    options = {name: request[name] for name in operation.options.model_fields if name in request}
+    limits = {name: request[name] for name in operation.limits if name in request}
+    call = Call(designs, operation.options.model_validate(options), limits, threads=1)
+    try:
+        return to_json(operation.run(call))
+    except TailstackError as error:
+        if error.slug == "invalid-request":  # it is about the options, not about the design
+            raise Refused(error) from None
+        raise

@@ -1,0 +1,132 @@
+"""Parse and check designs without computing anything."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from tailstack.results import Finding, ViewCheck
+
+from ..console.answer import PASS, Answer
+from ..console.arguments import read_design
+from ..rendering.tables import visible, wrapped
+from .effort import reading_seconds
+from .operation import Command, Operation
+from .options import Options
+
+if TYPE_CHECKING:
+    from tailstack.design import Design
+
+
+@dataclass(frozen=True, slots=True)
+class Validation:
+    """A design that was read and checked, and what it holds.  Nothing was computed."""
+
+    schema: Literal["tailstack/validation/1"]
+    """Name and version of this record's schema."""
+    valid: Literal[True]
+    """A design that is not valid is answered with a problem document."""
+    name: str
+    """Name of the design."""
+    design_sha256: str
+    """SHA-256 of the design's canonical content, fiducials included."""
+    views: tuple[str, ...]
+    """Names of the views."""
+    fiducials: int
+    """Number of fiducials."""
+    targets: tuple[str, ...]
+    """Names of the targets, regions expanded to their samples."""
+    requirements: tuple[str, ...]
+    """Names of the requirements."""
+    visibility: tuple[ViewCheck, ...]
+    """Visibility of the fiducials in each view."""
+    findings: tuple[Finding, ...]
+    """Remarks about the design's geometry."""
+    notes: tuple[str, ...]
+    """What was done to the design's numbers on the way, and what it leaves open."""
+
+
+def validate(design: Design) -> Validation:
+    """Compile the design, check its geometry and count what it holds.  Raises DesignError and IllPosedError."""
+    from tailstack.design import check_design
+
+    system, findings, visibility = check_design(design)
+    return Validation(
+        schema="tailstack/validation/1",
+        valid=True,
+        name=design.name,
+        design_sha256=design.sha256,
+        views=tuple(view.name for view in system.views),
+        fiducials=len(system.fiducials_mm),
+        targets=tuple(target.name for target in system.targets),
+        requirements=tuple(requirement.name for requirement in system.requirements),
+        visibility=visibility,
+        findings=findings,
+        notes=system.notes,
+    )
+
+
+def validation_text(file: str, validation: Validation) -> str:
+    """``file: valid`` and what the design holds."""
+    counts = (
+        f"{validation.fiducials} fiducials; views {_listed(validation.views)}; targets {_listed(validation.targets)}; "
+        f"requirements {_listed(validation.requirements)}"
+    )
+    lines = [wrapped(f"{file}: valid, {visible(validation.name)}"), wrapped(counts, first="  ", indent="  ")]
+    lines += [wrapped(f.message, first=f"  {f.severity}: ", indent="    ") for f in validation.findings]
+    lines += [
+        wrapped(f"view {view.view}: outside the image: {', '.join(view.outside)}", first="  warning: ", indent="    ")
+        for view in validation.visibility
+        if view.outside
+    ]
+    lines += [wrapped(note, first="  note: ", indent="    ") for note in validation.notes]
+    return "\n".join(lines) + "\n"
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    shown = ", ".join(visible(name) for name in names[:6])
+    return (shown + (f" and {len(names) - 6} more" if len(names) > 6 else "")) or "none"
+
+
+# --- the command ------------------------------------------------------------------------------------------
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("design", metavar="DESIGN", nargs="+", help="design documents, YAML or JSON; - reads stdin")
+
+
+def _run(arguments: argparse.Namespace) -> Answer:
+    from tailstack.errors import TailstackError
+
+    from ..console.refusals import name_stdin, next_command, problem_text
+
+    lines, codes = [], []
+    for name in arguments.design:
+        try:
+            lines.append(validation_text(name, validate(read_design(name))))
+        except TailstackError as error:
+            codes.append(error.exit_code)
+            print("\n".join(problem_text(problem) for problem in name_stdin(error.problems, name)), file=sys.stderr)
+            print(next_command(error.slug, argparse.Namespace(verb="validate", design=name)), file=sys.stderr)
+            lines.append(f"{name}: not valid, {len(error.problems)} problem(s)\n")
+    # a document that breaks the rules (2) counts before one that is ill-posed (3)
+    return Answer("".join(lines), min(codes, default=PASS))
+
+
+OPERATION = Operation(
+    name="validation",
+    verb="validate",
+    path="/v1/validations",
+    summary="Parse and check, no computing",
+    description="Reads the design, checks its geometry and says what it holds. No error is computed. A design that is "
+    "not valid is answered with 422 and everything that is wrong with it.",
+    title="answer of validate over HTTP",
+    options=Options,
+    record=lambda: Validation,
+    run=lambda call: validate(call.design),
+    immediate=True,
+    seconds=reading_seconds,
+    command=Command(_add_arguments, _run),
+)

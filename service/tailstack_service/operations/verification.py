@@ -1,0 +1,115 @@
+"""Monte Carlo on the full nonlinear chain: P95 with its interval, exceedance, and the verdict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import Field
+
+from tailstack.results import Verification
+
+from ..console.answer import exit_code_of
+from .operation import Again, Call, Demand, Operation, Repetition
+from .options import CheckOptions, within
+
+if TYPE_CHECKING:
+    from ..settings import Settings
+    from .sent import Request
+
+
+class VerificationOptions(CheckOptions):
+    """How a check samples, and by which estimator."""
+
+    method: Literal["plain", "radial"] = Field(
+        "plain", description="plain: order statistics of the trials. radial: conditional on the direction."
+    )
+
+
+def _verify(call: Call) -> Verification:
+    from tailstack.verification import MAX_TRIALS, verify
+
+    options = call.options
+    return verify(
+        call.design,
+        trials=options.trials,
+        precision=options.precision,
+        seed=options.seed,
+        method=options.method,
+        max_trials=call.limits.get("max_trials", MAX_TRIALS),
+        threads=call.threads,
+        progress=call.progress,
+    )
+
+
+def _check(request: Request, settings: Settings) -> None:
+    """Geometry that determines an answer, trials within the limit.  Raises Placed, LimitError."""
+    from tailstack.design import check_design
+
+    within(request.options.trials, "max_trials", settings, "/trials")
+    request.refuse_by(check_design)
+
+
+def _text(record: Verification, colour: bool) -> str:
+    from ..rendering.verification import verification_text
+
+    return verification_text(record, colour=colour)
+
+
+def _document(record: Verification, sha256: str) -> Any:
+    from ..report.chapters.verification import verification_document
+
+    return verification_document(record, sha256)
+
+
+def _demand(record: Verification) -> Demand:
+    from tailstack.verification import MAX_TRIALS
+
+    if record.precision_requested is None or record.method == "radial":
+        return Demand(trials=record.trials, trials_at="/trials")
+    return Demand(trials=record.max_trials or MAX_TRIALS, trials_at="/max_trials")
+
+
+def _repeat(again: Repetition) -> Again:
+    from tailstack.scoring import score
+    from tailstack.verification import MAX_TRIALS
+
+    record: Verification = again.record
+    design = again.designs[0]
+    if again.fast:
+        first = {target.name: target.p95_mm for target in score(design).targets}
+        targets = tuple(replace(target, first_order_p95_mm=first[target.name]) for target in record.targets)
+        return Again(replace(record, targets=targets), "the Monte Carlo check")
+    fixed = record.precision_requested is None
+    options = VerificationOptions(
+        trials=record.trials if fixed else None,
+        precision=record.precision_requested,
+        seed=record.seed,
+        method=record.method,
+    )
+    limits = {"max_trials": record.max_trials or MAX_TRIALS}
+    return Again(_verify(Call(again.designs, options, limits, progress=again.progress)))
+
+
+OPERATION = Operation(
+    name="verification",
+    verb="verify",
+    path="/v1/verifications",
+    summary="Check of the full nonlinear chain by Monte Carlo",
+    description="Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance, "
+    "worst trial, the verdict. One seed, one answer.",
+    title="answer of verify: Monte Carlo on the full chain",
+    options=VerificationOptions,
+    example={"precision": 0.01, "seed": 7, "method": "plain"},
+    record=lambda: Verification,
+    run=_verify,
+    limits=("max_trials",),
+    units="verification",
+    check=_check,
+    text=_text,
+    document=_document,
+    exit_code=lambda record: exit_code_of(record.verdict),
+    demand=_demand,
+    repeat=_repeat,
+    threads=True,
+)

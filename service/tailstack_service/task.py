@@ -1,0 +1,43 @@
+"""What is handed to a computing process, and what comes back: frozen records of bytes, the same for every engine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+ADVANCE = b'{"what":"advance"}'  # the unit that looks at what is recorded and says what comes next
+
+
+@dataclass(frozen=True, slots=True)
+class UnitResult:
+    """A recorded unit: its place in the job, what it was asked, what it found."""
+
+    index: int
+    spec: bytes
+    result: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One unit of a job.  Its outcome depends on nothing else."""
+
+    kind: str  # of the job: a key of kinds.KINDS
+    request: bytes  # canonical JSON, as accepted over HTTP
+    spec: bytes  # canonical JSON: ADVANCE, or what an earlier advance asked for
+    results: tuple[UnitResult, ...] = ()  # advance only: every unit recorded so far, in index order
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a task came to.  Exactly one of ``result``, ``more``, ``answer`` and ``problem`` is set."""
+
+    cpu_seconds: float
+    result: bytes | None = None  # of a unit that is not an advance
+    more: tuple[bytes, ...] = ()  # of an advance: specs of units that can run side by side, then it is asked again
+    answer: bytes | None = None  # of an advance: the job's document, JSON as published
+    problem: bytes | None = None  # the request was refused: a ProblemDocument as JSON, without instance
+    remaining: int = 0  # of an advance that wants more: units expected after these, as far as is known
+    note: str = ""  # of an advance: what comes next, in words
+
+
+# States that a job does not leave
+ENDED = frozenset({"succeeded", "failed", "cancelled"})

@@ -1,1 +1,0 @@
-"""What a job computes, cut into units: pure functions of bytes, without database, clock or network."""
