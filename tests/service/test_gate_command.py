@@ -17,9 +17,10 @@ from tailstack import load_design, score
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.cli.report import _stem
-from tailstack_service.documents import from_plain, to_json
+from tailstack_service.documents import to_json
 from tailstack_service.gate.rules import RULES
 from tailstack_service.gate.text import render_markdown
+from tailstack_service.schemas import record_of
 
 PASSING, FAILING = 1.4, 0.3  # limits in mm; P95 of the small design is about 0.65 mm
 
@@ -63,7 +64,7 @@ def test_a_failure_is_told_at_its_line(folder: Path, capsys: pytest.CaptureFixtu
 
 def test_several_formats_in_one_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert gate("bad.yaml", "--format", "json=gate.json", "--format", "markdown=gate.md", "--format", "text") == 1
-    record = from_plain("gate", json.loads((folder / "gate.json").read_text()))
+    record = record_of("gate", json.loads((folder / "gate.json").read_text()))
     assert (record.verdict, record.exit_code) == ("fail", 1)
     assert "| error | p95 | bad.yaml:" in (folder / "gate.md").read_text()
     assert "verdict: fail" in capsys.readouterr().out
@@ -185,7 +186,7 @@ def test_markdown_shows_names_as_they_stand(folder: Path) -> None:
     hostile["requirements"][0]["name"] = "<img src=x>|`a`[l](http://h)@team"
     (folder / "h.yaml").write_text(data_to_yaml(hostile), encoding="utf-8")
     gate("h.yaml", "--format", "json=h.json")
-    text = render_markdown(from_plain("gate", json.loads((folder / "h.json").read_text())))
+    text = render_markdown(record_of("gate", json.loads((folder / "h.json").read_text())))
     row = next(line for line in text.splitlines() if line.startswith("| error | p95"))
     assert "\\<img src=x\\>\\|\\`a\\`\\[l\\]\\(http://h\\)\\@team" in row
 
@@ -208,7 +209,7 @@ def test_sarif_has_every_finding_at_its_place_and_waived_ones_suppressed(folder:
         == 1
     )
     log = json.loads((folder / "g.sarif").read_text(encoding="utf-8"))
-    record = from_plain("gate", json.loads((folder / "g.json").read_text(encoding="utf-8")))
+    record = record_of("gate", json.loads((folder / "g.json").read_text(encoding="utf-8")))
     (run,) = log["runs"]
     rules = run["tool"]["driver"]["rules"]
     assert log["version"] == "2.1.0"

@@ -23,9 +23,10 @@ from service_scenes import Caller, client_with, small_design
 from starlette.requests import Request
 
 from tailstack.errors import LimitError
-from tailstack_service.http import computations, effort, places
+from tailstack_service.http import computations, places
 from tailstack_service.http.places import CallerLeft, Places, Turns
 from tailstack_service.jobs.store import database
+from tailstack_service.operations import effort
 from tailstack_service.operations.sent import Placed, Sent
 from tailstack_service.problems import TransportError
 from tailstack_service.processes.frames import Defect, Died

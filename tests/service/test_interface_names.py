@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tailstack_service.report.audit import audit
-from tailstack_service.report.rendering import rendered
 
 from tailstack.design import load_design
 from tailstack.scoring import score
-from tailstack_service.documents import from_plain, plain, to_json
+from tailstack_service.audit import audit
+from tailstack_service.documents import plain, to_json
+from tailstack_service.operations.rendering import render
 from tailstack_service.rendering.score import score_text
 from tailstack_service.report.assembling import compute_report, options_of
+from tailstack_service.schemas import record_of
 
 ROOT = Path(__file__).resolve().parents[2]
 OLDER = ROOT / "tests" / "data" / "older" / "report.json"  # as written when interfaces were numbered
@@ -75,11 +76,11 @@ def test_a_report_of_an_older_version_is_read_rendered_and_verified() -> None:
     """recorded: the example of POST /v1/reports as a service answered it when budgets said interface_1."""
     content = OLDER.read_bytes()
     assert content.count(b"interface_1") >= 7
-    record = from_plain("report", json.loads(content))
+    record = record_of("report", json.loads(content))
     names = {line.name for target in record.score.targets for line in target.contributors}
     assert {SEAT, FLANGE} < names
     assert not {"interface_1", "interface_2"} & names
-    page = rendered("report", content, "html")[0].decode()
+    page = render("report", content, "html")[0].decode()
     assert page.count("interface_1") == content.count(b"interface_1")  # in the record that the page holds, nowhere else
     assert f"{SEAT} rx" in page
     found = audit(content, "report.json", fast=True)
@@ -93,6 +94,6 @@ def test_worst_ends_of_an_older_version_are_named_as_today() -> None:
     target = json.loads(json.dumps(record["targets"][0]))
     target["name"] = "interface_1"
     target["worst_vertex"] = ["interface_1.rz=+0.1 deg", "interface_2.tx=-0.05 mm"]
-    found = from_plain("score", {**record, "targets": [target]}).targets[0]
+    found = record_of("score", {**record, "targets": [target]}).targets[0]
     assert found.name == "interface_1"
     assert found.worst_vertex == (f"{SEAT}.rz=+0.1 deg", f"{FLANGE}.tx=-0.05 mm")

@@ -170,7 +170,7 @@ def test_a_record_that_asks_for_too_much_is_refused_at_once(
     assert words in said
     assert f"add {enough[0]} {enough[1]}, or --fast" in said
     asked = []
-    monkeypatch.setattr(verify, "_number_questions", lambda *_, **__: asked.append(1))
+    monkeypatch.setattr(verify, "_number_questions", lambda *_, **__: asked.append(1) or [])
     assert main([*command, enough[0], str(enough[1] - 1)]) == 2
     assert not asked
     assert main([*command, enough[0], str(enough[1])]) == 0

@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tailstack_service.rendering.validation import validation_text
 
 from tailstack.design import load_design
 from tailstack.scoring import score
 from tailstack.sweeping import read_axes, sweep
 from tailstack.verification import verify
-from tailstack_service.documents import validate
+from tailstack_service.operations.validation import validate, validation_text
 from tailstack_service.rendering.jobs import jobs_text
 from tailstack_service.rendering.score import score_text
 from tailstack_service.rendering.sweep import sweep_text
