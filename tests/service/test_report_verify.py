@@ -143,7 +143,7 @@ def test_a_record_that_asks_for_too_much_is_refused_at_once(
     made: str, change: dict[str, Any], words: str, enough: list[Any],
 ) -> None:  # fmt: skip
     """The refusal says what to type; typed, it is computed (which is not waited for here)."""
-    from tailstack_service.audit import verify
+    from tailstack_service.audit import verify as audit_module
 
     def update(data: dict[str, Any], new: dict[str, Any]) -> None:
         for key, value in new.items():
@@ -163,14 +163,14 @@ def test_a_record_that_asks_for_too_much_is_refused_at_once(
     (tmp_path / "forged.json").write_bytes(changed(honest, lambda data: update(data, change)))
     (tmp_path / "design.json").write_text(json.dumps(DESIGN), encoding="utf-8")
     given = [str(tmp_path / "design.json")] if made in ("verification", "sweep") else []
-    monkeypatch.setattr(verify, "_number_questions", lambda *_, **__: pytest.fail("computed"))
+    monkeypatch.setattr(audit_module, "_number_questions", lambda *_, **__: pytest.fail("computed"))
     command = ["report", "--verify", str(tmp_path / "forged.json"), *given]
     assert main(command) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert words in said
     assert f"add {enough[0]} {enough[1]}, or --fast" in said
     asked = []
-    monkeypatch.setattr(verify, "_number_questions", lambda *_, **__: asked.append(1) or [])
+    monkeypatch.setattr(audit_module, "_number_questions", lambda *_, **__: asked.append(1) or [])
     assert main([*command, enough[0], str(enough[1] - 1)]) == 2
     assert not asked
     assert main([*command, enough[0], str(enough[1])]) == 0
