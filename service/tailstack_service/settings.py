@@ -109,7 +109,7 @@ class Settings(BaseSettings):
     jwt_audience: str = Field(default="tailstack", description="required `aud` of JSON Web Tokens")
     allowed_hosts: str = Field(default="", description="further names, comma-separated, that the Host header may carry")
 
-    # Log lines
+    # What is told
     log_format: Literal["text", "json"] = Field(default="text", description="log lines on stderr as text or as JSON")
 
     @property

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .arrays import Array
 from .propagation.linear import Block, LinearModel
@@ -20,8 +18,6 @@ from .tail.spectrum import VANISHING_MM
 
 DEGREES = {"rad": ("deg", float(np.rad2deg(1.0)))}
 KIND = {Law.UNIFORM: 0, Law.TRIANGULAR: 1}
-
-Indices = NDArray[np.intp]
 
 
 def unit_for_people(unit: str) -> tuple[str, float]:
@@ -38,32 +34,14 @@ class Part(NamedTuple):
     sources: tuple[int, ...]  # of the block, one a column
 
 
-@lru_cache(maxsize=64)
-def _split(laws: tuple[Law, ...], spread: tuple[bool, ...]) -> tuple[Indices, Indices, tuple[int, ...]]:
-    """Which of these sources are normal, which make a column, and the kinds of those columns."""
-    normal = [j for j, law in enumerate(laws) if law is Law.NORMAL]
-    kept = [j for j, law in enumerate(laws) if law in KIND and spread[j]]
-    found = np.array(normal, dtype=np.intp), np.array(kept, dtype=np.intp)
-    for indices in found:
-        indices.setflags(write=False)
-    return *found, tuple(KIND[laws[j]] for j in kept)
-
-
 def part_of(block: Block, gain: Array) -> Part:
     """The part of one block with its gains (3, n) on the error."""
-    laws = block.laws
-    if laws[0] is Law.NORMAL and laws.count(Law.NORMAL) == len(laws):
-        scaled = gain * block.std
-        return Part(scaled @ scaled.T, None, (), ())
-    normal, kept, kinds = _split(laws, tuple((block.half_width > 0).tolist()))
-    covariance = None
-    if normal.size:
-        scaled = (gain * block.std).take(normal, axis=1)
-        covariance = scaled @ scaled.T
-    columns = gain * block.half_width
-    if kept.size < len(laws):
-        columns = columns.take(kept, axis=1)
-    return Part(covariance, columns, kinds, tuple(kept.tolist()))
+    normal = [j for j, law in enumerate(block.laws) if law is Law.NORMAL]
+    other = [j for j, law in enumerate(block.laws) if law in KIND and block.half_width[j] > 0]
+    scaled = gain[:, normal] * block.std[normal]
+    columns = gain[:, other] * block.half_width[other]
+    kinds = tuple(KIND[block.laws[j]] for j in other)
+    return Part(scaled @ scaled.T if normal else None, columns if other else None, kinds, tuple(other))
 
 
 def parts_of(model: LinearModel, error: str) -> tuple[Part, ...]:

@@ -36,7 +36,7 @@ from tailstack.optimisation.problem import present_choice
 from tailstack.optimisation.regions import Ball, Box, Cylinder, KeepOut
 from tailstack.propagation.linear import linearise
 from tailstack.system import Law
-from tailstack.tail.declared import law_budget, law_quantile
+from tailstack.tail.declared import law_gradient, law_quantile
 
 LEVERS_MM = np.array([165.0, 215.0])
 
@@ -180,18 +180,19 @@ def test_an_optimum_built_from_its_multiplier_is_found(law: Law) -> None:
     )
     model = linearise(system, system.targets[0])
     declared, where = declared_law(model, "tcp", model.bias_mm("tcp"))
-    slopes = law_budget(declared, 0.95, [])
+    total = law_quantile(declared, 0.95)
+    slopes = law_gradient(declared, total, fine=False)
     by_log = []  # dr / dlog h
     for block in model.blocks:
         if block.contributor in ("structure_connector", "connector_flange"):
             for j in range(3):
                 g = block.tcp[:, j] * block.std[j]
                 column = where.get((block.contributor, j))
-                gaussian = 2 * float(g @ slopes.dr_dcovariance @ g)
-                by_log.append(gaussian if column is None else float(slopes.dr_dlog_column[column]))
+                gaussian = 2 * float(g @ slopes.by_covariance @ g)
+                by_log.append(gaussian if column is None else float(slopes.by_log_column[column]))
     multiplier = 1234.5
     weights = multiplier * half * np.array(by_log)
-    problem = replace(problem, system=system, requirements=(requirement(slopes.total.quantile_mm),))
+    problem = replace(problem, system=system, requirements=(requirement(total.quantile_mm),))
     solution = solve_placement(at_prices(problem, *(reciprocal(float(w)) for w in weights)))
     np.testing.assert_allclose(solution.choice.half_width, half, rtol=1e-4)
     (price, *_) = shadow_prices(solution.program, solution.iterate.point, solution.cost)

@@ -29,7 +29,7 @@ from tailstack.propagation.linear import linearise
 from tailstack.propagation.nonlinearity import Nonlinearity
 from tailstack.propagation.validity import validity
 from tailstack.system import Law, Requirement, System
-from tailstack.tail import sampling
+from tailstack.tail import declared, sampling
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DATA = Path(__file__).parents[1] / "data"
@@ -337,16 +337,15 @@ def test_a_known_bias_of_a_hundred_spreads_is_scored_from_a_few_samples(monkeypa
     Work is counted, not timed: points drawn times columns drawn at each.  It was 8e8, two thirds of it for slopes.
     """
     drawn = []
-    make = sampling._sample
+    make = sampling.sample
 
-    def counted(*given):
+    def count(*given):
         made = make(*given)
         drawn.append(made.z.size + made.u.size)
         return made
 
     design = load_design(DATA / "designs" / "large_known_bias.json")
-    sampling.sample_of.cache_clear()
-    monkeypatch.setattr(sampling, "_sample", counted)
+    monkeypatch.setattr(declared, "sample", count)
     found = score(design).targets[0]
     assert sum(drawn) < 5e7
     assert "Monte-Carlo" in found.law

@@ -13,21 +13,20 @@ from scipy import stats
 
 from tailstack.tail.approximation import (
     _moment_at_quantile,
-    pearson_chi2_quantile,
-    pearson_wh_quantile,
-    pearson_wh_quantile_squared,
+    pearson_square,
     square_cumulants,
     unit_quantile_squared,
 )
 
 DATA = Path(__file__).parents[1] / "data/oracles"
+NDTRI_95 = 1.6448536269514722
 CASES = json.loads((DATA / "norm_of_gaussian.json").read_text())["cases"]
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda c: f"b={c['b']}")
 def test_published_values(case):
-    assert pearson_wh_quantile(0.95, case["b"], case["S"]) == pytest.approx(case["pearsonWH"], rel=1e-12)
-    assert pearson_chi2_quantile(0.95, case["b"], case["S"]) == pytest.approx(case["pearson_chi2"], rel=1e-11)
+    square = pearson_square(*square_cumulants(case["b"], case["S"]), NDTRI_95)
+    assert sqrt(square) == pytest.approx(case["pearsonWH"], rel=1e-12)
 
 
 def test_best_known_placement_sits_on_its_limit():
@@ -38,8 +37,8 @@ def test_best_known_placement_sits_on_its_limit():
         lever = np.array(case["target"]) - np.array(case["pivot1"] if j < 3 else case["pivot2"])
         columns.append(radians(tau) * np.cross(np.eye(3)[j % 3], lever))
     total = np.array(case["Sigma_noise"]) + sum(np.outer(g, g) / 3 for g in columns)
-    value = pearson_wh_quantile(0.95, np.zeros(3), total, uniform=columns)
-    assert value == pytest.approx(case["threshold_mm"], rel=1e-6)
+    square = pearson_square(*square_cumulants(np.zeros(3), total, uniform=columns), NDTRI_95)
+    assert sqrt(square) == pytest.approx(case["threshold_mm"], rel=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["uniform", "triangular"])
@@ -68,30 +67,22 @@ def test_cumulants_against_quadrature(kind):
 def test_symbols_and_floats_agree():
     m, S, g = [0.3, -0.2, 0.5], [[0.4, 0.1, 0.0], [0.1, 0.3, 0.05], [0.0, 0.05, 0.2]], [0.5, 0.1, 0.0]
     scale = casadi.SX.sym("scale")
-    expression = pearson_wh_quantile_squared(
-        0.99, square_cumulants([scale * v for v in m], S, [[scale * v for v in g]]), casadi.sqrt
-    )
+
+    def square(t):
+        return pearson_square(*square_cumulants([t * v for v in m], S, [[t * v for v in g]]), 2.3263478740408408)
+
+    expression = square(scale)
     function = casadi.Function("f", [scale], [expression, casadi.gradient(expression, scale)])
     value, slope = (float(v) for v in function(1.3))
-
-    def number(t):
-        return pearson_wh_quantile(0.99, [t * v for v in m], S, [[t * v for v in g]]) ** 2
-
-    assert value == pytest.approx(number(1.3), rel=1e-14)
-    assert slope == pytest.approx((number(1.3 + 1e-5) - number(1.3 - 1e-5)) / 2e-5, rel=1e-8)
+    assert value == pytest.approx(square(1.3), rel=1e-14)
+    assert slope == pytest.approx((square(1.3 + 1e-5) - square(1.3 - 1e-5)) / 2e-5, rel=1e-8)
 
 
 def test_no_skewness_is_the_normal_quantile():
     """|e|^2 nearly normal (bias a thousand times the noise): c1 + z sqrt(2 c2), closed form."""
     c = square_cumulants([1000.0, 0, 0], np.diag([1.0, 0, 0]))
-    assert sqrt(pearson_wh_quantile_squared(0.95, c, sqrt)) == pytest.approx(1000 + 1.6448536269514722, rel=1e-9)
-    normal = pearson_wh_quantile_squared(0.95, (5.0, 2.0, 0.0), sqrt)
-    assert normal == pytest.approx(5 + 2 * 1.6448536269514722, rel=1e-14)
-
-
-def test_no_spread_has_no_chi_square():
-    with pytest.raises(ValueError, match="third cumulant"):
-        pearson_chi2_quantile(0.95, [10.0, 0, 0], np.zeros((3, 3)))
+    assert sqrt(pearson_square(*c, NDTRI_95)) == pytest.approx(1000 + NDTRI_95, rel=1e-9)
+    assert pearson_square(5.0, 2.0, 0.0, NDTRI_95) == pytest.approx(5 + 2 * NDTRI_95, rel=1e-14)
 
 
 UNIFORM = [[0.7, 0.0, 0.1], [0.1, 0.2, 0.3]]
@@ -115,7 +106,7 @@ def test_per_unit_against_nested_draws(scale, p, fraction):
     d = d + (rng.uniform(-0.5, 0.5, (n, 1)) + rng.uniform(-0.5, 0.5, (n, 1))) @ TRIANGULAR
     s = scale * rng.standard_normal((n, 1500, 3)) @ np.linalg.cholesky(SHOT).T
     reference = np.quantile(np.quantile(np.linalg.norm(d[:, None] + s, axis=2), p, axis=1), fraction)
-    square = unit_quantile_squared(p, fraction, MEAN, UNIT + BOUNDED, scale**2 * SHOT, UNIFORM, TRIANGULAR, sqrt)
+    square = unit_quantile_squared(p, fraction, MEAN, UNIT + BOUNDED, scale**2 * SHOT, UNIFORM, TRIANGULAR)
     assert sqrt(square) == pytest.approx(reference, rel=0.03)
 
 
@@ -125,7 +116,7 @@ def test_per_unit_isotropic(shot, fraction):
     """Closed form: R at the quantile of |d|, by chi and noncentral chi-square."""
     distance = stats.chi.ppf(fraction, 3)
     exact = shot * sqrt(stats.ncx2.ppf(0.95, 3, (distance / shot) ** 2))
-    square = unit_quantile_squared(0.95, fraction, [0, 0, 0], np.eye(3), shot**2 * np.eye(3), [], [], sqrt)
+    square = unit_quantile_squared(0.95, fraction, [0, 0, 0], np.eye(3), shot**2 * np.eye(3), [], [])
     assert sqrt(square) == pytest.approx(exact, rel=0.01)
 
 
@@ -133,11 +124,11 @@ def test_per_unit_where_one_part_is_absent():
     """Closed form: without shots the quantile of |d|; without an installation that of |m + shot|; without both |m|."""
     none = np.zeros((3, 3))
     cumulants = square_cumulants(MEAN, UNIT + BOUNDED, UNIFORM, TRIANGULAR)
-    still = unit_quantile_squared(0.95, 0.9, MEAN, UNIT + BOUNDED, none, UNIFORM, TRIANGULAR, sqrt)
-    assert still == pytest.approx(pearson_wh_quantile_squared(0.9, cumulants, sqrt), rel=2e-5)
-    alike = unit_quantile_squared(0.95, 0.9, MEAN, none, SHOT, [], [], sqrt)
-    assert alike == pytest.approx(pearson_wh_quantile_squared(0.95, square_cumulants(MEAN, SHOT), sqrt), rel=2e-5)
-    fixed = unit_quantile_squared(0.95, 0.9, MEAN, none, none, [], [], sqrt)
+    still = unit_quantile_squared(0.95, 0.9, MEAN, UNIT + BOUNDED, none, UNIFORM, TRIANGULAR)
+    assert still == pytest.approx(pearson_square(*cumulants, stats.norm.ppf(0.9)), rel=2e-5)
+    alike = unit_quantile_squared(0.95, 0.9, MEAN, none, SHOT, [], [])
+    assert alike == pytest.approx(pearson_square(*square_cumulants(MEAN, SHOT), NDTRI_95), rel=2e-5)
+    fixed = unit_quantile_squared(0.95, 0.9, MEAN, none, none, [], [])
     assert fixed == pytest.approx(MEAN @ MEAN, rel=2e-5)
 
 
@@ -149,9 +140,9 @@ def test_moment_at_quantile_is_the_derivative_by_the_metric():
     def quantile(metric):
         root = np.linalg.cholesky(metric).T
         moved = square_cumulants(root @ MEAN, root @ total @ root.T, UNIFORM @ root.T, TRIANGULAR @ root.T)
-        return pearson_wh_quantile_squared(0.9, moved, sqrt)
+        return pearson_square(*moved, stats.norm.ppf(0.9))
 
-    moment = np.array(_moment_at_quantile(0.9, base, MEAN, total, UNIFORM, TRIANGULAR, sqrt))
+    moment = np.array(_moment_at_quantile(0.9, base, MEAN, total, UNIFORM, TRIANGULAR))
     assert np.allclose(moment, moment.T, rtol=1e-14)
     assert np.trace(base @ moment) == pytest.approx(quantile(base), rel=1e-12)
     for i in range(3):
@@ -166,7 +157,7 @@ def test_per_unit_grows_with_probabilities_and_covariances():
     def square(p=0.95, fraction=0.9, unit=1.0, shot=1.0):
         bounded = [[unit * x for x in g] for g in UNIFORM]
         covariance = unit**2 * (UNIT + np.array(UNIFORM).T @ np.array(UNIFORM) / 3)
-        return unit_quantile_squared(p, fraction, unit * MEAN, covariance, shot**2 * SHOT, bounded, [], sqrt)
+        return unit_quantile_squared(p, fraction, unit * MEAN, covariance, shot**2 * SHOT, bounded, [])
 
     for name, values in {"p": (0.6, 0.9, 0.95, 0.99), "fraction": (0.6, 0.9, 0.95, 0.99)}.items():
         assert (np.diff([square(**{name: x}) for x in values]) > 0).all()
@@ -177,10 +168,10 @@ def test_per_unit_grows_with_probabilities_and_covariances():
 
 def test_per_unit_does_not_see_the_frame():
     turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
-    here = unit_quantile_squared(0.95, 0.9, MEAN, UNIT + BOUNDED, SHOT, UNIFORM, TRIANGULAR, sqrt)
+    here = unit_quantile_squared(0.95, 0.9, MEAN, UNIT + BOUNDED, SHOT, UNIFORM, TRIANGULAR)
     there = unit_quantile_squared(
         0.95, 0.9, turn @ MEAN, turn @ (UNIT + BOUNDED) @ turn.T, turn @ SHOT @ turn.T,
-        UNIFORM @ turn.T, TRIANGULAR @ turn.T, sqrt,
+        UNIFORM @ turn.T, TRIANGULAR @ turn.T,
     )  # fmt: skip
     assert there == pytest.approx(here, rel=1e-12)
 
@@ -192,23 +183,23 @@ def test_per_unit_symbols_and_floats_agree(unit, shot, with_mean):
     u, s = casadi.SX.sym("u"), casadi.SX.sym("s")
     mean = MEAN if with_mean else np.zeros(3)
 
-    def square(u, s, root):
+    def square(u, s):
         def scaled(by, rows):
             return [[by * float(x) for x in row] for row in rows]
 
         covariance, shots = scaled(u * u, UNIT + BOUNDED), scaled(s * s, SHOT)
         columns = scaled(u, UNIFORM), scaled(u, TRIANGULAR)
-        return unit_quantile_squared(0.95, 0.9, [float(m) for m in mean], covariance, shots, *columns, root)
+        return unit_quantile_squared(0.95, 0.9, [float(m) for m in mean], covariance, shots, *columns)
 
-    expression = square(u, s, casadi.sqrt)
+    expression = square(u, s)
     function = casadi.Function("f", [u, s], [expression, *(casadi.gradient(expression, x) for x in (u, s))])
     value, by_unit, by_shot = (float(v) for v in function(unit, shot))
-    assert value == pytest.approx(square(unit, shot, sqrt), rel=1e-13)
+    assert value == pytest.approx(square(unit, shot), rel=1e-13)
     assert np.isfinite([by_unit, by_shot]).all()
     step = 1e-5
     if unit:
-        slope = (square(unit + step, shot, sqrt) - square(unit - step, shot, sqrt)) / (2 * step)
+        slope = (square(unit + step, shot) - square(unit - step, shot)) / (2 * step)
         assert by_unit == pytest.approx(slope, rel=1e-7)
     if shot:
-        slope = (square(unit, shot + step, sqrt) - square(unit, shot - step, sqrt)) / (2 * step)
+        slope = (square(unit, shot + step) - square(unit, shot - step)) / (2 * step)
         assert by_shot == pytest.approx(slope, rel=1e-7)

@@ -66,13 +66,13 @@ def test_twelve_bounded_components_beside_a_large_bias_cost_a_few_samples(monkey
     """closed form: nearly isotropic, the worst vertex is the one farthest away.  Work is counted, not timed: points at
     which a probability was asked for; it was 4,096 vertices times 65,536 points."""
     asked = []
-    ask = sampling.conditional_probability
+    ask = sampling.Sample.shares
 
-    def counted(r, x, h, blocks):
-        asked.append(len(x))
-        return ask(r, x, h, blocks)
+    def count(points, r):
+        asked.append(len(points.x))
+        return ask(points, r)
 
-    monkeypatch.setattr(sampling, "conditional_probability", counted)
+    monkeypatch.setattr(sampling.Sample, "shares", count)
     rng = np.random.default_rng(8)
     law = linear_law([14.0, -9.0, 3.0], np.eye(3) * 0.02**2, np.eye(3) * 0.05)
     bounded = rng.normal(size=(3, 12)) * 0.1

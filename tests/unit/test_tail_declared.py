@@ -21,26 +21,22 @@ from tailstack.tail.declared import (
     SAMPLED_METHOD,
     TRIANGULAR,
     UNIFORM,
+    LawGradient,
+    accuracy_for,
     lattice_columns,
-    law_budget,
     law_cdf,
-    law_cvar,
     law_exceedance,
-    law_mean_norm,
+    law_gradient,
     law_quantile,
-    law_quantile_coarse,
+    law_summary,
     linear_law,
-    norm_quantile_of,
-    on_principal_axes,
-    probability,
     solve_on_axes,
     start_radius,
-    tolerances,
     without_group,
 )
 from tailstack.tail.gaussian import norm_cdf, norm_mean, norm_quantile, norm_quantile_gradient
-from tailstack.tail.lattice import ball_integral, ball_sums, bessel_j01
-from tailstack.tail.sampling import _edgeworth_weights, sample, sobol_points
+from tailstack.tail.lattice import Accuracy, ball_integral, ball_sums, bessel_j01, build, on_principal_axes
+from tailstack.tail.sampling import edgeworth_weights, sample, sobol_points
 
 CUBE = json.loads((Path(__file__).parents[1] / "data/oracles/noise_covariance_cube8.json").read_text())
 NOISE = np.array(CUBE["Sigma"])
@@ -71,7 +67,7 @@ def test_reference_of_the_method_notes():
     assert result.quantile_mm == pytest.approx(1.2889, abs=4e-4)
     assert result.method == LATTICE_METHOD
     assert result.error_mm < 1e-6
-    assert norm_quantile_of(REFERENCE, 0.95) == pytest.approx(1.3574, abs=5e-5)
+    assert norm_quantile(0.95, REFERENCE.mean, REFERENCE.total_covariance) == pytest.approx(1.3574, abs=5e-5)
 
 
 def test_reference_by_sampling():
@@ -105,7 +101,7 @@ def test_two_sources_in_a_plane_by_quadrature():
         result = law_quantile(law, p)
         assert result.method == LATTICE_METHOD
         assert average(law, lambda m, r=result.quantile_mm: norm_cdf(r, m, S)) == pytest.approx(p, abs=2e-8)
-    assert law_mean_norm(law) == pytest.approx(average(law, lambda m: norm_mean(m, S)), rel=1e-6)
+    assert law_summary(law, 0.95).mean_norm_mm == pytest.approx(average(law, lambda m: norm_mean(m, S)), rel=1e-6)
 
 
 def test_sum_of_uniforms_on_a_line_is_irwin_hall():
@@ -128,8 +124,8 @@ def test_sum_of_uniforms_on_a_line_is_irwin_hall():
 def test_lattice_without_sources_is_the_gaussian_law(r):
     """The lattice and the contour integral share no code."""
     m, S = np.array([0.3, -0.2, 0.5]), SKEWED.covariance
-    found, value, density = probability(r, m, S, np.empty((0, 3)), 1e-13, 1e-13, 1e7)
-    assert found
+    lattice = build(r, on_principal_axes(m, S, np.empty((0, 3))), Accuracy(1e-13, 1e-13, 1e7), False)
+    value, density, _ = ball_sums(r, 3, lattice.t, lattice.w)
     assert value == pytest.approx(norm_cdf(r, m, S), abs=1e-11)
     assert density > 0
 
@@ -139,8 +135,8 @@ def test_one_uniform_source():
     law = linear_law(np.zeros(3), np.zeros((3, 3)), np.array([[0.0], [2.0], [0.0]]))
     result = law_quantile(law, 0.9)
     assert abs(result.quantile_mm - 1.8) <= result.error_mm < 1e-5
-    assert law_mean_norm(law) == pytest.approx(1.0, abs=1e-6)
-    assert law_cvar(law, 0.9) == pytest.approx(1.9, abs=1e-6)
+    assert law_summary(law, 0.95).mean_norm_mm == pytest.approx(1.0, abs=1e-6)
+    assert law_summary(law, 0.9).cvar_mm == pytest.approx(1.9, abs=1e-6)
 
 
 def test_square_without_noise_by_sampling():
@@ -169,7 +165,7 @@ def test_coarse_errors_are_stated_honestly():
     for _ in range(12):
         factor = rng.normal(size=(3, 3)) * rng.uniform(0.05, 0.3)
         law = linear_law(rng.normal(size=3) * 0.5, factor @ factor.T + 1e-3 * np.eye(3), rng.normal(size=(3, 7)) * 0.4)
-        coarse, fine = law_quantile_coarse(law, 0.95), law_quantile(law, 0.95)
+        coarse, fine = law_quantile(law, 0.95, fine=False), law_quantile(law, 0.95)
         assert abs(coarse.quantile_mm - fine.quantile_mm) <= 4 * coarse.error_mm
         assert fine.error_mm < 1e-5
 
@@ -184,17 +180,23 @@ def test_no_sources_is_the_exact_gaussian():
 
 
 def test_mean_and_tail_mean_by_quadrature():
-    assert law_mean_norm(SKEWED) == pytest.approx(average(SKEWED, lambda m: norm_mean(m, SKEWED.covariance)), rel=1e-6)
+    assert law_summary(SKEWED, 0.95).mean_norm_mm == pytest.approx(
+        average(SKEWED, lambda m: norm_mean(m, SKEWED.covariance)), rel=1e-6
+    )
     r = law_quantile(SKEWED, 0.95).quantile_mm
     area = quad(
         lambda x: average(SKEWED, lambda m: 1 - norm_cdf(x, m, SKEWED.covariance)), r, r + 2.5, epsabs=1e-8, limit=3
     )[0]
-    assert law_cvar(SKEWED, 0.95) == pytest.approx(r + area / 0.05, rel=2e-6)
+    assert law_summary(SKEWED, 0.95).cvar_mm == pytest.approx(r + area / 0.05, rel=2e-6)
+
+
+def slopes_of(law, p) -> LawGradient:
+    return law_gradient(law, law_quantile(law, p), fine=False)
 
 
 def test_derivatives_against_finite_differences():
     p, step = 0.95, 1e-3
-    budget = law_budget(SKEWED, p, [])
+    slopes = slopes_of(SKEWED, p)
 
     def quantile(mean=None, covariance=None, columns=None):
         return law_quantile(
@@ -210,32 +212,32 @@ def test_derivatives_against_finite_differences():
     for a in range(3):
         shift = step * np.eye(3)[a]
         slope = (quantile(mean=SKEWED.mean + shift) - quantile(mean=SKEWED.mean - shift)) / (2 * step)
-        assert budget.dr_dmean[a] == pytest.approx(slope, abs=2e-4)
+        assert slopes.by_mean[a] == pytest.approx(slope, abs=2e-4)
     for j in range(2):
         grow = np.ones(2)
         grow[j] += step
         shrink = 2 - grow
         slope = (quantile(columns=SKEWED.columns * grow) - quantile(columns=SKEWED.columns * shrink)) / (2 * step)
-        assert budget.dr_dlog_column[j] == pytest.approx(slope, abs=2e-4)
+        assert slopes.by_log_column[j] == pytest.approx(slope, abs=2e-4)
     block = np.diag([0.01, 0.02, 0.005])
     up, down = SKEWED.covariance + step * block, SKEWED.covariance - step * block
     slope = (quantile(covariance=up) - quantile(covariance=down)) / (2 * step)
-    assert (budget.dr_dcovariance * block).sum() == pytest.approx(slope, abs=2e-5)
+    assert (slopes.by_covariance * block).sum() == pytest.approx(slope, abs=2e-5)
 
 
 def test_derivatives_of_laws_off_the_lattice():
     """A plane (differences of exact sums) and a Gaussian (contour)."""
     S = np.diag([0.0, 0.09, 0.04])
     flat = linear_law([0, 0.2, 0.1], S, np.array([[0.0], [0.5], [0.3]]))
-    budget = law_budget(flat, 0.9, [])
+    slopes = slopes_of(flat, 0.9)
     longer = linear_law(flat.mean, S, flat.columns * 1.002)
     shorter = linear_law(flat.mean, S, flat.columns * 0.998)
     slope = (law_quantile(longer, 0.9).quantile_mm - law_quantile(shorter, 0.9).quantile_mm) / 0.004
-    assert budget.dr_dlog_column[0] == pytest.approx(slope, rel=1e-3)
-    plain = law_budget(linear_law([0.1, 0, 0], NOISE), 0.9, [])
+    assert slopes.by_log_column[0] == pytest.approx(slope, rel=1e-3)
+    plain = slopes_of(linear_law([0.1, 0, 0], NOISE), 0.9)
     _, dm, ds = norm_quantile_gradient(0.9, [0.1, 0, 0], NOISE)
-    np.testing.assert_allclose(plain.dr_dmean, dm)
-    np.testing.assert_allclose(plain.dr_dcovariance, ds)
+    np.testing.assert_allclose(plain.by_mean, dm)
+    np.testing.assert_allclose(plain.by_covariance, ds)
 
 
 FAR = linear_law(
@@ -254,20 +256,20 @@ def test_a_mean_far_beyond_the_spread_has_the_quantile_and_slopes_of_quadrature(
     def quantile(law):
         return brentq(lambda r: average(law, lambda m: norm_cdf(r, m, law.covariance)) - p, 15, 25, xtol=1e-10)
 
-    budget = law_budget(FAR, p, [])
-    assert budget.total.method == SAMPLED_METHOD
-    assert budget.total.error_mm < 1e-4
-    assert abs(budget.total.quantile_mm - quantile(FAR)) < 4 * budget.total.error_mm
+    total, slopes = law_quantile(FAR, p), slopes_of(FAR, p)
+    assert total.method == SAMPLED_METHOD
+    assert total.error_mm < 1e-4
+    assert abs(total.quantile_mm - quantile(FAR)) < 4 * total.error_mm
     up, down = (quantile(replace(FAR, mean=FAR.mean + s * step * np.eye(3)[0])) for s in (1, -1))
-    assert budget.dr_dmean[0] == pytest.approx((up - down) / (2 * step), rel=2e-3)
+    assert slopes.by_mean[0] == pytest.approx((up - down) / (2 * step), rel=2e-3)
     for j in range(2):
         grow = np.ones(2)
         grow[j] += step
         up, down = (quantile(replace(FAR, columns=FAR.columns * by)) for by in (grow, 2 - grow))
-        assert budget.dr_dlog_column[j] == pytest.approx((up - down) / (2 * step), abs=0.02 * 0.1)
+        assert slopes.by_log_column[j] == pytest.approx((up - down) / (2 * step), abs=0.02 * 0.1)
     block = np.diag([0.01, 0.005, 0.002])
     up, down = (quantile(replace(FAR, covariance=FAR.covariance + s * step * block)) for s in (1, -1))
-    assert (budget.dr_dcovariance * block).sum() == pytest.approx((up - down) / (2 * step), rel=0.02)
+    assert (slopes.by_covariance * block).sum() == pytest.approx((up - down) / (2 * step), rel=0.02)
 
 
 @pytest.mark.parametrize("spreads", [0, 2, 8, 20, 50, 200, 1000])
@@ -277,13 +279,12 @@ def test_a_bias_of_any_size_costs_a_bounded_number_of_points(spreads):
     independent: the quantile by quadrature over both sources, 4 of the errors stated."""
     law = replace(FAR, mean=FAR.mean / np.linalg.norm(FAR.mean) * spreads * 0.15)
     h, _ = lattice_columns(law)
-    sigma, m, S, turned, _, dimension, _ = on_principal_axes(law.mean, law.covariance, h)
-    start = start_radius(0.95, sigma, m, turned)
-    found, *_, t, _ = solve_on_axes(0.95, start, sigma, m, S, turned, dimension, *tolerances(0.95, True))
-    assert t.size < 2e6
-    assert found or sample(law.mean, law.covariance, h, 12).x.shape[0] == 65_536
+    frame = on_principal_axes(law.mean, law.covariance, h)
+    solution = solve_on_axes(0.95, start_radius(0.95, frame), frame, accuracy_for(0.95, True))
+    assert solution.lattice.t.size < 2e6
+    assert solution.found or sample(law.mean, law.covariance, h, 12).x.shape[0] == 65_536
     quantile = law_quantile(law, 0.95)
-    assert (quantile.method == LATTICE_METHOD) == found
+    assert (quantile.method == LATTICE_METHOD) == solution.found
     expected = brentq(
         lambda r: average(law, lambda m: norm_cdf(r, m, law.covariance)) - 0.95, quantile.quantile_mm - 0.1,
         quantile.quantile_mm + 0.1, xtol=1e-9,
@@ -320,7 +321,7 @@ def test_taking_columns_as_gaussian_is_measured_as_it_is():
     folded[0, 0] = 8 * 0.01 / 3
     root = np.array([[sqrt(folded[0, 0]), 0, 0]])
     z, _ = sobol_points(1, 0, 10)
-    weights = _edgeworth_weights(z, root, x)
+    weights = edgeworth_weights(z, root, x)
     inside = 5 + z @ root[0, :1] <= r
     t = (r - 5) / 0.2 + 4  # a sum of eight uniforms on (0, 1)
     exact = sum((-1) ** k * comb(8, k) * (t - k) ** 8 for k in range(int(t) + 1)) / factorial(8)
@@ -328,22 +329,21 @@ def test_taking_columns_as_gaussian_is_measured_as_it_is():
     assert float((inside * weights).mean()) == pytest.approx(exact - gaussian, rel=0.1)
 
 
-def test_budget_removes_what_it_says():
+def test_without_a_group_is_the_law_of_the_others():
     everything = range(12)
     groups = [(None, [0]), (None, range(6)), (NOISE / 4, []), (NOISE / 2, [1, 7])]
     groups += [(None, everything), (NOISE, everything)]
-    budget = law_budget(REFERENCE, 0.95, groups)
-    assert budget.total == law_quantile(REFERENCE, 0.95)
+    without = [law_quantile(without_group(REFERENCE, *group), 0.95, fine=False) for group in groups]
     expected = [
         law_quantile(linear_law(np.zeros(3), NOISE, np.delete(COLUMNS, 0, axis=1)), 0.95),
         law_quantile(linear_law(np.zeros(3), NOISE, COLUMNS[:, 6:]), 0.95),
         law_quantile(linear_law(np.zeros(3), NOISE * 0.75, COLUMNS), 0.95),
         law_quantile(linear_law(np.zeros(3), NOISE * 0.5, np.delete(COLUMNS, [1, 7], axis=1)), 0.95),
     ]
-    for got, want in zip(budget.without, expected, strict=False):
+    for got, want in zip(without, expected, strict=False):
         assert got.quantile_mm == pytest.approx(want.quantile_mm, rel=1e-4)
-    assert budget.without[4].quantile_mm == pytest.approx(CUBE["P95"], rel=1e-9)
-    assert budget.without[5].quantile_mm == 0.0
+    assert without[4].quantile_mm == pytest.approx(CUBE["P95"], rel=1e-9)
+    assert without[5].quantile_mm == 0.0
 
 
 def test_block_that_is_not_there_is_refused():

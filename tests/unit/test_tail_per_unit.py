@@ -8,18 +8,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tailstack.tail.declared import LinearLaw, law_quantile, linear_law, norm_quantile_of
+from tailstack.tail import per_unit
+from tailstack.tail.declared import UNIFORM, LinearLaw, law_cdf, law_quantile, linear_law
 from tailstack.tail.gaussian import norm_quantile
 from tailstack.tail.per_unit import (
-    LEAST,
-    MOST,
-    SIZE,
-    _sample,
-    distance_like,
-    percentile,
-    principal_root,
-    share_within,
-    solved_between,
+    distance_at,
+    draw_units,
+    solve_between,
+    unit_coordinates,
     unit_quantile,
     unit_risk,
 )
@@ -68,7 +64,6 @@ def test_brute_force(p, gaussian):
     spread = sqrt(0.05 * 0.95 / n) * slope
     assert abs(risk.value_mm - percentile) < 4 * sqrt(risk.standard_error_mm**2 + spread**2)
     assert 0 < risk.yield_standard_error < 0.01
-    assert 0 < risk.solved < 2 * risk.units
 
 
 def test_shots_with_bounded_columns():
@@ -89,7 +84,7 @@ def test_shot_correction_is_right_for_a_single_unit():
     at = linear_law([1, 0, 0], NOISE / 10, np.diag([0.3, 0.05, 0.1]))
     risk = unit_risk(linear_law([1, 0, 0], FIXED), shot, 0.95, 1.2)
     assert risk.value_mm == pytest.approx(law_quantile(at, 0.95).quantile_mm, rel=2e-4)
-    assert abs(norm_quantile_of(at, 0.95) / risk.value_mm - 1) > 2e-3
+    assert abs(norm_quantile(0.95, at.mean, at.total_covariance) / risk.value_mm - 1) > 2e-3
 
 
 def test_all_units_alike():
@@ -235,9 +230,9 @@ def test_units_left_unsolved_are_told_apart_rightly(p):
     """Independent: every unit of the same sample solved; the same share below the limit, the same value at the rank."""
     unit = linear_law([0.2, 0, 0.1], NOISE * 20, COLUMNS)
     shot = linear_law(np.zeros(3), NOISE * 8)
-    units = _sample(unit, principal_root(unit.covariance), shot, p, 7)
-    own = np.array([norm_quantile(p, offset, shot.covariance) for offset in units.d.T])
-    low, high = units.table[LEAST], units.table[MOST]
+    units = draw_units(unit, shot, p, 7)
+    own = np.array([norm_quantile(p, offset, shot.covariance) for offset in units.offset])
+    low, high = units.low, units.high
     assert (low <= own * (1 + 1e-12)).all()
     assert (own <= high * (1 + 1e-12)).all()
     limit = float(np.quantile(own, 0.7))
@@ -246,46 +241,48 @@ def test_units_left_unsolved_are_told_apart_rightly(p):
     assert not good[own > limit].any()
     assert between.mean() < 0.1
     risk = unit_risk(unit, shot, p, limit, log2_units=7)
-    assert risk.solved < 0.2 * risk.units
     # The control moves the share by the sampling error it takes away, and not by more.
     assert abs(risk.yield_fraction - 0.7) < 4 * sqrt(0.3 * 0.7 / risk.units)
     for rank in (100, 1500, 1945):
-        # 1e-8: the contours of a sample stop at half the nodes of those of a single law.
-        solved, _ = solved_between(p, units.table, units.covariance, rank, rank, units.agreement)
-        assert np.sort(solved)[rank] == pytest.approx(np.sort(own)[rank], rel=1e-8)
+        assert np.sort(solve_between(units, rank, rank))[rank] == pytest.approx(np.sort(own)[rank], rel=1e-12)
 
 
-def test_shares_ranks_and_errors_are_those_of_the_whole_sample():
-    """Independent: every unit solved, NumPy's sort, and standard errors from the means of the 16 scramblings."""
+def test_few_units_are_solved(monkeypatch):
+    """Counted, not timed: of 2048 units, at a quantile and a limit."""
+    solved = []
+    solve = per_unit.norm_quantiles
+    monkeypatch.setattr(per_unit, "norm_quantiles", lambda p, means, S: solved.append(len(means)) or solve(p, means, S))
     unit, shot = linear_law([0.2, 0, 0.1], NOISE * 20, COLUMNS), linear_law(np.zeros(3), NOISE * 8)
-    units = _sample(unit, principal_root(unit.covariance), shot, 0.95, 7)
-    given = units.table, units.covariance, 16
-    own = np.array([norm_quantile(0.95, offset, shot.covariance) for offset in units.d.T])
-    size = np.linalg.norm(units.d, axis=0)
-    assert units.table[SIZE] == pytest.approx(size, rel=1e-14)
-    ranked, middle = np.sort(own), (units.table[LEAST] + units.table[MOST]) / 2
+    risk = unit_risk(unit, shot, 0.95, 1.8, log2_units=7)
+    assert sum(solved) < 0.3 * risk.units
 
-    def error(excess):
-        return excess.reshape(16, 128).mean(axis=1).std(ddof=1) / 4
 
-    for level in ranked[[200, 1000, 1900]] + 1e-6:
-        y = distance_like(units.table, level)
-        near = np.argsort(np.abs(middle - level))[:20]
-        assert y == pytest.approx(level - (middle - size)[near].mean(), rel=1e-12)
-        excess = 1.0 * (own <= level) - (size <= y)
-        found = share_within(0.95, level, *given, y, units.agreement)
-        assert found[:2] == pytest.approx((excess.mean(), error(excess)), rel=1e-12, abs=1e-15)
-        within = (own <= level).mean(), error(1.0 * (own <= level))
-        assert share_within(0.95, level, *given, np.nan, units.agreement)[:2] == pytest.approx(within, rel=1e-12)
-    for inside in (1700, 1950):  # units no farther than y tell the rank
-        y = np.sort(size)[inside - 1]
-        _, value, rank, slope, share_error, _ = percentile(0.95, 0.95, *given, y, units.agreement)
-        assert rank == inside - 1
-        assert value == pytest.approx((ranked[inside - 1] + ranked[inside]) / 2, rel=1e-8)
-        assert share_error == pytest.approx(error(1.0 * (own <= value) - (size <= y)), rel=1e-12)
-        assert slope == pytest.approx((ranked[rank + 40] - ranked[rank - 40]) * 2048 / 80, rel=0.02)
-    assert np.isnan(distance_like(units.table, 0.5 * ranked[0]))
-    assert np.isnan(distance_like(units.table, 2 * ranked[-1]))
+def test_yield_and_its_error_are_those_of_the_whole_sample():
+    """Independent: every unit solved, and the standard error from the means of the 16 blocks."""
+    unit, shot = linear_law([0.2, 0, 0.1], NOISE * 20, COLUMNS), linear_law(np.zeros(3), NOISE * 8)
+    units = draw_units(unit, shot, 0.95, 7)
+    own = np.array([norm_quantile(0.95, offset, shot.covariance) for offset in units.offset])
+    size = np.linalg.norm(units.offset, axis=1)
+    assert units.distance == pytest.approx(size, rel=1e-14)
+    for limit in (np.sort(own)[[200, 1000, 1900]] + 1e-6).tolist():
+        y = distance_at(units, limit)
+        excess = 1.0 * (own <= limit) - (size <= y)
+        error = excess.reshape(16, 128).mean(axis=1).std(ddof=1) / 4
+        risk = unit_risk(unit, shot, 0.95, limit, log2_units=7)
+        assert risk.yield_fraction == pytest.approx(excess.mean() + law_cdf(unit, y), abs=1e-4)
+        assert risk.yield_standard_error == pytest.approx(np.hypot(error, 0.5 / 2048), rel=1e-9)
+    assert np.isnan(distance_at(units, 0.5 * own.min()))
+    assert np.isnan(distance_at(units, 2 * own.max()))
+
+
+def test_units_are_spread_evenly():
+    """Closed form: each block takes every 128th part of the range of every coordinate once, and blocks differ."""
+    z, u = unit_coordinates(2, (UNIFORM,) * 3, 7)
+    assert z.shape == (2048, 2)
+    for column in (*stats.norm.cdf(z).T, *((u + 1) / 2).T):
+        for block in column.reshape(16, 128):
+            assert np.sort((block * 128).astype(int)).tolist() == list(range(128))
+    assert np.unique(u).size == u.size
 
 
 @pytest.mark.parametrize("fraction", [0.5, 0.8, 0.9, 0.95, 0.99])

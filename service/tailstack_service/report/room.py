@@ -9,12 +9,12 @@ from typing import Literal
 
 import numpy as np
 
+from tailstack.budget import Line, lines_of
 from tailstack.contributors import error_law, unit_for_people
 from tailstack.design import Design
 from tailstack.errors import NotConvergedError, Problem
 from tailstack.propagation.linear import LinearModel
 from tailstack.results import Check
-from tailstack.scoring import Line, lines_of
 from tailstack.system import System
 from tailstack.tail.declared import law_quantile
 
@@ -47,7 +47,7 @@ def allowances(
     found = []
     for line in lines_of(model):
         block, j = line.block, line.sources[0]
-        if len(line.sources) > 1 and not (block.grouped and bool((block.half_width == block.half_width[0]).all())):
+        if not line.alike:
             continue
         unit, factor = unit_for_people(block.units[j])
         width = float(block.half_width[j]) * factor

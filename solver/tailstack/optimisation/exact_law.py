@@ -10,19 +10,18 @@ The moments of a limited error and the smooth closed form of its quantile are wr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import log
-from math import sqrt as float_sqrt
-from typing import Any
+from math import log, sqrt
 
 import numpy as np
+from scipy.special import ndtri
 
 from ..arrays import Array
 from ..contributors import Part, WorstCase, declared_law, law_of, part_of, worst_case
 from ..propagation.linear import LinearModel, linearise
 from ..system import Law
-from ..tail.approximation import pearson_wh_quantile_squared, square_cumulants, unit_quantile_squared
+from ..tail.approximation import pearson_square, square_cumulants, unit_quantile_squared
 from ..tail.declared import law_gradient, law_quantile
 from ..tail.per_unit import UnitQuantile, unit_quantile
 from .problem import Choice, Demand, PlacementProblem, apply_choice
@@ -181,7 +180,7 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     """Gradient of log r^2 under the declared law; by differences along pivots and spacings, analytic otherwise."""
     error, p = terms.demand.requirement.error, terms.demand.requirement.quantile
     law, where = declared_law(held.model, error, held.mean_mm)
-    slopes = law_gradient(law, p)
+    slopes = law_gradient(law, law_quantile(law, p))
     per = 2 / held.exact_mm
     gains = terms.gains.at(mechanics_of(problem, choice))
     ends = {index: held.signs[b] for b, index in enumerate(terms.bounded)}
@@ -191,15 +190,15 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
             continue
         moved = gains[index] * choice.half_width[source.free]
         if index in ends:
-            widths[source.free] += float(slopes.dr_dmean @ moved) * ends[index]
+            widths[source.free] += float(slopes.by_mean @ moved) * ends[index]
         elif source.law is Law.NORMAL:
             scaled = moved * source.std_per_half_width
-            widths[source.free] += 2 * float(scaled @ slopes.dr_dcovariance @ scaled)
+            widths[source.free] += 2 * float(scaled @ slopes.by_covariance @ scaled)
         else:
             column = where.get((source.contributor, source.index))
-            widths[source.free] += 0.0 if column is None else float(slopes.dr_dlog_column[column])
+            widths[source.free] += 0.0 if column is None else float(slopes.by_log_column[column])
 
-    curvature = per * slopes.dr_dcovariance
+    curvature = per * slopes.by_covariance
     pivots, spacings = _mechanical_gradient(problem, terms, choice, curvature, curvature)
     return Correction(0.0, curvature, curvature, per * widths, pivots, spacings)
 
@@ -399,7 +398,7 @@ def error_moments(
     )
 
 
-def squared_quantile(demand: Demand, law: ErrorMoments, sqrt: Callable[[Any], Any]) -> Duck:
+def squared_quantile(demand: Demand, law: ErrorMoments) -> Duck:
     """The smooth closed form of the limited quantile, squared, mm^2.
 
     Pooled: of everything together.  Per unit: of each unit's own shots, that of the required fraction of units.
@@ -407,12 +406,12 @@ def squared_quantile(demand: Demand, law: ErrorMoments, sqrt: Callable[[Any], An
     p = demand.requirement.quantile
     if demand.per_unit:
         return unit_quantile_squared(
-            p, demand.fraction, law.mean, law.unit, law.shot, law.unit_uniform, law.unit_triangular, sqrt
+            p, demand.fraction, law.mean, law.unit, law.shot, law.unit_uniform, law.unit_triangular
         )
     cumulants = square_cumulants(
         law.mean, law.unit + law.shot, law.unit_uniform + law.shot_uniform, law.unit_triangular + law.shot_triangular
     )
-    return pearson_wh_quantile_squared(p, cumulants, sqrt)
+    return pearson_square(*cumulants, float(ndtri(p)))
 
 
 def closed_form_mm(
@@ -420,4 +419,4 @@ def closed_form_mm(
 ) -> float:
     """The same in floats, mm."""
     law = error_moments(terms, plain(noise), plain(made), half_width, mechanics, signs)
-    return float_sqrt(float(squared_quantile(terms.demand, law, float_sqrt)))
+    return sqrt(float(squared_quantile(terms.demand, law)))

@@ -31,16 +31,19 @@ quantile is again Pearson's, of cumulants that are polynomials in Q, and a quant
 Within 0.7 % rms, -3.5 ... +3.7 % at worst, of ``per_unit.unit_quantile`` over 400 random laws with Gaussian shots
 (shot / installation 0.05 ... 5, p 0.90 ... 0.99, fraction 0.80 ... 0.99).  Shots count as Gaussian.
 
-Functions that are given a ``sqrt`` use it and + - * /, nothing else: floats and CasADi SX alike.
+Everything here is + - * / and ``** 0.5``: floats, arrays of them and CasADi SX alike.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from math import sqrt as float_sqrt
+from collections.abc import Sequence
+from math import sqrt
 from typing import Any
 
-from scipy.special import chdtri, ndtri
+from numba.extending import register_jitable
+from scipy.special import ndtri
+
+THIRD_OF_ROOT_2 = sqrt(2) / 3
 
 # Cumulants of one unit of half-width.
 KAPPA4_UNIFORM, KAPPA6_UNIFORM = -2 / 15, 16 / 63
@@ -80,50 +83,18 @@ def square_cumulants(
     return c1, c2, c3
 
 
-def pearson_wh_quantile_squared(p: float, cumulants: tuple[Any, Any, Any], sqrt: Callable[[Any], Any]) -> Any:
-    """Square of the approximate p-quantile, mm^2, with Wilson and Hilferty's (1931) chi-square quantile.
+@register_jitable
+def pearson_square(c1: Any, c2: Any, c3: Any, z: float) -> Any:
+    """Square of the approximate quantile, mm^2, from the cumulants of |e|^2; z: the standard normal quantile.
 
-    Written in gamma = c3 / c2^(3/2) = 1/sqrt(h): smooth through gamma = 0, where h has a pole.
+    With Wilson and Hilferty's (1931) chi-square quantile, written in gamma = c3 / c2^(3/2) = 1/sqrt(h): smooth through
+    gamma = 0, where h has a pole.  Called by Python, from kernels, on arrays and on CasADi's symbols.
     """
-    c1, c2, c3 = cumulants
-    root = sqrt(c2)
+    root = c2**0.5
     gamma = c3 / (c2 * root)
-    b = float_sqrt(2) / 3 * float(ndtri(p)) - gamma * (2 / 9)
+    b = THIRD_OF_ROOT_2 * z - gamma * (2 / 9)
     w = gamma * b
     return c1 + root * b * (3 + 3 * w + w * w)
-
-
-def pearson_wh_quantile(
-    p: float,
-    mean: Vector,
-    covariance: Sequence[Vector],
-    uniform: Sequence[Vector] = (),
-    triangular: Sequence[Vector] = (),
-    sqrt: Callable[[Any], Any] = float_sqrt,
-) -> Any:
-    """The approximate p-quantile of |e|, mm; arguments as in :func:`square_cumulants`.
-
-    In an optimiser constrain :func:`pearson_wh_quantile_squared` instead: the outer root is not smooth at zero.
-    """
-    return sqrt(pearson_wh_quantile_squared(p, square_cumulants(mean, covariance, uniform, triangular), sqrt))
-
-
-def pearson_chi2_quantile(
-    p: float,
-    mean: Vector,
-    covariance: Sequence[Vector],
-    uniform: Sequence[Vector] = (),
-    triangular: Sequence[Vector] = (),
-) -> float:
-    """The same with the exact chi-square quantile; floats only.
-
-    Raises ValueError where the third cumulant of |e|^2 is not positive.
-    """
-    c1, c2, c3 = square_cumulants(mean, covariance, uniform, triangular)
-    if not c3 > 0:
-        raise ValueError(f"Pearson's chi-square needs a positive third cumulant of |e|^2, got {c3}")
-    h = c2**3 / c3**2
-    return float_sqrt(max(c1 + float_sqrt(c2 / h) * (float(chdtri(h, 1 - p)) - h), 0.0))
 
 
 def _product(a: Matrix, b: Matrix) -> list[list[Any]]:
@@ -144,16 +115,15 @@ def _mixed(a: Matrix, b: Matrix, by: tuple[Any, Any]) -> list[list[Any]]:
     return [[by[0] * a[i][j] + by[1] * b[i][j] for j in range(3)] for i in range(3)]
 
 
-def _pearson_wh_slopes(p: float, cumulants: tuple[Any, Any, Any], sqrt: Callable[[Any], Any]) -> tuple[Any, Any]:
-    """Derivatives of :func:`pearson_wh_quantile_squared` by c2 and c3; by c1 it is 1."""
+def _pearson_slopes(p: float, cumulants: tuple[Any, Any, Any]) -> tuple[Any, Any]:
+    """Derivatives of :func:`pearson_square` by c2 and c3; by c1 it is 1."""
     _, c2, c3 = cumulants
-    root = sqrt(c2)
+    root = c2**0.5
     gamma = c3 / (c2 * root)
-    b = float_sqrt(2) / 3 * float(ndtri(p)) - gamma * (2 / 9)
+    b = THIRD_OF_ROOT_2 * float(ndtri(p)) - gamma * (2 / 9)
     w = gamma * b
-    value = b * (3 + 3 * w + w * w)
     by_gamma = b * (b - gamma * (2 / 9)) * (3 + 2 * w) - (3 + 3 * w + w * w) * (2 / 9)
-    return (value - 3 * gamma * by_gamma) / (2 * root), by_gamma / c2
+    return (b * (3 + 3 * w + w * w) - 3 * gamma * by_gamma) / (2 * root), by_gamma / c2
 
 
 def _moment_at_quantile(
@@ -163,7 +133,6 @@ def _moment_at_quantile(
     covariance: Matrix,
     uniform: Sequence[Vector],
     triangular: Sequence[Vector],
-    sqrt: Callable[[Any], Any],
 ) -> list[list[Any]]:
     """D (3, 3) mm^2 = E[dd' | d'Qd is at its fraction-quantile], Q the metric: the module's K_n, symmetric."""
     axes = range(3)
@@ -193,7 +162,7 @@ def _moment_at_quantile(
                 for j in axes:
                     k2[i][j] = k2[i][j] + kappa4 / 2 * gg * g[i] * g[j]
                     k3[i][j] = k3[i][j] + square * g[i] * g[j] + cross[i] * g[j] + g[i] * cross[j]
-    by_c2, by_c3 = _pearson_wh_slopes(fraction, (_trace(metric, k1), _trace(metric, k2), _trace(metric, k3)), sqrt)
+    by_c2, by_c3 = _pearson_slopes(fraction, (_trace(metric, k1), _trace(metric, k2), _trace(metric, k3)))
     return _mixed(k1, _mixed(k2, k3, (2 * by_c2, 3 * by_c3)), (1, 1))
 
 
@@ -205,7 +174,6 @@ def unit_quantile_squared(
     shot_covariance: Matrix,
     uniform: Sequence[Vector],
     triangular: Sequence[Vector],
-    sqrt: Callable[[Any], Any],
 ) -> Any:
     """Square, mm^2, of the approximate fraction-quantile over units of a unit's own p-quantile over shots.
 
@@ -228,8 +196,8 @@ def unit_quantile_squared(
             _trace(shot, shot_2) + 3 * _trace(shot_2, moment),
         )
 
-    moment = _moment_at_quantile(fraction, identity, mean, installation, uniform, triangular, sqrt)
-    by_c2, by_c3 = _pearson_wh_slopes(p, shot_cumulants(moment), sqrt)
+    moment = _moment_at_quantile(fraction, identity, mean, installation, uniform, triangular)
+    by_c2, by_c3 = _pearson_slopes(p, shot_cumulants(moment))
     metric = _mixed(identity, _mixed(shot, shot_2, (2 * by_c2, 3 * by_c3)), (1, 1))
-    moment = _moment_at_quantile(fraction, metric, mean, installation, uniform, triangular, sqrt)
-    return pearson_wh_quantile_squared(p, shot_cumulants(moment), sqrt)
+    moment = _moment_at_quantile(fraction, metric, mean, installation, uniform, triangular)
+    return pearson_square(*shot_cumulants(moment), float(ndtri(p)))

@@ -29,22 +29,49 @@ d, densities, derivatives and conditional means are other weights on the same no
 from __future__ import annotations
 
 from math import cos, exp, fabs, log, log1p, pi, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..kernels import kernel
 from .elementary import exponential, sine_and_cosine
 
+Complex = NDArray[np.complex128]
+
 MAX_NODES = 1024
 _LANES = 8  # nodes are computed so many at a time
 _SLOPE = 0.85  # of the asymptotes: at 1 a Gaussian factor stops decaying far out, at 0.5 the nodes double
-EXACT = 3e-8  # two successive steps agree to this: the finer one, twice as many digits, is at rounding
+AGREEMENT = 3e-8  # of two successive steps: the finer one, twice as many digits, is at rounding
+
+
+class Path(NamedTuple):
+    """A hyperbola through the saddle of a tail integral."""
+
+    crossing: float  # 1/mm^2, where it crosses the real axis: c
+    size: float  # 1/mm^2: C
+    cumulant: float  # k(c)
+    excess: float  # mm^2: d
+    l: Array  # noqa: E741  (3,) mm^2, variances
+    m: Array  # (3,) mm, mean along their axes
+
+
+class Nodes(NamedTuple):
+    """Nodes and weights of an integral over the path: over them, for any h that is real on the real axis,
+
+    1/(2 pi i) int h(s) exp(k(s) - s d) ds = exp(log_factor) sum_k Re[ h(s_k) g_k ]
+    """
+
+    s: Complex  # (n,) 1/mm^2
+    g: Complex  # (n,)
+    log_factor: float
+    converged: bool  # two successive steps agree; the finer one is the answer
 
 
 @kernel()
 def cumulant(s: float, l: Array, m: Array) -> tuple[float, float, float, float]:  # noqa: E741
-    """k(s) and its first three derivatives at real s < 1 / (2 max l).  l, m: (3,)."""
+    """k(s) and its first three derivatives at real s < 1 / (2 max l), 1/mm^2.  l (3,) mm^2, m (3,) mm."""
     k0 = 0.0
     k1 = 0.0
     k2 = 0.0
@@ -96,24 +123,13 @@ def saddle(d: float, upper: bool, l: Array, m: Array) -> float:  # noqa: E741
 
 
 @kernel()
-def _integrands(
-    first: int,
-    stride: int,
-    step: float,
-    c: float,
-    size: float,
-    d: float,
-    k_c: float,
-    l: Array,  # noqa: E741
-    m: Array,
-    lanes: Array,
-    count: int,
-) -> None:
+def _integrands(path: Path, first: int, stride: int, step: float, lanes: Array, count: int) -> None:
     """(s, g) at the nodes ``tau = (first + i stride) step``: real, imaginary parts one after the other in
     lanes (4 _LANES,), count of each.
 
     ``g = exp(k(s) - s d - (k(c) - c d)) (ds/dtau) / i``.  No branch and no call in the loop: it runs in lanes.
     """
+    c, size, k_c, d, l, m = path  # noqa: E741
     for i in range(count):
         falling = exponential(-0.5 * (first + i * stride) * step)
         half = 0.5 * (1.0 / falling - falling)  # sinh of half of tau
@@ -139,9 +155,9 @@ def _integrands(
             other = 0.5 * ui / root
             rr = root if ur >= 0.0 else -other
             ri = other if ur >= 0.0 else -root
-            kept = qr
-            qr = kept * rr - qi * ri
-            qi = kept * ri + qi * rr
+            before = qr
+            qr = before * rr - qi * ri
+            qi = before * ri + qi * rr
         sine, cosine = sine_and_cosine(ei)
         scale = exponential(er) / (qr * qr + qi * qi)
         zr = scale * (cosine * qr + sine * qi)
@@ -155,24 +171,8 @@ def _integrands(
 
 
 @kernel()
-def tail_nodes(
-    d: float,
-    upper: bool,
-    l: Array,  # noqa: E741
-    m: Array,
-    sr: Array,
-    si: Array,
-    gr: Array,
-    gi: Array,
-    agreement: float = EXACT,
-) -> tuple[int, float, bool]:
-    """Fill nodes ``s`` and weights ``g`` so that, over the n nodes returned, with the returned log factor b,
-
-        1/(2 pi i) int h(s) exp(k(s) - s d) ds = exp(b) sum_k Re[ h(s_k) g_k ]
-
-    for any h that is real on the real axis.  sr, si, gr, gi: (MAX_NODES,) work arrays.  Returns (n, b, converged):
-    two successive steps agree to ``agreement``, relative, and the finer one is the answer.
-    """
+def tail_nodes(d: float, upper: bool, l: Array, m: Array) -> Nodes:  # noqa: E741
+    """Nodes for the tail of an excess d, mm^2, above or below it; l (3,) mm^2 with l[0] > 0, m (3,) mm."""
     c = saddle(d, upper, l, m)
     k0, _, k2, k3 = cumulant(c, l, m)
     f2 = k2 + 1.0 / (c * c)
@@ -180,10 +180,12 @@ def tail_nodes(
     a = (k3 - 2.0 / (c * c * c)) / (6.0 * f2)
     if upper:
         a = max(a, 0.25 * k3 / (6.0 * k2))
-    size = 0.5 * _SLOPE / a
-    step = 1.0 / (sqrt(f2) * size)
+    path = Path(c, 0.5 * _SLOPE / a, k0, d, l, m)
+    step = 1.0 / (sqrt(f2) * path.size)
     # Deep in the lower tail of a biased law s d cancels against s |m|^2; what rounding leaves is not disagreement.
-    agree = agreement + min(2e-15 * fabs(c * d), 0.1)
+    agree = AGREEMENT + min(2e-15 * fabs(c * d), 0.1)
+    nodes = np.empty(MAX_NODES, dtype=np.complex128)
+    weights = np.empty(MAX_NODES, dtype=np.complex128)
     lanes = np.empty(4 * _LANES)
     n = 0
     tail = 0.0  # sum Re[g / s]
@@ -198,7 +200,7 @@ def tail_nodes(
         lane = _LANES
         while n < MAX_NODES:
             if lane == _LANES:  # a count known to the compiler would be unrolled, and then not run in lanes
-                _integrands(k, stride, step, c, size, d, k0, l, m, lanes, lanes.size // 4)
+                _integrands(path, k, stride, step, lanes, lanes.size // 4)
                 lane = 0
             xr, xi = lanes[lane], lanes[_LANES + lane]
             yr, yi = lanes[2 * _LANES + lane], lanes[3 * _LANES + lane]
@@ -206,13 +208,10 @@ def tail_nodes(
             if k == 0:
                 yr *= 0.5
                 yi *= 0.5
-            inverse = 1.0 / (xr * xr + xi * xi)
-            sr[n] = xr
-            si[n] = xi
-            gr[n] = yr
-            gi[n] = yi
+            nodes[n] = complex(xr, xi)
+            weights[n] = complex(yr, yi)
             n += 1
-            tail += (yr * xr + yi * xi) * inverse
+            tail += (yr * xr + yi * xi) / (xr * xr + xi * xi)
             density += yr
             # Derivatives weight the far nodes by (s/c)^2 more: they must be negligible too.
             far = (fabs(yr) + fabs(yi)) * (1.0 + (xr * xr + xi * xi) / (c * c))
@@ -227,55 +226,37 @@ def tail_nodes(
         if converged or n >= MAX_NODES:
             break
         step *= 0.5
-    weight = step / pi
-    for j in range(n):
-        gr[j] *= weight
-        gi[j] *= weight
-    return n, k0 - c * d, converged
+    return Nodes(nodes[:n], weights[:n] * (step / pi), k0 - c * d, converged)
 
 
 @kernel()
-def moments_on_nodes(
-    delta: float, n: int, sr: Array, si: Array, gr: Array, gi: Array
-) -> tuple[float, float, float, float]:
-    """``sum Re[s^j g exp(-s delta)]`` for j = -1, 0, 1, 2: tail, density and two derivatives at d + delta."""
+def moments_on_nodes(delta: float, nodes: Nodes) -> tuple[float, float, float, float]:
+    """``sum Re[s^j g exp(-s delta)]`` for j = -1, 0, 1, 2: tail, density and two derivatives at d + delta, mm^2."""
     a0 = 0.0
     a1 = 0.0
     a2 = 0.0
     a3 = 0.0
-    for k in range(n):
-        xr = sr[k]
-        xi = si[k]
-        yr = gr[k]
-        yi = gi[k]
+    for k in range(nodes.s.size):
+        x = nodes.s[k]
+        y = nodes.g[k]
         if delta != 0.0:
-            e = exp(-xr * delta)
-            co = e * cos(xi * delta)
-            sn = -e * sin(xi * delta)
-            yr, yi = yr * co - yi * sn, yr * sn + yi * co
-        a0 += (yr * xr + yi * xi) / (xr * xr + xi * xi)
-        a1 += yr
-        zr = yr * xr - yi * xi
-        zi = yr * xi + yi * xr
-        a2 += zr
-        a3 += zr * xr - zi * xi
+            falling = exp(-x.real * delta)
+            y *= complex(falling * cos(x.imag * delta), -falling * sin(x.imag * delta))
+        z = x * y
+        a0 += (y.real * x.real + y.imag * x.imag) / (x.real * x.real + x.imag * x.imag)
+        a1 += y.real
+        a2 += z.real
+        a3 += z.real * x.real - z.imag * x.imag
     return a0, a1, a2, a3
 
 
 @kernel()
-def log_tail(
-    d: float,
-    upper: bool,
-    l: Array,  # noqa: E741
-    m: Array,
-    agreement: float = EXACT,
-) -> tuple[float, float, bool]:
-    """(log of the tail probability, density of Q over the tail probability, converged) at excess d."""
-    sr = np.empty(MAX_NODES)
-    si = np.empty(MAX_NODES)
-    gr = np.empty(MAX_NODES)
-    gi = np.empty(MAX_NODES)
-    n, b, converged = tail_nodes(d, upper, l, m, sr, si, gr, gi, agreement)
-    a0, a1, _, _ = moments_on_nodes(0.0, n, sr, si, gr, gi)
+def log_tail(d: float, upper: bool, l: Array, m: Array) -> tuple[float, float, bool]:  # noqa: E741
+    """(log of the tail probability, density of Q over the tail probability, converged) at excess d, mm^2.
+
+    l (3,) mm^2 with l[0] > 0, m (3,) mm.
+    """
+    nodes = tail_nodes(d, upper, l, m)
+    a0, a1, _, _ = moments_on_nodes(0.0, nodes)
     t = a0 if upper else -a0
-    return b + log(t), a1 / t, converged
+    return nodes.log_factor + log(t), a1 / t, nodes.converged

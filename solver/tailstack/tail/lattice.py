@@ -1,9 +1,4 @@
-"""Many small uniform columns at once: the logarithm of their characteristic function as one polynomial.
-
-A manufactured structure has three small sources a fiducial.  Each is nearly Gaussian beside all the others; what it
-is not is a short series, and the series of all of them add up.
-
-P(|e| <= r) for e = m + N(0, S) + sum_j h_j u_j, by Poisson summation of the characteristic function.
+"""P(|e| <= r) for e = m + N(0, S) + sum_j h_j u_j, by Poisson summation of the characteristic function.
 
 Lay copies of the law on a lattice of periods L_a.  Integrated over the ball of radius r about 0 their sum is
 
@@ -16,15 +11,18 @@ strictly sub-Gaussian (their moment generating function lies below the normal on
 ``L_a = r + |m_a| + c sigma_a`` that has probability below ``2 exp(-c^2/2)`` per axis.  The sum on the right
 converges as fast as phi falls; it is cut where an envelope of its terms falls below a threshold.
 
-Axes on which nothing varies are left out (they must come last): the ball becomes a disc or an interval.
+Axes on which nothing varies are left out (they must come last): the ball becomes a disc or an interval.  Its transform
+is ``B_r(t) = 4 pi (sin rt - rt cos rt) / t^3`` for the ball, ``2 pi r J1(rt) / t`` for the disc, ``2 sin(rt) / t`` for
+the interval; the derivative by r is the transform of the sphere of radius r.
 
-The Fourier transform of the ball is ``B_r(t) = 4 pi (sin rt - rt cos rt) / t^3`` for the ball, ``2 pi r J1(rt) / t``
-for the disc, ``2 sin(rt) / t`` for the interval; its derivative by r is the transform of the sphere of radius r.
+A manufactured structure has three small sources a fiducial.  Each is nearly Gaussian beside all the others; what it is
+not is a short series of its logarithm, and the series of all of them add up to one polynomial (:func:`fold_small`).
 """
 
 from __future__ import annotations
 
 from math import comb, cos, exp, fabs, log, pi, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +30,10 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..kernels import kernel
 from .elementary import exponential, sine_and_cosine
+from .spectrum import principal_axes
+
+SMALL_BOX = 1e3  # lattice points below which the plain bound of the extent is cheaper than the search for the true one
+_LANES = 8  # lines are computed to a multiple of this, so that no loop ends in single steps
 
 # Coefficients of log(sin x / x) by powers of x, from x^4 on (the x^2 of it is the column's Gaussian part).
 LOG_SINC = np.zeros(13)
@@ -43,9 +45,91 @@ for _m, _i, _l in np.ndindex(_WEIGHTS.shape):
         _WEIGHTS[_m, _i, _l] = LOG_SINC[_m + _i + _l] * comb(_m + _i, _i) * comb(_m + _i + _l, _l)
 
 
+class Frame(NamedTuple):
+    """A law on the principal axes of its total covariance; axes on which nothing varies come last and are zeroed."""
+
+    sigma: Array  # (3,) mm, standard deviations along the axes; 0 on an axis that is left out
+    mean: Array  # (3,) mm
+    S: Array  # (3, 3) mm^2, the Gaussian part
+    h: Array  # (K, 3) mm, uniform columns
+    away: Array  # (3,) mm, the farthest from 0 that a mean may lie which the lattice is to serve
+    axes: Array  # (3, 3) in columns, in the frame of the law
+    dimension: int  # how many axes are not left out
+    offset: float  # mm^2, squared length of the mean along those that are
+
+
+class Accuracy(NamedTuple):
+    """What a lattice sum may leave out, and how large it may become."""
+
+    threshold: float  # of a term
+    aliasing: float  # of the probability that copies of the law bring in
+    largest_box: float  # lattice points looked at
+
+
+class Lattice(NamedTuple):
+    """The terms of a sum: the probability is ``sum_i w_i B_r(t_i)`` for every radius up to that it was built for."""
+
+    t: Array  # (n,) 1/mm, |k|
+    w: Array  # (n,) phi, of both +-k, over the volume
+    k: Array  # (n, 3) 1/mm, or (0, 3)
+    volume: float  # mm^dimension; 0: there would be too many points, and there are none
+    decade: float  # root sum of squares of the smallest terms, which tells the error of those left out
+
+
+class Folded(NamedTuple):
+    """Columns with the small ones taken into the Gaussian part, but for the higher orders of their logarithm."""
+
+    S: Array  # (3, 3) mm^2, with the variance of the small ones
+    long: Array  # (K - s, 3) mm
+    small: Array  # (s, 3) mm
+    degree: int  # of the series
+
+
+@kernel()
+def on_principal_axes(mean: Array, covariance: Array, h: Array) -> Frame:
+    """The frame of a law: mean (3,) mm, covariance (3, 3) mm^2 of its Gaussian part, uniform columns h (K, 3) mm."""
+    total = covariance.copy()
+    for j in range(h.shape[0]):
+        for a in range(3):
+            for b in range(3):
+                total[a, b] += h[j, a] * h[j, b] / 3.0
+    variances, m, axes = principal_axes(mean, total)
+    S = axes.T @ covariance @ axes
+    turned = h @ axes
+    sigma = np.sqrt(variances)
+    dimension = 0
+    offset = 0.0
+    for a in range(3):
+        if sigma[a] > 0.0:
+            dimension += 1
+        else:
+            offset += m[a] * m[a]
+            m[a] = 0.0
+            S[a, :] = 0.0
+            S[:, a] = 0.0
+            turned[:, a] = 0.0
+    return Frame(sigma, m, S, turned, np.abs(m), axes, dimension, offset)
+
+
+@kernel()
+def reach_of(frame: Frame, aliasing: float) -> Array:
+    """(3,) mm, the distance from the mean that each coordinate exceeds with total probability below `aliasing`."""
+    c = sqrt(2.0 * log(6.0 / aliasing))
+    reach = np.zeros(3)
+    for a in range(3):
+        bounded = c * sqrt(max(frame.S[a, a], 0.0))
+        for j in range(frame.h.shape[0]):
+            bounded += fabs(frame.h[j, a])
+        reach[a] = min(c * frame.sigma[a], bounded)
+    return reach
+
+
+# --- small columns as one polynomial ---------------------------------------------------------------------------------
+
+
 @kernel()
 def inverse_of(S: Array) -> tuple[Array, bool]:
-    """(S^-1 (3, 3), whether S is regular enough to have one)."""
+    """(S^-1 (3, 3), whether S (3, 3) is regular enough to have one)."""
     out = np.empty((3, 3))
     determinant = (
         S[0, 0] * (S[1, 1] * S[2, 2] - S[1, 2] * S[2, 1])
@@ -62,25 +146,20 @@ def inverse_of(S: Array) -> tuple[Array, bool]:
 
 
 @kernel()
-def rows_where(h: Array, mask: NDArray[np.bool_], wanted: bool) -> Array:
-    """The rows of h (K, 3) whose mask is `wanted`; in loops, as indexing by a mask takes seconds to compile."""
+def _rows_where(h: Array, mask: NDArray[np.bool_], wanted: bool) -> Array:
+    """The rows of h (K, 3) whose mask (K,) is `wanted`; in loops, as indexing by a mask takes seconds to compile."""
+    out = np.empty((np.sum(mask == wanted), 3))
     count = 0
     for j in range(h.shape[0]):
         if mask[j] == wanted:
-            count += 1
-    out = np.empty((count, 3))
-    count = 0
-    for j in range(h.shape[0]):
-        if mask[j] == wanted:
-            for a in range(3):
-                out[count, a] = h[j, a]
+            out[count] = h[j]
             count += 1
     return out
 
 
 @kernel()
-def fold_small(S: Array, h: Array, budget: float) -> tuple[Array, NDArray[np.bool_], int]:
-    """(S with the Gaussian part of small columns (3, 3), which ones (K,), degree of their series).
+def fold_small(S: Array, h: Array, budget: float) -> Folded:
+    """Which of the columns h (K, 3) mm are small beside S (3, 3) mm^2 and one another, and the degree of their series.
 
     ``log (sin x / x) = -x^2/6 - x^4/180 - ...``, to x^12 at most: a column that is short beside the spread of all small
     ones together, ``G = S + sum h h'/3``, is summed as its series, which along a line of the lattice is one polynomial
@@ -112,7 +191,7 @@ def fold_small(S: Array, h: Array, budget: float) -> tuple[Array, NDArray[np.boo
         inverse, regular = inverse_of(folded)
         if not regular:
             short[:] = False
-            return S.copy(), short, 4
+            return Folded(S.copy(), h, _rows_where(h, short, True), 4)
         cut[:] = 0.0
         for j in range(columns):
             if short[j]:
@@ -130,18 +209,12 @@ def fold_small(S: Array, h: Array, budget: float) -> tuple[Array, NDArray[np.boo
     degree = 4
     while degree < 12 and cut[degree] > budget:
         degree += 2
-    return folded, short, degree
-
-
-@kernel()
-def _products(x: Array, y: Array, out: Array) -> None:
-    for i in range(x.size):
-        out[i] = x[i] * y[i]
+    return Folded(folded, _rows_where(h, short, False), _rows_where(h, short, True), degree)
 
 
 @kernel()
 def sum_of_products(x: Array, y: Array) -> float:
-    """x'y by eight sums side by side: in lanes, and in an order that is written here.
+    """x'y of x (n,) and y (n,) by eight sums side by side: in lanes, and in an order that is written here.
 
     An order left to the compiler (``fastmath``) depends on what the function is inlined into, and so on which process
     compiled it.
@@ -165,22 +238,21 @@ def sum_of_products(x: Array, y: Array) -> float:
 @kernel()
 def higher_orders(small: Array, degree: int, outer: int, middle: int, inner: int) -> Array:
     """(D, D, D), D = degree + 1: coefficients of ``-sum_j (x^4/180 + ... )``, x = k'h_j, by powers of k_inner, k_outer
-    and k_middle: every column at once, so that a line of the lattice costs the same for two columns as for fifty."""
+    and k_middle: every column of small (s, 3) mm at once, so that a line of the lattice costs the same for two columns
+    as for fifty.  outer, middle, inner: which axis is which."""
     size = degree + 1
-    count = small.shape[0]
     out = np.zeros((size, size, size))
-    power = np.ones((3, size, count))
-    for j in range(count):
-        power[0, 1, j] = small[j, inner]
-        power[1, 1, j] = small[j, outer]
-        power[2, 1, j] = small[j, middle]
-    for a in range(3):
-        for d in range(2, size):
-            _products(power[a, d - 1], power[a, 1], power[a, d])
-    both = np.empty(count)
+    power = np.ones((3, size, small.shape[0]))
+    for d in range(1, size):
+        for j in range(small.shape[0]):
+            power[0, d, j] = power[0, d - 1, j] * small[j, inner]
+            power[1, d, j] = power[1, d - 1, j] * small[j, outer]
+            power[2, d, j] = power[2, d - 1, j] * small[j, middle]
+    both = np.empty(small.shape[0])
     for m in range(size):
         for i in range(size - m):
-            _products(power[0, m], power[1, i], both)
+            for j in range(both.size):
+                both[j] = power[0, m, j] * power[1, i, j]
             first = max((m + i) % 2, 4 - m - i)  # even orders from 4 on
             for l in range(first, size - m - i, 2):  # noqa: E741
                 out[m, i, l] = _WEIGHTS[m, i, l] * sum_of_products(both, power[2, l])
@@ -189,7 +261,7 @@ def higher_orders(small: Array, degree: int, outer: int, middle: int, inner: int
 
 @kernel()
 def in_plane(orders: Array, k: float, out: Array) -> None:
-    """Fill out (D, D): the sum over powers of k_outer, which is k."""
+    """Fill out (D, D): the sum over powers of k_outer, which is k in 1/mm, of the orders (D, D, D)."""
     size = orders.shape[0]
     for m in range(size):
         for l in range(size - m):  # noqa: E741
@@ -201,7 +273,7 @@ def in_plane(orders: Array, k: float, out: Array) -> None:
 
 @kernel()
 def along_line(plane: Array, k: float, step: float, out: Array) -> None:
-    """Fill out (D,): coefficients in n of the polynomial at k_middle = k, k_inner = n step."""
+    """Fill out (D,): coefficients in n of the polynomial at k_middle = k, k_inner = n step, 1/mm; plane (D, D)."""
     size = plane.shape[0]
     scale = 1.0
     for m in range(size):
@@ -212,8 +284,7 @@ def along_line(plane: Array, k: float, step: float, out: Array) -> None:
         scale *= step
 
 
-_REFUSED = -1  # more points than the caller allows
-_LANES = 8  # lines are computed to a multiple of this, so that no loop ends in single steps
+# --- how far a lattice extends ---------------------------------------------------------------------------------------
 
 
 @kernel()
@@ -224,6 +295,61 @@ def _ball_envelope(t: float, r: float, dimension: int) -> float:
     if dimension == 2:
         return min(pi * r * r, 2.2 * r * sqrt(2.0 * pi / (r * t)) / t)
     return min(4.0 / 3.0 * pi * r * r * r, 4.0 * pi * (1.0 + r * t) / (t * t * t))
+
+
+@kernel()
+def gaussian_extent(r: float, volume: float, S: Array, threshold: float) -> Array:
+    """(3,) largest |k_a|, 1/mm, at which the Gaussian factor of S (3, 3) mm^2 alone lets a term pass the threshold; inf
+    if S is singular.
+
+    Always enough, and free: ``k'S k <= q`` reaches ``sqrt(q (S^-1)_aa)`` along axis a.
+    """
+    extent = np.full(3, np.inf)
+    inverse, regular = inverse_of(S)
+    if regular:
+        reach = 2.0 * log(_ball_envelope(1e-300, r, 3) / (threshold * volume))
+        for a in range(3):
+            extent[a] = sqrt(max(reach, 0.0) * inverse[a, a])
+    return extent
+
+
+@kernel()
+def _rays(sigma: Array, h: Array, dimension: int) -> Array:
+    """(n, 3) directions in which a spectrum is looked at, of any length: the axes; a spread, in units of 1/sigma (3,)
+    (Fibonacci points of the half sphere); and those perpendicular to columns h (K, 3), where it has spikes."""
+    columns = h.shape[0]
+    spread = 32 if dimension == 3 else 12 if dimension == 2 else 0
+    spikes = min(columns * (columns - 1) // 2, 400) if dimension == 3 else columns if dimension == 2 else 0
+    out = np.zeros((dimension + spread + spikes, 3))
+    n = 0
+    for a in range(dimension):
+        out[n, a] = 1.0
+        n += 1
+    for i in range(spread):
+        if dimension == 3:
+            z = (i + 0.5) / spread
+            angle = 2.399963229728653 * i
+            out[n, 0] = sqrt(1.0 - z * z) * cos(angle) / sigma[0]
+            out[n, 1] = sqrt(1.0 - z * z) * sin(angle) / sigma[1]
+            out[n, 2] = z / sigma[2]
+        else:
+            angle = pi * (i + 0.5) / spread
+            out[n, 0] = cos(angle) / sigma[0]
+            out[n, 1] = sin(angle) / sigma[1]
+        n += 1
+    for j in range(columns):
+        if dimension == 2:
+            out[n, 0] = -h[j, 1]
+            out[n, 1] = h[j, 0]
+            n += 1
+        elif dimension == 3:
+            for i in range(j + 1, columns):
+                if n < out.shape[0]:
+                    for a in range(3):
+                        b, c = (a + 1) % 3, (a + 2) % 3
+                        out[n, a] = h[j, b] * h[i, c] - h[j, c] * h[i, b]
+                    n += 1
+    return out
 
 
 @kernel()
@@ -239,64 +365,24 @@ def _beyond(size: float, quadratic: float, along: Array, r: float, dimension: in
 
 
 @kernel()
-def spectral_extent(r: float, volume: float, sigma: Array, S: Array, h: Array, threshold: float) -> Array:
-    """(3,) largest |k_a| at which a term's envelope reaches the threshold, 1/mm; 0 on an axis with sigma = 0.
+def spectral_extent(r: float, volume: float, frame: Frame, threshold: float) -> Array:
+    """(3,) largest |k_a|, 1/mm, at which a term's envelope reaches the threshold; 0 on an axis that is left out.
 
     The set is star-shaped about 0, with spikes where k is perpendicular to many columns.  Its extent is taken along
     the axes, the cross products of the columns (the spikes) and a spread of other directions.
     """
-    dimension = 0
-    for a in range(3):
-        if sigma[a] > 0.0:
-            dimension += 1
-    columns = h.shape[0]
-    spread = 0
-    spikes = 0
-    if dimension == 3:
-        spread = 32
-        spikes = min(columns * (columns - 1) // 2, 400)
-    elif dimension == 2:
-        spread = 12
-        spikes = columns
-    extent = np.zeros(3)
-    k = np.zeros(3)
-    along = np.empty(columns)
-    first = 0
-    second = 0
+    h, S, dimension = frame.h, frame.S, frame.dimension
+    furthest = 1e9 / frame.sigma[0]
     goal = threshold * volume
-    for number in range(dimension + spread + spikes):
-        k[:] = 0.0
-        if number < dimension:
-            k[number] = 1.0
-        elif number < dimension + spread:
-            i = number - dimension
-            if dimension == 3:  # Fibonacci points of the half sphere, in units of 1/sigma
-                z = (i + 0.5) / spread
-                angle = 2.399963229728653 * i
-                k[0] = sqrt(1.0 - z * z) * cos(angle) / sigma[0]
-                k[1] = sqrt(1.0 - z * z) * sin(angle) / sigma[1]
-                k[2] = z / sigma[2]
-            else:
-                angle = pi * (i + 0.5) / spread
-                k[0] = cos(angle) / sigma[0]
-                k[1] = sin(angle) / sigma[1]
-        elif dimension == 3:
-            second += 1
-            if second >= columns:
-                first += 1
-                second = first + 1
-            for a in range(3):
-                b = (a + 1) % 3
-                c = (a + 2) % 3
-                k[a] = h[first, b] * h[second, c] - h[first, c] * h[second, b]
-        else:
-            j = number - dimension - spread
-            k[0] = -h[j, 1]
-            k[1] = h[j, 0]
-        size = sqrt(k[0] * k[0] + k[1] * k[1] + k[2] * k[2])
-        if not size > 0.0:
+    extent = np.zeros(3)
+    along = np.empty(h.shape[0])
+    rays = _rays(frame.sigma, h, dimension)
+    for n in range(rays.shape[0]):
+        k = rays[n]
+        length = sqrt(k[0] * k[0] + k[1] * k[1] + k[2] * k[2])
+        if not length > 0.0:
             continue
-        k /= size
+        k /= length
         quadratic = 0.0
         low = np.inf
         for a in range(3):
@@ -304,12 +390,12 @@ def spectral_extent(r: float, volume: float, sigma: Array, S: Array, h: Array, t
                 low = min(low, extent[a] / fabs(k[a]))
             for b in range(3):
                 quadratic += k[a] * S[a, b] * k[b]
-        for j in range(columns):
+        for j in range(h.shape[0]):
             along[j] = fabs(k[0] * h[j, 0] + k[1] * h[j, 1] + k[2] * h[j, 2])
         if low > 0.0 and _beyond(low, quadratic, along, r, dimension, goal):
             continue  # this ray stays inside the box there is
-        high = max(2.0 * low, 2.0 / sigma[0])
-        while high < 1e9 / sigma[0] and not _beyond(high, quadratic, along, r, dimension, goal):
+        high = max(2.0 * low, 2.0 / frame.sigma[0])
+        while high < furthest and not _beyond(high, quadratic, along, r, dimension, goal):
             low = high
             high *= 2.0
         for _ in range(4):
@@ -325,7 +411,8 @@ def spectral_extent(r: float, volume: float, sigma: Array, S: Array, h: Array, t
 
 @kernel()
 def box_size(period: Array, extent: Array) -> float:
-    """Number of lattice points in half of the box that holds every term above the threshold."""
+    """Number of lattice points in half of the box that holds every term above the threshold; period (3,) mm, extent
+    (3,) 1/mm."""
     size = 0.5
     for a in range(3):
         if period[a] > 0.0:
@@ -333,10 +420,32 @@ def box_size(period: Array, extent: Array) -> float:
     return size
 
 
+# --- the terms -------------------------------------------------------------------------------------------------------
+
+
+class _Tables(NamedTuple):
+    """sin and cos of n k'h for the steps n along one axis, a row a column; 0 and 1 in the room behind."""
+
+    sin: Array
+    cos: Array
+
+
+class _Line(NamedTuple):
+    """What the points of one line of the lattice have, by their place on it."""
+
+    numerator: Array  # of the product of sin x / x
+    denominator: Array
+    bound: Array  # of the product: its inverse is an envelope
+    exponent: Array  # of the Gaussian factor and the small columns'
+    turned: Array  # cos(k'm), in the end the weight
+    size: Array  # |k|, 1/mm
+    reach: Array  # exp(exponent)
+    ball: Array  # bound of the ball's transform, in the end of the term
+
+
 @kernel()
-def _tables(angle: Array, half: int, mirrored: bool, room: int) -> tuple[Array, Array]:
-    """sin and cos of i angle_j for 0 <= i <= half, or -half <= i <= half where mirrored: two (K, length + room)
-    tables, 0 and 1 in the room behind."""
+def _tabulate(angle: Array, half: int, mirrored: bool, room: int) -> _Tables:
+    """For angles (K,) of one step, rad: 0 <= n <= half, or -half <= n <= half where mirrored, and `room` more."""
     start = half if mirrored else 0
     length = start + half + 1
     sines = np.zeros((angle.size, length + room))
@@ -350,47 +459,45 @@ def _tables(angle: Array, half: int, mirrored: bool, room: int) -> tuple[Array, 
             if mirrored:
                 sines[j, start - i] = -s
                 cosines[j, start - i] = c
-    return sines, cosines
+    return _Tables(sines, cosines)
 
 
 @kernel()
-def gaussian_extent(r: float, volume: float, S: Array, threshold: float) -> Array:
-    """(3,) largest |k_a| at which the Gaussian factor alone lets a term pass the threshold; inf if S is singular.
+def _multiply_columns(line: _Line, table: _Tables, low: int, count: int, start: Array, turn: Array, dx: Array) -> None:
+    """Products over the columns of sin x / x and of its envelope, for `count` points of a line from its place `low` on.
 
-    Always enough, and free: ``k'S k <= q`` reaches ``sqrt(q (S^-1)_aa)`` along axis a.
+    x = start + i dx (K,), rad; turn (2, K): sin and cos of x at k_inner = 0.  sin(a + n b) comes from the addition
+    theorem and the table of sin(n b): loops the compiler vectorises.
     """
-    extent = np.full(3, np.inf)
-    inverse, regular = inverse_of(S)
-    if regular:
-        reach = 2.0 * log(_ball_envelope(1e-300, r, 3) / (threshold * volume))
-        for a in range(3):
-            extent[a] = sqrt(max(reach, 0.0) * inverse[a, a])
-    return extent
+    numerator, denominator, bound = line.numerator, line.denominator, line.bound
+    for i in range(count):
+        numerator[i] = 1.0
+        denominator[i] = 1.0
+        bound[i] = 1.0
+    for j in range(start.size):
+        line_s = table.sin[j, low : low + count]
+        line_c = table.cos[j, low : low + count]
+        at, by, start_s, start_c = start[j], dx[j], turn[0, j], turn[1, j]
+        for i in range(count):
+            x = at + i * by
+            s = start_s * line_c[i] + start_c * line_s[i]
+            near = fabs(x) < 1e-4
+            numerator[i] *= 1.0 - x * x / 6.0 if near else s
+            denominator[i] *= 1.0 if near else x
+            bound[i] *= max(1.0, fabs(x))
 
 
 @kernel()
 def lattice_terms(
-    period: Array,
-    extent: Array,
-    r: float,
-    mean: Array,
-    S: Array,
-    h: Array,
-    small: Array,
-    degree: int,
-    threshold: float,
-    t_out: Array,
-    w_out: Array,
-    k_out: Array,
-) -> tuple[int, float]:
-    """Fill |k| (n,), weights (n,) and, if k_out has rows, k (n, 3); return (n, root sum of squares of the last decade).
+    r: float, period: Array, extent: Array, mean: Array, folded: Folded, threshold: float, capacity: int, keep: bool
+) -> Lattice:
+    """The lattice for radii up to r, mm; its k only if they are to be kept.
 
-    ``sum_i w_i B_r(t_i)`` is the probability: weights hold phi, both of +-k, and 1 / volume.  period, extent (3,): 0
-    on an axis that is left out.  The last decade are the terms within a factor of ten of the threshold: what was
-    left out is of their kind, smaller, and of either sign.  n = -1 when the terms do not fit in t_out.  small (s, 3):
-    columns whose Gaussian part is already in S, and the degree of their series: see :func:`fold_small`.
+    period (3,) mm, 0 on an axis that is left out; extent (3,) 1/mm; mean (3,) mm; folded: the columns; threshold of a
+    term; capacity: no more terms than these.  The last decade are the terms within a factor of ten of the threshold:
+    what was left out is of their kind, smaller, and of either sign.
     """
-    columns = h.shape[0]
+    S, h, small, degree = folded.S, folded.long, folded.small, folded.degree
     dimension = 0
     volume = 1.0
     last = np.zeros(3, dtype=np.int64)
@@ -401,31 +508,26 @@ def lattice_terms(
             volume *= period[a]
             step[a] = 2.0 * pi / period[a]
             last[a] = int(extent[a] / step[a])
-    keep = k_out.shape[0] > 0
-    capacity = t_out.size
-    inner = dimension - 1
+    inner = dimension - 1  # lines of the lattice run along it
     outer = (inner + 1) % 3
     middle = (inner + 2) % 3
-    # Along a line sin(a + n b) comes from the addition theorem and tables of sin(n b): loops the compiler vectorises.
     half = last[inner]
     length = 2 * half + 1
-    table_s, table_c = _tables(h[:, inner] * step[inner], half, True, _LANES)
-    outer_s, outer_c = _tables(h[:, outer] * step[outer], last[outer], False, 0)
-    middle_s, middle_c = _tables(h[:, middle] * step[middle], last[middle], True, 0)
-    sway = np.array([mean[inner] * step[inner]])
-    mean_s, mean_c = _tables(sway, half, True, _LANES)
-    beyond = np.empty(degree + 1)
+    along_inner = _tabulate(h[:, inner] * step[inner], half, True, _LANES)
+    along_outer = _tabulate(h[:, outer] * step[outer], last[outer], False, 0)
+    along_middle = _tabulate(h[:, middle] * step[middle], last[middle], True, 0)
+    phases = _tabulate(np.array([mean[inner] * step[inner]]), half, True, _LANES)
+    polynomial = np.empty(degree + 1)
     plane = np.empty((degree + 1, degree + 1))
-    folded = small.shape[0] > 0
     orders = higher_orders(small, degree, outer, middle, inner)
-    numerator = np.empty(length + _LANES)
-    denominator = np.empty(length + _LANES)
-    bound = np.empty(length + _LANES)
-    exponent = np.empty(length + _LANES)
-    turned = np.empty(length + _LANES)
-    size = np.empty(length + _LANES)
-    reach = np.empty(length + _LANES)
-    ball = np.empty(length + _LANES)
+    room = length + _LANES
+    line = _Line(
+        np.empty(room), np.empty(room), np.empty(room), np.empty(room),
+        np.empty(room), np.empty(room), np.empty(room), np.empty(room),
+    )  # fmt: skip
+    exponent, turned, size, reach, ball = line.exponent, line.turned, line.size, line.reach, line.ball
+    start, turn, dx = np.empty(h.shape[0]), np.empty((2, h.shape[0])), h[:, inner] * step[inner]
+    t, w, k = np.empty(capacity), np.empty(capacity), np.zeros((capacity if keep else 0, 3))
     sii = S[inner, inner]
     kk = step[inner]
     largest = _ball_envelope(0.0, r, dimension) if dimension == 1 else _ball_envelope(1e-300, r, dimension)
@@ -434,7 +536,7 @@ def lattice_terms(
     decade = 0.0
     for n1 in range(last[outer] + 1):
         k1 = n1 * step[outer]
-        if folded:
+        if small.shape[0] > 0:
             in_plane(orders, k1, plane)
         for n2 in range(-last[middle] if n1 > 0 else 0, last[middle] + 1):
             k2 = n2 * step[middle]
@@ -452,87 +554,99 @@ def lattice_terms(
             high = length
             if sii > 0.0:  # where the Gaussian factor alone is above the threshold
                 centre = linear / sii
-                room = centre * centre + 2.0 * (constant - floor) / sii
-                if room < 0.0:
+                square = centre * centre + 2.0 * (constant - floor) / sii
+                if square < 0.0:
                     continue
-                room = sqrt(room)
-                low = max(low, half + int(np.ceil((centre - room) / kk)))
-                high = min(high, half + int(np.floor((centre + room) / kk)) + 1)
+                low = max(low, half + int(np.ceil((centre - sqrt(square)) / kk)))
+                high = min(high, half + int(np.floor((centre + sqrt(square)) / kk)) + 1)
                 if high <= low:
                     continue
             elif constant < floor:
                 continue
             used = high - low
             count = (used + _LANES - 1) // _LANES * _LANES
-            for i in range(count):
-                numerator[i] = 1.0
-                denominator[i] = 1.0
-                bound[i] = 1.0
             offset = float(low - half)
-            for j in range(columns):
-                start = h[j, outer] * k1 + h[j, middle] * k2
-                dx = h[j, inner] * kk
-                start_s = outer_s[j, n1] * middle_c[j, m2] + outer_c[j, n1] * middle_s[j, m2]
-                start_c = outer_c[j, n1] * middle_c[j, m2] - outer_s[j, n1] * middle_s[j, m2]
-                line_s = table_s[j, low : low + count]
-                line_c = table_c[j, low : low + count]
-                start += offset * dx
-                for i in range(count):
-                    x = start + i * dx
-                    s = start_s * line_c[i] + start_c * line_s[i]
-                    near = fabs(x) < 1e-4
-                    numerator[i] *= 1.0 - x * x / 6.0 if near else s
-                    denominator[i] *= 1.0 if near else x
-                    bound[i] *= max(1.0, fabs(x))
+            for j in range(h.shape[0]):
+                start[j] = h[j, outer] * k1 + h[j, middle] * k2 + offset * dx[j]
+                s1, c1 = along_outer.sin[j, n1], along_outer.cos[j, n1]
+                s2, c2 = along_middle.sin[j, m2], along_middle.cos[j, m2]
+                turn[0, j] = s1 * c2 + c1 * s2
+                turn[1, j] = c1 * c2 - s1 * s2
+            _multiply_columns(line, along_inner, low, count, start, turn, dx)
             phase = mean[outer] * k1 + mean[middle] * k2
             phase_c = cos(phase)
             phase_s = sin(phase)
-            line_s = mean_s[0, low : low + count]
-            line_c = mean_c[0, low : low + count]
+            line_s = phases.sin[0, low : low + count]
+            line_c = phases.cos[0, low : low + count]
             for i in range(count):
                 k3 = (i + offset) * kk
                 exponent[i] = constant + k3 * (linear - 0.5 * sii * k3)
                 turned[i] = phase_c * line_c[i] - phase_s * line_s[i]
                 size[i] = sqrt(t2 + k3 * k3)
-            if folded:
-                along_line(plane, k2, kk, beyond)
+            if small.shape[0] > 0:
+                along_line(plane, k2, kk, polynomial)
                 for i in range(count):
                     place = i + offset
-                    power = beyond[degree]
+                    power = polynomial[degree]
                     for d in range(degree - 1, -1, -1):
-                        power = power * place + beyond[d]
+                        power = power * place + polynomial[d]
                     exponent[i] += power
             for i in range(count):
                 reach[i] = exponential(exponent[i]) if exponent[i] > floor else 0.0
             if dimension == 3:  # _ball_envelope in lanes
                 for i in range(count):
-                    t = size[i]
-                    ball[i] = min(largest, 4.0 * pi * (1.0 + r * t) / (t * t * t))
+                    x = size[i]
+                    ball[i] = min(largest, 4.0 * pi * (1.0 + r * x) / (x * x * x))
             else:
                 for i in range(count):
                     ball[i] = _ball_envelope(size[i], r, dimension)
             for i in range(count):
                 ball[i] *= reach[i] / volume
-                turned[i] *= 2.0 * reach[i] * numerator[i] / (denominator[i] * volume)
+                turned[i] *= 2.0 * reach[i] * line.numerator[i] / (line.denominator[i] * volume)
             if half_line and low == half:
                 turned[0] *= 0.5  # k = 0 has no twin
             for i in range(used):
                 term = ball[i]
-                least = threshold * bound[i]
-                if term < least:
+                least = threshold * line.bound[i]
+                if term < least or n == capacity:
                     continue
-                if n >= capacity:
-                    return _REFUSED, 0.0
                 if term < 10.0 * least:
                     decade += (turned[i] * term * volume / reach[i]) ** 2
-                t_out[n] = size[i]
-                w_out[n] = turned[i]
+                t[n] = size[i]
+                w[n] = turned[i]
                 if keep:
-                    k_out[n, outer] = k1
-                    k_out[n, middle] = k2
-                    k_out[n, inner] = (i + offset) * kk
+                    k[n, outer] = k1
+                    k[n, middle] = k2
+                    k[n, inner] = (i + offset) * kk
                 n += 1
-    return n, sqrt(decade)
+    return Lattice(t[:n], w[:n], k[: n if keep else 0], volume, sqrt(decade))
+
+
+@kernel()
+def build(radius: float, frame: Frame, accuracy: Accuracy, keep: bool) -> Lattice:
+    """The lattice of a law for radii up to `radius`, mm; of volume 0 where it would have too many points.
+
+    keep: whether its k are wanted too.
+    """
+    folded = fold_small(frame.S, frame.h, accuracy.threshold)
+    rest = Frame(frame.sigma, frame.mean, folded.S, folded.long, frame.away, frame.axes, frame.dimension, frame.offset)
+    reach = reach_of(rest, accuracy.aliasing)
+    period = np.zeros(3)
+    volume = 1.0
+    for a in range(frame.dimension):
+        period[a] = radius + max(fabs(frame.mean[a]), frame.away[a]) + reach[a]
+        volume *= period[a]
+    extent = gaussian_extent(radius, volume, folded.S, accuracy.threshold)
+    size = box_size(period, extent) if np.isfinite(extent).all() else np.inf
+    if size > SMALL_BOX:  # worth the search for the true extent of all factors together
+        extent = spectral_extent(radius, volume, rest, accuracy.threshold)
+        size = box_size(period, extent)
+    if not size < accuracy.largest_box:
+        return Lattice(np.empty(0), np.empty(0), np.empty((0, 3)), 0.0, 0.0)
+    return lattice_terms(radius, period, extent, frame.mean, folded, accuracy.threshold, int(size) + 2, keep)
+
+
+# --- transforms of the ball ------------------------------------------------------------------------------------------
 
 
 @kernel()
@@ -586,24 +700,6 @@ def sines(scale: float, t: Array, s: Array, c: Array) -> None:
 
 
 @kernel()
-def _ball(r: float, t: Array, w: Array, s: Array, c: Array) -> tuple[float, float, float]:
-    """sum w B_r(t) / (4 pi) and its first two derivatives by r; s, c: sin and cos of r t, which are overwritten."""
-    terms = np.empty(t.size)
-    for i in range(t.size):
-        x = r * t[i]
-        z = x * x
-        near = x < 1e-2
-        per = 1.0 / (1.0 if near else t[i])
-        sine = s[i]
-        turned = x * c[i]
-        ball = (sine - turned) * (per * per * per)
-        terms[i] = r * r * r * (1.0 / 3.0 - z / 30.0 + z * z / 840.0) if near else ball
-        s[i] = r * r * (1.0 - z / 6.0 + z * z / 120.0) if near else r * sine * per
-        c[i] = r * (2.0 - 2.0 * z / 3.0) if near else (sine + turned) * per
-    return sum_of_products(w, terms), sum_of_products(w, s), sum_of_products(w, c)
-
-
-@kernel()
 def balls(r: float, t: Array) -> Array:
     """(n,) transforms B_r(t) of the ball in three dimensions."""
     s = np.empty(t.size)
@@ -620,15 +716,30 @@ def balls(r: float, t: Array) -> Array:
 
 @kernel()
 def ball_sums(r: float, dimension: int, t: Array, w: Array) -> tuple[float, float, float]:
-    """sum w B_r(t) and its first two derivatives by r, for the ball, the disc or the interval of radius r."""
+    """sum w B_r(t) and its first two derivatives by r, for the ball, the disc or the interval of radius r mm.
+
+    t (n,) 1/mm, w (n,): the terms of a lattice.
+    """
     f0 = 0.0
     f1 = 0.0
     f2 = 0.0
     if dimension == 3:
         s = np.empty(t.size)
         c = np.empty(t.size)
+        terms = np.empty(t.size)
         sines(r, t, s, c)
-        f0, f1, f2 = _ball(r, t, w, s, c)
+        for i in range(t.size):
+            x = r * t[i]
+            z = x * x
+            near = x < 1e-2
+            per = 1.0 / (1.0 if near else t[i])
+            sine = s[i]
+            turned = x * c[i]
+            ball = (sine - turned) * (per * per * per)
+            terms[i] = r * r * r * (1.0 / 3.0 - z / 30.0 + z * z / 840.0) if near else ball
+            s[i] = r * r * (1.0 - z / 6.0 + z * z / 120.0) if near else r * sine * per
+            c[i] = r * (2.0 - 2.0 * z / 3.0) if near else (sine + turned) * per
+        f0, f1, f2 = sum_of_products(w, terms), sum_of_products(w, s), sum_of_products(w, c)
         scale = 4.0 * pi
     elif dimension == 2:
         for i in range(t.size):
@@ -647,8 +758,14 @@ def ball_sums(r: float, dimension: int, t: Array, w: Array) -> tuple[float, floa
 
 
 @kernel()
-def _integral(r: float, t: Array, w: Array, s: Array, c: Array) -> float:
-    """s is overwritten."""
+def ball_integral(r: float, t: Array, w: Array) -> float:
+    """int_0^r sum w B_x(t) dx in three dimensions: the integral of the probability over the radius.
+
+    t (n,) 1/mm, w (n,): the terms of a lattice for radii up to r mm or more.
+    """
+    s = np.empty(t.size)
+    c = np.empty(t.size)
+    sines(r, t, s, c)
     r2 = r * r
     for i in range(t.size):
         x = r * t[i]
@@ -657,13 +774,4 @@ def _integral(r: float, t: Array, w: Array, s: Array, c: Array) -> float:
         t2 = 1.0 if near else t[i] * t[i]
         inner = r2 * r2 * (1.0 / 12.0 - z / 180.0 + z * z / 6720.0)
         s[i] = inner if near else (2.0 * (1.0 - c[i]) - x * s[i]) / (t2 * t2)
-    return sum_of_products(w, s)
-
-
-@kernel()
-def ball_integral(r: float, t: Array, w: Array) -> float:
-    """int_0^r sum w B_x(t) dx in three dimensions: the integral of the probability over the radius."""
-    s = np.empty(t.size)
-    c = np.empty(t.size)
-    sines(r, t, s, c)
-    return 4.0 * pi * _integral(r, t, w, s, c)
+    return 4.0 * pi * sum_of_products(w, s)

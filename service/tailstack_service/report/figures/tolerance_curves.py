@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
+    from tailstack.budget import Line
     from tailstack.design import Design
     from tailstack.propagation.linear import LinearModel
-    from tailstack.scoring import Line
 
 MOST = 12  # curves: those that could change the quantile most
 FACTORS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
@@ -60,9 +60,9 @@ def tolerance_curves(
     Everything else stays, and so does the geometry: a half-width changes neither bias nor sensitivities.  Raises
     DesignError, IllPosedError; ValueError for a target that the design does not have.
     """
+    from tailstack.budget import lines_of
     from tailstack.design import compile_design
     from tailstack.propagation.linear import linearise
-    from tailstack.scoring import lines_of
 
     system = compile_design(design)
     found = next((entry for entry in system.targets if entry.name == target), None)
