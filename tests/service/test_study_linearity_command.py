@@ -14,7 +14,7 @@ from service_scenes import coplanar_design, small_design, write_json
 from test_report_figures import check_picture
 
 from tailstack.design import compile_design, load_design
-from tailstack.studies.linearity import study_linearity
+from tailstack.studies.linearity import Grid, study_linearity
 from tailstack_service.cli.main import main
 from tailstack_service.rendering.studies.linearity import linearity_csv, linearity_svg, linearity_text
 from tailstack_service.schemas import json_schema, record_of
@@ -66,7 +66,7 @@ def test_many_rotations_stand_below_one_another_on_a_page_of_100_columns(tmp_pat
     design = compile_design(load_design(write_json(tmp_path / "design.json", small_design())))
     rotations = tuple(range(0, 27, 2))
     study = study_linearity(
-        design, noises_px=(0.5,), rotations_deg=rotations, spreads=(1.0,), counts=(8,), trials=2**13
+        design, Grid(noises_px=(0.5,), rotations_deg=rotations, spreads=(1.0,), counts=(8,)), trials=2**13
     )
     text = linearity_text(study)
     assert max(map(len, text.splitlines())) <= 100

@@ -20,9 +20,18 @@ from tailstack.montecarlo import compile_plan, draw
 from tailstack.propagation.linear import covariance, linearise
 from tailstack.studies.bench import levels
 from tailstack.studies.bench.compare import StudyComparison, study_comparison
-from tailstack.studies.bench.explain import Explanation, Scene, explanations, sampled_law
+from tailstack.studies.bench.explain import Explanation, Scene, explain, sample_law
 from tailstack.studies.bench.file import Group, Measurements
-from tailstack.studies.bench.levels import ONCE, benches_for, expected, least_benches, shared, simulated
+from tailstack.studies.bench.levels import (
+    MOST_REPLICATES,
+    ONCE,
+    Draws,
+    count_benches,
+    count_least_benches,
+    expect,
+    share_draws,
+    simulate_benches,
+)
 from tailstack.studies.bench.statistics import (
     NormsAlong,
     departure,
@@ -120,7 +129,7 @@ def test_holm_is_holm() -> None:
     """closed_form: sorted 0.005, 0.01, 0.03, 0.04 times 4, 3, 2, 1, made monotone."""
     assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert holm([0.9, 0.8]) == [1.0, 1.0]
-    assert 2 / (least_benches(200, 0.05) + 1) < 0.05 / 200
+    assert 2 / (count_least_benches(200, 0.05) + 1) < 0.05 / 200
 
 
 # --- the predicted bench --------------------------------------------------------------------------
@@ -129,7 +138,7 @@ def test_holm_is_holm() -> None:
 def test_a_bench_shares_what_it_shares() -> None:
     plan = compile_plan(scene())
     fresh = draw(plan, 5, np.arange(24))
-    z = shared(plan, fresh.copy(), (2, 4, 6))
+    z = share_draws(plan, fresh.copy(), (2, 4, 6))
     for block in plan.blocks:
         columns = z[:, block.start : block.stop].reshape(2, 12, -1)
         distinct = [len(np.unique(columns[bench], axis=0)) for bench in range(2)]
@@ -141,10 +150,10 @@ def test_a_bench_shares_what_it_shares() -> None:
 def test_expected_moments_are_those_of_the_chain() -> None:
     """sampled: 4,999 benches, seed 0; a covariance is good to 2.5 % of its trace (more than 4 sigma)."""
     system = scene()
-    law = expected(linearise(system, system.targets[0]), "tcp", 0.1)
+    law = expect(linearise(system, system.targets[0]), "tcp", 0.1)
     total = covariance(linearise(system, system.targets[0]), "tcp") + 0.01 * np.eye(3)
     np.testing.assert_allclose(law.unit + law.installation + law.shot, total, rtol=1e-10)
-    errors = simulated(system, 0, "tcp", SIZES, seed=0, first=0, instrument_sd_mm=0.1)
+    errors = simulate_benches(system, 0, "tcp", SIZES, Draws(0, MOST_REPLICATES, instrument_sd_mm=0.1))
     found = moments_of(errors, SIZES)
     for sample, predicted in (
         (np.cov(found.mean.T), law.of_mean(SIZES)),
@@ -176,8 +185,8 @@ def plain_bench(system: System, rng: np.random.Generator, sizes: tuple[int, ...]
 def p_values_of(system: System, values: Array, many: Array) -> dict[str, float]:
     """p-value of every test of one bench against simulated ones."""
     read = measured(values, SIZES)
-    bench = levels.bench_of(system, read, read.groups[0], "tcp", 0.0)
-    found = levels.tests_of(bench, many, np.linalg.norm(many, axis=2))
+    bench = levels.describe_bench(system, read, read.groups[0], "tcp", 0.0)
+    found = levels.test_bench(bench, many, np.linalg.norm(many, axis=2))
     return {test.test: test.p_value for test in found}
 
 
@@ -185,7 +194,7 @@ def test_every_test_has_its_size() -> None:
     """independent, sampled: 400 benches of the plain chain that are as designed.  At 5 % a test of the right size
     refuses 20; fewer than 7 or more than 36 come once in 2000.  Seed 4."""
     system, rng = scene(), np.random.default_rng(4)
-    many = simulated(system, 0, "tcp", SIZES, seed=0, first=0)[:999]
+    many = simulate_benches(system, 0, "tcp", SIZES, Draws(0, 999))
     refused: dict[str, int] = {}
     for _ in range(400):
         errors = plain_bench(system, rng, SIZES)
@@ -199,7 +208,7 @@ def test_every_test_has_its_size() -> None:
 def test_a_difference_is_found() -> None:
     """sampled: 40 benches with noise of 1 px instead of 0.5 px; spread refused in at least 36.  Seed 6."""
     system, rng = scene(), np.random.default_rng(6)
-    many = simulated(system, 0, "tcp", SIZES, seed=0, first=0)[:999]
+    many = simulate_benches(system, 0, "tcp", SIZES, Draws(0, 999))
     found = [p_values_of(system, plain_bench(system, rng, SIZES, noise=1.0), many)["spread"] < 0.05 for _ in range(40)]
     assert sum(found) >= 36
 
@@ -272,8 +281,8 @@ def test_the_interval_of_a_factor_covers() -> None:
     average, more than seven once in 1000.  Seed 10."""
     system, rng, missed = scene(), np.random.default_rng(10), 0
     model = linearise(system, system.targets[0])
-    law = expected(model, "tcp", 0.0)
-    base = sampled_law(system, 0, "tcp", SIZES, 0, 0.0, least=499, trials=sum(SIZES))
+    law = expect(model, "tcp", 0.0)
+    base = sample_law(system, 0, "tcp", SIZES, Draws(0, 999))
     kept = replace(
         base, total=base.total[:499], displacements=(),
         contributions=tuple(
@@ -282,7 +291,7 @@ def test_the_interval_of_a_factor_covers() -> None:
     )  # fmt: skip
     for _ in range(40):
         errors = plain_bench(system, rng, SIZES, noise=0.9)
-        found = explanations([Scene("target", SIZES, errors, None, None, law, kept)], 0.05)
+        found = explain([Scene("target", SIZES, errors, None, None, law, kept)], 0.05)
         low, high = found[0].intervals[0] if found[0].intervals else (0.0, 0.0)
         missed += not low <= 1.8 <= high
     assert missed <= 7
@@ -304,11 +313,11 @@ def test_the_interval_of_a_spread_is_that_of_its_scale() -> None:
 def test_the_first_order_benches_have_their_declared_covariances() -> None:
     """closed_form: of every contributor, and of the mean of a bench; 20,000 benches, 4 % of a trace is 4 sigma."""
     system = scene()
-    law = sampled_law(system, 0, "tcp", (2, 2), 0, 0.1, least=20_000, trials=4)
+    law = sample_law(system, 0, "tcp", (2, 2), Draws(0, 20_000, instrument_sd_mm=0.1))
     for part in law.contributions:
         drawn = part.errors[:, 0]
         np.testing.assert_allclose(np.cov(drawn.T), part.covariance, atol=0.04 * np.trace(part.covariance))
-    predicted = expected(linearise(system, system.targets[0]), "tcp", 0.1).of_mean((2, 2))
+    predicted = expect(linearise(system, system.targets[0]), "tcp", 0.1).of_mean((2, 2))
     np.testing.assert_allclose(np.cov(law.total.mean(axis=1).T), predicted, atol=0.04 * np.trace(predicted))
 
 
@@ -366,11 +375,11 @@ def test_explaining_norms_is_the_quadratic_it_is_taken_for() -> None:
 
 
 def test_as_many_benches_are_simulated_as_the_tests_need() -> None:
-    assert benches_for([32], 4, 0.05) == 4999
-    assert benches_for([2000], 3, 0.05) == 1000
-    assert benches_for([100] * 10, 30, 0.05) == 2000
+    assert count_benches([32], 4, 0.05) == 4999
+    assert count_benches([2000], 3, 0.05) == 1000
+    assert count_benches([100] * 10, 30, 0.05) == 2000
     with pytest.raises(LimitError, match="3,000 trials and 90 tests need 16,200,000"):
-        benches_for([100] * 30, 90, 0.05)
+        count_benches([100] * 30, 90, 0.05)
 
 
 def test_a_level_is_predicted_with_its_installation_error() -> None:
@@ -467,7 +476,7 @@ def test_a_design_that_predicts_no_spread_is_refused() -> None:
 def test_beyond_first_order_the_chain_itself_is_the_reference() -> None:
     """A small cluster at half a pixel: the linear law is wrong there, and a bench of the chain must still agree."""
     system = broken_system()
-    plan_errors = simulated(system, 0, "tcp", (4,), seed=99, first=0)[3]
+    plan_errors = simulate_benches(system, 0, "tcp", (4,), Draws(99, 4))[3]
     study = studied(system, plan_errors, (4,))
     assert study.validity.expected_error_percent is None
     assert study.verdict == "agrees"

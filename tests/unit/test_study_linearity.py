@@ -14,15 +14,16 @@ from tailstack import score, verify
 from tailstack.errors import StudyError
 from tailstack.propagation.linear import linearise
 from tailstack.studies.linearity import (
+    Grid,
     Place,
-    calibration,
-    changed,
-    classified,
+    apply_place,
+    calibrate,
+    classify,
     default_counts,
-    examined,
-    far_apart,
-    sentences,
+    examine_place,
+    order_far_apart,
     study_linearity,
+    write_sentences,
 )
 from tailstack.system import Law, Sources, Triangulation
 
@@ -34,7 +35,7 @@ def test_ratio_of_the_cube_over_noise_in_the_published_form(noise_px: float, rat
     """independent: the plain 4x4 triangulation on a 100 mm cube, target 110 mm from its middle, measured by other
     programs: within 0.3 % to 5 px, then -0.5, -1.2 and -4.3 %, each good to some 0.2 %."""
     system = cube8_system(triangulation=Triangulation.PUBLISHED)
-    point = examined(system, 0, "tcp", Place(noise_px, 0.0, 1.0, 8), 2**13, 1)
+    point = examine_place(system, 0, "tcp", Place(noise_px, 0.0, 1.0, 8), 2**13, 1)
     low, high = point.ratio_interval
     assert low < point.ratio < high
     assert point.ratio == pytest.approx(ratio, abs=0.003 + 1.2 * (high - low))
@@ -47,7 +48,7 @@ def test_ratio_against_plain_monte_carlo(noise_px: float):
     """sampled: order statistics of 400,000 trials of another seed, no linear model in them; 99 % interval, and ours."""
     system = cube8_system(views=with_noise(noise_px))
     plain = verify(system, trials=400_000, seed=77).targets[0]
-    point = examined(system, 0, "tcp", Place(noise_px, 0.0, 1.0, 8), TRIALS, 1)
+    point = examine_place(system, 0, "tcp", Place(noise_px, 0.0, 1.0, 8), TRIALS, 1)
     error = 1.4 * (plain.p95_interval_mm[1] - plain.p95_interval_mm[0]) / 2 / plain.p95_mm
     low, high = point.ratio_interval
     assert low - error <= plain.first_order_ratio <= high + error
@@ -57,14 +58,14 @@ def test_ratio_against_plain_monte_carlo(noise_px: float):
 def test_ratio_over_random_rotations_of_both_interfaces(rotation_deg: float, ratio: float):
     """independent: random rotations of 1, 2 and 5 deg give 1.0008, 1.0020 and 1.0054."""
     second = mount("connector_flange", (0, 0, -145), half_width=[radians(rotation_deg)] * 3 + [0] * 3)
-    point = examined(cube8_system(connector_flange=second), 0, "tcp", Place(0.5, rotation_deg, 1.0, 8), TRIALS, 2)
+    point = examine_place(cube8_system(connector_flange=second), 0, "tcp", Place(0.5, rotation_deg, 1.0, 8), TRIALS, 2)
     assert point.ratio == pytest.approx(ratio, abs=0.0015)
 
 
 def test_a_far_target_of_a_small_cluster_is_plainly_optimistic():
     """sampled: plain Monte Carlo of another seed; beyond the reach of the linearisation it says so."""
     system = broken_system(views=with_noise(2.0))
-    point = examined(system, 0, "localisation", Place(2.0, 0.0, 1.0, 7), TRIALS, 3)
+    point = examine_place(system, 0, "localisation", Place(2.0, 0.0, 1.0, 7), TRIALS, 3)
     plain = verify(system, trials=20_000, seed=8).targets[0].localisation
     assert point.ratio == pytest.approx(plain.first_order_ratio, rel=0.15)
     assert point.ratio < 0.4
@@ -79,7 +80,7 @@ def test_intervals_hold_what_they_promise():
     """sampled: 40 seeds; the truth is the pooled ratio of all.  Of 95 % intervals at least 33 hold it with probability
     0.9986."""
     place = Place(4.0, 0.0, 0.5, 8)
-    found = [examined(cube8_system(), 0, "localisation", place, 2**13, seed) for seed in range(40)]
+    found = [examine_place(cube8_system(), 0, "localisation", place, 2**13, seed) for seed in range(40)]
     logs = np.log([point.ratio for point in found])
     truth = float(np.exp(logs.mean()))
     held = sum(point.ratio_interval[0] <= truth <= point.ratio_interval[1] for point in found)
@@ -104,14 +105,14 @@ def test_intervals_hold_what_they_promise():
     ],
 )
 def test_classes_and_whether_they_are_sure(ratio: float, interval: tuple[float, float], expected: tuple[str, bool]):
-    assert classified(ratio, interval) == expected
+    assert classify(ratio, interval) == expected
 
 
 def test_second_order_is_that_of_the_score():
     """The same correction by another route: noise alone is Gaussian, so the ratio of Gaussian quantiles is exact."""
     system = cube8_system(views=with_noise(5.0))
     expected = score(system, second_order=True).targets[0].second_order
-    point = examined(system, 0, "tcp", Place(5.0, 0.0, 1.0, 8), 2**13, 1)
+    point = examine_place(system, 0, "tcp", Place(5.0, 0.0, 1.0, 8), 2**13, 1)
     assert expected.status == "applied"
     assert point.second_order_p95_mm == pytest.approx(expected.p95_mm, rel=1e-6)
     assert point.first_order_p95_mm == pytest.approx(score(system).targets[0].p95_mm, rel=1e-9)
@@ -123,7 +124,7 @@ def test_second_order_of_the_papers_scenario():
     the spread there."""
     exact = SCENARIO["A"]["exact"]
     system = replace(scene("A", 2.0), triangulation=Triangulation.PUBLISHED)  # in metres: this form depends on units
-    point = examined(system, 0, "localisation", Place(2.0, 0.0, 1.0, 8), 2**13, 1)
+    point = examine_place(system, 0, "localisation", Place(2.0, 0.0, 1.0, 8), 2**13, 1)
     assert point.first_order_p95_mm == pytest.approx(exact["P95"], rel=1e-6)
     assert point.second_order_p95_mm == pytest.approx(exact["second_order_P95"], rel=1e-5)
 
@@ -134,17 +135,17 @@ def test_what_a_point_changes_and_what_it_leaves():
     system = cube8_system(
         structure_connector=mount("structure_connector", (0, 0, -95), half_width=half, law=Law.UNIFORM)
     )
-    here = changed(system, Place(2.0, 1.5, 0.5, 6))
+    here = apply_place(system, Place(2.0, 1.5, 0.5, 6))
     assert len(here.fiducials_mm) == len(here.fiducial_labels) == 6
     centre = system.fiducials_mm.mean(axis=0)
-    kept = np.sort(far_apart(system.fiducials_mm)[:6])
+    kept = np.sort(order_far_apart(system.fiducials_mm)[:6])
     assert here.fiducials_mm - centre == pytest.approx(0.5 * (system.fiducials_mm[kept] - centre))
     assert {view.fiducial_noise_px for view in here.views} == {view.target_noise_px for view in here.views} == {2.0}
     sources = here.structure_connector.sources
     assert sources.names == ("rx", "ry", "rz", "tx", "ty", "tz")
     assert sources.laws == (Law.NORMAL,) * 3 + (Law.UNIFORM,) * 3
     assert sources.std == pytest.approx([radians(1.5)] * 3 + [0.4 / 3**0.5] * 3)
-    still = changed(system, Place(2.0, 0.0, 1.0, 8)).structure_connector.sources
+    still = apply_place(system, Place(2.0, 0.0, 1.0, 8)).structure_connector.sources
     assert still.names == ("tx", "ty", "tz")
     assert still.direction == pytest.approx(np.eye(6)[:, 3:])
 
@@ -152,7 +153,7 @@ def test_what_a_point_changes_and_what_it_leaves():
 def test_fiducials_that_are_kept_are_far_apart():
     """closed form: of a line of points the ends come first, then the middle."""
     points = np.column_stack([np.arange(9.0), np.zeros(9), np.zeros(9)])
-    order = far_apart(points)
+    order = order_far_apart(points)
     assert set(order[:2]) == {0, 8}
     assert order[2] == 4
     assert sorted(order) == list(range(9))
@@ -160,8 +161,8 @@ def test_fiducials_that_are_kept_are_far_apart():
 
 def test_the_grid_is_whole_and_repeatable():
     axes = {"noises_px": (0.5, 2.0), "rotations_deg": (0.0, 1.0), "spreads": (1.0, 0.3), "counts": (8, 6)}
-    first = study_linearity(cube8_system(), **axes, trials=2**13, seed=4, threads=1)
-    assert study_linearity(cube8_system(), **axes, trials=2**13, seed=4, threads=2) == first
+    first = study_linearity(cube8_system(), Grid(**axes), trials=2**13, seed=4, threads=1)
+    assert study_linearity(cube8_system(), Grid(**axes), trials=2**13, seed=4, threads=2) == first
     assert [(p.fiducials, p.spread, p.noise_px, p.rotation_deg) for p in first.points[:5]] == [
         (8, 1.0, 0.5, 0.0), (8, 1.0, 0.5, 1.0), (8, 1.0, 2.0, 0.0), (8, 1.0, 2.0, 1.0), (8, 0.3, 0.5, 0.0),
     ]  # fmt: skip
@@ -169,14 +170,16 @@ def test_the_grid_is_whole_and_repeatable():
     assert sum(line.points for line in first.calibration) == sum(point.status == "ok" for point in first.points)
     for point in first.points:
         if point.status == "ok":
-            alone = changed(cube8_system(), Place(point.noise_px, point.rotation_deg, point.spread, point.fiducials))
+            alone = apply_place(
+                cube8_system(), Place(point.noise_px, point.rotation_deg, point.spread, point.fiducials)
+            )
             assert point.nu == pytest.approx(linearise(alone, alone.targets[0]).nu, rel=1e-12)
 
 
 def test_a_point_that_determines_nothing_is_a_row_with_its_reason():
     """Too wide for the detector of the reference C-arm, whose field is 102 mm: refused, and the others are there."""
     study = study_linearity(
-        cube8_system(), noises_px=(0.5,), rotations_deg=(0.0,), spreads=(1.0, 5.0), counts=(8,), trials=2**13
+        cube8_system(), Grid(noises_px=(0.5,), rotations_deg=(0.0,), spreads=(1.0, 5.0), counts=(8,)), trials=2**13
     )
     good, bad = study.points
     assert (good.status, bad.status) == ("ok", "refused")
@@ -191,7 +194,7 @@ def test_a_locator_keeps_its_shift_and_loses_its_turn():
     sources = Sources(("A1", "A2", "A3"), (Law.UNIFORM,) * 3, np.full(3, 0.3), np.ones(3), ("mm",) * 3, both)
     first = cube8_system().structure_connector
     for rotation_deg, names in ((0.0, ("A1", "A3")), (2.0, ("rx", "ry", "rz", "A1", "A3"))):
-        here = changed(
+        here = apply_place(
             cube8_system(structure_connector=replace(first, sources=sources)), Place(1.0, rotation_deg, 1.0, 8)
         )
         kept = here.structure_connector.sources
@@ -218,8 +221,8 @@ def test_second_order_is_called_nearer_only_where_the_interval_says_so(
     ratio: float, interval: tuple[float, float], second: float, nearer: bool | None
 ):
     """closed form: Monte Carlo anywhere in the interval, first and second order fixed."""
-    base = examined(cube8_system(), 0, "tcp", Place(0.5, 0.0, 1.0, 8), 2**13, 1)
-    said = sentences([replace(base, ratio=ratio, ratio_interval=interval, second_order_ratio=second)])[-1]
+    base = examine_place(cube8_system(), 0, "tcp", Place(0.5, 0.0, 1.0, 8), 2**13, 1)
+    said = write_sentences([replace(base, ratio=ratio, ratio_interval=interval, second_order_ratio=second)])[-1]
     counts = {True: (1, 0, 0), False: (0, 1, 0), None: (0, 0, 1)}[nearer]
     words = "at 1 point: nearer to Monte Carlo than first order at {}, farther at {}, open at {}."
     assert words.format(*counts) in said
@@ -229,20 +232,18 @@ def test_second_order_is_called_nearer_only_where_the_interval_says_so(
 
 
 def test_what_is_bounded_and_what_risk_is_read_are_said():
-    free = {"noises_px": (0.5,), "rotations_deg": (0.0,), "spreads": (1.0,), "counts": (8,), "trials": 2**13}
-    said = study_linearity(cube8_system(), **free).varied
+    grid = Grid(noises_px=(0.5,), rotations_deg=(0.0,), spreads=(1.0,), counts=(8,))
+    said = study_linearity(cube8_system(), grid, trials=2**13).varied
     assert "pooled" in said
     assert "bounded" not in said
     second = mount("connector_flange", (0, 0, -145), half_width=[0] * 3 + [0.2] * 3, law=Law.BOUNDED)
-    assert (
-        "bounded components stand where they are worst"
-        in study_linearity(cube8_system(connector_flange=second), **free).varied
-    )
+    said = study_linearity(cube8_system(connector_flange=second), grid, trials=2**13).varied
+    assert "bounded components stand where they are worst" in said
 
 
 def test_words_and_calibration_count_what_is_there():
     """Counted by hand; what an interval leaves open is neither kept nor broken."""
-    base = examined(cube8_system(), 0, "tcp", Place(0.5, 0.0, 1.0, 8), 2**13, 1)
+    base = examine_place(cube8_system(), 0, "tcp", Place(0.5, 0.0, 1.0, 8), 2**13, 1)
     good = replace(base, promise="good to 1 %", promised_percent=1.0)
     bad = replace(base, promise="not valid", promised_percent=None)
     points = [
@@ -254,13 +255,13 @@ def test_words_and_calibration_count_what_is_there():
         replace(bad, ratio=0.78, ratio_interval=(0.74, 0.82), errs="optimistic", nu=0.41),
         replace(bad, ratio=1.3, ratio_interval=(1.21, 1.4), errs="pessimistic", nu=0.51),
     ]
-    lines = {line.promise: line for line in calibration(points)}
+    lines = {line.promise: line for line in calibrate(points)}
     one = lines["good to 1 %"]
     assert (one.points, one.kept, one.broken, one.open) == (3, 1, 1, 1)
     warned = lines["not valid"]
     assert (warned.points, warned.kept, warned.broken, warned.open) == (4, 2, 0, 1)
     assert (warned.lowest_ratio, warned.highest_ratio) == (0.7, 1.3)
-    said = sentences(points)
+    said = write_sentences(points)
     assert said[0].startswith(
         "Of 7 points first order is, with the whole interval, within 1 % at 1 (1 open), within 5 % at 3 (1 open), "
         "within 20 % at 4 (1 open)."
@@ -269,7 +270,7 @@ def test_words_and_calibration_count_what_is_there():
         "Surely beyond 5 % it is optimistic at 2 points, pessimistic at 1; the smallest nu among them is 0.31"
         in (said[1])
     )
-    assert "Nowhere" in sentences(points[:3])[1]
+    assert "Nowhere" in write_sentences(points[:3])[1]
 
 
 @pytest.mark.parametrize(
@@ -281,13 +282,20 @@ def test_words_and_calibration_count_what_is_there():
         ({"rotations_deg": (90.0,)}, "rotation must lie between"),
         ({"noises_px": (1.0, 1.0)}, "each of them once"),
         ({"noises_px": tuple(np.linspace(0.1, 9, 2000)), "counts": (6, 7, 8)}, "at most 5,000 points"),
-        ({"target": "nobody"}, "no target is called 'nobody'"),
-        ({"trials": 100}, "at least 8192 trials"),
     ],
 )
-def test_refusals(axes: dict, said: str):
+def test_refusals_of_axes(axes: dict, said: str):
     with pytest.raises(StudyError, match=said):
-        study_linearity(cube8_system(), **axes)
+        study_linearity(cube8_system(), Grid(**axes))
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [({"target": "nobody"}, "no target is called 'nobody'"), ({"trials": 100}, "at least 8192 trials")],
+)
+def test_refusals(asked: dict, said: str):
+    with pytest.raises(StudyError, match=said):
+        study_linearity(cube8_system(), **asked)
 
 
 def test_default_counts():

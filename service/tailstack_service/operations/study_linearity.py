@@ -63,10 +63,11 @@ class LinearityOptions(Options):
 
 
 def _study(call: Call) -> StudyLinearity:
-    from tailstack.studies.linearity import study_linearity
+    from tailstack.studies.linearity import Grid, study_linearity
 
-    asked = call.options.model_dump(exclude_none=True)
-    return study_linearity(call.design, **asked, threads=call.threads, progress=call.progress)
+    options: dict[str, Any] = call.options.model_dump(exclude_none=True)
+    grid = Grid(**{name: options.pop(name) for name in LinearityOptions.in_query() if name in options})
+    return study_linearity(call.design, grid, **options, threads=call.threads, progress=call.progress)
 
 
 def _check(request: Request, settings: Settings) -> None:

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from math import exp, log, radians, sqrt
+from dataclasses import asdict, dataclass, replace
+from itertools import product
+from math import exp, log, prod, radians, sqrt
 from typing import Any, Literal
 
 import numpy as np
@@ -165,13 +166,20 @@ def default_counts(fiducials: int) -> tuple[int, ...]:
     return tuple(sorted({count for count in wanted if FEWEST_FIDUCIALS <= count <= fiducials}, reverse=True)[:3])
 
 
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """What is varied: every combination of these."""
+
+    noises_px: Sequence[float] = NOISES_PX  # of every image coordinate, in place of the design's
+    rotations_deg: Sequence[float] = ROTATIONS_DEG  # standard deviations of three rotations of the structure's mount
+    spreads: Sequence[float] = SPREADS  # factors on the layout about its centroid
+    counts: Sequence[int] | None = None  # fiducials kept, far apart; None: all, two thirds of them, the fewest
+
+
 def study_linearity(
     design: Design | System,
+    grid: Grid = Grid(),
     *,
-    noises_px: Sequence[float] = NOISES_PX,
-    rotations_deg: Sequence[float] = ROTATIONS_DEG,
-    spreads: Sequence[float] = SPREADS,
-    counts: Sequence[int] | None = None,
     target: str | None = None,
     error: Error = "tcp",
     trials: int = DEFAULT_TRIALS,
@@ -179,28 +187,27 @@ def study_linearity(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> StudyLinearity:
-    """First order, second order and Monte Carlo P95 of a design over a grid.
+    """First order, second order and Monte Carlo P95 of a design over a grid; what the grid leaves alone stays.
 
-    noises_px: of every image coordinate, in place of the design's; rotations_deg: standard deviations of three normal
-    rotations of the structure's mount, in place of its own; spreads: factors on the layout about its centroid; counts:
-    fiducials kept, spread out.  Everything else stays.  target: by default the one with the largest first-order P95.
-    trials of each point, one seed for all; same seed, same digits, whatever ``threads``.  Raises DesignError,
-    IllPosedError where the design itself is refused, StudyError for an axis or a target that cannot be.
+    target: by default the one with the largest first-order P95.  trials of each point, one seed for all; same seed,
+    same digits, whatever ``threads``.  Raises DesignError, IllPosedError where the design itself is refused, StudyError
+    for an axis or a target that cannot be.
     """
     system, _, _ = checked_system(design)
-    counts = default_counts(len(system.fiducials_mm)) if counts is None else counts
-    _refuse(system, noises_px, rotations_deg, spreads, counts, target, trials)
+    counts = default_counts(len(system.fiducials_mm)) if grid.counts is None else grid.counts
+    axes = replace(grid, counts=tuple(counts))
+    _refuse(system, axes, target, trials)
     names = [one.name for one in system.targets]
     if target is None:
         target = max(score(system).targets, key=lambda one: one.p95_mm).name
     chosen = names.index(target)
-    grid = places(noises_px, rotations_deg, spreads, counts)
+    places = list_places(axes)
     points: list[LinearityPoint] = []
     with ThreadPoolExecutor(usable_cores() if threads is None else threads) as pool:
-        for point in pool.map(lambda place: examined(system, chosen, error, place, trials, seed), grid):
+        for point in pool.map(lambda place: examine_place(system, chosen, error, place, trials, seed), places):
             points.append(point)
             if progress is not None:
-                progress(len(points), len(grid))
+                progress(len(points), len(places))
     return StudyLinearity(
         schema="tailstack/study-linearity/1",
         target=target,
@@ -211,13 +218,13 @@ def study_linearity(
         confidence=CONFIDENCE,
         interval_method=f"both quantiles from the same deviates; Student's interval of the logarithms of {SECTIONS} "
         f"sections' ratios; {100 * CONFIDENCE:g} % each by itself, so some {round(100 * (1 - CONFIDENCE))} of 100 miss",
-        noises_px=tuple(noises_px),
-        rotations_deg=tuple(rotations_deg),
-        spreads=tuple(spreads),
+        noises_px=tuple(grid.noises_px),
+        rotations_deg=tuple(grid.rotations_deg),
+        spreads=tuple(grid.spreads),
         counts=tuple(counts),
         points=tuple(points),
-        calibration=calibration(points),
-        sentences=sentences(points),
+        calibration=calibrate(points),
+        sentences=write_sentences(points),
         varied="noise: of every image coordinate, in place of the design's; rotation: standard deviation of three "
         f"normal rotations of {system.structure_connector.title}, in place of its own; "
         "spread: factor on the layout about its centroid; fiducials: so many are kept, far apart. Everything else is "
@@ -234,17 +241,16 @@ def _any_bounded(system: System) -> bool:
     return Law.BOUNDED in [*laws, *(law for sources in kept for law in sources.laws)]
 
 
-def _refuse(
-    system: System, noises: Sequence[float], rotations: Sequence[float], spreads: Sequence[float],
-    counts: Sequence[int], target: str | None, trials: int,
-) -> None:  # fmt: skip
+def _refuse(system: System, grid: Grid, target: str | None, trials: int) -> None:
+    """Raises StudyError with everything about a grid, a target and a number of trials that cannot be."""
     problems = []
-    fiducials = len(system.fiducials_mm)
+    fiducials, counts = len(system.fiducials_mm), grid.counts or ()
     axes: tuple[tuple[str, Sequence[float], float, float, Sequence[float]], ...] = (
-        ("noise", noises, 1e-3, 100.0, NOISES_PX), ("rotation", rotations, 0.0, 30.0, ROTATIONS_DEG),
-        ("spread", spreads, 1e-2, 10.0, SPREADS),
+        ("noise", grid.noises_px, 1e-3, 100.0, NOISES_PX),
+        ("rotation", grid.rotations_deg, 0.0, 30.0, ROTATIONS_DEG),
+        ("spread", grid.spreads, 1e-2, 10.0, SPREADS),
         ("count", counts, FEWEST_FIDUCIALS, fiducials, default_counts(fiducials)),
-    )  # fmt: skip
+    )
     for name, values, low, high, usual in axes:
         example = f"--{name} {','.join(f'{value:g}' for value in usual)}"
         for value in values:
@@ -255,7 +261,7 @@ def _refuse(
         if not values or len(set(values)) < len(values):
             detail = f"{name} takes at least one value, and each of them once"
             problems.append(Problem("", "axis", detail, example))
-    size = len(noises) * len(rotations) * len(spreads) * len(counts)
+    size = prod(len(values) for _, values, *_ in axes)
     if size > MOST_POINTS:
         detail = f"a map has at most {MOST_POINTS:,} points; these axes make {size:,}"
         problems.append(Problem("", "too-many", detail, "give fewer values to an axis"))
@@ -270,7 +276,7 @@ def _refuse(
         raise StudyError(problems)
 
 
-def beyond(point: LinearityPoint, limit: float) -> bool | None:
+def is_beyond(point: LinearityPoint, limit: float) -> bool | None:
     """Whether first order is further than ``limit`` from Monte Carlo; None where the interval leaves it open."""
     low, high = point.ratio_interval or (1.0, 1.0)
     if 1 - limit <= low and high <= 1 + limit:
@@ -278,7 +284,7 @@ def beyond(point: LinearityPoint, limit: float) -> bool | None:
     return True if high < 1 - limit or low > 1 + limit else None
 
 
-def calibration(points: Sequence[LinearityPoint]) -> tuple[Calibration, ...]:
+def calibrate(points: Sequence[LinearityPoint]) -> tuple[Calibration, ...]:
     """What the validity statement promised at these points, and what came of it."""
     lines = []
     done = [point for point in points if point.ratio is not None]
@@ -287,7 +293,7 @@ def calibration(points: Sequence[LinearityPoint]) -> tuple[Calibration, ...]:
         if not chosen:
             continue
         limits = [BEYOND if one.promised_percent is None else one.promised_percent / 100 for one in chosen]
-        found = [beyond(point, limit) for point, limit in zip(chosen, limits, strict=True)]
+        found = [is_beyond(point, limit) for point, limit in zip(chosen, limits, strict=True)]
         warned = promise == NOT_VALID
         ratios = [point.ratio for point in chosen if point.ratio is not None]
         kept, broken = found.count(warned), 0 if warned else found.count(True)
@@ -295,45 +301,45 @@ def calibration(points: Sequence[LinearityPoint]) -> tuple[Calibration, ...]:
     return tuple(lines)
 
 
-def _points(count: int) -> str:
+def _count_points(count: int) -> str:
     return f"{count} point{'' if count == 1 else 's'}"
 
 
-def sentences(points: Sequence[LinearityPoint]) -> tuple[str, ...]:
+def write_sentences(points: Sequence[LinearityPoint]) -> tuple[str, ...]:
     """What the map says, in words; nothing that an interval leaves open."""
     done = [point for point in points if point.ratio is not None]
     if not done:
         return ("No point could be evaluated.",)
     shares = []
     for name, limit in LEVELS:
-        found = [beyond(point, limit) for point in done]
+        found = [is_beyond(point, limit) for point in done]
         shares.append(f"within {name} at {found.count(False)} ({found.count(None)} open)")
     said = [
-        f"Of {_points(len(done))} first order is, with the whole interval, {', '.join(shares)}. Open: the interval "
-        "reaches across the limit."
+        f"Of {_count_points(len(done))} first order is, with the whole interval, {', '.join(shares)}. Open: the "
+        "interval reaches across the limit."
     ]
     name, limit = LEVELS[1]
-    far = [point for point in done if beyond(point, limit)]
+    far = [point for point in done if is_beyond(point, limit)]
     if far:
         hopeful = sum(point.errs == "optimistic" for point in far)
         gentle = min(point.nu or 0.0 for point in far)
         said.append(
-            f"Surely beyond {name} it is optimistic at {_points(hopeful)}, pessimistic at {len(far) - hopeful}; the "
-            f"smallest nu among them is {gentle:.2g}."
+            f"Surely beyond {name} it is optimistic at {_count_points(hopeful)}, pessimistic at {len(far) - hopeful}; "
+            f"the smallest nu among them is {gentle:.2g}."
         )
     else:
         said.append(f"Nowhere on this grid is it surely further than {name} from Monte Carlo.")
-    corrected = [_nearer(point) for point in done if point.second_order_ratio is not None]
+    corrected = [_is_nearer(point) for point in done if point.second_order_ratio is not None]
     if corrected:
         said.append(
-            f"Second order is offered at {_points(len(corrected))}: nearer to Monte Carlo than first order at "
+            f"Second order is offered at {_count_points(len(corrected))}: nearer to Monte Carlo than first order at "
             f"{corrected.count(True)}, farther at {corrected.count(False)}, open at {corrected.count(None)}. Elsewhere "
             "it is refused."
         )
     return tuple(said)
 
 
-def _nearer(point: LinearityPoint) -> bool | None:
+def _is_nearer(point: LinearityPoint) -> bool | None:
     """Whether second order is nearer to Monte Carlo than first order; None where the interval leaves it open.
 
     Monte Carlo's P95 lies on the side of one of the two, seen from the middle between them, and they differ by more
@@ -363,7 +369,7 @@ class Place:
     fiducials: int
 
 
-def far_apart(points: Array) -> NDArray[np.int64]:
+def order_far_apart(points: Array) -> NDArray[np.int64]:
     """An order of points (N, 3) in which every beginning is spread out: the farthest from the centroid, then always the
     one farthest from those before it."""
     from_centre = np.linalg.norm(points - points.mean(axis=0), axis=1)
@@ -375,7 +381,7 @@ def far_apart(points: Array) -> NDArray[np.int64]:
     return np.array(order)
 
 
-def _turning(mount: Mount, rotation_deg: float) -> Mount:
+def _turn(mount: Mount, rotation_deg: float) -> Mount:
     """The mount with its translations as they are and three independent normal rotations of this standard deviation.
 
     A source that both turns and shifts, as a locator does, keeps its shift at the pivot.
@@ -396,9 +402,9 @@ def _turning(mount: Mount, rotation_deg: float) -> Mount:
     return replace(mount, sources=sources)
 
 
-def changed(system: System, place: Place) -> System:
+def apply_place(system: System, place: Place) -> System:
     """The system at a point of the grid, one target left in it."""
-    kept = np.sort(far_apart(system.fiducials_mm)[: place.fiducials])
+    kept = np.sort(order_far_apart(system.fiducials_mm)[: place.fiducials])
     centre = system.fiducials_mm.mean(axis=0)
     spread = centre + place.spread * (system.fiducials_mm[kept] - centre)
     layout = replace(
@@ -406,14 +412,14 @@ def changed(system: System, place: Place) -> System:
         fiducials_mm=spread,
         fiducial_labels=tuple(system.fiducial_labels[k] for k in kept),
         manufacturing_half_width_mm=system.manufacturing_half_width_mm[kept],
-        structure_connector=_turning(system.structure_connector, place.rotation_deg),
+        structure_connector=_turn(system.structure_connector, place.rotation_deg),
         requirements=(),
     )
     return with_noise(layout, place.noise_px)
 
 
 @dataclass(frozen=True, slots=True)
-class Compared:
+class QuantileRatio:
     """A P95 by Monte Carlo, and the linear model's over it."""
 
     p95_mm: float
@@ -422,9 +428,9 @@ class Compared:
     trials: int
 
 
-def compared(
+def compare_quantiles(
     plan: ChainPlan, gains: Array, mean: Array, first_order_mm: float, error: Error, trials: int, seed: int
-) -> Compared:
+) -> QuantileRatio:
     """First order over Monte Carlo at P95, the linear model run on the same deviates.
 
     gains (3, d) per standardised deviate, mean (3,) mm.  The ratio is that of the two sampled quantiles, which share
@@ -433,17 +439,19 @@ def compared(
     is beyond all levels, it is left at them: most of those trials need a full SVD each.
     """
     for count in (trials // GLANCE, trials):
-        full, linear = _norms(plan, gains, mean, error, count // SECTIONS, seed)
+        full, linear = _sample_norms(plan, gains, mean, error, count // SECTIONS, seed)
         ratio = float(np.quantile(linear, P95) / np.quantile(full, P95))
         logs = np.log(np.quantile(linear, P95, axis=1) / np.quantile(full, P95, axis=1))
         half = float(stdtrit(SECTIONS - 1, 0.5 + CONFIDENCE / 2) * logs.std(ddof=1)) / sqrt(SECTIONS)
         interval = (exp(log(ratio) - half), exp(log(ratio) + half))
-        if count == trials or classified(ratio, interval) == ("beyond", True):
+        if count == trials or classify(ratio, interval) == ("beyond", True):
             break
-    return Compared(first_order_mm / ratio, ratio, interval, full.size)
+    return QuantileRatio(first_order_mm / ratio, ratio, interval, full.size)
 
 
-def _norms(plan: ChainPlan, gains: Array, mean: Array, error: Error, each: int, seed: int) -> tuple[Array, Array]:
+def _sample_norms(
+    plan: ChainPlan, gains: Array, mean: Array, error: Error, each: int, seed: int
+) -> tuple[Array, Array]:
     """(SECTIONS, each) norms, mm, of the chain and of the linear model."""
     full, linear = np.empty((SECTIONS, each)), np.empty((SECTIONS, each))
     for section in range(SECTIONS):
@@ -454,7 +462,7 @@ def _norms(plan: ChainPlan, gains: Array, mean: Array, error: Error, each: int, 
     return full, linear
 
 
-def classified(ratio: float, interval: Interval) -> tuple[Within, bool]:
+def classify(ratio: float, interval: Interval) -> tuple[Within, bool]:
     """How far first order is from Monte Carlo, and whether the whole interval says so."""
     low, high = interval
     ends = (abs(low - 1), abs(high - 1))
@@ -467,10 +475,10 @@ def classified(ratio: float, interval: Interval) -> tuple[Within, bool]:
     return "beyond", nearest > inner
 
 
-def examined(system: System, target: int, error: Error, place: Place, trials: int, seed: int) -> LinearityPoint:
+def examine_place(system: System, target: int, error: Error, place: Place, trials: int, seed: int) -> LinearityPoint:
     """A point of the grid; one whose geometry does not determine the target is refused with the reason."""
     try:
-        return _examined(system, target, error, place, trials, seed)
+        return _examine_place(system, target, error, place, trials, seed)
     except TailstackError as refusal:
         first = refusal.problems[0]
         nothing: dict[str, Any] = dict.fromkeys(
@@ -478,16 +486,13 @@ def examined(system: System, target: int, error: Error, place: Place, trials: in
             for name in LinearityPoint.__dataclass_fields__
             if name not in (*Place.__dataclass_fields__, "status", "reason")
         )
-        return LinearityPoint(
-            noise_px=place.noise_px, rotation_deg=place.rotation_deg, spread=place.spread, fiducials=place.fiducials,
-            status="refused", reason=first.detail, **nothing,
-        )  # fmt: skip
+        return LinearityPoint(**asdict(place), status="refused", reason=first.detail, **nothing)
 
 
-def _examined(system: System, target: int, error: Error, place: Place, trials: int, seed: int) -> LinearityPoint:
+def _examine_place(system: System, target: int, error: Error, place: Place, trials: int, seed: int) -> LinearityPoint:
     if place.fiducials < FEWEST_FIDUCIALS:
         raise OutOfRangeError(Problem("", "too-few", f"{place.fiducials} fiducials do not determine a view; 6 may"))
-    here = replace(changed(system, place), targets=(system.targets[target],))
+    here = replace(apply_place(system, place), targets=(system.targets[target],))
     checked_system(here)
     model = linearise(here, here.targets[0])
     law = error_law(model, error, P95)
@@ -496,16 +501,13 @@ def _examined(system: System, target: int, error: Error, place: Place, trials: i
         raise OutOfRangeError(Problem("", "no-spread", "nothing moves the error here: there is no P95 to compare"))
     plan = compile_plan(here, vertex=law.worst.vertex(model))
     gains = gains_in_plan_order(plan, model.blocks, 0, error)
-    found = compared(plan, gains, law.law.mean, first, error, trials, seed)
-    second, why = _second_order(plan, model, error, law.law.mean, law.total_covariance, first)
+    found = compare_quantiles(plan, gains, law.law.mean, first, error, trials, seed)
+    second, why = _correct(plan, model, error, law.law.mean, law.total_covariance, first)
     trust = validity(model.nonlinearity, here, largest_rotation_rad(model))
-    within, sure = classified(found.ratio, found.interval)
+    within, sure = classify(found.ratio, found.interval)
     low, high = found.interval
     return LinearityPoint(
-        noise_px=place.noise_px,
-        rotation_deg=place.rotation_deg,
-        spread=place.spread,
-        fiducials=place.fiducials,
+        **asdict(place),
         status="ok",
         reason=None,
         nu=model.nu,
@@ -525,7 +527,7 @@ def _examined(system: System, target: int, error: Error, place: Place, trials: i
     )
 
 
-def _second_order(
+def _correct(
     plan: ChainPlan, model: LinearModel, error: Error, mean: Array, covariance: Array, first_mm: float
 ) -> tuple[float | None, str | None]:
     """The first-order P95 times what mean and covariance to second order do to the Gaussian one, or why there is
@@ -544,14 +546,7 @@ def _second_order(
     return first_mm * ratio, None
 
 
-def places(
-    noises_px: Sequence[float], rotations_deg: Sequence[float], spreads: Sequence[float], counts: Sequence[int]
-) -> tuple[Place, ...]:
-    """The grid: count, spread, noise, rotation; the last runs fastest."""
-    return tuple(
-        Place(noise, rotation, spread, count)
-        for count in counts
-        for spread in spreads
-        for noise in noises_px
-        for rotation in rotations_deg
-    )
+def list_places(grid: Grid) -> tuple[Place, ...]:
+    """Its points: count, spread, noise, rotation; the last runs fastest."""
+    axes = (grid.counts or (), grid.spreads, grid.noises_px, grid.rotations_deg)
+    return tuple(Place(noise, rotation, spread, count) for count, spread, noise, rotation in product(*axes))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tailstack.results import Interval
-from tailstack.studies.bench.compare import StudyComparison, interval_text
+from tailstack.studies.bench.compare import StudyComparison, write_interval
 from tailstack.studies.bench.explain import Explanation
 from tailstack.studies.bench.levels import LevelCompared, QuantilePoint
 
@@ -152,7 +152,7 @@ def _factors(explained: Sequence[Explanation]) -> str:
         return ""
     several = len({one.target for one in chosen}) > 1
     rows = [
-        ((f"{one.target}: " if several else "") + source_name(one), interval_text(one), one.explains) for one in chosen
+        ((f"{one.target}: " if several else "") + source_name(one), write_interval(one), one.explains) for one in chosen
     ]
     header = ("contributor", "plausible factor", "held against")
     return (
@@ -171,7 +171,7 @@ def _values(study: StudyComparison) -> str:
     rows = [
         (
             (f"{one.target}: " if several else "") + source_name(one),
-            interval_text(one) + (f" {one.unit}" if one.intervals else ""),
+            write_interval(one) + (f" {one.unit}" if one.intervals else ""),
             "-" if one.declared is None else f"{number(one.declared, 3)} {one.unit}",
             "-" if not one.declared or one.most_plausible is None else f"{abs(one.most_plausible) / one.declared:.1f}",
         )

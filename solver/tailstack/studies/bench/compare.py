@@ -23,29 +23,32 @@ from ...errors import OutOfRangeError, Problem
 from ...results import Finding, Interval, Provenance, Validity
 from ...scoring import FRAMES, NOT_INCLUDED, checked_system, provenance, trust_of
 from ...system import System
-from .explain import Explanation, Scene, explanations, sampled_law
+from .explain import Explanation, Scene, explain, sample_law
 from .file import Measurements, read_measurements
 from .levels import (
     CONFIDENCE,
     UNKNOWN,
     Bench,
+    Draws,
     ErrorName,
     LevelCompared,
     SpreadCompared,
     TestName,
-    bench_of,
-    benches_for,
-    compared,
-    least_benches,
-    offset,
-    planned,
-    stated_of,
+    choose_offset,
+    compare_level,
+    count_benches,
+    count_least_benches,
+    count_tests,
+    describe_bench,
+    stated_moments,
 )
 from .statistics import holm
 
 SAME_RATIO = 0.005  # error over reprojection error of two rows, as printed with three digits
-SHARE_OF_BENCHES = 0.5  # of the work that progress is told of
+SHARE_OF_BENCHES = 0.5  # of the work, as progress reports it
 FEWEST_EXPLAINING = 199  # benches of the first-order law
+MOST_BENCHES = 999
+MOST_ROWS = 100_000  # their trials, all levels of a target together
 
 Progress = Callable[[float, float], None]
 
@@ -74,21 +77,18 @@ def study_comparison(
         raise OutOfRangeError(Problem("", "out-of-range", detail))
     names = [target.name for target in system.targets]
     read = measurements if isinstance(measurements, Measurements) else read_measurements(measurements, names)
-    benches = [bench_of(system, read, group, error, instrument_sd_mm) for group in read.groups]
-    count = benches_for([bench.trials for bench in benches], sum(map(planned, benches)), 1 - CONFIDENCE)
+    benches = [describe_bench(system, read, group, error, instrument_sd_mm) for group in read.groups]
+    count = count_benches([bench.trials for bench in benches], sum(map(count_tests, benches)), 1 - CONFIDENCE)
+    draws = Draws(seed, count, instrument_sd_mm=instrument_sd_mm, threads=threads)
     found: list[LevelCompared] = []
     firsts: dict[str, int] = {}
     for number, bench in enumerate(benches):
         first = firsts.setdefault(bench.group.level, len(firsts) << 36)
-
-        def told(share: float, before: int = number) -> None:
-            if progress is not None:
-                progress(SHARE_OF_BENCHES * (before + share) / len(benches), 1.0)
-
-        found.append(compared(bench, error, seed, first, count, instrument_sd_mm, threads, told))
-    levels = _adjusted(found)
-    explained = _explained(benches, levels, error, seed, instrument_sd_mm, threads, progress)
-    verdict = verdict_of(levels)
+        report = _report_part(progress, 0.0, SHARE_OF_BENCHES, number, len(benches))
+        found.append(compare_level(bench, error, replace(draws, first=first), report))
+    levels = _adjust_p_values(found)
+    explained = _explain_targets(benches, levels, error, draws, progress)
+    verdict = judge_levels(levels)
     models = {bench.model.target.name: bench.model for bench in benches}
     return StudyComparison(
         schema="tailstack/study-comparison/1",
@@ -101,8 +101,8 @@ def study_comparison(
         levels=levels,
         explanations=explained,
         verdict=verdict,
-        conclusions=conclusions(levels, explained, verdict),
-        findings=(*_assumptions(system, read, instrument_sd_mm), *findings_of(levels, SAME_RATIO)),
+        conclusions=write_conclusions(levels, explained, verdict),
+        findings=(*_state_assumptions(system, read, instrument_sd_mm), *find_remarks(levels, SAME_RATIO)),
         validity=trust_of(system, models),
         provenance=provenance(
             system, (*(line for line in NOT_INCLUDED if "second order" not in line), "drift of the bench and its datum")
@@ -110,7 +110,7 @@ def study_comparison(
     )
 
 
-def _assumptions(system: System, read: Measurements, instrument_sd_mm: float) -> tuple[Finding, ...]:
+def _state_assumptions(system: System, read: Measurements, instrument_sd_mm: float) -> tuple[Finding, ...]:
     message = (
         "one structure on one robot: manufacturing and hand-eye error are the same in the whole file; both interfaces "
         "are drawn anew at each installation, noise, repeatability and load at each trial"
@@ -135,7 +135,7 @@ def _assumptions(system: System, read: Measurements, instrument_sd_mm: float) ->
     return tuple(notes)
 
 
-def _adjusted(levels: Sequence[LevelCompared]) -> tuple[LevelCompared, ...]:
+def _adjust_p_values(levels: Sequence[LevelCompared]) -> tuple[LevelCompared, ...]:
     """p-values of all tests of the file adjusted for their number, and what each test says."""
     raw = [test.p_value for level in levels for test in level.tests]
     adjusted = iter(holm(raw))
@@ -145,7 +145,7 @@ def _adjusted(levels: Sequence[LevelCompared]) -> tuple[LevelCompared, ...]:
         for test in level.tests:
             p = next(adjusted)
             differs = p < 1 - CONFIDENCE
-            tests.append(replace(test, p_adjusted=p, differs=differs, says=said_of_test(level, test.test, differs)))
+            tests.append(replace(test, p_adjusted=p, differs=differs, says=describe_test(level, test.test, differs)))
         found.append(replace(level, tests=tuple(tests)))
     return tuple(found)
 
@@ -153,43 +153,43 @@ def _adjusted(levels: Sequence[LevelCompared]) -> tuple[LevelCompared, ...]:
 # --- explanations ---------------------------------------------------------------------------------
 
 
-def _explained(
-    benches: Sequence[Bench],
-    levels: Sequence[LevelCompared],
-    error: ErrorName,
-    seed: int,
-    instrument_sd_mm: float,
-    threads: int | None,
-    progress: Progress | None,
+def _report_part(
+    progress: Progress | None, begin: float, end: float, number: int, count: int
+) -> Callable[[float], None]:
+    """What part ``number`` of ``count`` reports its share to, when all of them take progress from begin to end."""
+
+    def report(share: float) -> None:
+        if progress is not None:
+            progress(begin + (end - begin) * (number + share) / count, 1.0)
+
+    return report
+
+
+def _explain_targets(
+    benches: Sequence[Bench], levels: Sequence[LevelCompared], error: ErrorName, draws: Draws, progress: Progress | None
 ) -> tuple[Explanation, ...]:
     """Of every target, over all its levels that could be tested."""
     tested = [bench for bench, level in zip(benches, levels, strict=True) if level.benches]
     targets = list(dict.fromkeys(bench.group.target for bench in tested))
     found: list[Explanation] = []
     for number, target in enumerate(targets):
-
-        def told(share: float, before: int = number) -> None:
-            if progress is not None:
-                progress(SHARE_OF_BENCHES + (1 - SHARE_OF_BENCHES) * (before + share) / len(targets), 1.0)
-
         here = [bench for bench in tested if bench.group.target == target]
-        least = least_benches(sum(map(planned, here)), 1 - CONFIDENCE, FEWEST_EXPLAINING)
-        room = sum(bench.trials for bench in here)
+        least = count_least_benches(sum(map(count_tests, here)), 1 - CONFIDENCE, FEWEST_EXPLAINING)
+        count = max(min(MOST_ROWS // sum(bench.trials for bench in here), MOST_BENCHES), least)
         scenes = [
             Scene(
                 target=target,
                 sizes=bench.sizes,
-                errors=None if bench.vectors is None else bench.vectors - offset(bench),
+                errors=None if bench.vectors is None else bench.vectors - choose_offset(bench),
                 norms=bench.norms,
-                summary=stated_of(bench),
+                summary=stated_moments(bench),
                 expected=bench.expected,
-                law=sampled_law(
-                    bench.system, bench.place, error, bench.sizes, seed, instrument_sd_mm, least=least, trials=room
-                ),
+                law=sample_law(bench.system, bench.place, error, bench.sizes, replace(draws, count=count)),
             )
             for bench in here
         ]
-        found += explanations(scenes, 1 - CONFIDENCE, threads, told)
+        report = _report_part(progress, SHARE_OF_BENCHES, 1.0, number, len(targets))
+        found += explain(scenes, 1 - CONFIDENCE, draws.threads, report)
     return tuple(found)
 
 
@@ -198,23 +198,23 @@ NORMAL_P95 = 1.645  # standard deviations from the mean of a normal law to its P
 Verdict = Literal["agrees", "differs", "not testable"]
 
 
-def verdict_of(levels: Sequence[LevelCompared]) -> Verdict:
+def judge_levels(levels: Sequence[LevelCompared]) -> Verdict:
     tests = [test for level in levels for test in level.tests]
     if not tests:
         return "not testable"
     return "differs" if any(test.differs for test in tests) else "agrees"
 
 
-def said_of_test(level: LevelCompared, test: TestName, differs: bool) -> str:
+def describe_test(level: LevelCompared, test: TestName, differs: bool) -> str:
     """One line on what a test found."""
     if test == "mean":
         if not differs:
             return "the mean is one of those that such a bench would give"
         if level.bias is not None:
             out = [
-                f"{axis} by {_beyond(value, ends):+.3g} mm"
+                f"{axis} by {_exceed(value, ends):+.3g} mm"
                 for axis, value, ends in zip("xyz", level.bias.measured_mm, level.bias.predicted_range_mm, strict=True)
-                if _beyond(value, ends)
+                if _exceed(value, ends)
             ]
             where = f": outside the predicted range in {', '.join(out)}" if out else ": no axis alone, but together"
             return f"the mean is not one that such a bench would give{where}"
@@ -225,16 +225,16 @@ def said_of_test(level: LevelCompared, test: TestName, differs: bool) -> str:
     spread = level.spread if test == "spread" else level.spread_between
     what = "the spread from trial to trial" if test == "spread" else "the spread between installations"
     if not differs:
-        return f"{what} cannot be told from the prediction{_times(spread)}"
-    return f"{what} is not as predicted{_times(spread)}"
+        return f"{what} cannot be told from the prediction{_write_ratio(spread)}"
+    return f"{what} is not as predicted{_write_ratio(spread)}"
 
 
-def _beyond(value: float, ends: Interval) -> float:
+def _exceed(value: float, ends: Interval) -> float:
     """How far a value is out of an interval; 0 inside."""
     return min(value - ends[0], 0.0) + max(value - ends[1], 0.0)
 
 
-def _times(spread: SpreadCompared | None) -> str:
+def _write_ratio(spread: SpreadCompared | None) -> str:
     if spread is None:
         return ""
     if spread.interval is None:
@@ -243,7 +243,7 @@ def _times(spread: SpreadCompared | None) -> str:
     return f": {spread.ratio:.3g} times ({low:.3g} .. {high:.3g})"
 
 
-def findings_of(levels: Sequence[LevelCompared], same_ratio: float) -> tuple[Finding, ...]:
+def find_remarks(levels: Sequence[LevelCompared], same_ratio: float) -> tuple[Finding, ...]:
     """What the numbers of the file themselves give away."""
     found = []
     for level in levels:
@@ -266,10 +266,10 @@ def findings_of(levels: Sequence[LevelCompared], same_ratio: float) -> tuple[Fin
             "degree of freedom between them"
         )
         found.append(Finding("constant-ratio", "warning", message, value=known[0]))
-    return (*found, *_shapes(levels))
+    return (*found, *_describe_tails(levels))
 
 
-def _shapes(levels: Sequence[LevelCompared]) -> list[Finding]:
+def _describe_tails(levels: Sequence[LevelCompared]) -> list[Finding]:
     """What a stated P95 says of the tail, without a number of trials."""
     shapes = [(level, level.tail_shape) for level in levels if level.tail_shape is not None]
     found = []
@@ -292,7 +292,9 @@ def _shapes(levels: Sequence[LevelCompared]) -> list[Finding]:
     return found
 
 
-def conclusions(levels: Sequence[LevelCompared], explained: Sequence[Explanation], verdict: Verdict) -> tuple[str, ...]:
+def write_conclusions(
+    levels: Sequence[LevelCompared], explained: Sequence[Explanation], verdict: Verdict
+) -> tuple[str, ...]:
     """The verdict and, where there is a difference, what alone would explain it."""
     tests = [(level, test) for level in levels for test in level.tests]
     if verdict == "not testable":
@@ -315,48 +317,48 @@ def conclusions(levels: Sequence[LevelCompared], explained: Sequence[Explanation
     for target in dict.fromkeys(one.target for one in explained):
         here = [test.test for level, test in differing if level.target == target]
         if here:
-            said.append(_what_explains([one for one in explained if one.target == target], here, target))
+            said.append(_write_explanations([one for one in explained if one.target == target], here, target))
     return tuple(said)
 
 
-def _what_explains(explained: Sequence[Explanation], differing: Sequence[str], target: str) -> str:
+def _write_explanations(explained: Sequence[Explanation], differing: Sequence[str], target: str) -> str:
     """Factors are held against mean and spread; a fixed value can only explain a mean."""
-    factors = sorted((one for one in explained if one.kind == "factor" and one.intervals), key=_from_one)
-    values = sorted((one for one in explained if one.kind == "value" and one.intervals), key=_in_half_widths)
+    factors = sorted((one for one in explained if one.kind == "factor" and one.intervals), key=_distance_from_one)
+    values = sorted((one for one in explained if one.kind == "value" and one.intervals), key=_count_half_widths)
     only_mean = set(differing) <= {"mean", "tail"}
     said = []
     if factors:
-        said.append("one contributor alone, if it were this many times as large: " + _listed(factors))
+        said.append("one contributor alone, if it were this many times as large: " + _list_explanations(factors))
     if values and only_mean:
-        said.append("a fixed value of one component: " + _listed(values))
+        said.append("a fixed value of one component: " + _list_explanations(values))
     if said:
         return f"At {target} this would explain it: {'; or '.join(said)}."
     if values and "mean" in differing:
         return (
             f"At {target} no contributor's size alone explains all of it. A fixed value of one component would explain "
-            f"the mean, and not the spread: {_listed(values)}."
+            f"the mean, and not the spread: {_list_explanations(values)}."
         )
     return f"At {target} no contributor alone explains it, of whatever size: look for several, or for a wrong datum."
 
 
-def _from_one(one: Explanation) -> float:
+def _distance_from_one(one: Explanation) -> float:
     return abs(log((one.most_plausible or 0.0) + 1e-9))
 
 
-def _in_half_widths(one: Explanation) -> float:
+def _count_half_widths(one: Explanation) -> float:
     return abs(one.most_plausible or 0.0) / one.declared if one.declared else inf
 
 
-def _listed(explained: Sequence[Explanation]) -> str:
+def _list_explanations(explained: Sequence[Explanation]) -> str:
     parts = []
     for one in explained[:MOST_LISTED]:
         name = one.label if one.kind == "factor" else f"{one.label} {one.component}"
-        parts.append(f"{name} {interval_text(one)}" + (f" {one.unit}" if one.unit else ""))
+        parts.append(f"{name} {write_interval(one)}" + (f" {one.unit}" if one.unit else ""))
     more = len(explained) - MOST_LISTED
     return ", ".join(parts) + (f" and {more} more" if more > 0 else "")
 
 
-def interval_text(one: Explanation) -> str:
+def write_interval(one: Explanation) -> str:
     """``0.31 (0.25 .. 0.37)``; an end of the search is not an end."""
     if one.most_plausible is None:
         return "none"

@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf, log, sqrt
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from ...propagation.linear import Block, LinearModel, linearise
 from ...results import Interval
 from ...system import TORSOR_COMPONENTS, Law, Mount, Sources, System
 from ...tail.declared import UNIFORM
-from .levels import when
+from .levels import Draws, Progress, draw_time
 from .statistics import (
     Expected,
     NormsAlong,
@@ -40,18 +40,16 @@ from .statistics import (
     two_sided,
 )
 
-Progress = Callable[[float], None]
 
-
-def explanations(
+def explain(
     scenes: Sequence[Scene], alpha: float, threads: int | None = None, progress: Progress | None = None
 ) -> tuple[Explanation, ...]:
     """A factor for every contributor and a value for every component of a mount; scenes are of one target."""
     parts = {part.name: part for scene in scenes for part in scene.law.contributions}
     names = list(parts)
     moved = {(d.contributor, d.component) for scene in scenes for d in scene.law.displacements}
-    asked: list[Callable[[], Explanation]] = [partial(factor_of, scenes, name, alpha) for name in names]
-    asked += [partial(value_of, scenes, key, alpha) for key in sorted(moved)]
+    asked: list[Callable[[], Explanation]] = [partial(find_factor, scenes, name, alpha) for name in names]
+    asked += [partial(find_value, scenes, key, alpha) for key in sorted(moved)]
     found: list[Explanation] = []
     with ThreadPoolExecutor(usable_cores() if threads is None else threads) as pool:
         for one in pool.map(lambda ask: ask(), asked):
@@ -66,9 +64,9 @@ NARROWEST = 1e-4  # relative: how exactly the most plausible factor is found, so
 SKETCH = 199  # benches from which the smooth cost of norms is taken: it says where to look, p-values say what is found
 
 
-def factor_of(scenes: Sequence[Scene], name: str, alpha: float) -> Explanation:
+def find_factor(scenes: Sequence[Scene], name: str, alpha: float) -> Explanation:
     pairs = [(scene, part) for scene in scenes for part in scene.law.contributions if part.name == name]
-    made = [(_vector_tests if scene.errors is not None else _norm_tests)(scene, part) for scene, part in pairs]
+    made = [(_test_vectors if scene.errors is not None else _test_norms)(scene, part) for scene, part in pairs]
     tests, costs = [test for test, _ in made], [cost for _, cost in made]
     count = sum(len(test(1.0)) for test in tests)
     level = alpha / count
@@ -79,14 +77,14 @@ def factor_of(scenes: Sequence[Scene], name: str, alpha: float) -> Explanation:
     def cost(factor: float) -> float:
         return sum(each(factor) for each in costs)
 
-    most, low_step, high_step = _cheapest(cost)
+    most, low_step, high_step = _find_cheapest(cost)
     # The cost weighs the tests otherwise than the worst p-value does, so that its minimum may be refused where a
     # factor beside it is not.
     near = [most, *np.linspace(low_step, high_step, 17), *FACTORS]
     seed = next((float(factor) for factor in near if plausible(factor) >= level), None)
     intervals: tuple[tuple[float, float], ...] = ()
     if seed is not None:
-        low, high = _reach(plausible, seed, FACTORS[::-1], level), _reach(plausible, seed, FACTORS, level)
+        low, high = _step_to_end(plausible, seed, FACTORS[::-1], level), _step_to_end(plausible, seed, FACTORS, level)
         intervals = ((low, high),)
         most = min(max(most, low), high)
     return Explanation(
@@ -104,19 +102,19 @@ def factor_of(scenes: Sequence[Scene], name: str, alpha: float) -> Explanation:
     )
 
 
-def _cheapest(cost: Callable[[float], float]) -> tuple[float, float, float]:
+def _find_cheapest(cost: Callable[[float], float]) -> tuple[float, float, float]:
     """The factor of least cost, and the grid's factors on either side of it."""
     k = int(np.argmin([cost(float(factor)) for factor in FACTORS]))
     low, high = float(FACTORS[max(k - 1, 0)]), float(FACTORS[min(k + 1, len(FACTORS) - 1)])
-    return least(cost, low, high, NARROWEST * max(float(FACTORS[k]), float(FACTORS[1]))), low, high
+    return find_least(cost, low, high, NARROWEST * max(float(FACTORS[k]), float(FACTORS[1]))), low, high
 
 
-def _reach(plausible: Callable[[float], float], seed: float, steps: Array, level: float) -> float:
+def _step_to_end(plausible: Callable[[float], float], seed: float, steps: Array, level: float) -> float:
     """How far from a plausible place the plausible ones go, along steps that run one way."""
     inside = seed
     for step in steps[steps > seed] if steps[-1] > steps[0] else steps[steps < seed]:
         if plausible(float(step)) < level:
-            return last(plausible, inside, float(step), level)
+            return find_last(plausible, inside, float(step), level)
         inside = float(step)
     return inside
 
@@ -124,7 +122,7 @@ def _reach(plausible: Callable[[float], float], seed: float, steps: Array, level
 Scaled = tuple[Callable[[float], list[float]], Callable[[float], float]]
 
 
-def _vector_tests(scene: Scene, part: Contribution) -> Scaled:
+def _test_vectors(scene: Scene, part: Contribution) -> Scaled:
     """p-values of a scene's tests when one contributor is scaled, and minus twice the Gaussian log-likelihood."""
     law, sizes, base = scene.law, scene.sizes, scene.expected
     assert scene.errors is not None
@@ -139,7 +137,7 @@ def _vector_tests(scene: Scene, part: Contribution) -> Scaled:
     )
 
     def tests(factor: float) -> list[float]:
-        expected = scaled_expected(base, part, factor)
+        expected = scale_expected(base, part, factor)
         more = factor - 1
         if np.linalg.eigvalsh(expected.shot)[0] <= VANISHING_MM2:
             return [0.0]
@@ -158,7 +156,7 @@ def _vector_tests(scene: Scene, part: Contribution) -> Scaled:
         return p_values
 
     def cost(factor: float) -> float:
-        expected = scaled_expected(base, part, factor)
+        expected = scale_expected(base, part, factor)
         if np.linalg.eigvalsh(expected.shot)[0] <= VANISHING_MM2:
             return inf
         about = expected.of_mean(sizes)
@@ -211,7 +209,7 @@ class _Square:
         return np.asarray(self.fixed + more * self.linear + more**2 * self.square)
 
 
-def _norm_tests(scene: Scene, part: Contribution) -> Scaled:
+def _test_norms(scene: Scene, part: Contribution) -> Scaled:
     """The same for norms; the cost is Gaussian in each statistic, with the mean and spread of a few benches."""
     law, sizes = scene.law, scene.sizes
     observed = norm_statistics(scene.norms, scene.summary, scene.sizes)
@@ -241,7 +239,7 @@ NEAR = 1e-6  # of the largest value: how exactly the one of the least mean norm 
 MEAN_SKETCH = 199  # benches from which the mean norm is taken to look along; p-values are taken from all of them
 
 
-def value_of(scenes: Sequence[Scene], key: tuple[str, str], alpha: float) -> Explanation:
+def find_value(scenes: Sequence[Scene], key: tuple[str, str], alpha: float) -> Explanation:
     pairs = [
         (scene, moved)
         for scene in scenes
@@ -252,14 +250,16 @@ def value_of(scenes: Sequence[Scene], key: tuple[str, str], alpha: float) -> Exp
     regions = []
     weights: list[tuple[float, float]] = []
     for scene, moved in pairs:
-        region, best, weight = (_vector_value if scene.errors is not None else _norm_value)(scene, moved, level)
+        region, best, weight = (_find_vector_value if scene.errors is not None else _find_norm_value)(
+            scene, moved, level
+        )
         regions.append(region)
         weights.append((best, weight))
     both = regions[0]
     for region in regions[1:]:
-        both = _intersection(both, region)
+        both = _intersect(both, region)
     largest = LARGEST[pairs[0][1].unit]
-    both = _intersection(both, ((-largest, largest),))
+    both = _intersect(both, ((-largest, largest),))
     unit, factor = unit_for_people(pairs[0][1].unit)
     half = pairs[0][1].half_width
     middle = sum(best * weight for best, weight in weights) / sum(weight for _, weight in weights)
@@ -284,7 +284,7 @@ def value_of(scenes: Sequence[Scene], key: tuple[str, str], alpha: float) -> Exp
 Region = tuple[tuple[float, float], ...]
 
 
-def _vector_value(scene: Scene, moved: Displacement, level: float) -> tuple[Region, float, float]:
+def _find_vector_value(scene: Scene, moved: Displacement, level: float) -> tuple[Region, float, float]:
     """(values that are plausible, the best one, its weight): distance is a quadratic in the value."""
     assert scene.errors is not None
     about = covariance_without(scene.expected, moved, scene.sizes)
@@ -302,7 +302,7 @@ def _vector_value(scene: Scene, moved: Displacement, level: float) -> tuple[Regi
     return ((best - half, best + half),), best, weight
 
 
-def _norm_value(scene: Scene, moved: Displacement, level: float) -> tuple[Region, float, float]:
+def _find_norm_value(scene: Scene, moved: Displacement, level: float) -> tuple[Region, float, float]:
     """The same for norms: plausible values may lie on both sides of where the mean norm is least."""
     law, largest = scene.law, LARGEST[moved.unit]
     still = law.total if moved.errors is None else law.total - moved.errors
@@ -316,8 +316,8 @@ def _norm_value(scene: Scene, moved: Displacement, level: float) -> tuple[Region
     def plausible(value: float) -> float:
         return p_value(at, bench_mean(along.at(value), scene.sizes), both_sides=True)
 
-    lowest = least(mean_norm, -largest, largest, NEAR * largest)  # a mean of norms is convex in the value
-    seeds = [_crossing(mean_norm, lowest, end, at) for end in (-largest, largest)]
+    lowest = find_least(mean_norm, -largest, largest, NEAR * largest)  # a mean of norms is convex in the value
+    seeds = [_find_crossing(mean_norm, lowest, end, at) for end in (-largest, largest)]
     inner = plausible(lowest) >= level
     spread = float(bench_mean(sketch.at(seeds[0]), scene.sizes).std())
     step = max(spread / float(np.linalg.norm(moved.gain)), NEAR * largest)
@@ -328,8 +328,8 @@ def _norm_value(scene: Scene, moved: Displacement, level: float) -> tuple[Region
             if not inner:
                 continue
         else:
-            outer = reach(plausible, seed, end, step, level)
-            inward = lowest if inner else reach(plausible, seed, lowest, step, level)
+            outer = find_end(plausible, seed, end, step, level)
+            inward = lowest if inner else find_end(plausible, seed, lowest, step, level)
         region.append((min(outer, inward), max(outer, inward)))
     if inner:
         region = [(min(low for low, _ in region), max(high for _, high in region))]
@@ -337,23 +337,18 @@ def _norm_value(scene: Scene, moved: Displacement, level: float) -> tuple[Region
     return tuple(region), best, float(moved.gain @ moved.gain)
 
 
-def _crossing(mean_norm: Callable[[float], float], lowest: float, end: float, at: float) -> float:
+def _find_crossing(mean_norm: Callable[[float], float], lowest: float, end: float, at: float) -> float:
     """Where the mean norm is the measured one between its least and an end of the search, or what is nearest to it."""
     if mean_norm(lowest) >= at:
         return lowest
     if mean_norm(end) <= at:
         return end
-    inside, outside = lowest, end
-    while abs(outside - inside) > 1e-9 * abs(end):
-        middle = (inside + outside) / 2
-        if mean_norm(middle) < at:
-            inside = middle
-        else:
-            outside = middle
-    return (inside + outside) / 2
+    from scipy.optimize import brentq
+
+    return float(brentq(lambda value: mean_norm(value) - at, lowest, end, xtol=1e-9 * abs(end)))
 
 
-def _intersection(a: Region, b: Region) -> Region:
+def _intersect(a: Region, b: Region) -> Region:
     return tuple(
         (max(low, other_low), min(high, other_high))
         for low, high in a
@@ -365,25 +360,15 @@ def _intersection(a: Region, b: Region) -> Region:
 REFINEMENTS = 10  # bisections of an end
 
 
-def least(cost: Callable[[float], float], low: float, high: float, near: float) -> float:
-    """Where a function is least between two places, by golden section to within ``near``; ends included."""
-    section = (sqrt(5) - 1) / 2
-    ends = low, high
-    inner = [high - section * (high - low), low + section * (high - low)]
-    costs = [cost(inner[0]), cost(inner[1])]
-    while high - low > near:
-        if costs[0] <= costs[1]:
-            high, inner[1], costs[1] = inner[1], inner[0], costs[0]
-            inner[0] = high - section * (high - low)
-            costs[0] = cost(inner[0])
-        else:
-            low, inner[0], costs[0] = inner[0], inner[1], costs[1]
-            inner[1] = low + section * (high - low)
-            costs[1] = cost(inner[1])
-    return min((*inner, *ends), key=cost)
+def find_least(cost: Callable[[float], float], low: float, high: float, near: float) -> float:
+    """Where a function is least between two places, to within ``near``; ends included."""
+    from scipy.optimize import minimize_scalar  # a third of a second that no other command should wait for
+
+    inner = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": near})
+    return min((float(inner.x), low, high), key=cost)
 
 
-def last(plausible: Callable[[float], float], inside: float, outside: float, level: float) -> float:
+def find_last(plausible: Callable[[float], float], inside: float, outside: float, level: float) -> float:
     """The last plausible place between one that is and one that is not."""
     for _ in range(REFINEMENTS):
         middle = (inside + outside) / 2
@@ -394,19 +379,17 @@ def last(plausible: Callable[[float], float], inside: float, outside: float, lev
     return inside
 
 
-def reach(plausible: Callable[[float], float], seed: float, end: float, step: float, level: float) -> float:
+def find_end(plausible: Callable[[float], float], seed: float, end: float, step: float, level: float) -> float:
     """How far from a plausible place the plausible ones go towards ``end``, by steps that double."""
     inside, direction = seed, 1.0 if end > seed else -1.0
     while inside != end:
         further = min(seed + step, end) if direction > 0 else max(seed - step, end)
         if plausible(further) < level:
-            return last(plausible, inside, further, level)
+            return find_last(plausible, inside, further, level)
         inside, step = further, 2 * step
     return inside
 
 
-MOST_ROWS = 100_000  # trials of the groups of a target, all benches together
-MOST_BENCHES = 999
 VANISHING_MM2 = 1e-12  # of a contributor to this error: nothing to be scaled
 LEVER = 0.01  # rad
 IMAGE_NOISE = "image_noise"  # of fiducials and targets in all views, as one contributor
@@ -439,7 +422,7 @@ class Displacement:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Law1:
+class SampledLaw:
     """The first-order law of a group's bench, sampled."""
 
     sizes: tuple[int, ...]
@@ -459,38 +442,29 @@ class Scene:
     norms: Array | None  # (n,) mm
     summary: tuple[float, ...] | None  # mean and, if stated, standard deviation of the norm, mm
     expected: Expected
-    law: Law1
+    law: SampledLaw
 
 
-def sampled_law(
-    system: System,
-    target: int,
-    error: str,
-    sizes: Sequence[int],
-    seed: int,
-    instrument_sd_mm: float,
-    *,
-    least: int,
-    trials: int,
-) -> Law1:
-    """B benches (``least`` or more) of the first-order law at one target, with every contributor's own part.
-
-    trials: of all the groups that are held together, which share the room there is.
-    """
+def sample_law(system: System, target: int, error: str, sizes: Sequence[int], draws: Draws) -> SampledLaw:
+    """Benches of the first-order law at one target, with every contributor's own part."""
     model = linearise(system, system.targets[target])
-    count = int(max(min(MOST_ROWS // trials, MOST_BENCHES), least))
-    rng = np.random.default_rng([seed, 0x434F4D50])
+    count = draws.count
+    rng = np.random.default_rng([draws.seed, 0x434F4D50])
     contributions, parts = [], {}
     total = np.broadcast_to(model.bias_mm(error), (count, sum(sizes), 3)).copy()
     for block in model.blocks:
-        columns = _drawn(block, model.gain(block, error), rng, count, sizes)
+        columns = _draw_components(block, model.gain(block, error), rng, count, sizes)
         whole = sum(columns.values(), np.zeros((count, 1, 3)))
         total += whole
         scaled = model.gain(block, error) * block.std
         if np.trace(scaled @ scaled.T) > VANISHING_MM2:
             contributions.append(
                 Contribution(
-                    block.contributor, block.label, when(block), np.broadcast_to(whole, total.shape), scaled @ scaled.T
+                    block.contributor,
+                    block.label,
+                    draw_time(block),
+                    np.broadcast_to(whole, total.shape),
+                    scaled @ scaled.T,
                 )
             )
         parts.update({(block.contributor, name): (block, j, errors) for (j, name), errors in columns.items()})
@@ -499,39 +473,41 @@ def sampled_law(
         together = np.sum([part.errors for part in seen], axis=0)
         covariance = np.sum([part.covariance for part in seen], axis=0)
         contributions.insert(0, Contribution(IMAGE_NOISE, "image noise", "shot", together, covariance))
-    if instrument_sd_mm:
-        noise = rng.normal(0.0, instrument_sd_mm, total.shape)
+    if draws.instrument_sd_mm:
+        noise = rng.normal(0.0, draws.instrument_sd_mm, total.shape)
         total += noise
-        contributions.append(Contribution("instrument", "instrument", "shot", noise, instrument_sd_mm**2 * np.eye(3)))
-    moved = tuple(_displacements(system, target, error, model, parts, total.shape))
-    return Law1(tuple(sizes), model.bias_mm(error), total, tuple(contributions), moved)
+        contributions.append(
+            Contribution("instrument", "instrument", "shot", noise, draws.instrument_sd_mm**2 * np.eye(3))
+        )
+    moved = tuple(_list_displacements(system, target, error, model, parts, total.shape))
+    return SampledLaw(tuple(sizes), model.bias_mm(error), total, tuple(contributions), moved)
 
 
-def _drawn(
+def _draw_components(
     block: Block, gain: Array, rng: np.random.Generator, count: int, sizes: Sequence[int]
 ) -> dict[tuple[int, str], Array]:
     """Errors (B, n or 1, 3) of each component of a block; a grouped block counts as one."""
     trials = sum(sizes)
-    draws = {"unit": 1, "installation": len(sizes), "shot": trials}[when(block)]
+    draws = {"unit": 1, "installation": len(sizes), "shot": trials}[draw_time(block)]
     if block.grouped and all(law is Law.NORMAL for law in block.laws):
         scaled = gain * block.std
         values, vectors = np.linalg.eigh(scaled @ scaled.T)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         found = {(0, "all"): rng.standard_normal((count, draws, 3)) @ root.T}
     elif block.grouped:
-        xi = np.stack([_scalars(block, j, rng, (count, draws)) for j in range(len(block.laws))], axis=-1)
+        xi = np.stack([_draw_scalars(block, j, rng, (count, draws)) for j in range(len(block.laws))], axis=-1)
         found = {(0, "all"): xi @ gain.T}
     else:
         found = {
-            (j, name): _scalars(block, j, rng, (count, draws))[..., None] * gain[:, j]
+            (j, name): _draw_scalars(block, j, rng, (count, draws))[..., None] * gain[:, j]
             for j, name in enumerate(block.components)
         }
-    if when(block) == "installation":
+    if draw_time(block) == "installation":
         return {key: np.repeat(errors, sizes, axis=1) for key, errors in found.items()}
     return found
 
 
-def _scalars(block: Block, j: int, rng: np.random.Generator, shape: tuple[int, int]) -> Array:
+def _draw_scalars(block: Block, j: int, rng: np.random.Generator, shape: tuple[int, int]) -> Array:
     law, half = block.laws[j], float(block.half_width[j])
     if law is Law.NORMAL:
         return rng.normal(0.0, float(block.std[j]), shape)
@@ -542,7 +518,7 @@ def _scalars(block: Block, j: int, rng: np.random.Generator, shape: tuple[int, i
     return half * (rng.random(shape) - rng.random(shape))
 
 
-def _displacements(
+def _list_displacements(
     system: System,
     target: int,
     error: str,
@@ -551,10 +527,8 @@ def _displacements(
     shape: tuple[int, ...],
 ) -> list[Displacement]:
     """All six components of every mount, whether the design gives them a tolerance or not."""
-    probed = replace(
-        system, structure_connector=_six(system.structure_connector), connector_flange=_six(system.connector_flange),
-        hand_eye=_six(system.hand_eye),
-    )  # fmt: skip
+    mounts: dict[str, Any] = {mount.name: _free_six(mount) for mount in (*system.interfaces, system.hand_eye)}
+    probed = replace(system, **mounts)
     full = linearise(probed, system.targets[target])
     found = []
     for block in full.blocks:
@@ -581,13 +555,13 @@ def _displacements(
                     half_width=half,
                     errors=errors,
                     covariance=covariance,
-                    when=when(block),
+                    when=draw_time(block),
                 )
             )
     return found
 
 
-def _six(mount: Mount) -> Mount:
+def _free_six(mount: Mount) -> Mount:
     """The mount with a source for each torsor component, to read their gains off the linear model."""
     sources = Sources(
         TORSOR_COMPONENTS, (Law.NORMAL,) * 6, np.ones(6), np.ones(6), ("rad",) * 3 + ("mm",) * 3, np.eye(6)
@@ -595,13 +569,13 @@ def _six(mount: Mount) -> Mount:
     return replace(mount, sources=sources)
 
 
-def scaled_expected(base: Expected, part: Contribution, factor: float) -> Expected:
+def scale_expected(base: Expected, part: Contribution, factor: float) -> Expected:
     """Expected moments with one contributor's tolerance times a factor."""
     more = (factor**2 - 1) * part.covariance
     return replace(base, **{part.when: getattr(base, part.when) + more})
 
 
-def mean_without(law: Law1, moved: Displacement) -> Array:
+def mean_without(law: SampledLaw, moved: Displacement) -> Array:
     """(B, 3) mean error of each bench about the bias, with one component standing still."""
     errors = law.total if moved.errors is None else law.total - moved.errors
     return bench_mean(errors, law.sizes) - law.bias_mm

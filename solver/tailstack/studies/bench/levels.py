@@ -184,6 +184,18 @@ UNKNOWN = 100  # trials that are simulated where their number is not stated: onl
 MOST_QUANTILES = 60
 
 ErrorName = Literal["tcp", "localisation"]
+Progress = Callable[[float], None]  # with the share that is done
+
+
+@dataclass(frozen=True, slots=True)
+class Draws:
+    """Which benches are simulated, and with what."""
+
+    seed: int
+    count: int  # of benches
+    first: int = 0  # index of the first trial: benches of one seed do not share deviates unless they should
+    instrument_sd_mm: float = 0.0  # standard deviation per coordinate of the instrument, drawn at each trial
+    threads: int | None = None  # None: one for each core
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,11 +219,13 @@ class Bench:
         return sum(self.sizes or (UNKNOWN,))
 
 
-def bench_of(system: System, read: Measurements, group: Group, error: ErrorName, instrument_sd_mm: float) -> Bench:
-    here = _at_level(system, read, group)
+def describe_bench(
+    system: System, read: Measurements, group: Group, error: ErrorName, instrument_sd_mm: float
+) -> Bench:
+    here = _reach_level(system, read, group)
     place = [target.name for target in system.targets].index(group.target)
     model = linearise(here, here.targets[place])
-    box = _bounded(model, error)
+    box = _bounded_columns(model, error)
     vectors = norms = None
     sizes, reason = group.sizes, ""
     if read.form == "summary":
@@ -234,14 +248,12 @@ def bench_of(system: System, read: Measurements, group: Group, error: ErrorName,
         raise OutOfRangeError(
             Problem("/interfaces", "bounded", detail, "give the components a distribution, or measure points")
         )
-    return Bench(
-        group, here, place, model, expected(model, error, instrument_sd_mm), vectors, norms, sizes, box, reason
-    )
+    return Bench(group, here, place, model, expect(model, error, instrument_sd_mm), vectors, norms, sizes, box, reason)
 
 
-def _at_level(system: System, read: Measurements, group: Group) -> System:
+def _reach_level(system: System, read: Measurements, group: Group) -> System:
     """Raises MeasurementError for a level at which the design cannot be imaged."""
-    here = at_level(system, group.deliberate)
+    here = set_level(system, group.deliberate)
     if here is not system:
         try:
             check_geometry(here)
@@ -252,17 +264,17 @@ def _at_level(system: System, read: Measurements, group: Group) -> System:
     return here
 
 
-def planned(bench: Bench) -> int:
+def count_tests(bench: Bench) -> int:
     """How many tests a bench will have."""
     if bench.reason:
         return 0
     if bench.group.summary is not None:
-        return len(stated_of(bench) or ())
+        return len(stated_moments(bench) or ())
     several = (sum(bench.sizes) > len(bench.sizes)) + (len(bench.sizes) > 1)
     return 1 + several + (sum(bench.sizes) >= LEAST_FOR_TAIL)
 
 
-def _bounded(model: LinearModel, error: str) -> Array:
+def _bounded_columns(model: LinearModel, error: str) -> Array:
     """(3, b) mm: what each component without a law does at its half-width."""
     columns = [
         model.gain(block, error)[:, j] * block.half_width[j]
@@ -273,7 +285,7 @@ def _bounded(model: LinearModel, error: str) -> Array:
     return np.stack(columns, axis=1) if columns else np.zeros((3, 0))
 
 
-def offset(bench: Bench) -> Array:
+def choose_offset(bench: Bench) -> Array:
     """(3,) mm: of all the bounded components can do, what brings the prediction nearest to the measured mean."""
     if not bench.box.shape[1] or bench.vectors is None:
         return np.zeros(3)
@@ -285,22 +297,11 @@ def offset(bench: Bench) -> Array:
     return np.asarray(bench.box @ best.x)
 
 
-def compared(
-    bench: Bench,
-    error: ErrorName,
-    seed: int,
-    first: int,
-    count: int,
-    instrument_sd_mm: float,
-    threads: int | None,
-    told: Callable[[float], None],
-) -> LevelCompared:
+def compare_level(bench: Bench, error: ErrorName, draws: Draws, progress: Progress | None = None) -> LevelCompared:
+    """A level against simulated benches: moments, spread, tests, quantiles."""
     group = bench.group
     sizes = bench.sizes or (UNKNOWN,)
-    errors = simulated(
-        bench.system, bench.place, error, sizes, seed=seed, first=first, count=count,
-        instrument_sd_mm=instrument_sd_mm, threads=threads, progress=told,
-    )  # fmt: skip
+    errors = simulate_benches(bench.system, bench.place, error, sizes, draws, progress)
     norms = np.linalg.norm(errors, axis=2)
     tested = bool(bench.sizes) and not bench.reason
     degrees = np.array([180 / np.pi] * 3 + [1.0] * 3)
@@ -314,19 +315,19 @@ def compared(
         installations=len(bench.sizes) or 1,
         deliberate_deg_mm=stated,  # type: ignore[arg-type]
         benches=len(errors) if tested else 0,
-        bias=None if bench.vectors is None else _bias(bench, errors),
-        norm=_norm(bench, norms, tested),
-        spread=_spread(bench, errors, norms, tested),
-        spread_between=_spread_between(bench, errors, norms),
-        tests=tests_of(bench, errors, norms) if tested else (),
-        quantiles=() if bench.norms is None else _quantiles(bench.norms, norms),
+        bias=None if bench.vectors is None else _compare_bias(bench, errors),
+        norm=_compare_norm(bench, norms, tested),
+        spread=_compare_within(bench, errors, norms, tested),
+        spread_between=_compare_between(bench, errors, norms),
+        tests=test_bench(bench, errors, norms) if tested else (),
+        quantiles=() if bench.norms is None else _compare_quantiles(bench.norms, norms),
         ratio_to_reprojection_mm_per_px=ratio,
         not_tested=bench.reason,
-        tail_shape=_tail_shape(group.summary, norms),
+        tail_shape=_compare_tail(group.summary, norms),
     )
 
 
-def _tail_shape(summary: Summary | None, norms: Array) -> TailShape | None:
+def _compare_tail(summary: Summary | None, norms: Array) -> TailShape | None:
     """Where a summary's P95 stands, beside the median of simulated benches (m, n)."""
     if summary is None or summary.p95_mm is None or summary.mean_mm <= 0:
         return None
@@ -340,7 +341,7 @@ def _tail_shape(summary: Summary | None, norms: Array) -> TailShape | None:
     )
 
 
-def _range(values: Array) -> Interval:
+def _middle_share(values: Array) -> Interval:
     low, high = np.quantile(values, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return (float(low), float(high))
 
@@ -354,7 +355,7 @@ def _mean_interval(values: Array, sizes: Sequence[int]) -> Interval:
     return (float(values.mean()) - half, float(values.mean()) + half)
 
 
-def _bias(bench: Bench, errors: Array) -> BiasCompared:
+def _compare_bias(bench: Bench, errors: Array) -> BiasCompared:
     assert bench.vectors is not None
     means = bench_mean(errors, bench.sizes)
     return BiasCompared(
@@ -362,7 +363,7 @@ def _bias(bench: Bench, errors: Array) -> BiasCompared:
         interval_mm=_three([_mean_interval(column, bench.sizes) for column in bench.vectors.T]),
         interval_of="installations of this kind" if len(bench.sizes) > 1 else "this installation",
         predicted_mm=vector3(means.mean(axis=0)),
-        predicted_range_mm=_three([_range(column) for column in means.T]),
+        predicted_range_mm=_three([_middle_share(column) for column in means.T]),
     )
 
 
@@ -371,7 +372,7 @@ def _three(intervals: Sequence[Interval]) -> Intervals3:
     return (x, y, z)
 
 
-def _norm(bench: Bench, norms: Array, tested: bool) -> NormCompared:
+def _compare_norm(bench: Bench, norms: Array, tested: bool) -> NormCompared:
     means = bench_mean(norms, bench.sizes or (norms.shape[1],))
     summary = bench.group.summary
     interval: Interval | None
@@ -384,18 +385,20 @@ def _norm(bench: Bench, norms: Array, tested: bool) -> NormCompared:
         assert bench.norms is not None
         measured = float(bench_mean(bench.norms[None], bench.sizes)[0])
         interval = _mean_interval(bench.norms, bench.sizes)
-    return NormCompared(measured, interval, float(means.mean()), _range(means))
+    return NormCompared(measured, interval, float(means.mean()), _middle_share(means))
 
 
-def _ratio(of: Literal["vectors", "norms"], found: float, simulated: Array, known: bool = True) -> SpreadCompared:
+def _compare_spread(
+    of: Literal["vectors", "norms"], found: float, simulated: Array, known: bool = True
+) -> SpreadCompared:
     """A spread against those of benches; its interval assumes the predicted shape, scaled."""
     predicted = sqrt(float((simulated**2).mean()))
-    low, high = _range(simulated / predicted)
+    low, high = _middle_share(simulated / predicted)
     ratio = found / predicted
     return SpreadCompared(of, found, predicted, ratio, (ratio / high, ratio / low) if known and low > 0 else None)
 
 
-def _spread(bench: Bench, errors: Array, norms: Array, tested: bool) -> SpreadCompared | None:
+def _compare_within(bench: Bench, errors: Array, norms: Array, tested: bool) -> SpreadCompared | None:
     sizes = bench.sizes or (UNKNOWN,)
     if sum(sizes) == len(sizes):
         return None
@@ -404,33 +407,35 @@ def _spread(bench: Bench, errors: Array, norms: Array, tested: bool) -> SpreadCo
         within = moments_of(errors, sizes).within
         assert found is not None
         assert within is not None
-        return _ratio("vectors", sqrt(np.trace(found[0])), np.sqrt(np.trace(within, axis1=1, axis2=2)))
+        return _compare_spread("vectors", sqrt(np.trace(found[0])), np.sqrt(np.trace(within, axis1=1, axis2=2)))
     summary = bench.group.summary
     if summary is not None:
-        return None if summary.sd_mm is None else _ratio("norms", summary.sd_mm, pooled_sd(norms, sizes), tested)
+        return (
+            None if summary.sd_mm is None else _compare_spread("norms", summary.sd_mm, pooled_sd(norms, sizes), tested)
+        )
     assert bench.norms is not None
-    return _ratio("norms", float(pooled_sd(bench.norms[None], sizes)[0]), pooled_sd(norms, sizes))
+    return _compare_spread("norms", float(pooled_sd(bench.norms[None], sizes)[0]), pooled_sd(norms, sizes))
 
 
-def _spread_between(bench: Bench, errors: Array, norms: Array) -> SpreadCompared | None:
+def _compare_between(bench: Bench, errors: Array, norms: Array) -> SpreadCompared | None:
     if len(bench.sizes) < 2:
         return None
     if bench.vectors is not None:
         found, between = moments_of(bench.vectors[None], bench.sizes).between, moments_of(errors, bench.sizes).between
         assert found is not None
         assert between is not None
-        return _ratio("vectors", sqrt(np.trace(found[0])), np.sqrt(np.trace(between, axis1=1, axis2=2)))
+        return _compare_spread("vectors", sqrt(np.trace(found[0])), np.sqrt(np.trace(between, axis1=1, axis2=2)))
     assert bench.norms is not None
     found_sd = float(installation_means(bench.norms[None], bench.sizes).std(axis=1, ddof=1)[0])
-    return _ratio("norms", found_sd, installation_means(norms, bench.sizes).std(axis=1, ddof=1))
+    return _compare_spread("norms", found_sd, installation_means(norms, bench.sizes).std(axis=1, ddof=1))
 
 
 # --- tests ----------------------------------------------------------------------------------------
 
 
-def tests_of(bench: Bench, errors: Array, norms: Array) -> tuple[ComparisonTest, ...]:
+def test_bench(bench: Bench, errors: Array, norms: Array) -> tuple[ComparisonTest, ...]:
     """Every test of a bench against simulated ones: errors (R, n, 3), norms (R, n), mm."""
-    found = _vector_tests(bench, errors) if bench.vectors is not None else _norm_tests(bench, norms)
+    found = _test_vectors(bench, errors) if bench.vectors is not None else _test_norms(bench, norms)
     if bench.norms is not None and len(bench.norms) >= LEAST_FOR_TAIL:
         found.append(_test("tail", float(tail_mean(bench.norms[None])[0]), tail_mean(norms), True))
     return tuple(found)
@@ -441,14 +446,14 @@ def _test(name: TestName, statistic: float, simulated: Array, both: bool) -> Com
     return ComparisonTest(name, statistic, "both" if both else "upper", p, p, False, "")
 
 
-def _vector_tests(bench: Bench, errors: Array) -> list[ComparisonTest]:
+def _test_vectors(bench: Bench, errors: Array) -> list[ComparisonTest]:
     assert bench.vectors is not None
     sizes, law = bench.sizes, bench.expected
     here, many = moments_of(bench.vectors[None], sizes), moments_of(errors, sizes)
     about, freedom, several = law.of_mean(sizes), sum(sizes) - len(sizes), len(sizes) - 1
     # Bounded components are put where they serve the prediction best; benches have them at their centres, so that the
     # p-value can only be too large.
-    at = distance(here.mean - law.mean - offset(bench), about)[0]
+    at = distance(here.mean - law.mean - choose_offset(bench), about)[0]
     tests = [_test("mean", float(at), distance(many.mean - law.mean, about), False)]
     if here.within is not None and many.within is not None:
         at = departure(here.within, law.shot, freedom)[0]
@@ -460,18 +465,18 @@ def _vector_tests(bench: Bench, errors: Array) -> list[ComparisonTest]:
     return tests
 
 
-def _norm_tests(bench: Bench, norms: Array) -> list[ComparisonTest]:
+def _test_norms(bench: Bench, norms: Array) -> list[ComparisonTest]:
     names: list[TestName] = ["mean"]
     if sum(bench.sizes) > len(bench.sizes):
         names.append("spread")
     if len(bench.sizes) > 1:
         names.append("between installations")
-    found = norm_statistics(bench.norms, stated_of(bench), bench.sizes)
+    found = norm_statistics(bench.norms, stated_moments(bench), bench.sizes)
     many = simulated_norm_statistics(norms, bench.sizes)
     return [_test(name, at, sample, True) for name, at, sample in zip(names, found, many, strict=False)]
 
 
-def stated_of(bench: Bench) -> tuple[float, ...] | None:
+def stated_moments(bench: Bench) -> tuple[float, ...] | None:
     """Mean and, where it is given, standard deviation of summary statistics, mm."""
     summary = bench.group.summary
     if summary is None:
@@ -479,7 +484,7 @@ def stated_of(bench: Bench) -> tuple[float, ...] | None:
     return (summary.mean_mm,) if summary.sd_mm is None else (summary.mean_mm, summary.sd_mm)
 
 
-def _quantiles(measured: Array, norms: Array) -> tuple[QuantilePoint, ...]:
+def _compare_quantiles(measured: Array, norms: Array) -> tuple[QuantilePoint, ...]:
     """Ordered norms against the same places in simulated benches; all of them, or the upper tail and a few below."""
     count = len(measured)
     ranks = np.arange(count)
@@ -508,10 +513,8 @@ LEAST_REPLICATES, MOST_REPLICATES = 499, 4_999
 ROWS_AT_A_TIME = 8192
 INSTRUMENT_STREAM = 64  # of the generator; 0 and 1 are the chain's own
 
-Progress = Callable[[float], None]
 
-
-def at_level(system: System, deliberate: Array | None) -> System:
+def set_level(system: System, deliberate: Array | None) -> System:
     """The system with a level's installation error (6,) rad, mm on top of the known bias of the structure's mount."""
     if deliberate is None or not deliberate.any():
         return system
@@ -519,12 +522,12 @@ def at_level(system: System, deliberate: Array | None) -> System:
     return replace(system, structure_connector=replace(mount, bias=mount.bias + deliberate))
 
 
-def benches_for(trials: Sequence[int], tests: int, alpha: float) -> int:
+def count_benches(trials: Sequence[int], tests: int, alpha: float) -> int:
     """How many benches are simulated of each group of a file: as many as its tests need, more where there is room.
 
     trials: of each group.  Raises LimitError where the tests together need more than can be simulated.
     """
-    least, every = least_benches(tests, alpha), sum(trials)
+    least, every = count_least_benches(tests, alpha), sum(trials)
     if least * every > MOST_ROWS:
         needed = f"{every:,} trials and {tests} tests need {least * every:,} simulated trials"
         detail = f"{needed}; at most {MOST_ROWS:,} are made"
@@ -533,50 +536,39 @@ def benches_for(trials: Sequence[int], tests: int, alpha: float) -> int:
     return max(min(ROWS // every, MOST_REPLICATES), least)
 
 
-def least_benches(tests: int, alpha: float, fewest: int = LEAST_REPLICATES) -> int:
+def count_least_benches(tests: int, alpha: float, fewest: int = LEAST_REPLICATES) -> int:
     """So many that a two-sided p-value can fall below alpha shared among the tests, with room to spare."""
     return max(fewest, ceil(3 * tests / alpha))
 
 
-def simulated(
-    system: System,
-    target: int,
-    error: str,
-    sizes: Sequence[int],
-    *,
-    seed: int,
-    first: int,
-    count: int = MOST_REPLICATES,
-    instrument_sd_mm: float = 0.0,
-    threads: int | None = None,
-    progress: Progress | None = None,
+def simulate_benches(
+    system: System, target: int, error: str, sizes: Sequence[int], draws: Draws, progress: Progress | None = None
 ) -> Array:
-    """Errors (R, n, 3) mm of R = ``count`` simulated benches; bounded components stand at their centres.
-
-    ``first``: index of the first trial, so that benches of one seed do not share deviates unless they should.
-    """
+    """Errors (R, n, 3) mm of R simulated benches; bounded components stand at their centres."""
     plan = compile_plan(system)
     trials = sum(sizes)
     at_once = max(1, ROWS_AT_A_TIME // trials)
-    starts = range(0, count, at_once)
-    out = np.empty((count, trials, 3))
+    starts = range(0, draws.count, at_once)
+    errors = np.empty((draws.count, trials, 3))
 
-    def part(start: int) -> None:
-        stop = min(start + at_once, count)
-        z = draw(plan, seed, np.arange(first + start * trials, first + stop * trials, dtype=np.int64))
-        z = shared(plan, z, sizes)
-        out[start:stop] = evaluate(plan, z)[:, target, ERRORS.index(error)].reshape(stop - start, trials, 3)
+    def simulate(start: int) -> None:
+        stop = min(start + at_once, draws.count)
+        first = draws.first + start * trials
+        z = draw(plan, draws.seed, np.arange(first, first + (stop - start) * trials, dtype=np.int64))
+        z = share_draws(plan, z, sizes)
+        errors[start:stop] = evaluate(plan, z)[:, target, ERRORS.index(error)].reshape(stop - start, trials, 3)
 
-    with ThreadPoolExecutor(usable_cores() if threads is None else threads) as pool:
-        for done, _ in enumerate(pool.map(part, starts), 1):
+    with ThreadPoolExecutor(usable_cores() if draws.threads is None else draws.threads) as pool:
+        for done, _ in enumerate(pool.map(simulate, starts), 1):
             if progress is not None:
                 progress(done / len(starts))
-    if instrument_sd_mm > 0:
-        out += instrument_sd_mm * standard_normals(seed, INSTRUMENT_STREAM, count * trials, 3).reshape(out.shape)
-    return out
+    if draws.instrument_sd_mm > 0:
+        noise = standard_normals(draws.seed, INSTRUMENT_STREAM, draws.count * trials, 3)
+        errors += draws.instrument_sd_mm * noise.reshape(errors.shape)
+    return errors
 
 
-def shared(plan: ChainPlan, z: Array, sizes: Sequence[int]) -> Array:
+def share_draws(plan: ChainPlan, z: Array, sizes: Sequence[int]) -> Array:
     """Deviates (R n, d) in which a bench's trials share what is drawn once, and an installation's its mounting."""
     trials = sum(sizes)
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
@@ -589,19 +581,19 @@ def shared(plan: ChainPlan, z: Array, sizes: Sequence[int]) -> Array:
     return z
 
 
-def expected(model: LinearModel, error: str, instrument_sd_mm: float) -> Expected:
+def expect(model: LinearModel, error: str, instrument_sd_mm: float) -> Expected:
     """Mean and covariances to first order.  Raises OutOfRangeError where nothing varies from shot to shot."""
     parts = {"unit": np.zeros((3, 3)), "installation": np.zeros((3, 3)), "shot": instrument_sd_mm**2 * np.eye(3)}
     for block in model.blocks:
         scaled = model.gain(block, error) * block.std
-        parts[when(block)] += scaled @ scaled.T
+        parts[draw_time(block)] += scaled @ scaled.T
     if not np.linalg.eigvalsh(parts["shot"])[0] > 1e-12:
         detail = f"the design predicts no spread of the {error} error from trial to trial in some direction"
         raise OutOfRangeError(Problem("/views", "no-noise", detail, "state the noise of the views, or --instrument-sd"))
     return Expected(model.bias_mm(error), parts["unit"], parts["installation"], parts["shot"])
 
 
-def when(block: Block) -> str:
+def draw_time(block: Block) -> str:
     """What a contributor is drawn with: the bench as a whole ("unit"), an "installation", a "shot"."""
     if not block.per_unit:
         return "shot"
