@@ -79,7 +79,7 @@ def test_a_death_names_its_signal(pool: PoolEngine, number: int, words: str) -> 
 
 def test_a_computing_process_of_other_sources_computes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """As after an installation under a running worker: the one that is started next finds the new files."""
-    monkeypatch.setattr("tailstack_service.jobs.engines.pool.digest_code", lambda: "of the files that were here")
+    monkeypatch.setattr("tailstack_service.processes.interpreter.digest_code", lambda: "of the files that were here")
     words = "were replaced since this process was started"
     with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine, pytest.raises(OutOfDate, match=words):
         engine.submit(task(), "late").result(LONG)
@@ -199,7 +199,7 @@ def test_a_function_that_cannot_be_imported_is_a_defect() -> None:
 
 
 def test_processes_that_never_begin_are_not_started_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tailstack_service.jobs.engines.pool.make_command", lambda *_: [sys.executable, "-c", ""])
+    monkeypatch.setattr("tailstack_service.processes.interpreter.make_command", lambda *_: [sys.executable, "-c", ""])
     with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine, pytest.raises(GivenBack, match="in a row"):
         engine.submit(task(), "x").result(LONG)
 
@@ -259,11 +259,12 @@ def test_a_process_whose_parent_is_already_another_leaves() -> None:
 # --- signs of life --------------------------------------------------------------------------------
 
 
-def test_a_process_that_stands_still_is_killed_and_one_that_computes_is_not() -> None:
+def test_a_process_that_stands_still_is_killed_and_one_that_computes_is_not(tmp_path: Path) -> None:
+    note = tmp_path / "note"
     with closing(PoolEngine(2, function=strange_units.FUNCTION, hang_seconds=2.0)) as engine:
-        stopped, computing = (engine.submit(task("burn", seconds=5.0), name) for name in ("stopped", "computing"))
-        until(lambda: len(engine._children.seconds()) == 2)
-        time.sleep(0.5)
+        burn = task("burn", seconds=5.0, note=str(note))
+        stopped, computing = (engine.submit(burn, name) for name in ("stopped", "computing"))
+        until(lambda: note.exists() and len(note.read_text().splitlines()) == 2)  # both have begun
         victim = engine._children._busy["stopped"][0].pid
         os.kill(victim, signal.SIGSTOP)
         began = time.monotonic()

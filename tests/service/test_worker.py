@@ -124,7 +124,7 @@ def test_a_worker_whose_sources_were_replaced_stops_and_leaves_the_job_to_anothe
 ) -> None:
     submitted = submit(db, request(units=2))
     with monkeypatch.context() as before:
-        before.setattr("tailstack_service.jobs.engines.pool.digest_code", lambda: "of the files that were here")
+        before.setattr("tailstack_service.processes.interpreter.digest_code", lambda: "of the files that were here")
         with working(db, expected=SourcesChangedError) as (worker, _):
             until(lambda: worker._failure is not None)
     assert not job(db, submitted).finished
@@ -241,7 +241,7 @@ def test_the_database_may_go_away_while_units_are_computed(
     from tailstack_service.jobs.store.errors import StoreUnavailable
 
     away = False
-    rooms = {"claim": queue, "record": queue, "renew": queue, "release": queue, "heartbeat": workers}
+    rooms = {"claim": queue, "record": queue, "renew": queue, "release": queue, "report_alive": workers}
     real = {name: getattr(room, name) for name, room in rooms.items()}
 
     def replacing(name: str) -> Any:

@@ -12,9 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import os
 import socket
-import subprocess
 import threading
 import time
 from collections import deque
@@ -30,7 +28,7 @@ from ..operations.sent import Placed
 from ..problems import TransportError
 from ..processes import frames
 from ..processes.frames import BEGUN, OTHER_CODE, Defect, Died, OutOfDate
-from ..processes.interpreter import describe_ending, digest_code, make_command, make_environment
+from ..processes.interpreter import describe_ending, start_child
 from ..settings import variable
 from .computations import Refusal, warm_up
 
@@ -319,12 +317,7 @@ class _Process:
     def __init__(self) -> None:
         ours, theirs = socket.socketpair()
         with theirs:
-            self._popen: subprocess.Popen[bytes] = subprocess.Popen(
-                make_command("tailstack_service.processes.child", PERFORM, str(os.getpid()), digest_code()),
-                stdin=theirs.fileno(),
-                stdout=theirs.fileno(),
-                env=make_environment(),
-            )
+            self._popen = start_child(PERFORM, theirs.fileno(), theirs.fileno())
         self.pid = self._popen.pid
         self.spent = False  # it has ended, or is to be replaced
         self.warm = False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 from functools import cache
 from hashlib import sha256
@@ -43,6 +44,12 @@ def digest_code() -> str:
 
     here = sources.digest_of_all(sources.read_sources(Path(__file__).resolve().parents[1]))
     return sha256(f"{sources.digest_of_all(sources.SOURCES)} {here}".encode()).hexdigest()
+
+
+def start_child(function: str, stdin: int, stdout: int) -> subprocess.Popen[bytes]:
+    """A computing process (``processes.child``) that calls ``function``, and ends with the thread that starts it."""
+    command = make_command("tailstack_service.processes.child", function, str(os.getpid()), digest_code())
+    return subprocess.Popen(command, stdin=stdin, stdout=stdout, env=make_environment())
 
 
 def make_environment() -> dict[str, str]:

@@ -13,102 +13,59 @@ import subprocess
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
-from queue import SimpleQueue
-from typing import Any
 
 from ...processes.frames import BEGUN, OTHER_CODE, PERFORM, Defect, Died, GivenBack, OutOfDate, receive, send
-from ...processes.interpreter import describe_ending, digest_code, make_command, make_environment
+from ...processes.interpreter import describe_ending, start_child
 from ...task import Outcome, Task
-
-WAITS_FOR_SYSTEM = {"R", "D"}  # for a processor, for a disk: nothing that the process could do about
-LOOK_SECONDS = 1.0
-
-
-class Pulse:
-    """How long a process has been without a heartbeat; ``look`` is called about every ``LOOK_SECONDS``."""
-
-    def __init__(self, pid: int) -> None:
-        self._tasks = Path(f"/proc/{pid}/task")
-        self._used = -1
-        self.silent_seconds = 0.0
-
-    def look(self, seconds: float) -> None:
-        """``seconds`` have passed since the last look.
-
-        Of a long time no more than two looks' worth counts: who was stopped together with the process (a container that
-        is paused, say) would otherwise take its own absence for the process's.
-        """
-        used, waits = self._state()
-        if used != self._used or waits:
-            self._used, self.silent_seconds = used, 0.0
-        else:
-            self.silent_seconds += min(seconds, 2 * LOOK_SECONDS)
-
-    def _state(self) -> tuple[int, bool]:
-        """Clock ticks used by all threads, and whether one waits for the system (as if, where nothing can be read)."""
-        used, waits = 0, False
-        try:
-            for thread in os.listdir(self._tasks):
-                # The name in parentheses may hold anything; state, then 10 fields, then ticks in user and kernel mode
-                told = (self._tasks / thread / "stat").read_text().rpartition(")")[2].split()
-                waits |= told[0] in WAITS_FOR_SYSTEM
-                used += int(told[11]) + int(told[12])
-        except (OSError, IndexError, ValueError):  # it, or one of its threads, has just ended; or this is not Linux
-            return self._used, True
-        return used, waits
-
 
 CLOSED = "the processes were stopped"
 HANG_SECONDS = 30.0  # without any use of the processor, after which a process with a task counts as hung
 FRUITLESS = 3  # processes in a row that end before they begin a task
+WAITS_FOR_SYSTEM = {"R", "D"}  # states of a thread that waits for a processor or a disk, which is no fault of its own
+LOOK_SECONDS = 1.0
+# Linux ends a computing process with the *thread* that started it (PR_SET_PDEATHSIG): this one lives as long as the
+# process, and pools of threads come and go
+_STARTER = ThreadPoolExecutor(1, "tailstack-starter")
 
 
 class Child:
     """One computing process.  ``compute`` is for one thread at a time; ``kill`` for any."""
 
     def __init__(self, function: str = PERFORM) -> None:
-        self._process: subprocess.Popen[bytes] = _from_lasting_thread(
-            lambda: subprocess.Popen(
-                make_command("tailstack_service.processes.child", function, str(os.getpid()), digest_code()),
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                env=make_environment(),
-            )
-        )
+        self._process = _STARTER.submit(start_child, function, subprocess.PIPE, subprocess.PIPE).result()
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._tasks, self._outcomes = self._process.stdin, self._process.stdout
         self.pid = self._process.pid
         self.spent = False  # it has ended, or asks to be replaced
         self.ending = ""  # how it ended under a task
         self._killed_because = ""
 
-    @property
-    def alive(self) -> bool:
+    def is_alive(self) -> bool:
         return self._process.poll() is None
 
     def compute(self, task: Task) -> Outcome | None:
         """The outcome, or None if the process ended before it began.  Raises Died, Defect, OutOfDate."""
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
         begun = False
         try:
-            send(self._process.stdin, task)
-            begun = receive(self._process.stdout) == BEGUN
-            outcome, raised, tired = receive(self._process.stdout)
-            self.spent = self.spent or tired
+            send(self._tasks, task)
+            begun = receive(self._outcomes) == BEGUN
+            outcome, traceback, tired = receive(self._outcomes)
         except (EOFError, OSError):
             self.kill()
             code = self._process.wait()
             self.ending = self._killed_because or describe_ending(code)
-            if code == OTHER_CODE and not begun:
+            if begun:
+                raise Died(f"the computing process ended with {self.ending}") from None
+            if code == OTHER_CODE:
                 raise OutOfDate("the files of tailstack were replaced since this process was started") from None
-            if not begun:
-                return None
-            raise Died(f"the computing process ended with {self.ending}") from None
-        if raised is not None:
-            raise Defect(raised)
+            return None
+        self.spent = self.spent or tired
+        if traceback is not None:
+            raise Defect(traceback)
         result: Outcome = outcome
         return result
 
@@ -121,45 +78,42 @@ class Child:
         """Kill the process and wait until it is gone."""
         self._process.kill()
         self._process.wait()
-        for stream in (self._process.stdin, self._process.stdout):
-            assert stream is not None
+        for stream in (self._tasks, self._outcomes):
             with suppress(OSError):  # what was not yet written to it
                 stream.close()
 
 
 class Children:
-    """Computing processes: started when needed, kept for the next task, found by what they compute.
+    """Computing processes: started when needed, kept for the next task, found by the key of what they compute.
 
-    hang_seconds: a process that has a task and for so long uses no processor time at all is killed (``pulse``).
+    ``hang_seconds``: a process that has a task and for so long uses no processor time at all is killed.
     """
 
     def __init__(self, function: str = PERFORM, hang_seconds: float = HANG_SECONDS) -> None:
-        self._function = function
-        self._hang_seconds = hang_seconds
-        self._closing = threading.Event()
-        self._watch: threading.Thread | None = None
+        self._function, self._hang_seconds = function, hang_seconds
         self._lock = threading.Lock()
         self._idle: deque[Child] = deque()
-        self._busy: dict[str, tuple[Child, float]] = {}
-        self._closed = False
+        self._busy: dict[str, tuple[Child, float]] = {}  # by key, and since when
+        self._watch: threading.Thread | None = None
+        self._closing = threading.Event()
 
     def start(self, count: int) -> None:
         """Have processes before they are needed."""
         for _ in range(count):
-            self._keep(Child(self._function))
+            self._put_back(Child(self._function))
 
     def compute(self, task: Task, key: str) -> Outcome:
-        """Compute in a process of its own.  Raises Died, Defect, GivenBack, OutOfDate."""
+        """Compute in a process that does nothing else meanwhile.  Raises Died, Defect, GivenBack, OutOfDate."""
         for _ in range(FRUITLESS):
             child = self._take(key)
             try:
                 outcome = child.compute(task)
             except Died:
-                if self._closed:
+                if self._closing.is_set():
                     raise GivenBack(CLOSED) from None
                 raise
             finally:
-                self._give_back(key, child)
+                self._release(key, child)
             if outcome is not None:
                 return outcome
         raise GivenBack(
@@ -176,7 +130,7 @@ class Children:
         """For how long each task has been computed, s, by key."""
         now = time.monotonic()
         with self._lock:
-            return {key: now - begun for key, (_, begun) in self._busy.items()}
+            return {key: now - since for key, (_, since) in self._busy.items()}
 
     def kill(self, key: str) -> None:
         """Kill the process that computes ``key``, if one does."""
@@ -186,9 +140,8 @@ class Children:
 
     def close(self) -> None:
         """Kill every process; those that still compute are let go of by their own thread."""
-        self._closing.set()
         with self._lock:
-            self._closed = True
+            self._closing.set()
             idle = list(self._idle)
             self._idle.clear()
             for child, _ in self._busy.values():
@@ -196,9 +149,44 @@ class Children:
         for child in idle:
             child.close()
 
-    def _kill_what_hangs(self) -> None:
+    def _take(self, key: str) -> Child:
+        with self._lock:
+            child = self._idle.popleft() if self._idle else None
+        if child is not None and not child.is_alive():
+            child.close()
+            child = None
+        child = child or Child(self._function)
+        with self._lock:
+            if not self._closing.is_set():
+                self._busy[key] = child, time.monotonic()
+                if self._watch is None:
+                    self._watch = threading.Thread(target=self._kill_hung, name="tailstack-pulse", daemon=True)
+                    self._watch.start()
+                return child
+        child.close()
+        raise GivenBack(CLOSED)
+
+    def _release(self, key: str, child: Child) -> None:
+        with self._lock:
+            del self._busy[key]
+        if not child.spent:
+            self._put_back(child)
+            return
+        child.close()
+        if not self._closing.is_set():
+            with suppress(OSError):  # the next task tries again, and says so
+                self._put_back(Child(self._function))
+
+    def _put_back(self, child: Child) -> None:
+        with self._lock:
+            if not self._closing.is_set():
+                self._idle.append(child)
+                return
+        child.close()
+
+    def _kill_hung(self) -> None:
         pulses: dict[int, Pulse] = {}
-        looked = time.monotonic()
+        before = time.monotonic()
         while not self._closing.wait(LOOK_SECONDS):
             now = time.monotonic()
             with self._lock:
@@ -206,75 +194,45 @@ class Children:
                 pulses = {child.pid: pulses.get(child.pid) or Pulse(child.pid) for child in busy}
                 for child in busy:
                     pulse = pulses[child.pid]
-                    pulse.look(now - looked)
+                    pulse.look(now - before)
                     if pulse.silent_seconds >= self._hang_seconds:
                         detail = f"no sign of life: it used no processor time for {pulse.silent_seconds:.0f} s"
                         child.kill(f"{detail} (stopped, or waiting for what does not come) and was killed")
-            looked = now
-
-    def _take(self, key: str) -> Child:
-        with self._lock:
-            child = self._idle.popleft() if self._idle and not self._closed else None
-        if child is not None and not child.alive:
-            child.close()
-            child = None
-        child = child or Child(self._function)
-        with self._lock:
-            if not self._closed:
-                self._busy[key] = child, time.monotonic()
-                if self._watch is None:
-                    self._watch = threading.Thread(target=self._kill_what_hangs, name="tailstack-pulse", daemon=True)
-                    self._watch.start()
-                return child
-        child.close()
-        raise GivenBack(CLOSED)
-
-    def _give_back(self, key: str, child: Child) -> None:
-        with self._lock:
-            del self._busy[key]
-        if not child.spent:
-            self._keep(child)
-            return
-        child.close()
-        if not self._closed:
-            with suppress(OSError):  # the next task tries again, and says so
-                self._keep(Child(self._function))
-
-    def _keep(self, child: Child) -> None:
-        with self._lock:
-            if not self._closed:
-                self._idle.append(child)
-                return
-        child.close()
+            before = now
 
 
-_orders: SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = SimpleQueue()
-_starter: threading.Thread | None = None
-_starter_lock = threading.Lock()
+class Pulse:
+    """How long a process has used no processor time; ``look`` is called about every ``LOOK_SECONDS``."""
 
+    def __init__(self, pid: int) -> None:
+        self._tasks = Path(f"/proc/{pid}/task")
+        self._ticks = -1
+        self.silent_seconds = 0.0
 
-def _from_lasting_thread(call: Callable[[], Any]) -> Any:
-    """Call in a thread that lives as long as this process.
+    def look(self, seconds: float) -> None:
+        """``seconds`` have passed since the last look.
 
-    Linux ends a process with the *thread* that started it (PR_SET_PDEATHSIG), and pools of threads come and go.
-    """
-    global _starter
-    with _starter_lock:
-        if _starter is None or not _starter.is_alive():
-            _starter = threading.Thread(target=_start_ordered, name="tailstack-starter", daemon=True)
-            _starter.start()
-    done: Future[Any] = Future()
-    _orders.put((call, done))
-    return done.result()
+        Of a long time no more than two looks' worth counts: who was stopped together with the process (a container that
+        is paused, say) would otherwise take its own absence for the process's.
+        """
+        ticks, waits = self._read()
+        if ticks != self._ticks or waits:
+            self._ticks, self.silent_seconds = ticks, 0.0
+        else:
+            self.silent_seconds += min(seconds, 2 * LOOK_SECONDS)
 
-
-def _start_ordered() -> None:
-    while True:
-        call, done = _orders.get()
+    def _read(self) -> tuple[int, bool]:
+        """Clock ticks used by all threads, and whether one waits for the system (as if, where nothing can be read)."""
+        ticks, waits = 0, False
         try:
-            done.set_result(call())
-        except BaseException as error:
-            done.set_exception(error)
+            for thread in os.listdir(self._tasks):
+                # The name in parentheses may hold anything; state, then 10 fields, then ticks in user and kernel mode
+                fields = (self._tasks / thread / "stat").read_text().rpartition(")")[2].split()
+                waits |= fields[0] in WAITS_FOR_SYSTEM
+                ticks += int(fields[11]) + int(fields[12])
+        except (OSError, IndexError, ValueError):  # it, or one of its threads, has just ended; or this is not Linux
+            return self._ticks, True
+        return ticks, waits
 
 
 class PoolEngine:

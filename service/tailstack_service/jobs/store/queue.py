@@ -59,6 +59,11 @@ class Claim:
     max_attempts: int  # the terms of the claim: with as many attempts or deaths its release ends the job
     max_deaths: int
 
+    @property
+    def key(self) -> str:
+        """Unique among all claims there ever were."""
+        return f"{self.job_id}-{self.index}-{self.generation}-{self.token}"
+
 
 def find_place(created_at: float, number: int, spec: bytes) -> float:
     """The place in the queue of unit ``number`` of a job that came in at ``created_at``."""
