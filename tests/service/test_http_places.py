@@ -29,6 +29,7 @@ from tailstack_service.jobs.store import database
 from tailstack_service.operations import effort
 from tailstack_service.operations.sent import Placed, Sent
 from tailstack_service.problems import TransportError
+from tailstack_service.processes import interpreter
 from tailstack_service.processes.frames import Defect, Died
 from tailstack_service.settings import Settings
 
@@ -97,7 +98,7 @@ def test_a_process_that_dies_under_a_call_is_replaced() -> None:
 
 def test_files_that_were_replaced_under_the_service_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is computed with some of the old sources and some of the new."""
-    monkeypatch.setattr(places, "code_digest", lambda: "of other sources")
+    monkeypatch.setattr(interpreter, "digest_code", lambda: "of other sources")
 
     async def story() -> None:
         async with some(1) as computing:
