@@ -77,7 +77,7 @@ def test_what_a_call_returns_refuses_or_breaks_arrives() -> None:
             assert await computing.run(request(), partial(operator.add, 40, 2), QUICK) == 42
             sent = Sent("json", b'{"design": {"schema": "tailstack/design/1"}}')
             with pytest.raises(Placed) as refused:
-                await computing.run(request(), partial(computations.answer, "/v1/scores", sent, Settings()), QUICK)
+                await computing.run(request(), partial(computations.receive, "score", sent, Settings()), QUICK)
             assert (refused.value.error.slug, refused.value.prefix) == ("invalid-design", "/design")
             with pytest.raises(Defect, match="ZeroDivisionError"):
                 await computing.run(request(), partial(operator.truediv, 1, 0), QUICK)
