@@ -11,20 +11,24 @@ from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
+
+from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 
 from ..console.answer import BAD_INPUT, NOT_EVALUATED, PASS, Answer
 from ..console.answer import INTERRUPTED as INTERRUPTED_CODE
 from ..console.progress import Progress
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from datetime import date
 
-    from tailstack.errors import Problem, TailstackError
-
     from ..gate.judge import Gate, GateDesign
+    from ..gate.reading import GateInput
     from ..gate.records import GateRecord
     from .gate_outputs import Outputs
+
+    _Input = TypeVar("_Input", bound=GateInput)
 
 HELP = "designs against a policy, for a pipeline: findings and an exit code"
 
@@ -97,8 +101,8 @@ def run(arguments: argparse.Namespace) -> Answer:
     inputs = [arguments.policy, arguments.waivers, arguments.baseline, *arguments.design, *chain(*found.values())]
     outputs, wrong = choose_outputs(arguments.format or [("text", None)], [name for name in inputs if name is not None])
     record, outputs = _make_record(arguments, outputs, wrong, found)
-    refused = record.provenance.policy_sha256 is None  # what stopped it stands on stderr
-    body = b"" if refused and outputs.on_stdout == "text" else outputs.stdout(record)
+    stopped = record.provenance.policy_sha256 is None  # and stderr says by what
+    body = b"" if stopped and outputs.on_stdout == "text" else outputs.stdout(record)
     problems = outputs.publish(record)
     if problems and body:
         body = outputs.stdout(record_unwritten(record, problems))
@@ -110,15 +114,13 @@ def run(arguments: argparse.Namespace) -> Answer:
     else:
         for _, file in outputs.usable:
             print(f"wrote {file}", file=sys.stderr)
-    if unprinted or not (refused or outputs.on_stdout in FOR_PEOPLE):
+    if unprinted or not (stopped or outputs.on_stdout in FOR_PEOPLE):
         say(summarise(record))
     return Answer("", record.exit_code)
 
 
 def _print_body(body: str | bytes) -> list[Problem]:
     """Write to stdout.  Returns what kept it from being written; a reader who has left is no reason."""
-    from tailstack.errors import Problem
-
     from ..console.answer import write_out
 
     try:
@@ -136,18 +138,15 @@ def _print_body(body: str | bytes) -> list[Problem]:
 def _make_record(
     arguments: argparse.Namespace, outputs: Outputs, wrong: list[str], found: dict[str, list[str]]
 ) -> tuple[GateRecord, Outputs]:
-    """The record of the gate, whatever becomes of it, and the outputs that can be written to: what stops it is told on
-    stderr and kept in the record."""
-    from tailstack.errors import Problem, TailstackError
+    """The record of the gate, whatever becomes of it, and the outputs that can be written to.
 
+    What stops it stands on stderr and in the record.
+    """
     from ..console.refusals import report_error, report_failure
     from ..problems import RequestError
     from .gate_outputs import INTERRUPTED, NOT_FINISHED, OutputError, record_unfinished
 
-    known = partial(
-        record_unfinished, today=today(), mode=arguments.mode, fail_level=arguments.fail_level,
-        on_inconclusive=arguments.on_inconclusive, max_regression_percent=arguments.max_regression,
-    )  # fmt: skip
+    known = partial(record_unfinished, arguments, today())
     files = [_show_name(name) for name in arguments.design]
     try:
         outputs, unwritable = outputs.begin(known(files, (NOT_FINISHED,), NOT_EVALUATED))
@@ -198,8 +197,6 @@ def _judge(arguments: argparse.Namespace, designs: list[str]) -> GateRecord:
 def _explain(rule: str) -> str:
     from difflib import get_close_matches
 
-    from tailstack.errors import Problem
-
     from ..gate.rules import RULES, explain
     from ..problems import RequestError
 
@@ -222,8 +219,6 @@ def _find_files(given: list[str]) -> dict[str, list[str]]:
 
 def _list_files(given: list[str], found: dict[str, list[str]]) -> list[str]:
     """The designs' files: names as they are, patterns as what they match, each once.  Raises RequestError."""
-    from tailstack.errors import Problem
-
     from ..problems import RequestError
 
     files: list[str] = []
@@ -235,9 +230,8 @@ def _list_files(given: list[str], found: dict[str, list[str]]) -> list[str]:
         raise RequestError(Problem("", "no-design", "no design was given", "tailstack gate DESIGN..."))
     files = list({_show_name(name): name for name in reversed(files)}.values())[::-1]
     if long := next((name for name in files if len(_show_name(name)) > LONGEST_NAME), None):
-        raise RequestError(
-            Problem("", "too-long", f"a path has {LONGEST_NAME} characters at most; got {long[:60]!r}...")
-        )
+        detail = f"a path has {LONGEST_NAME} characters at most; got {long[:60]!r}..."
+        raise RequestError(Problem("", "too-long", detail))
     return files
 
 
@@ -259,15 +253,9 @@ def _read_gate(arguments: argparse.Namespace, files: list[str]) -> Gate:
     from ..gate.waivers import read_waivers
 
     day = today()
-    policy = read_policy(None if arguments.policy is None else Path(arguments.policy))
-    if arguments.policy is not None:
-        policy = replace(policy, file=_show_name(arguments.policy))
-    waivers = None if arguments.waivers is None else read_waivers(Path(arguments.waivers), day)
-    baseline = None if arguments.baseline is None else read_baseline(Path(arguments.baseline))
-    if waivers is not None:
-        waivers = replace(waivers, file=_show_name(arguments.waivers))
-    if baseline is not None:
-        baseline = replace(baseline, file=_show_name(arguments.baseline))
+    policy = _read_input(arguments.policy, read_policy) or read_policy(None)
+    waivers = _read_input(arguments.waivers, partial(read_waivers, today=day))
+    baseline = _read_input(arguments.baseline, read_baseline)
     return Gate(
         designs=tuple(_read_design(name) for name in files),
         policy=policy,
@@ -283,6 +271,11 @@ def _read_gate(arguments: argparse.Namespace, files: list[str]) -> Gate:
     )
 
 
+def _read_input(name: str | None, read: Callable[[Path], _Input]) -> _Input | None:
+    """What the gate judges by, if a file of it is given, under the name by which findings call it."""
+    return None if name is None else replace(read(Path(name)), file=_show_name(name))
+
+
 def _list_present(record: GateRecord, files: list[str]) -> tuple[str, ...]:
     """Designs of a baseline that are not judged now and whose files are where they were: they were not renamed."""
     judged = {_show_name(name) for name in files}
@@ -295,8 +288,6 @@ def _list_present(record: GateRecord, files: list[str]) -> tuple[str, ...]:
 
 def _read_design(name: str) -> GateDesign:
     """A design, or the refusal that becomes its finding: the others are judged all the same."""
-    from tailstack.errors import DesignError, LimitError
-
     from ..console.arguments import read_design
     from ..gate.judge import GateDesign
 
@@ -311,17 +302,13 @@ def _place_refusal(error: TailstackError, name: str) -> TailstackError:
     not to be found, at the field that names it."""
     from tailstack.design.loading import read_source
     from tailstack.design.refusals import place
-    from tailstack.errors import TailstackError
 
-    def own(problem: Problem) -> Problem:
-        if problem.file is None or problem.file == str(Path(name)):
-            return replace(problem, file=_show_name(name))
-        if problem.line is not None:
-            return replace(problem, file=_show_name(os.path.join(os.path.dirname(name), problem.file)))
-        try:
-            found = place(replace(problem, file=None), read_source(Path(name)))
-        except TailstackError:
-            return replace(problem, file=_show_name(name))
-        return replace(found, file=_show_name(name))
+    def place_problem(problem: Problem) -> Problem:
+        if problem.file is not None and problem.file != str(Path(name)):
+            if problem.line is not None:
+                return replace(problem, file=_show_name(os.path.join(os.path.dirname(name), problem.file)))
+            with suppress(TailstackError):
+                problem = place(replace(problem, file=None), read_source(Path(name)))
+        return replace(problem, file=_show_name(name))
 
-    return type(error)([own(problem) for problem in error.problems])
+    return type(error)([place_problem(problem) for problem in error.problems])

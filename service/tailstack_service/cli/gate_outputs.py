@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from argparse import Namespace
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
@@ -20,7 +21,8 @@ from tailstack.scoring import NOT_INCLUDED
 from tailstack.version import __version__
 
 from ..console.files import Staged, append, is_stream, stage
-from ..gate.records import Fold, GateFinding, GateProvenance, GateRecord, Level, Mode, record_unread
+from ..gate.reading import make_finding
+from ..gate.records import GateFinding, GateProvenance, GateRecord, record_unread
 
 SUMMARY = "GITHUB_STEP_SUMMARY"
 ROOTS = ("GITHUB_WORKSPACE", "CI_PROJECT_DIR")  # where GitHub and GitLab check the repository out
@@ -51,13 +53,10 @@ class Outputs:
         problems: list[Problem] = []
         usable: list[tuple[str, str]] = []
         for name, file in self.usable:
-            try:
+            with _note(problems, file, remove=True):
                 if not is_stream(file):
                     stage(file, render_record(name, record)).put()
                 usable.append((name, file))
-            except OSError as error:
-                problems.append(_refuse_file(file, error))
-                _remove(file)
         return replace(self, usable=tuple(usable)), problems
 
     def publish(self, record: GateRecord) -> list[Problem]:
@@ -68,38 +67,29 @@ class Outputs:
         beside: list[Staged] = []
         problems: list[Problem] = []
         for name, file in self.usable:
-            if is_stream(file):
-                continue
-            try:
-                beside.append(stage(file, render_record(name, record)))
-            except OSError as error:
-                problems.append(_refuse_file(file, error))
+            with _note(problems, file):
+                if not is_stream(file):
+                    beside.append(stage(file, render_record(name, record)))
         for entry in beside:
-            try:
+            with _note(problems, entry.file):
                 if problems:
                     entry.drop()
                 else:
                     entry.put()
-            except OSError as error:
-                problems.append(_refuse_file(entry.file, error))
         for name, file in () if problems else self.usable:
-            try:
+            with _note(problems, file):
                 if is_stream(file):
                     append(file, render_record(name, record))
-            except OSError as error:
-                problems.append(_refuse_file(file, error))
         return problems or self.summary(record)
 
     def correct(self, record: GateRecord) -> None:
         """Write a record that says what could not be written wherever it can be; a file where it cannot is removed."""
         for name, file in self.usable:
-            try:
+            with _note([], file, remove=True):
                 if is_stream(file):
                     append(file, render_record(name, record))
                 else:
                     stage(file, render_record(name, record)).put()
-            except OSError:
-                _remove(file)
         self.summary(record)
 
     def stdout(self, record: GateRecord) -> str | bytes:
@@ -124,12 +114,10 @@ class Outputs:
             return []
         from ..gate.formats import name_from_root, render_step_summary
 
-        try:
-            with open(file, "ab") as stream:
-                stream.write(render_step_summary(name_from_root(record, find_prefix()), stream.tell()).encode())
-        except OSError as error:
-            return [_refuse_file(f"{SUMMARY} {file}", error)]
-        return []
+        problems: list[Problem] = []
+        with _note(problems, f"{SUMMARY} {file}"), open(file, "ab") as stream:
+            stream.write(render_step_summary(name_from_root(record, find_prefix()), stream.tell()).encode())
+        return problems
 
 
 POINTS = (".csv", ".fcsv", ".mrk.json")  # endings of the files that designs take their fiducials from
@@ -140,19 +128,19 @@ def choose_outputs(formats: Iterable[tuple[str, str | None]], inputs: Iterable[s
     formats = tuple(formats)
     wrong: list[str] = []
     usable: list[tuple[str, str]] = []
-    read = {_resolve(name) for name in inputs}
+    read = {os.path.realpath(name) for name in inputs}
     if sum(file is None for _, file in formats) > 1:
         wrong.append("two formats would be written to stdout; give all but one a file: --format json=gate.json")
     for name, file in formats:
         if file is None:
             continue
-        if _resolve(file) in read:
+        if os.path.realpath(file) in read:
             wrong.append(f"--format {name}={file} would overwrite a file that is read; give it another name")
         elif file.lower().endswith(POINTS) and Path(file).exists():
             wrong.append(
                 f"--format {name}={file} would overwrite what may be a file of fiducials; give it another name"
             )
-        elif _resolve(file) in {_resolve(other) for _, other in usable}:
+        elif os.path.realpath(file) in {os.path.realpath(other) for _, other in usable}:
             wrong.append(f"two formats would be written to {file}; give each a file of its own")
         elif not Path(file).parent.is_dir() or Path(file).is_dir():
             wrong.append(f"cannot write {file}: no such directory, or a directory")
@@ -184,18 +172,16 @@ def say(lines: Iterable[str]) -> None:
         print(f"tailstack gate: {line}", file=sys.stderr)
 
 
-def _resolve(name: str) -> str:
-    return os.path.realpath(name)
-
-
-def _refuse_file(file: str, error: OSError) -> Problem:
-    return Problem("", "not-written", f"cannot write {file}: {error.strerror or error}", MEND, file)
-
-
-def _remove(file: str) -> None:
-    if Path(file).is_file():
-        with suppress(OSError):
-            Path(file).unlink()
+@contextmanager
+def _note(problems: list[Problem], file: str, *, remove: bool = False) -> Iterator[None]:
+    """Note what keeps a file from being written, and remove what an earlier gate left there if it is to be."""
+    try:
+        yield
+    except OSError as error:
+        problems.append(Problem("", "not-written", f"cannot write {file}: {error.strerror or error}", MEND, file))
+        if remove and Path(file).is_file():
+            with suppress(OSError):
+                Path(file).unlink()
 
 
 NOT_FINISHED = Problem("", "not-finished", "the gate has not ended: it is running, or it was killed")
@@ -203,15 +189,7 @@ INTERRUPTED = Problem("", "interrupted", "the gate was interrupted before it cam
 
 
 def record_unfinished(
-    files: Sequence[str],
-    problems: Iterable[Problem],
-    exit_code: int,
-    *,
-    today: date,
-    mode: Mode = "auto",
-    fail_level: Level = "error",
-    on_inconclusive: Fold | None = None,
-    max_regression_percent: float | None = None,
+    arguments: Namespace, today: date, files: Sequence[str], problems: Iterable[Problem], exit_code: int
 ) -> GateRecord:
     """The record of a gate that ends with ``exit_code`` 2, 3 or 130 before it judged the designs of these files."""
     rule = "invalid-input" if exit_code == 2 else "not-evaluated"
@@ -219,12 +197,12 @@ def record_unfinished(
         schema="tailstack/gate/1",
         verdict="not evaluated",
         exit_code=exit_code,
-        mode=mode,
+        mode=arguments.mode,
         seed=0,
-        fail_level=fail_level,
-        on_inconclusive=on_inconclusive,
-        max_regression_percent=max_regression_percent,
-        findings=tuple(_finding(rule, problem, files) for problem in problems),
+        fail_level=arguments.fail_level,
+        on_inconclusive=arguments.on_inconclusive,
+        max_regression_percent=arguments.max_regression,
+        findings=tuple(_make_finding(rule, problem, files) for problem in problems),
         designs=tuple(record_unread(file) for file in files),
         provenance=GateProvenance(
             tailstack_version=__version__,
@@ -241,21 +219,12 @@ def record_unfinished(
 def record_unwritten(record: GateRecord, problems: Iterable[Problem]) -> GateRecord:
     """The record of a gate that judged and could not leave its answer everywhere it was asked to: no verdict, whatever
     the designs came to, and the reasons before all findings."""
-    reasons = tuple(_finding("not-evaluated", problem, ()) for problem in problems)
+    reasons = tuple(_make_finding("not-evaluated", problem, ()) for problem in problems)
     code = record.exit_code if record.verdict == "not evaluated" else 3
     return replace(record, verdict="not evaluated", exit_code=code, findings=(*reasons, *record.findings))
 
 
-def _finding(rule: str, problem: Problem, files: Sequence[str]) -> GateFinding:
-    return GateFinding(
-        rule=rule,
-        severity="error",
-        file=problem.file or (files[0] if files else "tailstack gate"),
-        line=problem.line,
-        column=problem.column,
-        pointer=problem.pointer if problem.file else "",
-        message=problem.detail + (f" — {problem.hint}" if problem.hint else ""),
-        value=None,
-        limit=None,
-        suppressed_by=None,
-    )
+def _make_finding(rule: str, problem: Problem, files: Sequence[str]) -> GateFinding:
+    if problem.file is None:
+        problem = replace(problem, pointer="", file=files[0] if files else "tailstack gate")
+    return make_finding(rule, "error", problem.file or "", problem)

@@ -7,13 +7,19 @@ from dataclasses import replace
 from typing import Any
 
 from tailstack.design import Design, design_to_data
+from tailstack.design.reading import Source
 from tailstack.design.refusals import place
 from tailstack.errors import Problem
 
 from ..console.progress import Progress
 from ..gate.judge import Gate, conclude, report_refusal, score_designs
-from ..gate.records import WORST_FIRST, GatedDesign, GateFinding, GateRecord, record_unread
+from ..gate.records import WORST_FIRST, GateFinding, GateRecord, record_unread
 from ..gate.waivers import describe_waiver
+
+# What a service calls documents that came without a file of their own.
+POLICY, WAIVERS, BASELINE = "policy", "waivers", "baseline"
+_WAIVER = re.compile(rf"{WAIVERS}#/waivers/(\d+), ")
+_POINT = re.compile(r"/fiducials/points(/\d+.*)?")
 
 
 def judge_remotely(gate: Gate, url: str, progress: Progress) -> GateRecord:
@@ -40,21 +46,16 @@ def judge_remotely(gate: Gate, url: str, progress: Progress) -> GateRecord:
     return complete_record(record, gate)
 
 
-# What a service calls documents that came without a file of their own.
-POLICY, WAIVERS, BASELINE = "policy", "waivers", "baseline"
-_WAIVED = re.compile(rf"{WAIVERS}#/waivers/(\d+), ")
-_POINT = re.compile(r"/fiducials/points(/\d+.*)?")
-
-
 def write_request(gate: Gate) -> dict[str, Any]:
     """Body of ``POST /v1/gates``: every design that could be read, with the points of its fiducial file in it."""
-    designs = [
-        {"file": entry.file, "design": design_to_data(entry.design)}
-        for entry in gate.designs
-        if entry.design is not None
-    ]
-    unread = tuple(entry.file for entry in gate.designs if entry.design is None)  # they are there, if not sent
-    given = {
+    designs = [{"file": e.file, "design": design_to_data(e.design)} for e in gate.designs if e.design is not None]
+    unread = [entry.file for entry in gate.designs if entry.design is None]  # they are there, if not sent
+    request = {
+        "designs": designs,
+        "mode": gate.mode,
+        "seed": gate.seed,
+        "today": gate.today.isoformat(),
+        "fail_level": gate.fail_level,
         "policy": gate.policy.source.data,
         "waivers": None if gate.waivers is None else gate.waivers.source.data,
         "baseline": None if gate.baseline is None else gate.baseline.source.data,
@@ -62,58 +63,42 @@ def write_request(gate: Gate) -> dict[str, Any]:
         "max_regression_percent": gate.max_regression_percent,
         "present": None if gate.baseline is None else [*gate.present, *unread] or None,
     }
-    return {
-        "designs": designs,
-        "mode": gate.mode,
-        "seed": gate.seed,
-        "today": gate.today.isoformat(),
-        "fail_level": gate.fail_level,
-        **{name: value for name, value in given.items() if value is not None},
-    }
+    return {name: value for name, value in request.items() if value is not None}
 
 
 def complete_record(record: GateRecord, gate: Gate) -> GateRecord:
-    """The record of a service with findings at their lines here, and with the designs that were not sent because they
-    could not be read."""
+    """The record of a service with findings at their lines here, and with the designs that could not be read, which
+    were not sent."""
     sent = iter(record.designs)
-    designs: list[GatedDesign] = []
+    designs = tuple(record_unread(entry.file) if entry.design is None else next(sent) for entry in gate.designs)
     findings = [_place_here(finding, gate) for finding in record.findings]
-    unread: list[GateFinding] = []
-    for entry in gate.designs:
-        if entry.design is not None:
-            designs.append(next(sent))
-        else:
-            assert entry.refusal is not None
-            designs.append(record_unread(entry.file))
-            unread += report_refusal(entry, entry.refusal)
+    unread = [f for entry in gate.designs if entry.refusal is not None for f in report_refusal(entry, entry.refusal)]
     if unread:  # the service did not know of designs that may have what a pattern is for
-        findings = [finding for finding in findings if finding.rule != "process-unused"]
+        findings = [*(finding for finding in findings if finding.rule != "process-unused"), *unread]
+        record = replace(record, verdict=WORST_FIRST[0], exit_code=2)
     order = {entry.file: index for index, entry in enumerate(gate.designs)}
-    findings = sorted([*findings, *unread], key=lambda finding: order.get(finding.file, len(order)))
-    if not unread:
-        return replace(record, findings=tuple(findings), designs=tuple(designs))
-    return replace(record, verdict=WORST_FIRST[0], exit_code=2, findings=tuple(findings), designs=tuple(designs))
+    findings.sort(key=lambda finding: order.get(finding.file, len(order)))
+    return replace(record, findings=tuple(findings), designs=designs)
 
 
 def _place_here(finding: GateFinding, gate: Gate) -> GateFinding:
+    """A finding of the service with the name of the file here, the line in it, and the waiver by its place here."""
     design = next((entry.design for entry in gate.designs if entry.file == finding.file), None)
+    document = {POLICY: gate.policy, WAIVERS: gate.waivers, BASELINE: gate.baseline}.get(finding.file)
     if design is not None:
-        pointer = _own_pointer(finding.pointer, design)
-        placed = place(Problem(pointer, finding.rule, ""), design.source)
-        finding = replace(finding, pointer=pointer, line=placed.line, column=placed.column)
-    elif finding.file == WAIVERS and gate.waivers is not None:
-        placed = place(Problem(finding.pointer, finding.rule, ""), gate.waivers.source)
-        finding = replace(finding, file=gate.waivers.file, line=placed.line, column=placed.column)
-    elif finding.file == POLICY:
-        placed = place(Problem(finding.pointer, finding.rule, ""), gate.policy.source)
-        finding = replace(finding, file=gate.policy.file, line=placed.line, column=placed.column)
-    elif finding.file == BASELINE and gate.baseline is not None:
-        placed = place(Problem(finding.pointer, finding.rule, ""), gate.baseline.source)
-        finding = replace(finding, file=gate.baseline.file, line=placed.line, column=placed.column)
-    found = None if finding.suppressed_by is None else _WAIVED.match(finding.suppressed_by)
-    if found is not None and gate.waivers is not None:
-        finding = replace(finding, suppressed_by=describe_waiver(gate.waivers, int(found.group(1))))
+        finding = replace(finding, pointer=_own_pointer(finding.pointer, design))
+        finding = _find_line(finding, finding.file, design.source)
+    elif document is not None:
+        finding = _find_line(finding, document.file, document.source)
+    waiver = _WAIVER.match(finding.suppressed_by or "")
+    if waiver is not None and gate.waivers is not None:
+        finding = replace(finding, suppressed_by=describe_waiver(gate.waivers, int(waiver.group(1))))
     return finding
+
+
+def _find_line(finding: GateFinding, file: str, source: Source) -> GateFinding:
+    here = place(Problem(finding.pointer, finding.rule, ""), source)
+    return replace(finding, file=file, line=here.line, column=here.column)
 
 
 def _own_pointer(pointer: str, design: Design) -> str:
