@@ -14,7 +14,6 @@ import re
 import time
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -31,8 +30,7 @@ log = logging.getLogger("tailstack.service")
 LOCAL_TENANT = "local"
 KEY_PREFIX = "tsk_"
 KEY_SECONDS = 5.0  # a revoked key works no longer than this
-KEYS_REMEMBERED = 10_000
-HOSTS_REMEMBERED = 64  # Host headers: a handful, unless a stranger makes them up
+LARGEST_MEMORY = 10_000  # keys
 CLOCK_SECONDS = 10  # by which the clock of who issues tokens may be off
 LONGEST_CREDENTIAL = 8_000
 LEAST_SECRET_BYTES = 32  # RFC 7518, 3.2: a key of HS256 has at least the size of the hash
@@ -53,22 +51,24 @@ class Caller:
 
 
 FindKey = Callable[[str], Awaitable[Key | None]]
-NoteUse = Callable[[str, str, str], Awaitable[None]]  # of a key: its id, its tenant, the address that it came from
+RecordUse = Callable[[str, str, str], Awaitable[None]]  # of a key: its id, its tenant, the address that it came from
 LOCAL = Caller(LOCAL_TENANT, frozenset(SCOPES), LOCAL_TENANT)
 
 
 class Access:
-    """Admits requests.  ``find_key`` looks a presented API key up, without a cache; ``note_use`` is told of the first
-    use of a key from an address in an hour."""
+    """Admits requests.
 
-    def __init__(self, settings: Settings, find_key: FindKey, note_use: NoteUse) -> None:
+    ``find_key`` looks an API key up by its secret, without a cache.  ``record_use`` writes the first use of a key from
+    an address in an hour into the audit log.
+    """
+
+    def __init__(self, settings: Settings, find_key: FindKey, record_use: RecordUse) -> None:
         self.required = settings.auth == "required"
         self._find_key = find_key
-        self._note_use = note_use
-        self._noted: set[tuple[str, str, int]] = set()
-        self._noting: set[asyncio.Task[None]] = set()  # asyncio keeps none by itself
-        hosts = frozenset(name.strip().lower() for name in settings.allowed_hosts.split(",") if name.strip())
-        self._is_ours = lru_cache(HOSTS_REMEMBERED)(partial(_names_this_machine, hosts))
+        self._record_use = record_use
+        self._recorded_uses: set[tuple[str, str, int]] = set()
+        self._tasks: set[asyncio.Task[None]] = set()  # asyncio keeps none by itself
+        self._hosts = frozenset(name.strip().lower() for name in settings.allowed_hosts.split(",") if name.strip())
         self._tokens = read_token_settings(settings)
         self._known: dict[bytes, tuple[float, Caller]] = {}
 
@@ -81,7 +81,7 @@ class Access:
         if self.required:
             return
         host, origin = headers.get(b"host"), headers.get(b"origin")
-        if host is not None and not self._is_ours(host):
+        if host is not None and not _names_this_machine(host, self._hosts):
             detail = f"the Host header says {host.decode('latin-1')[:80]!r}, and that is not this machine"
             hint = f"use 127.0.0.1 or localhost, or add the name to {variable('allowed_hosts')}"
             raise TransportError("wrong-host", Problem("", "wrong-host", detail, hint))
@@ -97,7 +97,7 @@ class Access:
         """The caller, who has the scope.  Raises TransportError 401 (who?) and 403 (not that)."""
         caller = await self._caller(request) if self.required else LOCAL
         if caller.key_id is not None:
-            self._note(caller.key_id, caller.tenant, "unknown" if request.client is None else request.client.host)
+            self._record(caller.key_id, caller.tenant, "unknown" if request.client is None else request.client.host)
         if scope not in caller.scopes:
             detail = f"this needs the scope {scope}; {caller.name} has {', '.join(sorted(caller.scopes)) or 'none'}"
             challenge = f'Bearer error="insufficient_scope", scope="{scope}"'
@@ -108,32 +108,32 @@ class Access:
             )
         return caller
 
-    def _note(self, key_id: str, tenant: str, address: str) -> None:
-        """Have a use noted beside the request, which does not wait for it."""
+    def _record(self, key_id: str, tenant: str, address: str) -> None:
+        """Write a use into the audit log beside the request, which does not wait for it."""
         use = key_id, address, int(time.time() // 3600)
-        if use in self._noted:
+        if use in self._recorded_uses:
             return
-        if len(self._noted) >= KEYS_REMEMBERED:
-            self._noted.clear()
-        self._noted.add(use)
+        if len(self._recorded_uses) >= LARGEST_MEMORY:
+            self._recorded_uses.clear()
+        self._recorded_uses.add(use)
 
-        async def note() -> None:
+        async def record() -> None:
             try:
-                await self._note_use(key_id, tenant, address)
+                await self._record_use(key_id, tenant, address)
             except TailstackError as error:  # the next request with this key tries again
-                self._noted.discard(use)
+                self._recorded_uses.discard(use)
                 fields = {"action": "not-audited", "tenant": tenant, "detail": f"key {key_id}"}
                 log.warning("the use of a key is not in the audit log: %s", error, extra=fields)
 
-        task = asyncio.create_task(note())
-        self._noting.add(task)
-        task.add_done_callback(self._noting.discard)
+        task = asyncio.create_task(record())
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
 
     async def _caller(self, request: Request) -> Caller:
-        sent = request.headers.getlist("authorization")
-        if len(sent) > 1:
-            raise credential_error(f"{len(sent)} Authorization headers arrived; one is sent", "invalid_request")
-        kind, _, credential = "".join(sent).partition(" ")
+        headers = request.headers.getlist("authorization")
+        if len(headers) > 1:
+            raise credential_error(f"{len(headers)} Authorization headers arrived; one is sent", "invalid_request")
+        kind, _, credential = "".join(headers).partition(" ")
         credential = credential.strip()
         if not kind:
             raise credential_error("no Authorization header arrived", error="")
@@ -142,33 +142,33 @@ class Access:
         if len(credential) > LONGEST_CREDENTIAL or not credential.isascii():
             raise credential_error("the credential cannot be one of ours")
         if credential.startswith(KEY_PREFIX):
-            return await self._of_key(credential)
+            return await self._find_caller(credential)
         if self._tokens is None:
             raise credential_error("the credential is not an API key, and JSON Web Tokens are not set up here")
         return self._tokens.caller(credential)
 
-    async def _of_key(self, presented: str) -> Caller:
-        digest, now = hashlib.sha256(presented.encode()).digest(), time.monotonic()
+    async def _find_caller(self, secret: str) -> Caller:
+        digest, now = hashlib.sha256(secret.encode()).digest(), time.monotonic()
         until, caller = self._known.get(digest, (0.0, LOCAL))
         if now < until:
             return caller
         self._known.pop(digest, None)
-        record = await self._find_key(presented)
+        record = await self._find_key(secret)
         if record is None:
             raise credential_error("the API key is unknown, revoked or expired")
         caller = Caller(record.tenant, frozenset(record.scopes), f"key {record.id}", record.id)
-        if len(self._known) >= KEYS_REMEMBERED:
+        if len(self._known) >= LARGEST_MEMORY:
             self._known.clear()
         self._known[digest] = (now + KEY_SECONDS, caller)
         return caller
 
 
-def _names_this_machine(hosts: frozenset[str], host: bytes) -> bool:
+def _names_this_machine(host: bytes, hosts: frozenset[str]) -> bool:
     """Whether a Host header (RFC 9110, 7.2: name or address, perhaps a port) names this machine, or one of these."""
-    found = _HOST.fullmatch(host.decode("latin-1"))
-    if found is None or int(found["port"] or 0) > LARGEST_PORT:
+    parts = _HOST.fullmatch(host.decode("latin-1"))
+    if parts is None or int(parts["port"] or 0) > LARGEST_PORT:
         return False
-    name = (found["name"] or found["address"]).lower().rstrip(".")
+    name = (parts["name"] or parts["address"]).lower().rstrip(".")
     return is_loopback(name) or name in hosts
 
 
@@ -220,13 +220,13 @@ class Tokens:
             raise credential_error("the JSON Web Token names no tenant: it needs the claim tenant, or sub")
         return Caller(tenant, _scopes(claims), f"token of {tenant}")
 
-    def _key(self, wanted: object) -> Any:
+    def _key(self, name: object) -> Any:
         """The key that the token names; one that is alone needs no name."""
-        if len(self._keys) == 1 and (wanted is None or None in self._keys):
+        if len(self._keys) == 1 and (name is None or None in self._keys):
             return next(iter(self._keys.values()))
-        if wanted not in self._keys:
+        if name not in self._keys:
             raise UnknownKey
-        return self._keys[wanted]
+        return self._keys[name]
 
 
 def _reason(error: Exception) -> str:
@@ -253,8 +253,8 @@ def read_token_settings(settings: Settings) -> Tokens | None:
 
 def _scopes(claims: Mapping[str, Any]) -> frozenset[str]:
     """``scope`` is a text of words (RFC 8693); some issuers write a list called ``scopes``."""
-    said = claims.get("scope", claims.get("scopes", ""))
-    words = said.split() if isinstance(said, str) else said if isinstance(said, list) else ()
+    claim = claims.get("scope", claims.get("scopes", ""))
+    words = claim.split() if isinstance(claim, str) else claim if isinstance(claim, list) else ()
     return frozenset(word for word in words if word in SCOPES)
 
 

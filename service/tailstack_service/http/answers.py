@@ -20,6 +20,12 @@ from ..documents import to_json
 from ..problems import RequestError
 
 JSON = "application/json"
+LONGEST_KEY = 255
+DIGITS = 9
+_PREFERENCE = re.compile(
+    r'\s*(?P<name>[!#$%&\'*+\-.^_`|~0-9A-Za-z]+)\s*(?:=\s*(?:"(?P<quoted>[^"]*)"|(?P<token>[^\s;,"]*)))?\s*'
+)
+_TAG = re.compile(r'(?:W/)?"(?P<opaque>[^"]*)"')
 
 
 def path_of(request: Request) -> str:
@@ -37,18 +43,10 @@ def tagged_response(
 ) -> Response:
     """200 with a strong entity tag, or 304 for a client that has these very bytes.  ``tag`` is their hash, if known."""
     tag = tag or hashlib.sha256(body).hexdigest()[:32]
-    named = {**headers, "ETag": f'"{tag}"'}
+    headers = {**headers, "ETag": f'"{tag}"'}
     if matches_tag(request, tag):
-        return Response(b"", 304, named)
-    return Response(body, 200, named, media_type)
-
-
-LONGEST_KEY = 255
-DIGITS = 9
-_PREFERENCE = re.compile(
-    r'\s*(?P<name>[!#$%&\'*+\-.^_`|~0-9A-Za-z]+)\s*(?:=\s*(?:"(?P<quoted>[^"]*)"|(?P<token>[^\s;,"]*)))?\s*'
-)
-_TAG = re.compile(r'(?:W/)?"(?P<opaque>[^"]*)"')
+        return Response(b"", 304, headers)
+    return Response(body, 200, headers, media_type)
 
 
 def wait_seconds(request: Request, limit: float) -> int | None:
@@ -57,9 +55,9 @@ def wait_seconds(request: Request, limit: float) -> int | None:
     A preference that cannot be read is no preference (RFC 7240, 2): nothing is raised.  The first one counts.
     """
     for part in ",".join(request.headers.getlist("prefer")).split(","):
-        found = _PREFERENCE.match(part)
-        if found and found["name"].lower() == "wait":
-            value = found["quoted"] if found["quoted"] is not None else found["token"] or ""
+        preference = _PREFERENCE.match(part)
+        if preference and preference["name"].lower() == "wait":
+            value = preference["token"] or "" if preference["quoted"] is None else preference["quoted"]
             if not re.fullmatch(r"[0-9]+", value):
                 return None
             digits = value.lstrip("0")[:DIGITS]  # of what is longer, all that counts is that it is over the limit
@@ -69,11 +67,11 @@ def wait_seconds(request: Request, limit: float) -> int | None:
 
 def idempotency_key(request: Request) -> str | None:
     """The key, if one was sent.  Raises RequestError for one that is empty, too long or not of visible characters."""
-    sent = request.headers.getlist("idempotency-key")
-    if not sent:
+    keys = request.headers.getlist("idempotency-key")
+    if not keys:
         return None
-    key = sent[0]
-    if len(sent) > 1 or not 1 <= len(key) <= LONGEST_KEY or not re.fullmatch(r"[!-~]+", key):
+    key = keys[0]
+    if len(keys) > 1 or not 1 <= len(key) <= LONGEST_KEY or not re.fullmatch(r"[!-~]+", key):
         detail = f"an Idempotency-Key has 1 to {LONGEST_KEY} visible ASCII characters, and is sent once"
         raise RequestError(Problem("", "bad-header", detail, "a random UUID serves well"))
     return key
@@ -81,5 +79,5 @@ def idempotency_key(request: Request) -> str | None:
 
 def matches_tag(request: Request, tag: str) -> bool:
     """Whether If-None-Match holds the entity tag (weak comparison, RFC 9110, 13.1.2)."""
-    sent = ",".join(request.headers.getlist("if-none-match")).strip()
-    return sent == "*" or any(found["opaque"] == tag for found in _TAG.finditer(sent))
+    tags = ",".join(request.headers.getlist("if-none-match")).strip()
+    return tags == "*" or any(entry["opaque"] == tag for entry in _TAG.finditer(tags))

@@ -22,6 +22,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from tailstack.errors import Problem, TailstackError
 
+from ..jobs.store import audit, keys
 from ..problems import TransportError
 from ..settings import Settings, load_settings
 from . import events, information, jobs, posting
@@ -54,22 +55,18 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
         app.include_router(router)
     storage = Storage(settings.database_url)
 
-    async def find_key(presented: str) -> Any:
-        from ..jobs.store.keys import find_key as found
+    async def find_key(secret: str) -> Any:
+        return await storage.run(keys.find_key, secret)
 
-        return await storage.run(found, presented)
-
-    async def note_use(key_id: str, tenant: str, address: str) -> None:
-        from ..jobs.store.audit import note_use as note
-
-        await storage.write(note, key_id, tenant, address)
+    async def record_use(key_id: str, tenant: str, address: str) -> None:
+        await storage.write(audit.note_use, key_id, tenant, address)
 
     stopping = threading.Event()
     app.state.service = Service(
         settings=settings,
         stopping=stopping,
         storage=storage,
-        access=Access(settings, find_key, note_use),
+        access=Access(settings, find_key, record_use),
         metrics=Metrics(),
         places=Places(settings.short_workers, settings.max_waiting, settings.max_seconds, stopping, warm=warm_up),
     )
@@ -161,8 +158,8 @@ class RequestLog:
             await self.app(scope, receive, send)
             return
         headers = dict(reversed(scope["headers"]))  # of those that came twice, the first
-        offered = headers.get(b"x-request-id", b"")
-        request_id = offered.decode() if HARMLESS_ID.match(offered) else os.urandom(16).hex()
+        own_id = headers.get(b"x-request-id", b"")
+        request_id = own_id.decode() if HARMLESS_ID.match(own_id) else os.urandom(16).hex()
         state = scope.setdefault("state", {})
         state["request_id"] = request_id
         request = Request(scope, receive)

@@ -30,8 +30,7 @@ AT_ONCE = 200  # rows read in one look
 LOOK_SECONDS, IDLE_SECONDS = 0.1, 0.5  # between looks: just after something happened, and after a while
 HEARTBEAT_SECONDS = 10.0  # shorter than the time after which proxies end a silent connection
 RETRY_MS = 1000
-SEAT_SECONDS = 5  # after which a place may be free
-
+SEAT_SECONDS = 5  # after which a seat may be free
 
 router = APIRouter(tags=["jobs"], dependencies=[Depends(Needs("read"))], default_response_class=Response)
 
@@ -62,7 +61,7 @@ async def get_events(request: Request, service: TheService) -> Response:
 
     204 when the job has ended and the client has seen all: that tells an EventSource to stop asking.
     """
-    after = _last_seen(request)
+    after = _last_event_id(request)
     job = await find_job(request)
     if job.finished and job.last_event <= after:
         return Response(b"", 204)
@@ -85,7 +84,7 @@ def _seat_error(service: Service, seat: Seat) -> TransportError:
 
 
 class _EventStream(StreamingResponse):
-    """Gives its place back when it has ended, whichever way, even if it never began."""
+    """Gives its seat back when it has ended, whichever way, even if it never began."""
 
     def __init__(self, service: Service, tenant: str, content: AsyncIterator[bytes], headers: dict[str, str]) -> None:
         super().__init__(content, headers=headers, media_type=EVENT_STREAM)
@@ -99,12 +98,10 @@ class _EventStream(StreamingResponse):
             self.service.leave(self.tenant)
 
 
-def _last_seen(request: Request) -> int:
+def _last_event_id(request: Request) -> int:
     """Sequence of the last event the client saw: Last-Event-ID, or ?after= for what cannot set headers."""
-    header, parameter = (
-        request.headers.get("last-event-id", "").strip(),
-        single(request.query_params.multi_items(), "after"),
-    )
+    header = request.headers.get("last-event-id", "").strip()
+    parameter = single(request.query_params.multi_items(), "after")
     texts = ([header] if header else []) + ([] if parameter is None else [parameter])
     for text in texts:
         if not (text.isascii() and text.isdigit() and len(text) < 16):
@@ -116,7 +113,7 @@ def _last_seen(request: Request) -> int:
 
 async def _stream(service: Service, job: Job, after: int) -> AsyncIterator[bytes]:
     yield f"retry: {RETRY_MS}\n\n".encode()
-    spoken = looked = time.monotonic()
+    written = looked = time.monotonic()  # when something was last sent, and last looked for
     wait = LOOK_SECONDS
     while not service.stopping.is_set():
         try:
@@ -128,12 +125,12 @@ async def _stream(service: Service, job: Job, after: int) -> AsyncIterator[bytes
             yield event_bytes(job, event)
         now = time.monotonic()
         if events:
-            spoken, wait = now, LOOK_SECONDS
+            written, wait = now, LOOK_SECONDS
             if is_last(events[-1]):
                 return
             continue
-        if now - spoken > HEARTBEAT_SECONDS:
-            spoken = now
+        if now - written > HEARTBEAT_SECONDS:
+            written = now
             yield b": still here\n\n"
             if await _is_deleted(service, job):
                 return

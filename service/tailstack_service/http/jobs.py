@@ -151,17 +151,17 @@ def _with_eta(db: Database, tenant: str, job_id: str) -> tuple[Job | None, float
     ),
 )
 async def list_jobs(request: Request) -> Response:
-    wanted = _page_query(request)
+    options = _page_query(request)
     try:
         page = await service_of(request).storage.run(
-            stored.list_page, request.state.caller.tenant, state=wanted.get("state"), kind=wanted.get("kind"),
-            after=wanted.get("cursor"), limit=wanted["limit"],
+            stored.list_page, request.state.caller.tenant, state=options.get("state"), kind=options.get("kind"),
+            after=options.get("cursor"), limit=options["limit"],
         )  # fmt: skip
     except ValueError:
         detail = "the cursor is not one that this service gave"
         hint = "take it from the field next, or from the Link header"
         raise RequestError(Problem("/cursor", "bad-parameter", detail, hint)) from None
-    following = "/v1/jobs?" + urlencode({**wanted, "cursor": page.next}) if page.next else None
+    following = "/v1/jobs?" + urlencode({**options, "cursor": page.next}) if page.next else None
     now = time.time()
     documents = tuple(
         job_document(job, estimate_eta_seconds(job.started_at, job.units_done, job.units_expected, now))
@@ -172,7 +172,7 @@ async def list_jobs(request: Request) -> Response:
 
 
 def _page_query(request: Request) -> dict[str, Any]:
-    wanted: dict[str, Any] = {"limit": PAGE}
+    options: dict[str, Any] = {"limit": PAGE}
     for name, known in (("state", tuple(STATES)), ("kind", KINDS), ("cursor", None), ("limit", None)):
         value = single(request.query_params.multi_items(), name)
         if value is None or (name == "cursor" and not value):  # an empty cursor is the first page
@@ -180,8 +180,8 @@ def _page_query(request: Request) -> dict[str, Any]:
         if known is not None and value not in known:
             detail = f"{name} is one of {', '.join(known)}; got {value[:40]!r}"
             raise RequestError(Problem(f"/{name}", "unknown-value", detail))
-        wanted[name] = _limit(value) if name == "limit" else value
-    return wanted
+        options[name] = _limit(value) if name == "limit" else value
+    return options
 
 
 def _limit(text: str) -> int:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from functools import cache
 
 from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest, multiprocess
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
@@ -28,34 +27,29 @@ class Metrics:
         # with several processes the values live in files, and a registry of one process would count them twice
         shared = bool(os.environ.get(SHARED_FOLDER))
         self._registry = CollectorRegistry()
-        counted = CollectorRegistry() if shared else self._registry
+        own = CollectorRegistry() if shared else self._registry
         self._requests = Counter(
-            "tailstack_http_requests", "Requests answered.", ("method", "route", "status"), registry=counted
+            "tailstack_http_requests", "Requests answered.", ("method", "route", "status"), registry=own
         )
         self._seconds = Histogram(
             "tailstack_http_request_seconds", "Seconds until a request was answered.", ("method", "route"),
-            buckets=SECONDS, registry=counted,
+            buckets=SECONDS, registry=own,
         )  # fmt: skip
-        self._counters = cache(self._labelled)
         if shared:
             multiprocess.MultiProcessCollector(self._registry)  # type: ignore[no-untyped-call]
 
     def count_answer(self, method: str, route: str, status: int, seconds: float) -> None:
         """Count one request under the template of its route, never under its path: paths are without end."""
-        requests, durations = self._counters(method, route, status)
-        requests.inc()
-        durations.observe(seconds)
-
-    def _labelled(self, method: str, route: str, status: int) -> tuple[Counter, Histogram]:
-        return self._requests.labels(method, route, str(status)), self._seconds.labels(method, route)
+        self._requests.labels(method, route, str(status)).inc()
+        self._seconds.labels(method, route).observe(seconds)
 
     def page(self, database: Database | None) -> bytes:
         """The text format of Prometheus.  Without a database, what this process knows."""
         text: bytes = generate_latest(self._registry)
         if database is not None:
-            stored = CollectorRegistry()
-            stored.register(_StoreCollector(database))
-            text += generate_latest(stored)
+            registry = CollectorRegistry()
+            registry.register(_StoreCollector(database))
+            text += generate_latest(registry)
         return text
 
 
@@ -69,21 +63,21 @@ class _StoreCollector(Collector):
         return []
 
     def collect(self) -> Iterator[Metric]:
-        seen: Figures = read_figures(self.database.within(STORE_SECONDS), fresh_seconds=FRESH_SECONDS)
+        now: Figures = read_figures(self.database.within(STORE_SECONDS), fresh_seconds=FRESH_SECONDS)
         jobs = GaugeMetricFamily("tailstack_jobs", "Jobs by state.", labels=["state"])
-        for state, count in seen.jobs.items():
+        for state, count in now.jobs.items():
             jobs.add_metric([state], count)
         yield jobs
-        yield GaugeMetricFamily("tailstack_units_ready", "Units that wait for a worker.", seen.ready_units)
+        yield GaugeMetricFamily("tailstack_units_ready", "Units that wait for a worker.", now.ready_units)
         yield GaugeMetricFamily(
             "tailstack_oldest_ready_unit_seconds", "Age of the unit that waits longest; 0: none waits.",
-            seen.oldest_ready_seconds,
+            now.oldest_ready_seconds,
         )  # fmt: skip
-        yield GaugeMetricFamily("tailstack_units_leased", "Units in the hands of workers.", seen.leased_units)
-        yield CounterMetricFamily("tailstack_units_recorded", "Units recorded.", seen.recorded_units)
-        yield CounterMetricFamily("tailstack_units_cpu_seconds", "CPU seconds of recorded units.", seen.cpu_seconds)
+        yield GaugeMetricFamily("tailstack_units_leased", "Units in the hands of workers.", now.leased_units)
+        yield CounterMetricFamily("tailstack_units_recorded", "Units recorded.", now.recorded_units)
+        yield CounterMetricFamily("tailstack_units_cpu_seconds", "CPU seconds of recorded units.", now.cpu_seconds)
         yield GaugeMetricFamily(
             "tailstack_jobs_damaged", "Jobs that failed because something stored for them was found damaged.",
-            seen.damaged_jobs,
+            now.damaged_jobs,
         )  # fmt: skip
-        yield GaugeMetricFamily("tailstack_workers_alive", "Workers whose heartbeat is fresh.", seen.live_workers)
+        yield GaugeMetricFamily("tailstack_workers_alive", "Workers whose heartbeat is fresh.", now.live_workers)

@@ -48,7 +48,7 @@ class CallerLeft(Exception):
     """Nobody waits for the answer any more."""
 
 
-class Refused(TailstackError):
+class RefusalError(TailstackError):
     """A refusal that a computing process came to."""
 
     def __init__(self, refusal: Refusal) -> None:
@@ -161,26 +161,26 @@ class Places:
     async def run(self, request: Request, call: Callable[[], T], expected_seconds: float) -> T:
         """What the call returns, which has to be a function of a module with plain arguments (``partial``).
 
-        Raises Placed around Refused for what the call refuses, LimitError (too long), TransportError (busy,
+        Raises Placed around RefusalError for what the call refuses, LimitError (too long), TransportError (busy,
         stopping), CallerLeft, and Died or Defect for what should not happen.
         """
         if self._stopping.is_set():
             raise stopping_error()
         computation = _Computation(request.state.caller.tenant, call, expected_seconds <= QUICK_SECONDS)
         task = asyncio.ensure_future(self._compute(computation))
-        task.add_done_callback(lambda done: done.cancelled() or done.exception())  # nobody may be there to look
+        task.add_done_callback(lambda task: task.cancelled() or task.exception())  # nobody may be there to look
         try:
             while not (await asyncio.wait({task}, timeout=LOOK_SECONDS))[0]:
                 if self._stopping.is_set():
                     raise stopping_error()
                 if computation.worth_killing and await request.is_disconnected():
                     raise CallerLeft
-            found = task.result()
+            outcome = task.result()
         finally:
             task.cancel()
-        if isinstance(found, Refusal):
-            raise Placed(Refused(found), found.prefix)
-        return found  # type: ignore[no-any-return]
+        if isinstance(outcome, Refusal):
+            raise Placed(RefusalError(outcome), outcome.prefix)
+        return outcome  # type: ignore[no-any-return]
 
     async def _compute(self, computation: _Computation) -> Any:
         while True:

@@ -22,7 +22,7 @@ from .places import CallerLeft
 log = logging.getLogger("tailstack.service")
 PROBLEM = "application/problem+json"
 STORE_RETRY_SECONDS = 2
-LONGEST_PATH = 120  # characters of a path that is unknown
+LONGEST_PATH = 120  # characters of an unknown path that the answer repeats
 CLIENT_LEFT = 499  # for the log: nobody reads the answer
 
 
@@ -78,12 +78,12 @@ async def _answer_nobody(request: Request, error: Any) -> Response:
 
 async def _answer_unrouted(request: Request, error: Any) -> Response:
     """What the router says: 404, or 405 with the methods that are there."""
-    told = path_of(request)[:LONGEST_PATH]
+    path = path_of(request)[:LONGEST_PATH]
     if error.status_code != 405:
-        problem = Problem("", "not-found", f"there is nothing at {told}", "GET /openapi.json lists every path")
+        problem = Problem("", "not-found", f"there is nothing at {path}", "GET /openapi.json lists every path")
         return refusal_response(request, TransportError("not-found", problem))
     allowed = error.headers["Allow"]
-    problem = Problem("", "method-not-allowed", f"{told} does not answer to {request.method}", f"use {allowed}")
+    problem = Problem("", "method-not-allowed", f"{path} does not answer to {request.method}", f"use {allowed}")
     return refusal_response(request, TransportError("method-not-allowed", problem, {"Allow": allowed}))
 
 

@@ -25,43 +25,7 @@ from .metrics import Metrics
 from .places import Places
 
 Seat = Literal["seated", "share taken", "all taken"]
-
-
-@dataclass(slots=True, eq=False)
-class Service:
-    """One API process."""
-
-    settings: Settings
-    stopping: threading.Event  # ends computations, waits and event streams
-    storage: Storage
-    access: Access
-    metrics: Metrics
-    places: Places  # for what is computed while the caller waits
-    seated: Counter[str] = field(default_factory=Counter)  # streams and waits by tenant; the event loop's own
-
-    def seat(self, tenant: str) -> Seat:
-        """Take one of the places for whoever stays connected, if there is one: the tenant's share may be used up, so
-        that no tenant keeps the others out, or all places."""
-        if self.access.required and self.seated[tenant] >= self.settings.max_tenant_streams:
-            return "share taken"
-        if self.seated.total() >= self.settings.max_streams:
-            return "all taken"
-        self.seated[tenant] += 1
-        return "seated"
-
-    def leave(self, tenant: str) -> None:
-        """Give the place back."""
-        self.seated[tenant] -= 1
-        if not self.seated[tenant]:
-            del self.seated[tenant]
-
-
-def service_of(request: Request) -> Service:
-    """The service that a request came to."""
-    service: Service = request.app.state.service
-    return service
-
-
+log = logging.getLogger("tailstack.service")
 P = ParamSpec("P")
 T = TypeVar("T")
 THREADS = 8  # of each kind; more would only wait for one another
@@ -134,9 +98,9 @@ class Storage:
             self._database.end_within(ENDING_SECONDS)
         for pool in (self._readers, self._writers, self._lookers):
             pool.shutdown(wait=True, cancel_futures=True)
-        database, self._database = self._database, None
-        if database is not None:
-            database.close()
+        closing, self._database = self._database, None
+        if closing is not None:
+            closing.close()
 
 
 async def _await(future: Future[T], seconds: float) -> T:
@@ -161,14 +125,48 @@ def _timeout_error(seconds: float) -> StoreUnavailable:
     return StoreUnavailable(Problem("", "store-unavailable", detail, hint))
 
 
-log = logging.getLogger("tailstack.service")
+@dataclass(slots=True, eq=False)
+class Service:
+    """One API process."""
+
+    settings: Settings
+    stopping: threading.Event  # ends computations, waits and event streams
+    storage: Storage
+    access: Access
+    metrics: Metrics
+    places: Places  # for what is computed while the caller waits
+    seats: Counter[str] = field(default_factory=Counter)  # taken by streams and waits, by tenant; the event loop's own
+
+    def seat(self, tenant: str) -> Seat:
+        """Take a seat, which whoever stays connected needs, if there is one.
+
+        All may be taken, or the tenant's share of them, so that no tenant keeps the others out.
+        """
+        if self.access.required and self.seats[tenant] >= self.settings.max_tenant_streams:
+            return "share taken"
+        if self.seats.total() >= self.settings.max_streams:
+            return "all taken"
+        self.seats[tenant] += 1
+        return "seated"
+
+    def leave(self, tenant: str) -> None:
+        """Give the seat back."""
+        self.seats[tenant] -= 1
+        if not self.seats[tenant]:
+            del self.seats[tenant]
+
+
+def service_of(request: Request) -> Service:
+    """The service that a request came to."""
+    service: Service = request.app.state.service
+    return service
 
 
 async def note_policy(request: Request, terms: dict[str, Any]) -> None:
-    """Note by what a gate of the caller was judged, if that differs from the last time.
+    """Write into the audit log by what a gate of the caller was judged, if that differs from the last time.
 
-    Without the database the gate is answered all the same, and the log says that it was not noted: an analytic gate
-    needs none, and whoever could have it refused by stopping the database could stop the gate itself.
+    Without the database the gate is answered all the same, and the log of the service says what the audit log lacks:
+    an analytic gate needs no database, and whoever could have it refused by stopping that could stop the gate itself.
     """
     caller = request.state.caller
     try:
