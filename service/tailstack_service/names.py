@@ -1,4 +1,4 @@
-"""Names in the environment that are no settings of the service: what commands and clients read."""
+"""Names in the environment: of settings, and of what commands and clients read besides."""
 
 from __future__ import annotations
 
@@ -10,3 +10,8 @@ URL = "TAILSTACK_URL"  # the service that commands ask
 OTHERS = (COMMAND, KEY, TRACEBACK, URL)
 OF_PROCESSES = (COMMAND, TRACEBACK)  # that children are told; they have no use for a credential
 OF_TESTS = "TAILSTACK_TESTS_"  # and whatever follows
+
+
+def variable(name: str) -> str:
+    """The environment variable of a setting."""
+    return PREFIX + name.upper()

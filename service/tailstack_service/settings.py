@@ -15,7 +15,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from tailstack.cores import usable_cores
 from tailstack.errors import Problem
 
-from .names import OF_PROCESSES, OF_TESTS, OTHERS, PREFIX
+from .names import OF_PROCESSES, OF_TESTS, OTHERS, PREFIX, variable
 from .problems import SettingsError
 
 # Kubernetes tells every container of every Service of its namespace, one that is called tailstack-... among them
@@ -23,11 +23,6 @@ _OF_KUBERNETES = re.compile(
     PREFIX + r"(\w+_)?(SERVICE_HOST|SERVICE_PORT(_\w+)?|PORT_\d+_(TCP|UDP|SCTP)(_(PROTO|PORT|ADDR))?)"
 )
 _KUBERNETES_ADDRESS = re.compile(r"(tcp|udp|sctp)://.+")  # the value of ..._PORT, of which people think otherwise
-
-
-def variable(name: str) -> str:
-    """The environment variable of a setting."""
-    return PREFIX + name.upper()
 
 
 def _number(default: float, low: float, high: float, meaning: str) -> Any:

@@ -23,8 +23,9 @@ from starlette.requests import Request
 from tailstack.errors import Problem, TailstackError
 
 from ..jobs.store.keys import SCOPES, Key
+from ..names import variable
 from ..problems import SettingsError, TransportError
-from ..settings import Settings, variable
+from ..settings import Settings
 
 log = logging.getLogger("tailstack.service")
 LOCAL_TENANT = "local"

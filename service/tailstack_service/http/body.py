@@ -9,9 +9,10 @@ from starlette.requests import Request
 
 from tailstack.errors import LimitError, Problem, TailstackError
 
+from ..names import variable
 from ..operations.sent import Sent, refuse_query
 from ..problems import MalformedError, TransportError
-from ..settings import Settings, variable
+from ..settings import Settings
 from .service import service_of
 
 JSON = "application/json"

@@ -16,9 +16,9 @@ from ..jobs.store import jobs as stored
 from ..jobs.store.events import Event, read_events
 from ..jobs.store.jobs import Job
 from ..logs import moment
+from ..names import variable
 from ..operations.sent import single
 from ..problems import RequestError, TransportError
-from ..settings import variable
 from ..task import ENDED
 from .dependencies import Needs, TheService, query
 from .jobs import find_job

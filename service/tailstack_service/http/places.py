@@ -24,12 +24,12 @@ from starlette.requests import Request
 
 from tailstack.errors import LimitError, Problem, TailstackError
 
+from ..names import variable
 from ..operations.sent import Placed
 from ..problems import TransportError
 from ..processes import frames
 from ..processes.frames import BEGUN, OTHER_CODE, Defect, Died, OutOfDate
 from ..processes.interpreter import describe_ending, start_child
-from ..settings import variable
 from .computations import Refusal, warm_up
 
 T = TypeVar("T")

@@ -19,11 +19,11 @@ from ..jobs.store import results
 from ..jobs.store.errors import StoreUnavailable
 from ..jobs.store.jobs import Job
 from ..jobs.store.usage import sum_cpu_seconds
+from ..names import variable
 from ..operations.operation import JobRequest, Operation
 from ..operations.registry import OPERATIONS
 from ..operations.sent import Sent
 from ..problems import TransportError
-from ..settings import variable
 from . import computations
 from .answers import JSON, idempotency_key, wait_seconds
 from .body import strict_body

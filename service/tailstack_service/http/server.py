@@ -24,8 +24,9 @@ from tailstack.errors import Problem
 
 from ..jobs.store.schema import open_database
 from ..logs import log_to_stderr
+from ..names import variable
 from ..problems import RequestError
-from ..settings import Settings, variable
+from ..settings import Settings
 from .access import is_loopback, read_token_settings
 
 if TYPE_CHECKING:

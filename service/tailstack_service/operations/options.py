@@ -10,10 +10,11 @@ from pydantic_core import PydanticCustomError
 from tailstack.errors import LimitError, Problem
 from tailstack.precision import FINEST_PRECISION
 
+from ..names import variable
 from ..problems import RequestError
-from ..settings import Settings, variable
 
 if TYPE_CHECKING:
+    from ..settings import Settings
     from .sent import Request
 
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]

@@ -20,11 +20,12 @@ from tailstack.design.refusals import pointer
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.json_text import write_json
 
+from ..names import variable
 from ..problems import MalformedError, RequestError
-from ..settings import Settings, variable
 from .options import Options
 
 if TYPE_CHECKING:
+    from ..settings import Settings
     from .operation import Operation
 
 O = TypeVar("O", bound=Options)  # noqa: E741

@@ -20,8 +20,8 @@ from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..console.arguments import add_design, add_figure, add_form, coloured_output, read_design, whole
 from ..console.files import writable_figure, write_figure
 from ..console.progress import Progress
+from ..names import variable
 from ..problems import RequestError
-from ..settings import variable
 from .operation import Again, Call, Command, Demand, Operation, Repetition
 from .options import Options, Seed, within
 

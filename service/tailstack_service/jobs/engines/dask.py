@@ -27,9 +27,10 @@ from distributed.scheduler import KilledWorker
 from tailstack.errors import Problem
 from tailstack.version import __version__
 
+from ...names import variable
 from ...problems import RequestError
 from ...processes.frames import PERFORM, Defect, Died, GivenBack
-from ...settings import Settings, variable
+from ...settings import Settings
 from ...task import Outcome, Task
 from . import remote
 
