@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser, operation: Operation) -> None
         help="print the answer as JSON (tailstack schema lists the schemas); a refusal is then a problem document on "
         "stderr",
     )
-    exclusive = parser.add_mutually_exclusive_group()
+    exclusive = parser.add_mutually_exclusive_group() if operation.options.exclusive else parser
     for name, option in operation.options.model_fields.items():
         _add_option(exclusive if name in operation.options.exclusive else parser, name, option)
     for name in operation.limits:

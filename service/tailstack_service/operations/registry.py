@@ -1,41 +1,26 @@
-"""All operations.  A new one is a module with its ``OPERATION``, and one line here."""
+"""All operations, in the order in which they are listed.  A new one is a module, and one line here."""
 
+# ruff: noqa: F401, I001
 from __future__ import annotations
 
-from . import (
-    comparison,
-    conversion,
-    gate,
-    optimisation,
-    report,
-    score,
-    study_comparison,
-    study_coupling,
-    study_linearity,
-    study_paper,
-    sweep,
-    validation,
-    verification,
-)
 from .operation import Operation
 
+from .validation import OPERATION as VALIDATION
+from .score import OPERATION as SCORE
+from .verification import OPERATION as VERIFICATION
+from .optimisation import OPERATION as OPTIMISATION
+from .sweep import OPERATION as SWEEP
+from .study_paper import OPERATION as STUDY_PAPER
+from .study_linearity import OPERATION as STUDY_LINEARITY
+from .study_coupling import OPERATION as STUDY_COUPLING
+from .study_comparison import OPERATION as STUDY_COMPARISON
+from .gate import OPERATION as GATE
+from .report import OPERATION as REPORT
+from .comparison import OPERATION as COMPARISON
+from .conversion import OPERATION as CONVERSION
+
 OPERATIONS: dict[str, Operation] = {
-    module.OPERATION.name: module.OPERATION
-    for module in (
-        validation,
-        score,
-        verification,
-        optimisation,
-        sweep,
-        study_paper,
-        study_linearity,
-        study_coupling,
-        study_comparison,
-        gate,
-        report,
-        comparison,
-        conversion,
-    )
+    operation.name: operation for operation in tuple(globals().values()) if isinstance(operation, Operation)
 }
 
 # Verbs that are families: their members are operations whose verbs begin with them
