@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from answers import ANSWERS, answers, differences, shape
 from openapi_scenes import DOCUMENT, OPENAPI, needs_node
 from pypdf import PdfReader
 from served import Served, served
-from service_scenes import coplanar_design, small_design
+from service_scenes import client_with, coplanar_design, small_design
 from tailstack_client import AuthenticatedClient, Client
 from tailstack_client.api.computations import (
     create_gate,
@@ -56,6 +57,10 @@ from tailstack_client.models import (
     VerificationRequest,
 )
 from tailstack_client.types import File
+
+from tailstack_service.jobs.store.database import open_database
+from tailstack_service.jobs.store.keys import create_key
+from tailstack_service.settings import Settings
 
 SECONDS = 300.0  # a cold compile cache takes a while
 LARGEST_BYTES, MOST_FILES = 1_500_000, 300
@@ -320,13 +325,15 @@ def test_a_job_that_fails_carries_its_problem(client: Client) -> None:
 
 
 def test_a_client_with_a_key_is_told_who_is_missing(tmp_path: Path) -> None:
-    with served(tmp_path, TAILSTACK_AUTH="required") as service:
-        key = service.run("keys", "create", "--tenant", "a", "--name", "test").strip()
-        with Client(base_url=service.url) as nobody:
+    settings = Settings(auth="required", database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}")
+    with client_with(settings) as guarded:
+        with closing(open_database(settings.database_url)) as db:
+            _, key = create_key(db, tenant="a", name="test", scopes=("read",), days=1.0)
+        with Client(base_url=str(guarded.base_url)) as nobody:
             refused = list_jobs.sync(client=nobody)
             assert isinstance(refused, Problem)
             assert refused.status == 401
-        with AuthenticatedClient(base_url=service.url, token=key) as somebody:
+        with AuthenticatedClient(base_url=str(guarded.base_url), token=key) as somebody:
             assert isinstance(list_jobs.sync(client=somebody), JobPage)
 
 

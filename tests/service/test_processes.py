@@ -15,12 +15,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import httpx
 import psutil
 import pytest
 from service_scenes import EXAMPLES, ROOT, small_design
 
+from tailstack_service.cli.main import main
 from tailstack_service.console.remote import Event, read_events
 
 DEMO = str(EXAMPLES / "demo.yaml")
@@ -37,6 +39,13 @@ def run(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
     changes = options.pop("env", {})
     options |= {"capture_output": True, "text": True, "encoding": "utf-8", "timeout": 120}
     return subprocess.run([*COMMAND, *arguments], env=environment(**changes), **options)
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str, **changes: str) -> tuple[int, str]:
+    """Exit code and stderr of a command that ends before it begins: in this process, which says the same sooner."""
+    with patch.dict(os.environ, environment(**changes), clear=True):
+        code = main(arguments)
+    return code, capsys.readouterr().err
 
 
 def test_help_loads_nothing_heavy() -> None:
@@ -263,21 +272,37 @@ def test_events_go_on_after_the_service_was_killed(tmp_path: Path) -> None:
     assert rest[-1].data["state"] == "succeeded"
 
 
-def test_a_worker_that_dies_is_replaced(tmp_path: Path) -> None:
-    with service(tmp_path) as (process, url):
+@pytest.fixture(scope="module")
+def after_a_death(tmp_path_factory: pytest.TempPathFactory) -> tuple[httpx.Response, list[dict[str, Any]]]:
+    """The worker of a service is killed and a job is asked for: its answer, and what a log for machines says."""
+    with service(tmp_path_factory.mktemp("death"), TAILSTACK_LOG_FORMAT="json") as (process, url):
         await_ready(url)
         first = running_worker(process)
         first.kill()
         second = running_worker(process, other_than=first.pid)
         assert second.pid != first.pid
+        headers = {"X-Request-ID": "trace-1", "Prefer": "wait=60"}
         body = {"design": small_design(), "trials": 1000}
-        answer = httpx.post(
-            url + "/v1/verifications", json=body, headers={"Prefer": "wait=60"}, timeout=90, trust_env=False
-        )
-        assert answer.status_code == 200
+        answer = httpx.post(url + "/v1/verifications", json=body, headers=headers, timeout=90, trust_env=False)
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=30)
-        assert "action=child-ended kind=worker" in err
+    return answer, [json.loads(line) for line in err.splitlines() if line.startswith("{")]
+
+
+def test_a_worker_that_dies_is_replaced(after_a_death: tuple[httpx.Response, list[dict[str, Any]]]) -> None:
+    answer, lines = after_a_death
+    assert answer.status_code == 200
+    assert [line["kind"] for line in lines if line.get("action") == "child-ended"] == ["worker"]
+
+
+def test_a_log_for_machines(after_a_death: tuple[httpx.Response, list[dict[str, Any]]]) -> None:
+    answer, lines = after_a_death
+    job = answer.headers["location"].rpartition("/")[2]
+    mine = {line["action"]: line for line in lines if line.get("request") == "trace-1"}
+    assert {"accepted", "answered"} <= set(mine)
+    assert mine["accepted"]["job"] == job
+    assert (mine["answered"]["status"], mine["answered"]["level"]) == (200, "info")
+    assert any(line["logger"] == "tailstack.worker" and line.get("job") == job for line in lines)
 
 
 def test_one_of_several_api_processes_that_dies_is_replaced_and_counters_are_shared(tmp_path: Path) -> None:
@@ -307,46 +332,31 @@ def requests_counted(url: str, route: str) -> float:
     return float(found.group(1)) if found else 0.0
 
 
-def test_a_log_for_machines(tmp_path: Path) -> None:
-    with service(tmp_path, TAILSTACK_LOG_FORMAT="json") as (process, url):
-        await_ready(url)
-        headers = {"X-Request-ID": "trace-1", "Prefer": "wait=60"}
-        body = {"design": small_design(), "trials": 1000}
-        answer = httpx.post(url + "/v1/verifications", json=body, headers=headers, timeout=90, trust_env=False)
-        job = answer.headers["location"].rpartition("/")[2]
-        process.send_signal(signal.SIGTERM)
-        _, err = process.communicate(timeout=30)
-    lines = [json.loads(line) for line in err.splitlines() if line.startswith("{")]
-    mine = {line["action"]: line for line in lines if line.get("request") == "trace-1"}
-    assert {"accepted", "answered"} <= set(mine)
-    assert mine["accepted"]["job"] == job
-    assert (mine["answered"]["status"], mine["answered"]["level"]) == (200, "info")
-    assert any(line["logger"] == "tailstack.worker" and line.get("job") == job for line in lines)
-
-
-def test_a_database_that_cannot_be_had_is_said(tmp_path: Path) -> None:
+def test_a_database_that_cannot_be_had_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], loggers: None
+) -> None:
     cases = ((f"sqlite:///{tmp_path}", 3, ""), ("mysql://x/y", 2, "postgresql://"), ("nonsense", 2, "sqlite:"))
     for database, code, hint in cases:
-        done = run("serve", "--port", "0", "--database", database)
-        assert done.returncode == code, done.stderr
-        assert hint in done.stderr
-        assert "Traceback" not in done.stderr
+        ended, err = refused(capsys, "serve", "--port", "0", "--database", database)
+        assert ended == code, err
+        assert hint in err
+        assert "Traceback" not in err
 
 
-def test_a_taken_port_is_2_and_says_what_to_do() -> None:
+def test_a_taken_port_is_2_and_says_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        done = run("serve", "--port", str(taken.getsockname()[1]))
-    assert done.returncode == 2
-    assert "--port 0" in done.stderr
+        code, err = refused(capsys, "serve", "--port", str(taken.getsockname()[1]))
+    assert code == 2
+    assert "--port 0" in err
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.0.2.1", "::", "example.org"])
-def test_only_loopback_without_authentication(host: str) -> None:
-    done = run("serve", "--host", host, "--port", "0")
-    assert done.returncode == 2
-    assert "TAILSTACK_AUTH=required" in done.stderr
+def test_only_loopback_without_authentication(host: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, err = refused(capsys, "serve", "--host", host, "--port", "0")
+    assert code == 2
+    assert "TAILSTACK_AUTH=required" in err
 
 
 def test_other_addresses_with_authentication(tmp_path: Path) -> None:
@@ -362,21 +372,24 @@ def test_other_addresses_with_authentication(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("value", ["many", "-3", "1e3", "0"])
-def test_a_bad_setting_is_2_and_named(value: str) -> None:
-    done = run("serve", "--port", "0", env={"TAILSTACK_MAX_TRIALS": value})
-    assert done.returncode == 2
-    assert "TAILSTACK_MAX_TRIALS" in done.stderr
+def test_a_bad_setting_is_2_and_named(value: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, err = refused(capsys, "serve", "--port", "0", TAILSTACK_MAX_TRIALS=value)
+    assert code == 2
+    assert "TAILSTACK_MAX_TRIALS" in err
 
 
-def test_authentication_that_cannot_work_is_2_and_named(tmp_path: Path) -> None:
+def test_authentication_that_cannot_work_is_2_and_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], loggers: None
+) -> None:
     settings = {
         "TAILSTACK_AUTH": "required",
         "TAILSTACK_JWT_KEY_FILE": str(tmp_path / "none"),
         "TAILSTACK_JWT_ISSUER": "x",
+        "TAILSTACK_API_PROCESSES": "2",
     }
-    done = run("serve", "--port", "0", env={**settings, "TAILSTACK_API_PROCESSES": "2"})
-    assert done.returncode == 2
-    assert "TAILSTACK_JWT_KEY_FILE" in done.stderr
+    code, err = refused(capsys, "serve", "--port", "0", **settings)
+    assert code == 2
+    assert "TAILSTACK_JWT_KEY_FILE" in err
 
 
 def test_an_interrupt_of_a_long_check_is_130() -> None:

@@ -102,12 +102,17 @@ def test_without_scripts_and_on_paper_the_picture_stands_there(browser: None, tm
     record = to_json(compute_report(load_design(limited(0.9)), ReportOptions(parts=("score",))))
     path.write_bytes(render("report", record, "html")[0])
     shown = "[...document.querySelectorAll('figure svg')].filter((svg) => svg.getBoundingClientRect().width > 0).length"
-    live, paper = look([page_of(path, ask=[shown]), page_of(path, media="print", ask=[shown, PRINTED_VIEWERS])])
+    shot = tmp_path / "plain.png"
+    live, paper, plain = look(
+        [
+            page_of(path, ask=[shown]),
+            page_of(path, media="print", ask=[shown, PRINTED_VIEWERS]),
+            page_of(path, script=False, shot=str(shot)),
+        ]
+    )
     figures = path.read_text(encoding="utf-8").count("<figure ")
     assert live["answers"] == [figures - 1]
     assert paper["answers"] == [figures, 0]
-    shot = tmp_path / "plain.png"
-    (plain,) = look([page_of(path, script=False, shot=str(shot))])
     assert plain["messages"] == []
     assert shot.stat().st_size > 50_000
 
