@@ -19,12 +19,20 @@ from service_scenes import EXAMPLES, small_design
 from tailstack import Design, load_design, score
 from tailstack.arrays import Array
 from tailstack.sweeping import axis_pointer, read_axes, sweep
-from tailstack_service.report.figures.budget import waterfall_svg, without_svg
-from tailstack_service.report.figures.comparison import budgets_svg, differences_svg, distributions_svg
-from tailstack_service.report.figures.errors import convergence_svg, distribution_svg, scale_svg
-from tailstack_service.report.figures.sweep import curve_svg
-from tailstack_service.report.figures.tolerance_curves import ToleranceCurves, tolerance_curves
-from tailstack_service.report.figures.tolerances import curves_svg
+from tailstack_service.report.charts import (
+    Scaled,
+    draw_budgets,
+    draw_convergence,
+    draw_differences,
+    draw_distribution,
+    draw_errors,
+    draw_scale,
+    draw_shares,
+    draw_sweep,
+    draw_tolerances,
+    draw_without,
+)
+from tailstack_service.report.half_widths import Judgement, ToleranceCurves, tolerance_curves
 from tailstack_service.report.images import images_svg
 from tailstack_service.report.records import Convergence, ConvergencePoint, Difference, ErrorDistribution
 from tailstack_service.report.scene import Item, Scene, scene_json, scene_of, semi_axes
@@ -441,7 +449,7 @@ def test_a_bounded_tolerance_moves_the_mean() -> None:
 
 def test_where_the_limit_is_met_the_score_is_at_it() -> None:
     """independent: a document with that half-width scores the limit, from below."""
-    found = tolerance_curves(DEMO, "tip", limit_mm=1.0)
+    found = tolerance_curves(DEMO, "tip", Judgement(limit_mm=1.0))
     curve = next(e for e in found.curves if (e.contributor, e.component) == ("connector_flange", "rx"))
     assert curve.meets == "up to largest"
     assert curve.largest is not None
@@ -450,7 +458,7 @@ def test_where_the_limit_is_met_the_score_is_at_it() -> None:
     never = next(e for e in found.curves if (e.contributor, e.component) == ("structure_connector", "rx"))
     assert (never.meets, never.largest) == ("never", None)
     assert min(never.quantile_mm) > 1.0
-    loose = tolerance_curves(DEMO, "tip", limit_mm=9.0)
+    loose = tolerance_curves(DEMO, "tip", Judgement(limit_mm=9.0))
     assert {entry.meets for entry in loose.curves} == {"always"}
     assert {entry.meets for entry in tolerance_curves(DEMO, "tip").curves} == {"no limit"}
 
@@ -459,7 +467,7 @@ def test_curves_of_another_error_and_quantile() -> None:
     """independent: the check that the score made of the same requirement."""
     design = example("slicer_markups")
     check = max(score(design).verdict.checks, key=lambda entry: entry.value_mm)
-    found = tolerance_curves(design, check.target, error="localisation", quantile=check.quantile)
+    found = tolerance_curves(design, check.target, Judgement("localisation", check.quantile))
     assert found.quantile_mm == pytest.approx(check.value_mm, rel=1e-9)
     with pytest.raises(ValueError, match="no target"):
         tolerance_curves(design, "elsewhere")
@@ -467,7 +475,7 @@ def test_curves_of_another_error_and_quantile() -> None:
 
 def test_curves_of_the_demo_are_cheap_and_ordered() -> None:
     begun = time.process_time()
-    found = tolerance_curves(DEMO, "tip", limit_mm=1.0)
+    found = tolerance_curves(DEMO, "tip", Judgement(limit_mm=1.0))
     assert time.process_time() - begun < 0.5
     rises = [curve.quantile_mm[-1] - curve.quantile_mm[0] for curve in found.curves]
     assert rises == sorted(rises, reverse=True)
@@ -485,15 +493,15 @@ def panel_places(root: ElementTree.Element) -> list[tuple[float, float, float, f
 
 def test_the_dot_is_where_the_design_is_and_the_diamond_where_the_limit_is_met() -> None:
     """closed form: a third of the width at the half-width as it is; up by the ticks of the same picture."""
-    found = tolerance_curves(DEMO, "tip", limit_mm=1.0)
-    root = check_picture(curves_svg(found))
+    found = tolerance_curves(DEMO, "tip", Judgement(limit_mm=1.0))
+    root = check_picture(draw_tolerances(found))
     panels = panel_places(root)
     dots = circles(root, "#0072b2")
     assert len(panels) == len(found.curves) == len(dots) - 1  # the legend's
     left, top, width, height = panels[0]
     assert dots[0][0] == pytest.approx(left + width / 3, abs=0.06)
     ticks = [
-        (float(str(e.text)), float(e.attrib["y"]) - 4)
+        (float(str(e.text)), float(e.attrib["y"]) - 4.2)  # a number stands with its middle at its height
         for e in root.iter(f"{SVG}text")
         if e.attrib.get("text-anchor") == "end"
         and top < float(e.attrib["y"]) < top + height
@@ -501,7 +509,8 @@ def test_the_dot_is_where_the_design_is_and_the_diamond_where_the_limit_is_met()
     ]
     (low, y_low), (high, y_high) = ticks[0], ticks[-1]
     assert dots[0][1] == pytest.approx(y_low + (found.quantile_mm - low) / (high - low) * (y_high - y_low), abs=0.2)
-    diamonds = [np.array(numbers(e.attrib["points"])).reshape(-1, 2) for e in root.iter(f"{SVG}polygon")]
+    closed = [e for e in root.iter(f"{SVG}path") if e.attrib["d"].endswith("Z") and e.attrib["stroke"] == "#b3261e"]
+    diamonds = [np.array(numbers(e.attrib["d"])).reshape(-1, 2) for e in closed]
     assert len(diamonds) == 2
     largest = found.curves[0].largest
     assert largest is not None
@@ -514,8 +523,8 @@ def test_the_dot_is_where_the_design_is_and_the_diamond_where_the_limit_is_met()
 def test_two_designs_in_the_same_small_pictures() -> None:
     data = json.loads(json.dumps(DEMO.source.data))
     data["interfaces"]["connector_flange"]["tolerances"]["rx"]["half_width_deg"] = 0.05
-    curves = [tolerance_curves(design, "tip", limit_mm=1.0) for design in (load_design(data), DEMO)]
-    root = check_picture(curves_svg(curves[0], other=curves[1], called=("new", "old")))
+    curves = [tolerance_curves(design, "tip", Judgement(limit_mm=1.0)) for design in (load_design(data), DEMO)]
+    root = check_picture(draw_tolerances(curves[0], other=curves[1], called=("new", "old")))
     hollow = [entry for entry in root.iter(f"{SVG}circle") if entry.attrib["fill"] == "#ffffff"]
     assert len(hollow) == 12
     assert any("dashed, hollow dot: old" in str(entry.text) for entry in root.iter(f"{SVG}text"))
@@ -539,7 +548,7 @@ def distribution(target: str, mean: float, sampled: bool = True) -> ErrorDistrib
 def test_the_histogram_has_area_by_its_scale() -> None:
     """closed form: heights over the ticks times the width of a bin are the shares."""
     shown = distribution("tip", 0.5)
-    root = check_picture(distribution_svg(shown, 0.87, (0.85, 0.89), 1.0, "d"))
+    root = check_picture(draw_distribution(shown, 0.87, (0.85, 0.89), 1.0, "d"))
     bars = [b.attrib for b in root.iter(f"{SVG}rect") if b.attrib.get("stroke-width") == "0.6"][:30]
     ticks = [
         (float(str(e.text)), float(e.attrib["y"]) - 4)
@@ -562,25 +571,25 @@ def test_the_histogram_has_area_by_its_scale() -> None:
 def test_charts_of_errors_are_legible_wherever_the_limit_is(
     limit: float | None, interval: tuple[float, float | None] | None
 ) -> None:
-    check_picture(distribution_svg(distribution("tip", 0.5), 0.87, interval, limit, "d"))
-    check_picture(distribution_svg(distribution("tip", 0.5, sampled=False), 0.87, interval, limit, "d"))
+    check_picture(draw_distribution(distribution("tip", 0.5), 0.87, interval, limit, "d"))
+    check_picture(draw_distribution(distribution("tip", 0.5, sampled=False), 0.87, interval, limit, "d"))
     others = (("mean", 0.44), ("CVaR95", 1.02))
-    check_picture(scale_svg("tip", 0.87, interval or (0.86, 0.88), limit, others))
+    check_picture(draw_scale(Scaled("tip", 0.87, interval or (0.86, 0.88), limit, others), "s"))
     points = tuple(
         ConvergencePoint(2**k, 0.87, (0.87 - 1 / 2 ** (k / 2), 0.87 + 1 / 2 ** (k / 2))) for k in range(7, 16)
     )
-    check_picture(convergence_svg(Convergence("tip", 0.95, points), limit, "c"))
+    check_picture(draw_convergence(Convergence("tip", 0.95, points), limit, "c"))
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_charts_of_budgets_are_legible(name: str) -> None:
     target = max(score(example(name)).targets, key=lambda entry: entry.p95_mm)
-    root = check_picture(waterfall_svg(target.contributors, target.name))
+    root = check_picture(draw_shares(target.contributors, target.name))
     bars = [b.attrib for b in root.iter(f"{SVG}rect") if b.attrib["fill"] == "#5b9bc8"]
     ends = [float(bar["x"]) + float(bar["width"]) for bar in bars]
     assert ends == sorted(ends)
-    check_picture(without_svg(target.contributors, target.name, target.p95_mm, target.limit_mm))
-    check_picture(curves_svg(tolerance_curves(example(name), target.name, limit_mm=target.limit_mm)))
+    check_picture(draw_without(target.contributors, target.name, target.p95_mm, target.limit_mm))
+    check_picture(draw_tolerances(tolerance_curves(example(name), target.name, Judgement(limit_mm=target.limit_mm))))
 
 
 def test_budgets_side_by_side_add_as_squares() -> None:
@@ -588,7 +597,7 @@ def test_budgets_side_by_side_add_as_squares() -> None:
     data = json.loads(json.dumps(DEMO.source.data))
     del data["execution"]
     first, second = (score(design).targets[0] for design in (DEMO, load_design(data)))
-    root = check_picture(budgets_svg(first, second, ("as drawn", "without execution")))
+    root = check_picture(draw_budgets(first, second, ("as drawn", "without execution")))
     values = [str(e.text) for e in root.iter(f"{SVG}text") if e.attrib.get("font-size") == "10"]
     for value, target in zip(values[-2:], (first, second), strict=True):
         total = sqrt(sum(target.covariance_mm2[k][k] for k in range(3)))
@@ -601,18 +610,18 @@ def test_budgets_side_by_side_add_as_squares() -> None:
 
 
 def test_errors_over_one_another_and_differences() -> None:
-    svg = distributions_svg(distribution("tip", 0.5), distribution("tip", 0.4), (0.87, 0.69), 0.8, ("old", "new"))
+    svg = draw_errors(distribution("tip", 0.5), distribution("tip", 0.4), (0.87, 0.69), 0.8, ("old", "new"))
     root = check_picture(svg)
     words = " ".join(str(entry.text) for entry in root.iter(f"{SVG}text"))
     assert "old, P95 0.870 mm" in words
     assert "new, P95 0.690 mm" in words
-    check_picture(distributions_svg(distribution("tip", 0.5, False), distribution("tip", 0.4), (0.9, 0.7), None))
+    check_picture(draw_errors(distribution("tip", 0.5, False), distribution("tip", 0.4), (0.9, 0.7), None))
     found = [
         Difference("a", "Monte Carlo", 1.0, 0.9, -0.1, (-0.12, -0.08), 0.95, "smaller"),
         Difference("b", "Monte Carlo", 1.0, 1.02, 0.02, (-0.01, 0.05), 0.95, "not decided"),
         Difference("c", "first order", 1.0, 1.1, 0.1, None, None, "computed"),
     ]
-    root = check_picture(differences_svg(found))
+    root = check_picture(draw_differences(found))
     dots = {e.attrib["cy"]: float(e.attrib["cx"]) for e in root.iter(f"{SVG}circle")}
     xs = list(dots.values())
     (zero,) = [numbers(p.attrib["d"])[0] for p in root.iter(f"{SVG}path") if p.attrib.get("stroke-width") == "1.3"]
@@ -627,15 +636,15 @@ def test_names_cannot_break_a_picture() -> None:
     data["fiducials"]["points"][0]["label"] = '"><img src=x>'
     design = load_design(data)
     target = score(design).targets[0]
-    found: ToleranceCurves = tolerance_curves(design, HOSTILE, limit_mm=1.0)
+    found: ToleranceCurves = tolerance_curves(design, HOSTILE, Judgement(limit_mm=1.0))
     hostile = replace(distribution("tip", 0.5), target=HOSTILE)
     pictures = [
         scene_svg(scene(design)), images_svg(design, HOSTILE),
-        curves_svg(found, called=(HOSTILE, "\x1b[31m\u202e"), other=found),
-        waterfall_svg(target.contributors, HOSTILE), without_svg(target.contributors, HOSTILE, target.p95_mm, 1.0),
-        distribution_svg(hostile, 0.8, None, None, "d"), budgets_svg(target, target, (HOSTILE, HOSTILE)),
-        distributions_svg(hostile, hostile, (0.8, 0.8), None, (HOSTILE, HOSTILE)),
-        curve_svg([(HOSTILE, [(0.0, 1.0), (1.0, 2.0)])], HOSTILE),
+        draw_tolerances(found, called=(HOSTILE, "\x1b[31m\u202e"), other=found),
+        draw_shares(target.contributors, HOSTILE), draw_without(target.contributors, HOSTILE, target.p95_mm, 1.0),
+        draw_distribution(hostile, 0.8, None, None, "d"), draw_budgets(target, target, (HOSTILE, HOSTILE)),
+        draw_errors(hostile, hostile, (0.8, 0.8), None, (HOSTILE, HOSTILE)),
+        draw_sweep(sweep(design, read_axes(design, [{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2]}]))),
     ]  # fmt: skip
     for svg in pictures:
         root = read(svg)
@@ -653,8 +662,8 @@ def test_nothing_random_is_said() -> None:
     design = load_design(data)
     target = score(design).targets[0]
     for svg in (
-        waterfall_svg(target.contributors, target.name),
-        without_svg(target.contributors, target.name, target.p95_mm, 1.0),
+        draw_shares(target.contributors, target.name),
+        draw_without(target.contributors, target.name, target.p95_mm, 1.0),
     ):
         assert "nothing is random" in {str(entry.text) for entry in check_picture(svg).iter(f"{SVG}text")}
     assert tolerance_curves(design, target.name).curves == ()

@@ -14,7 +14,7 @@ import pytest
 
 from tailstack_service.cli.main import main
 from tailstack_service.rendering.studies.comparison import comparison_text
-from tailstack_service.rendering.studies.comparison_figure import comparison_svg
+from tailstack_service.report.study_charts import draw_bench
 from tailstack_service.schemas import json_schema, record_of
 
 ROOT = Path(__file__).parents[2]
@@ -39,12 +39,12 @@ def test_the_tilted_flange_is_found(capfdbinary: pytest.CaptureFixture[bytes], t
     named = [e for e in document["explanations"] if (e["contributor"], e["component"]) == ("connector_flange", "rx")]
     assert named[0]["intervals"][0][0] < 0.46 < named[0]["intervals"][0][1]
     study = record_of("study-comparison", document)
-    assert figure.read_text() == comparison_svg(study)
+    assert figure.read_text() == draw_bench(study)
     root = ElementTree.fromstring(figure.read_text())
     marks = [node for node in root.iter() if node.tag.endswith("circle")]
     assert len(marks) == len(study.levels) + sum(len(level.quantiles) for level in study.levels)
     eight = replace(study, levels=study.levels[:1] * 8)
-    assert "tails of the first 6 of 8 levels" in comparison_svg(eight)
+    assert "tails of the first 6 of 8 levels" in draw_bench(eight)
     text = comparison_text(study)
     assert max(map(len, text.splitlines())) <= 100
     unwrapped = " ".join(text.split())

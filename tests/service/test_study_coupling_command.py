@@ -12,7 +12,8 @@ import pytest
 
 from tailstack.studies.coupling import decimals_of
 from tailstack_service.cli.main import main
-from tailstack_service.rendering.studies.coupling import COMPARISONS, coupling_svg, coupling_text
+from tailstack_service.rendering.studies.coupling import COMPARISONS, coupling_text
+from tailstack_service.report.study_charts import draw_coupling
 from tailstack_service.schemas import json_schema, record_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -80,14 +81,14 @@ def test_what_there_is_none_of_is_told(document: dict) -> None:
     text = coupling_text(bare)
     assert max(map(len, text.splitlines())) <= 100
     assert text.count("none") >= 2 * len(cases)
-    figure = coupling_svg(bare)
+    figure = draw_coupling(bare)
     assert figure.count("no standard deviation") == len(cases)
     assert figure.count("<circle") == (len(COMPARISONS) - 1) * len(cases)
 
 
 def test_the_figure_is_drawn_from_the_record(document: dict) -> None:
     study = record_of("study-coupling", document["study"])
-    assert document["figure"] == coupling_svg(study)
+    assert document["figure"] == draw_coupling(study)
     root = ElementTree.fromstring(document["figure"])
     marks = [node for node in root.iter() if node.tag.endswith("circle")]
     assert len(marks) == len(COMPARISONS) * len(study.cases)

@@ -16,7 +16,8 @@ from test_report_figures import check_picture
 from tailstack.design import compile_design, load_design
 from tailstack.studies.linearity import Grid, study_linearity
 from tailstack_service.cli.main import main
-from tailstack_service.rendering.studies.linearity import linearity_csv, linearity_svg, linearity_text
+from tailstack_service.rendering.studies.linearity import linearity_csv, linearity_text
+from tailstack_service.report.study_charts import draw_linearity
 from tailstack_service.schemas import json_schema, record_of
 
 AXES = ["--noise", "0.3,4", "--rotation", "0,2", "--spread", "1,0.4,6", "--count", "8,7", "--trials", "8192"]
@@ -90,10 +91,10 @@ def test_csv_has_a_line_for_each_point(printed: dict) -> None:
 
 def test_the_map_shows_every_cell(printed: dict) -> None:
     study = record_of("study-linearity", printed["study"])
-    assert printed["figure"] == linearity_svg(study)
+    assert printed["figure"] == draw_linearity(study)
     check_picture(printed["figure"])
     alone = replace(study, points=study.points[:1], noises_px=(0.3,), rotations_deg=(0.0,), spreads=(1.0,), counts=(8,))
-    check_picture(linearity_svg(alone))
+    check_picture(draw_linearity(alone))
     refused = sum(point.status == "refused" for point in study.points)
     assert printed["figure"].count(">refused<") == refused
     assert printed["figure"].count(" %<") + printed["figure"].count(" % ?<") >= len(study.points) - refused

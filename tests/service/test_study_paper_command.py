@@ -129,7 +129,7 @@ def test_bars_of_a_figure_are_the_bands_of_its_cells(printed: dict) -> None:
     bands = [
         one["band_mm"][1] - one["band_mm"][0] for what in ("mean", "p95") for one in cells if one["quantity"] == what
     ]
-    upright = re.findall(r'd="M([\d.]+) ([\d.]+)L\1 ([\d.]+)" stroke="#\w+" stroke-width="1.2"', svg)
+    upright = re.findall(r'd="M([\d.]+) ([\d.]+)L\1 ([\d.]+)" fill="none" stroke="#\w+" stroke-width="1.2"', svg)
     lengths = [abs(float(high) - float(low)) for _, low, high in upright]
     assert len(lengths) == 10 + 6
     scales = [length / band for length, band in zip(lengths, bands, strict=False)]

@@ -17,6 +17,7 @@ MOST = 5  # differences that are told
 LONGEST = 90
 _STREAM = re.compile(rb"stream\n(.*?)\nendstream", re.DOTALL)
 _FONT = re.compile(rb"/BaseFont /([^\s/<>\[\]()]+)")
+_CHARTS = re.compile(rb"tailstack [\w.+-]+, charts by (matplotlib [\w.+-]+)")
 _PACKED = re.compile(rb"/Length \d+|startxref\n\d+")  # what hangs on how streams are packed
 _PRODUCER = re.compile(rb"/Producer \(([^()]*)\)")
 
@@ -36,6 +37,12 @@ def pages_question(held: Held, written_by: str, file: str) -> Question:
         return Question("pages", NOT_COMPARED, f"PDF cannot be rendered here: {error.problems[0].detail}")
     if fresh == held.content:
         return Question("pages", SAME, f"what the record renders to, byte for byte ({len(fresh):,} bytes)")
+    if held.form != "xlsx":
+        there, here = (_all(_CHARTS, content, _unpacked_streams(content)) for content in (held.content, fresh))
+        if there != here:
+            drawn = b", ".join(there).decode("latin-1") or "nothing"
+            by = b", ".join(here).decode("latin-1") or "nothing"
+            return Question("pages", NOT_COMPARED, f"charts by {drawn}, here by {by}: the same version is needed")
     if held.form == "html":
         return _lines(held.content, fresh)
     return (_cells if held.form == "xlsx" else _streams)(held.content, fresh, file)

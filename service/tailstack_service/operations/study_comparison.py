@@ -131,7 +131,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
 
     from ..documents import to_json
     from ..rendering.studies.comparison import comparison_text
-    from ..rendering.studies.comparison_figure import comparison_svg
+    from ..report.study_charts import draw_bench
 
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
     measured = _read(design, Path(arguments.measurements))
@@ -146,7 +146,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
         call = Call((design,), options, threads=arguments.threads, progress=progress.report)
         result = _compare(call, measured)
     if figure is not None:
-        write_figure(figure, comparison_svg(result))
+        write_figure(figure, draw_bench(result))
     code = EXIT_CODE[result.verdict]
     if arguments.json:
         return Answer(to_json(result), code)

@@ -143,7 +143,8 @@ def _run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design import compile_design
 
     from ..documents import to_json
-    from ..rendering.studies.coupling import coupling_svg, coupling_text
+    from ..rendering.studies.coupling import coupling_text
+    from ..report.study_charts import draw_coupling
 
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
     names = [target.name for target in compile_design(design).targets]
@@ -160,7 +161,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     with Progress("study coupling") as progress:
         result = _study(Call((design,), options, threads=arguments.threads, progress=progress.report))
     if figure is not None:
-        write_figure(figure, coupling_svg(result, arguments.target))
+        write_figure(figure, draw_coupling(result, arguments.target))
     if arguments.json:
         return Answer(to_json(result))
     return Answer(coupling_text(result, arguments.target))

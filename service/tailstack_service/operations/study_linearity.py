@@ -144,7 +144,8 @@ def _run(arguments: argparse.Namespace) -> Answer:
     design = read_design(arguments.design)
 
     from ..documents import to_json
-    from ..rendering.studies.linearity import linearity_csv, linearity_svg, linearity_text
+    from ..rendering.studies.linearity import linearity_csv, linearity_text
+    from ..report.study_charts import draw_linearity
 
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
     options = LinearityOptions(
@@ -160,7 +161,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     with Progress("study linearity") as progress:
         study = _study(Call((design,), options, threads=arguments.threads, progress=progress.report))
     if figure is not None:
-        write_figure(figure, linearity_svg(study))
+        write_figure(figure, draw_linearity(study))
     code = _exit_code(study)
     if arguments.json:
         return Answer(to_json(study), code)

@@ -117,7 +117,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
 
     from ..documents import to_json
     from ..rendering.studies.paper import paper_csv, paper_text
-    from ..rendering.studies.paper_figures import paper_figures
+    from ..report.study_charts import draw_paper
 
     directory = None if arguments.figures is None else writable_directory(arguments.figures)
     options = PaperOptions(trials=arguments.trials, seed=arguments.seed)
@@ -125,7 +125,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
         call = Call((), options, threads=arguments.threads, progress=progress.report)
         study = _reproduce(fitted, other, call)
     if directory is not None:
-        for name, svg in paper_figures(study).items():
+        for name, svg in draw_paper(study).items():
             write_figure(directory / name, svg)
     if arguments.json:
         return Answer(to_json(study))

@@ -253,7 +253,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     from ..documents import to_json
     from ..problems import RequestError
     from ..rendering.sweep import sweep_csv, sweep_text
-    from ..rendering.sweep_figure import refuse_undrawable, sweep_svg
+    from ..report.charts import draw_sweep, refuse_undrawable
 
     if arguments.trials is not None and arguments.check == "score":
         detail, hint = "a score draws no trials", "add --check verification, or leave --trials out"
@@ -274,7 +274,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
         else:
             result = _elsewhere(arguments, design, asked, progress)
     if figure is not None:
-        write_figure(figure, sweep_svg(result))
+        write_figure(figure, draw_sweep(result))
     code = PASS if any(point.status == "ok" for point in result.points) else NOT_EVALUATED
     if arguments.json:
         return Answer(to_json(result), code)

@@ -24,9 +24,9 @@ from tailstack.verification import MAX_TRIALS, PreparedDesign, prepare
 
 from ..problems import RequestError
 from .chapters.optimisation import optimise_command
+from .half_widths import allowances
 from .headline import headline_of
 from .records import Convergence, ConvergencePoint, ErrorDistribution, Report, Reproduction
-from .room import allowances
 
 PARTS = ("score", "verification", "optimisation")
 DEFAULT_PARTS = ("score", "verification")

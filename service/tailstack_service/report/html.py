@@ -6,7 +6,9 @@ One script may run in it, the viewer of the layout, named by its hash in the pag
 from __future__ import annotations
 
 import hashlib
+import re
 from base64 import b64encode
+from collections.abc import Iterable
 from functools import cache
 from importlib.resources import files
 
@@ -15,7 +17,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from tailstack import __version__
 
 from ..rendering.tables import number, signed
-from .blocks import Cell, Column, Document, Figure
+from .blocks import Block, Cell, Column, Document, Figure
 
 
 def html_report(document: Document, record: bytes | None) -> str:
@@ -27,13 +29,19 @@ def html_report(document: Document, record: bytes | None) -> str:
         template.render(
             document=document,
             record=None if record is None else _inert(record),
-            generator=f"tailstack {__version__}",
+            generator=", ".join([f"tailstack {__version__}", *_libraries(blocks)]),
             policy="" if record is None else content_policy(),
             style=_style() if record is not None else _on_paper(),
             script=_source("viewer.js") if turned else "",
         )
         + "\n"
     )
+
+
+def _libraries(blocks: Iterable[Block]) -> list[str]:
+    """What drew charts, with its version: another version may draw the same chart in other bytes."""
+    svg = "".join(block.svg for block in blocks if isinstance(block, Figure))
+    return [f"charts by {name}" for name in sorted(set(re.findall(r'data-drawn-by="([^"]*)"', svg)))]
 
 
 def content_policy(*, served: bool = False) -> str:

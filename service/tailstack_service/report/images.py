@@ -15,20 +15,22 @@ from tailstack.estimation.checks import OVERLAP_PX, imaged_fiducials
 from tailstack.geometry.camera import depths
 from tailstack.system import System
 
-from ..rendering.panels import SMALL_PART, round_step
 from .beams import Beam, beams_of
-from .figures.frame import LIMIT_COLOUR, WIDTH, picture
 from .svg import (
     FAINT,
     FONT,
     INK,
     LABEL_COLOUR,
+    LIMIT_COLOUR,
     MUTED,
+    WIDTH,
     MarkedPoint,
     box,
     label_places,
     line,
+    picture,
     printable,
+    round_step,
     rounded,
     shape,
     text,
@@ -37,6 +39,7 @@ from .svg import (
 CELL, LEFT, PLOT = WIDTH // 2, 44, 296  # width of a column; room for tick labels; side of a plot
 HEAD = 54  # above a plot: its name, its size, the axes of con
 MOST_LABELS = 60
+SMALL_PART = 0.45  # of an image: layouts that take less of it are drawn once more, enlarged
 MOST_PAIRS = 3  # named; the others are counted
 
 Page = Callable[[Array], Array]  # px (N, 2) -> page (N, 2)

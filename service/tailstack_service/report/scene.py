@@ -23,9 +23,8 @@ from tailstack.results import Score
 from tailstack.system import System
 
 from ..rendering.layout_picture import turns
-from ..rendering.panels import round_step
 from .beams import Beam, beams_of
-from .svg import printable
+from .svg import printable, round_step
 
 Point3 = tuple[float, float, float]
 Kind = Literal["mark", "line", "face", "ellipsoid", "arrow"]

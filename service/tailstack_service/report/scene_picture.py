@@ -13,10 +13,22 @@ import numpy as np
 from tailstack.arrays import Array
 from tailstack.geometry.rotation import cross
 
-from ..rendering.panels import round_step
-from .figures.frame import picture
 from .scene import LOOKS, Camera, Item, Point3, Scene
-from .svg import FONT, INK, LABEL_COLOUR, MUTED, MarkedPoint, label_places, line, printable, rounded, shape, text
+from .svg import (
+    FONT,
+    INK,
+    LABEL_COLOUR,
+    MUTED,
+    MarkedPoint,
+    label_places,
+    line,
+    picture,
+    printable,
+    round_step,
+    rounded,
+    shape,
+    text,
+)
 
 NEAR, FAR = (8, 26, 436, 400), (460, 26, 252, 212)  # left, top, width, height of the two panels
 PAD = 26

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from html import escape
+from math import floor, log10
 from typing import Literal
 
 import numpy as np
@@ -19,14 +20,43 @@ from ..rendering.tables import columns, shortened
 
 Kind = Literal["fiducial", "new", "target", "pivot 1", "pivot 2"]
 
+WIDTH = 720  # of a page
 FONT = 11
-INK, MUTED, FAINT, PALE = "#222222", "#555555", "#8a8a8a", "#efefef"
+LIMIT_COLOUR, VALUE_COLOUR = "#b3261e", "#0072b2"
+INK, MUTED, FAINT, PALE, GRID = "#222222", "#555555", "#8a8a8a", "#efefef", "#e3e3e3"
 BLUE, VERMILION, GREEN, PURPLE = "#0072b2", "#d55e00", "#00795a", "#a8477f"
+COLOURS = (BLUE, VERMILION, GREEN, PURPLE, "#8a6d00", "#5b9bc8")  # of curves, one after the other
+
+
+def picture(
+    name: str, title: str, words: str, height: float, parts: list[str], width: float = WIDTH, drawn_by: str = ""
+) -> str:  # fmt: skip
+    """One SVG that says in words what it shows.
+
+    name: kebab-case, unique on the page.  drawn_by: a library and its version, of which the bytes depend.
+    """
+    return "\n".join([
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}" height="{height:g}" '
+        f'viewBox="0 0 {width:g} {height:g}" role="img" aria-labelledby="{name}-title {name}-desc" '
+        f'font-family="Helvetica, Arial, DejaVu Sans, sans-serif" font-size="{FONT}" fill="{INK}"'
+        + (f' data-drawn-by="{drawn_by}">' if drawn_by else ">"),
+        f'<title id="{name}-title">{escape(printable(title, 160))}</title>',
+        f'<desc id="{name}-desc">{escape(printable(words, 2000))}</desc>',
+        f'<rect width="{width:g}" height="{height:g}" fill="#ffffff"/>',
+        *parts,
+        "</svg>",
+    ])  # fmt: skip
 
 
 def printable(text: str, width: int) -> str:
     """Text that XML can hold, cut to a width."""
     return shortened("".join(c if c.isprintable() else "?" for c in text), width)
+
+
+def round_step(about: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is not above ``about``."""
+    power = 10.0 ** floor(log10(about))
+    return power * max(factor for factor in (1, 2, 5) if factor * power <= about * (1 + 1e-9))
 
 
 def rounded(value: float) -> str:

@@ -1,4 +1,4 @@
-"""A study of coupling as text and as a figure."""
+"""A study of coupling as text."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ from collections.abc import Callable, Sequence
 
 from tailstack.studies.coupling import CouplingCase, Ratio, StudyCoupling, decimals_of, per_cent
 
-from ...report.svg import BLUE, FAINT, INK, MUTED, VERMILION, box, line, printable, rounded, text
 from ..tables import number, percent, table, wrapped
 from ..verdict import design_line, joined, provenance_text
-from .page import around, bottom_axis, page
 
 MOST_DECIMALS = 3  # in a table; --json has all
 READINGS = {
@@ -31,7 +29,7 @@ def coupling_text(study: StudyCoupling, target: str | None = None) -> str:
 
     ``target``: whose cases are shown; by default the one with the largest P95 as designed.
     """
-    shown = _shown(study, target)
+    shown = cases_of(study, target)
     others = len({case.target for case in study.cases}) - 1
     more = f" ({others} more with --json)" if others else ""
     confidence = percent(study.confidence, 0)
@@ -61,7 +59,8 @@ def _heading(study: StudyCoupling) -> str:
     return design_line(made) + "\n" + wrapped(how)
 
 
-def _shown(study: StudyCoupling, target: str | None) -> tuple[CouplingCase, ...]:
+def cases_of(study: StudyCoupling, target: str | None) -> tuple[CouplingCase, ...]:
+    """Those at a target; by default the one with the largest P95 as designed."""
     if target is None:
         designed = [case for case in study.cases if case.rotation_deg is None]
         target = max(designed, key=lambda case: case.p95_together_mm).target
@@ -112,59 +111,3 @@ def _with_half_width(ratio: Ratio | None) -> str:
 
 def _predicted(ratio: Ratio | None) -> str:
     return "" if ratio is None or ratio.first_order is None else f"{round(100 * (ratio.first_order - 1), 2) + 0.0:+.2f}"
-
-
-# --- figure ---------------------------------------------------------------------------------------
-
-LABELS, CELL, GAP, ROW, TOP = 178, 186, 16, 26, 92
-
-
-def coupling_svg(study: StudyCoupling, target: str | None = None) -> str:
-    """Each ratio with its interval, a row for each installation error and reading; diamonds are first order's own."""
-    shown = _shown(study, target)
-    bottom = TOP + ROW * len(shown)
-    width = LABELS + len(COMPARISONS) * (CELL + GAP) + 10
-    parts = [
-        text(15, 44, printable(f"{study.provenance.design_name}; {study.error} error at {shown[0].target}", 150)),
-    ]
-    for row, case in enumerate(shown):
-        y = TOP + ROW * (row + 0.5)
-        if row % 2 == 0:
-            parts.append(box(10, y - ROW / 2, width - 10, y + ROW / 2, 'fill="#f6f6f6"'))
-        parts.append(text(15, y + 4, f"{case.installation}, {case.reading}"))
-    for column, (name, under, which) in enumerate(COMPARISONS):
-        left = LABELS + column * (CELL + GAP)
-        parts += _panel(left, bottom, name, under, [which(case) for case in shown])
-    note = f"dot and bar: measured, {percent(study.confidence, 0)} % interval, each by itself; diamond: first order"
-    parts.append(text(15, bottom + 56, f"{note}; {study.trials:,} trials each, seed {study.seed}", colour=MUTED))
-    words = " ".join(case.sentence for case in shown)
-    return page("Installation error and noise: together against the parts", words, width, bottom + 70, parts)
-
-
-def _panel(left: float, bottom: float, name: str, under: str, ratios: Sequence[Ratio | None]) -> list[str]:
-    known = [ratio for ratio in ratios if ratio is not None]
-    ends = [100 * (end - 1) for ratio in known for end in (*ratio.interval, ratio.first_order or ratio.value)]
-    reach = max([0.01, *(abs(end) for end in ends)])
-    scale = around([min([*ends, -0.05 * reach]), max([*ends, 0.05 * reach])], left, left + CELL)
-    parts = [text(left, TOP - 24, name, weight="bold"), text(left, TOP - 10, under, colour=MUTED, size=10)]
-    parts += bottom_axis(scale, TOP, bottom, "%", 45)
-    parts.append(line(scale.at(0), TOP, scale.at(0), bottom, INK, 1.2))
-    for row, ratio in enumerate(ratios):
-        y = TOP + ROW * (row + 0.5)
-        if ratio is None:
-            parts.append(text(left + CELL / 2, y + 4, "no standard deviation", anchor="middle", colour=MUTED, size=10))
-            continue
-        low, at, high = (scale.at(100 * (end - 1)) for end in (ratio.interval[0], ratio.value, ratio.interval[1]))
-        if ratio.first_order is not None:
-            parts.append(_diamond(scale.at(100 * (ratio.first_order - 1)), y))
-        parts.append(line(low, y, high, y, BLUE, 2.2))
-        parts += [line(x, y - 4, x, y + 4, BLUE, 1.4) for x in (low, high)]
-        parts.append(f'<circle cx="{rounded(at)}" cy="{rounded(y)}" r="3.4" fill="{BLUE}"/>')
-    parts.append(line(left, TOP, left + CELL, TOP, FAINT))
-    return parts
-
-
-def _diamond(x: float, y: float) -> str:
-    corners = ((x, y - 7), (x + 6, y), (x, y + 7), (x - 6, y))
-    points = " ".join(f"{rounded(across)},{rounded(down)}" for across, down in corners)
-    return f'<polygon points="{points}" fill="#ffffff" stroke="{VERMILION}" stroke-width="1.5"/>'

@@ -25,14 +25,13 @@ from ..blocks import (
     Table,
     tone_of,
 )
-from ..figures.comparison import budgets_svg, differences_svg, distributions_svg
-from ..figures.errors import scale_svg
-from ..figures.tolerances import curves_svg
+from ..charts import Scaled, draw_budgets, draw_differences, draw_errors, draw_scale, draw_tolerances
+from ..half_widths import judgement_of, tolerance_curves
 from ..headline import tightest_check
 from ..records import Comparison, Difference, Report
 from .layout import layout_blocks, loaded
 from .optimisation import design_listing
-from .report import method_chapter, tolerance_curves_of
+from .report import method_chapter
 from .tables import (
     MARGIN_NOTE,
     REQUIREMENT_COLUMNS,
@@ -107,7 +106,7 @@ def _scales(found: Comparison) -> Iterator[Figure]:
         name = f"headline-{which.lower()}"
         beside = (("mean", target.mean_norm_mm), ("CVaR95", target.cvar95_mm))
         ends = target.p95_interval_mm if isinstance(target, TargetEstimate) else (target.p95_mm, target.p95_mm)
-        svg = scale_svg(worst.target, target.p95_mm, ends, limit, beside, name, "P95", reach)
+        svg = draw_scale(Scaled(worst.target, target.p95_mm, ends, limit, beside, reach_mm=reach), name)
         bar = "the bar is the interval" if isinstance(target, TargetEstimate) else "to first order"
         yield Figure(name, svg, f"{which} design. Norm of the TCP error at target {worst.target}: {bar}.")
 
@@ -183,7 +182,7 @@ def _difference_blocks(found: Comparison) -> tuple[Block, ...]:
     if len(shared) > len(found.differences):
         alone.append(f"Compared are the {len(found.differences)} targets with the largest P95 of {len(shared)}.")
     picture = Figure(
-        "differences", differences_svg(found.differences), "The same, with intervals where trials were drawn."
+        "differences", draw_differences(found.differences), "The same, with intervals where trials were drawn."
     )
     return (picture, *blocks, *((Bullets(tuple(alone)),) if alone else ()), *_errors(found))
 
@@ -195,7 +194,7 @@ def _errors(found: Comparison) -> Iterator[Figure]:
     for k, entry in enumerate(found.differences):
         if entry.target in drawn[0] and entry.target in drawn[1]:
             name = f"errors-{k + 1}"
-            svg = distributions_svg(
+            svg = draw_errors(
                 drawn[0][entry.target], drawn[1][entry.target], (entry.first_p95_mm, entry.second_p95_mm),
                 limits[entry.target], DESIGNS, name,
             )  # fmt: skip
@@ -238,7 +237,7 @@ def _budgets(found: Comparison) -> Iterator[Block]:
             for report in (found.first, found.second)
         )
         name = f"budgets-{k + 1}"
-        svg = budgets_svg(a, b, DESIGNS, name)
+        svg = draw_budgets(a, b, DESIGNS, name)
         yield Figure(name, svg, f"Target {difference.target}: what each source adds to the spread, to first order.")
         yield _budget_table(found.first.score, found.second.score, difference.target, k)
 
@@ -248,9 +247,11 @@ def _budgets(found: Comparison) -> Iterator[Block]:
 def _curves(found: Comparison, target: str) -> Iterator[Figure]:
     """The quantile that the second design is judged by, over each half-width, for both."""
     check = tightest_check(found.second.score.verdict.checks, target)
-    first, second = (tolerance_curves_of(loaded(e.design), target, check) for e in (found.first, found.second))
+    first, second = (
+        tolerance_curves(loaded(e.design), target, judgement_of(check)) for e in (found.first, found.second)
+    )
     if second.curves:
-        svg = curves_svg(second, "tolerances", first, (DESIGNS[1], DESIGNS[0]))
+        svg = draw_tolerances(second, "tolerances", first, (DESIGNS[1], DESIGNS[0]))
         yield Figure(
             "tolerances", svg, f"Target {target}: the quantile to first order over each half-width, both designs."
         )

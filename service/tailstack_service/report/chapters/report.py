@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
-from tailstack.design import Design
-from tailstack.results import Check
-
 from ..blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section, tone_of
-from ..figures.errors import convergence_svg, distribution_svg
-from ..figures.tolerance_curves import ToleranceCurves, tolerance_curves
-from ..figures.tolerances import curves_svg
+from ..charts import draw_convergence, draw_distribution, draw_tolerances
+from ..half_widths import judgement_of, tolerance_curves
 from ..headline import tightest_check
 from ..records import Report
 from .layout import layout_blocks, loaded
@@ -79,20 +73,12 @@ def budget_chapter(report: Report, suffix: str = "") -> tuple[Block, ...]:
     design = loaded(report.design)
     for k, target in enumerate(largest_targets(report.score)):
         check = tightest_check(report.score.verdict.checks, target.name)
-        curves = tolerance_curves_of(design, target.name, check)
+        curves = tolerance_curves(design, target.name, judgement_of(check))
         if curves.curves:
             name = f"tolerances-{k + 1}{suffix}"
             caption = f"Target {target.name}: the quantile to first order over each half-width, the others as they are."
-            blocks.append(Figure(name, curves_svg(curves, name), caption))
+            blocks.append(Figure(name, draw_tolerances(curves, name), caption))
     return tuple(blocks)
-
-
-def tolerance_curves_of(design: Design, target: str, check: Check | None) -> ToleranceCurves:
-    """Curves of the quantile that the check is about; without one of P95 of the TCP error."""
-    if check is None:
-        return tolerance_curves(design, target)
-    error: Literal["tcp", "localisation"] = "tcp" if check.error == "tcp" else "localisation"
-    return tolerance_curves(design, target, error=error, quantile=check.quantile, limit_mm=check.limit_mm)
 
 
 def error_chapter(report: Report, suffix: str = "") -> tuple[Block, ...]:
@@ -108,7 +94,7 @@ def error_chapter(report: Report, suffix: str = "") -> tuple[Block, ...]:
         blocks.append(
             Figure(
                 name,
-                distribution_svg(shown, p95, interval, target.limit_mm, name),
+                draw_distribution(shown, p95, interval, target.limit_mm, name),
                 f"Target {shown.target}: norm of the TCP error, first-order law"
                 + (" and Monte Carlo." if sampled is not None else "."),
             )
@@ -144,7 +130,7 @@ def method_chapter(report: Report, suffix: str = "", of: str = "") -> tuple[Bloc
         for k, shown in enumerate(report.convergence):
             if shown.points:
                 name = f"convergence-{k + 1}{suffix}"
-                svg = convergence_svg(shown, limits.get(shown.target), name)
+                svg = draw_convergence(shown, limits.get(shown.target), name)
                 caption = (
                     f"{of}Target {shown.target}: P95 of the first trials, each with the interval it has by itself."
                 )

@@ -11,8 +11,7 @@ from tailstack.scoring import P95
 from ...rendering.score import source_name, units_in_words, worst_target
 from ...rendering.tables import signed
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
-from ..figures.budget import waterfall_svg, without_svg
-from ..figures.errors import scale_svg
+from ..charts import Scaled, draw_scale, draw_shares, draw_without
 from ..headline import headline_of
 from ..records import Allowance, Headline
 from .tables import (
@@ -84,13 +83,13 @@ def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEs
     targets: what the headline was found with, first order or Monte Carlo; mean and CVaR beside the value are those of
     its own distribution.  What units keep has another, of which these are not known.
     """
-    svg = scale_svg(
+    shown = Scaled(
         headline.target, headline.value_mm, headline.interval_mm, headline.limit_mm, _beside(headline, targets),
-        "headline", headline.headline, error=headline.error,
+        headline.headline, headline.error,
     )  # fmt: skip
     error = headline.error.replace("tcp", "TCP")
     caption = f"Norm of the {error} error at target {headline.target}, {headline.basis}: the bar is the interval."
-    return Figure("headline", svg, caption)
+    return Figure("headline", draw_scale(shown, "headline"), caption)
 
 
 def _beside(headline: Headline, targets: Sequence[TargetScore | TargetEstimate]) -> tuple[tuple[str, float], ...]:
@@ -135,13 +134,13 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = (), kept_apart
         blocks += [
             Figure(
                 f"waterfall{suffix}",
-                waterfall_svg(target.contributors, target.name, f"waterfall{suffix}"),
+                draw_shares(target.contributors, target.name, f"waterfall{suffix}"),
                 f"Target {target.name}: share of the variance of each contributor, each bar beginning where the one "
                 "above ends.",
             ),
             Figure(
                 f"without{suffix}",
-                without_svg(target.contributors, target.name, target.p95_mm, limit, f"without{suffix}"),
+                draw_without(target.contributors, target.name, target.p95_mm, limit, f"without{suffix}"),
                 f"Target {target.name}: first-order P95 were one contributor perfect and all others as they are.",
             ),
             budget_table(target, "Budget" if k == 0 else f"Budget {k + 1}", allowances),

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from tailstack.results.sweep import Sweep, SweepAxis
 
+from ...problems import RequestError
 from ..blocks import Block, Bullets, Column, Document, Figure, KeyNumber, Listing, Paragraph, Row, Section, Table
-from ..figures.sweep import curve_svg
+from ..charts import draw_sweep
 from .tables import not_included, provenance_facts
 
-MOST_CURVES = 5
 MOST_ROWS = 400  # of a page
 
 
@@ -31,7 +31,7 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
             ends = f"is {lowest:.3f} mm at"
         sentence = f"P95 of the TCP error {ends} {over}"
         sentence += "." if not refused else f"; {len(refused):,} could not be evaluated and are not among them."
-        figures = _curve(sweep)
+        figures = _figure(sweep)
     how = "by Monte Carlo" if sweep.check == "verification" else "to first order"
     blocks: list[Block] = [_table(sweep)]
     if refused:
@@ -110,23 +110,14 @@ def _short(axis: SweepAxis) -> str:
     return "/".join(axis.pointer.split("/")[-2:])
 
 
-def _curve(sweep: Sweep) -> tuple[Figure, ...]:
-    if len(sweep.axes) != 1 or len(set(sweep.axes[0].values)) < 2:
+def _figure(sweep: Sweep) -> tuple[Figure, ...]:
+    """P95 over one axis or two, where a picture can show it."""
+    try:
+        svg = draw_sweep(sweep, "curve")
+    except RequestError:
         return ()
-    largest: dict[str, float] = {}
-    for point in sweep.points:
-        for target in point.targets:
-            largest[target.name] = max(largest.get(target.name, 0.0), target.p95_mm)
-    shown = sorted(largest, key=lambda name: largest[name], reverse=True)[:MOST_CURVES]
-    series = []
-    for name in shown:
-        points = [(p.values[0], t.p95_mm) for p in sweep.points for t in p.targets if t.name == name]
-        series.append((name, sorted(points)))
-    if len({x for _, points in series for x, _ in points}) < 2:
-        return ()
-    axis = sweep.axes[0]
-    words = f"{axis.pointer}, {axis.unit}" if axis.unit else axis.pointer
-    return (Figure("curve", curve_svg(series, words), f"P95 of the TCP error over {axis.pointer}."),)
+    pointers = " and ".join(axis.pointer for axis in sweep.axes)
+    return (Figure("curve", svg, f"P95 of the TCP error over {pointers}."),)
 
 
 def _table(sweep: Sweep) -> Table:

@@ -6,7 +6,7 @@ from tailstack.results import Verification
 from tailstack.verification import MAX_TRIALS
 
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Section, tone_of
-from ..figures.errors import scale_svg
+from ..charts import Scaled, draw_scale
 from ..headline import checked_headline
 from .score import headline_figure, key_numbers
 from .tables import (
@@ -27,7 +27,7 @@ def verification_document(check: Verification, sha256: str) -> Document:
         name = f"scale-{k + 1}"
         limit = target.exceedance.limit_mm if target.exceedance else None
         others = (("mean", target.mean_norm_mm), ("CVaR95", target.cvar95_mm))
-        svg = scale_svg(target.name, target.p95_mm, target.p95_interval_mm, limit, others, name)
+        svg = draw_scale(Scaled(target.name, target.p95_mm, target.p95_interval_mm, limit, others), name)
         figures.append(Figure(name, svg, f"Error at target {target.name}: the bar is the interval of P95."))
     numbers = [
         *key_numbers(headline),

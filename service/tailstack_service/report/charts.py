@@ -1,0 +1,651 @@
+"""The statistical charts of a report and of a sweep: functions of records that give SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isclose, log2, sqrt
+from typing import TYPE_CHECKING, Any
+
+from tailstack.errors import Problem
+from tailstack.results import Contributor, TargetScore
+from tailstack.results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
+
+from ..problems import RequestError
+from ..rendering.score import single_lines, source_name
+from ..rendering.tables import columns, fixed, number, percent
+from .half_widths import ToleranceCurve, ToleranceCurves
+from .headline import named
+from .page import (
+    DASHED,
+    DOTTED,
+    LINE,
+    LONGEST,
+    ROW,
+    SHORT,
+    Rows,
+    beside,
+    broken,
+    chart,
+    draw_cells,
+    headed,
+    millimetres,
+    name_at_right,
+    sides,
+    upright,
+)
+from .records import Convergence, Difference, ErrorDistribution
+from .svg import CHARACTER, COLOURS, FAINT, FONT, INK, LIMIT_COLOUR, MUTED, VALUE_COLOUR, WIDTH, printable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from .matplotlib_svg import Chart
+
+BAR, BAR_PALE, BAR_BEYOND, LAW_COLOUR = "#5b9bc8", "#c9dceb", "#e8aaa5", "#a84600"
+FIRST_BAR, FIRST_LINE = "#b4bcc3", "#6b7780"  # of two designs the first
+BETTER, WITHIN, BEYOND = "#176332", "#e4f1e8", "#f9e4e2"
+MOST_BARS = 12
+RING: dict[str, Any] = {"markerfacecolor": "#ffffff", "markersize": 6.4}
+LEFT, RIGHT = 62, WIDTH - 22
+Pair = tuple[str, str]  # what two designs are called
+
+
+# --- budget ---------------------------------------------------------------------------------------
+
+NAMES, LETTERS = 262, 41  # width of the names of a budget, on the page and in letters
+
+
+def draw_shares(contributors: Sequence[Contributor], target: str, name: str = "waterfall") -> str:
+    """Shares of the variance, largest first, each beginning where the one above ends; they sum to the whole."""
+    lines = [entry for entry in single_lines(contributors) if entry.variance_share > 0]
+    shares = [(named(entry), entry.variance_share) for entry in lines[:MOST_BARS]]
+    rest = sum(entry.variance_share for entry in lines[MOST_BARS:])
+    if rest > 0:
+        shares.append((f"{len(lines) - MOST_BARS} more", rest))
+    rows = Rows.of([label for label, _ in shares] or ["nothing is random"], LETTERS)
+    with chart(name, rows.height + 74) as page:
+        axes = rows.axes(page, NAMES, 26, WIDTH - 60, "share of the variance, %, summed up")
+        axes.set_xlim(0, 100)
+        begin = 0.0
+        for k, (_, share) in enumerate(shares):
+            middle, end = rows.middles[k], min(begin + 100 * share, 100.0)
+            axes.barh(middle, max(end - begin, 0.2), left=min(begin, 99.8), height=ROW - 6, color=BAR)
+            if k + 1 < len(shares):
+                axes.plot([end, end], [middle + 8, rows.middles[k + 1] - 8], color=MUTED, linewidth=0.7)
+            at, shift = (begin, -5) if end > 87 else (end, 5)
+            beside(axes, (at, middle), f"{percent(share)} %", (shift, -4))
+            begin = end
+        listed = "; ".join(f"{label} {percent(share)} %" for label, share in shares) or "nothing is random"
+        return page.svg(f"Budget at target {target}: shares of the variance", listed + ".")
+
+
+def draw_without(
+    contributors: Sequence[Contributor], target: str, p95_mm: float, limit_mm: float | None, name: str = "without"
+) -> str:
+    """First-order P95 were each contributor perfect, largest gain first, with P95 as it is and the limit."""
+    lines = [entry for entry in single_lines(contributors) if entry.p95_without_mm < p95_mm]
+    lines = sorted(lines, key=lambda entry: entry.p95_without_mm)[:MOST_BARS]
+    rows = Rows.of([named(entry) for entry in lines] or ["nothing is random"], LETTERS)
+    with chart(name, rows.height + 82) as page:
+        axes = rows.axes(page, NAMES, 34, WIDTH - 90, "first-order P95 at the target, mm")
+        axes.set_xlim(0, 1.08 * max(p95_mm, limit_mm or 0.0, 1e-9))
+        for middle, entry in zip(rows.middles, lines, strict=False):
+            axes.barh(middle, p95_mm, height=ROW - 6, color=BAR_PALE)
+            axes.barh(middle, entry.p95_without_mm, height=ROW - 6, color=BAR)
+            beside(axes, (0.0, middle), fixed(entry.p95_without_mm, 3), (6, -4))
+        ours, theirs = sides(p95_mm, limit_mm)
+        upright(axes, p95_mm, millimetres(p95_mm, "P95"), VALUE_COLOUR, ours)
+        if limit_mm is not None:
+            upright(axes, limit_mm, f"limit {limit_mm:g} mm", LIMIT_COLOUR, theirs, DASHED)
+        listed = "; ".join(f"without {named(entry)} {entry.p95_without_mm:.3f} mm" for entry in lines)
+        return page.svg(f"P95 at target {target} without each contributor", f"P95 is {p95_mm:.3f} mm. {listed}.")
+
+
+# --- the error ------------------------------------------------------------------------------------
+
+
+def draw_distribution(
+    shown: ErrorDistribution, p95_mm: float, interval_mm: tuple[float, float | None] | None, limit_mm: float | None,
+    name: str,
+) -> str:  # fmt: skip
+    """Histogram of the sampled errors and the first-order law, with P95, its interval and the limit."""
+    edges, wide = shown.edges_mm, shown.edges_mm[1] - shown.edges_mm[0]
+    words = f"Error at target {shown.target}: the first-order law is drawn as a line"
+    with chart(name, 316) as page:
+        axes = page.axes(LEFT, 44, RIGHT, 254, "error at the tool, mm")
+        page.say(8, 16, "density, 1/mm", color=MUTED)
+        axes.set_xlim(edges[0], max(edges[-1], 1.2 * (limit_mm or 0.0)))
+        middles = [edge + wide / 2 for edge in edges[:-1]]
+        law = axes.plot(middles, [share / wide for share in shown.first_order], color=LAW_COLOUR, clip_on=False)
+        legend: list[tuple[Any, str]] = [(law[0], "first-order law")]
+        if shown.sampled is not None:
+            beyond = [limit_mm is not None and edge >= limit_mm for edge in edges[:-1]]
+            axes.bar(
+                edges[:-1], [share / wide for share in shown.sampled], wide, align="edge", edgecolor=BAR, linewidth=0.6,
+                color=[BAR_BEYOND if far else BAR_PALE for far in beyond],
+            )  # fmt: skip
+            legend.append(
+                (page.patch(facecolor=BAR_PALE, edgecolor=BAR, linewidth=0.6), f"Monte Carlo, {shown.trials:,} trials")
+            )
+            words += f", {shown.trials:,} Monte Carlo trials as bars"
+        if interval_mm is not None and interval_mm[1] is not None:
+            least = (axes.get_xlim()[1] - edges[0]) / (RIGHT - LEFT)
+            ends = (interval_mm[0], max(interval_mm[1], interval_mm[0] + least))
+            band = axes.axvspan(*ends, color=VALUE_COLOUR, alpha=0.18)
+            legend.append((band, f"interval of P95, {interval_mm[0]:.3f} to {interval_mm[1]:.3f} mm"))
+        axes.set_ylim(
+            0, 1.08 * max(share / wide for shares in (shown.sampled, shown.first_order) for share in shares or ())
+        )
+        ours, theirs = sides(p95_mm, limit_mm)
+        upright(axes, p95_mm, millimetres(p95_mm, "P95"), VALUE_COLOUR, ours)
+        if limit_mm is not None:
+            upright(axes, limit_mm, f"limit {limit_mm:g} mm", LIMIT_COLOUR, theirs, DASHED)
+        page.explain(LEFT, 294, legend)
+        words += f". P95 is {p95_mm:.3f} mm" + ("" if limit_mm is None else f", the limit {limit_mm:g} mm") + "."
+        return page.svg(f"Distribution of the error at target {shown.target}", words)
+
+
+@dataclass(frozen=True, slots=True)
+class Scaled:
+    """A quantile with its interval beside its limit; ``others`` are further numbers, in mm."""
+
+    target: str
+    value_mm: float
+    interval_mm: tuple[float, float | None]
+    limit_mm: float | None
+    others: tuple[tuple[str, float], ...] = ()
+    quantile: str = "P95"
+    error: str = "tcp"
+    reach_mm: float = 0.0  # the scale goes as far at least, so that two pictures can be laid beside one another
+
+
+def draw_scale(shown: Scaled, name: str) -> str:
+    """The quantile with its interval on one scale with the limit."""
+    value, limit, (low, high) = shown.value_mm, shown.limit_mm, shown.interval_mm
+    end = 1.3 * max(value, high or 0.0, limit or 0.0, *(at for _, at in shown.others), shown.reach_mm, 1e-9)
+    left, y = 22, 56
+    with chart(name, 136) as page:
+        title = "error at the tool, mm" if shown.error == "tcp" else f"error of {shown.error}, mm"
+        axes = page.axes(left, 22, RIGHT, 96, title)
+        axes.grid(False)
+        axes.yaxis.set_visible(False)
+        axes.set(xlim=(0, end), ylim=(96, 22))
+        per_mm = (RIGHT - left) / end
+        if limit is not None:
+            axes.barh(y, limit, height=32, color=WITHIN)
+            axes.barh(y, end - limit, left=limit, height=32, color=BEYOND)
+            upright(axes, limit, f"limit {limit:g} mm", LIMIT_COLOUR, "left" if limit < value else "right", DASHED)
+        top = end if high is None else high
+        axes.plot([low, top], [y, y], color=VALUE_COLOUR, linewidth=4)
+        axes.plot([low, top], [y, y], "|", color=VALUE_COLOUR, markersize=16, markeredgewidth=2, clip_on=False)
+        axes.plot(value, y, "o", color=VALUE_COLOUR, markersize=10, markeredgewidth=0)
+        label = millimetres(value, shown.quantile)
+        wide = (CHARACTER * 1.08 * FONT * columns(label) + 10) / per_mm
+        after, before = max(top, value + 5 / per_mm) + 8 / per_mm, min(low, value - 5 / per_mm) - 8 / per_mm
+        look: dict[str, Any] = {"color": VALUE_COLOUR, "weight": "bold"}
+        right = limit is not None and limit < value and after < end - wide
+        if not right and before >= wide:
+            beside(axes, (before, y), label, (0, -4), ha="right", **look)
+        elif after <= end - wide:
+            beside(axes, (after, y), label, (0, -4), **look)
+        else:
+            beside(axes, (min(max(value, wide / 2), end - wide / 2), y), label, (0, 9), ha="center", **look)
+        for words, at in shown.others:
+            axes.plot(at, 88.5, "^", color=INK, markersize=8, markeredgewidth=0)
+            near = limit is not None and abs(at - limit) * per_mm < 0.35 * FONT * len(words)
+            aside = "center" if not near or limit is None else "right" if at < limit else "left"
+            beside(axes, (at, 82), words, ({"right": 3, "left": -3}.get(aside, 0), 0), ha=aside)
+        words = f"{shown.quantile} at target {shown.target} is {value:.3f} mm"
+        words += "" if high is None else f", between {low:.3f} and {high:.3f} mm"
+        words += "" if limit is None else f"; the limit is {limit:g} mm"
+        words += "".join(f"; {other} {at:.3f} mm" for other, at in shown.others) + "."
+        return page.svg(f"{shown.quantile} and limit at target {shown.target}", words)
+
+
+def draw_convergence(shown: Convergence, limit_mm: float | None, name: str) -> str:
+    """P95 of the first so many trials, each with the interval that it has by itself."""
+    points = shown.points
+    low, high = min(point.interval_mm[0] for point in points), max(point.interval_mm[1] for point in points)
+    near = limit_mm if limit_mm is not None and 2 * low - high < limit_mm < 2 * high - low else None
+    if near is not None:
+        low, high = min(low, near), max(high, near)
+    pad = 0.06 * max(high - low, 1e-9)
+    places = [log2(point.trials) for point in points]
+    with chart(name, 234) as page:
+        confidence = f"{100 * shown.confidence:g} %"
+        axes = page.axes(
+            LEFT + 10, 22, RIGHT, 190, f"trials; bars: {confidence} interval of P95, each by itself", grid="y"
+        )
+        page.say(LEFT + 4, 12, "P95, mm", ha="right", color=MUTED)
+        axes.set(xlim=(places[0] - 0.5, places[-1] + 0.5), ylim=(low - pad, high + pad))
+        axes.set_xticks(places, [f"{point.trials:,}" for point in points])
+        axes.tick_params(axis="x", length=0, pad=7)
+        ends = [[p.p95_mm - p.interval_mm[0] for p in points], [p.interval_mm[1] - p.p95_mm for p in points]]
+        axes.errorbar(
+            places, [p.p95_mm for p in points], ends, fmt="o", color=VALUE_COLOUR, elinewidth=2, markeredgewidth=0.8
+        )
+        if near is not None:
+            axes.axhline(near, color=LIMIT_COLOUR, linewidth=1.6, linestyle=DASHED)
+            beside(axes, (1.0, near), f"limit {near:g} mm", (0, 5), of="y", ha="right", color=LIMIT_COLOUR)
+        first, last = points[0], points[-1]
+        words = (
+            f"P95 at target {shown.target} by the number of trials: {first.p95_mm:.3f} mm after {first.trials:,}, "
+            f"{last.p95_mm:.3f} mm after {last.trials:,}; bars are {confidence} intervals, each by itself."
+        )
+        return page.svg(f"How P95 settled at target {shown.target}", words)
+
+
+# --- the quantile over each half-width ------------------------------------------------------------
+
+COLUMNS, PANEL = 3, (38, 188, 84)  # of small pictures; in one: room for numbers, width and height of the plot
+CAP = 1.6  # the scale ends at so many times what the quantile is: steeper curves leave it
+OTHER_COLOUR = "#7a7a7a"
+
+
+def draw_tolerances(
+    shown: ToleranceCurves,
+    name: str = "tolerances",
+    other: ToleranceCurves | None = None,
+    called: Pair = ("this design", "the other"),
+) -> str:
+    """One small picture per source, steepest first; the dot is the design as it is.
+
+    ``other``: the same of another design, drawn dashed where it has the same source; ``called``: what the two are.
+    """
+    others = {} if other is None else {(curve.contributor, curve.component): curve for curve in other.curves}
+    names = [broken(source_name(curve), 34) for curve in shown.curves]
+    rows = [names[k : k + COLUMNS] for k in range(0, len(names), COLUMNS)]
+    heads = [LINE * (max(map(len, row)) - 1) for row in rows]  # what long names take
+    low, high = _ends(shown, other)
+    height = sum(heads) + 158 * len(rows) + (42 if other is None else 58)
+    with chart(name, height) as page:
+        top = 4.0
+        for row, lines in enumerate(rows):
+            top += heads[row]
+            for column, words in enumerate(lines):
+                curve = shown.curves[row * COLUMNS + column]
+                second = others.get((curve.contributor, curve.component))
+                left = (WIDTH // COLUMNS) * column
+                for k, line in enumerate(words):
+                    page.say(left + 8, top + 12 + LINE * (k + 1 - len(words)), line, weight="bold")
+                colour = {"never": LIMIT_COLOUR, "always": BETTER}.get(curve.meets, INK)
+                page.say(left + 8, top + 27, _met(curve), color=colour)
+                axes = page.axes(left + PANEL[0], top + 38, left + PANEL[0] + PANEL[1], top + 38 + PANEL[2])
+                axes.set_ylim(low, high)
+                _panel(axes, shown, curve, None if other is None or second is None else (other, second))
+            top += 158
+        _explain_tolerances(page, shown, other, called, top + 12)
+        quantile = f"P{100 * shown.judgement.quantile:g}"
+        title = f"{quantile} of the {_error(shown)} error at target {shown.target} over each half-width"
+        return page.svg(title, _words(shown))
+
+
+def _error(shown: ToleranceCurves) -> str:
+    return "TCP" if shown.judgement.error == "tcp" else "localisation"
+
+
+def _ends(shown: ToleranceCurves, other: ToleranceCurves | None) -> tuple[float, float]:
+    """Of the upward scale that all the small pictures have."""
+    both = [shown, *([] if other is None else [other])]
+    values = [value for each in both for curve in each.curves for value in curve.quantile_mm]
+    now = [each.quantile_mm for each in both]
+    limits = [each.judgement.limit_mm for each in both if each.judgement.limit_mm is not None]
+    visible = [limit for limit in limits if limit < 2 * CAP * max(now)]
+    cap = max([CAP * max(now), *(1.1 * limit for limit in visible)])
+    high, low = min(max([*values, *now, *visible]), cap), min([*values, *now, *visible])
+    pad = 0.07 * max(high - low, 1e-6 * high, 1e-9)
+    return max(low - pad, 0.0), high + pad
+
+
+def _panel(
+    axes: Axes, shown: ToleranceCurves, curve: ToleranceCurve, second: tuple[ToleranceCurves, ToleranceCurve] | None
+) -> None:
+    widest = max(curve.half_widths[-1], second[1].half_widths[-1] if second else 0.0)
+    ticks = [widest * k / 3 for k in range(4)]
+    axes.set_xlim(0, widest)
+    axes.set_xticks(ticks, [*(f"{tick:.3g}" for tick in ticks[:3]), ""])
+    beside(axes, (widest, 0.0), f"{widest:.3g} {curve.unit}", (10, -16), of="x", ha="right", color=MUTED)
+    axes.xaxis.grid(False)
+    axes.spines["bottom"].set_visible(False)
+    axes.patch.set(facecolor="#ffffff", edgecolor=FAINT, linewidth=0.7)
+    limit = shown.judgement.limit_mm
+    if limit is not None:
+        axes.axhline(limit, color=LIMIT_COLOUR, linewidth=1.4, linestyle=DASHED)
+        if curve.largest is not None:
+            axes.plot([curve.largest] * 2, [0, limit], color=LIMIT_COLOUR, linewidth=1, linestyle=DOTTED)
+    if second is not None:
+        other, its = second
+        axes.plot(its.half_widths, its.quantile_mm, color=OTHER_COLOUR, linestyle=SHORT)
+        _dot(axes, its.half_width, other.quantile_mm, "#ffffff", OTHER_COLOUR)
+    axes.plot(curve.half_widths, curve.quantile_mm, color=VALUE_COLOUR)
+    if limit is not None and curve.largest is not None:
+        axes.plot(curve.largest, limit, "D", markersize=8.4, markerfacecolor="#ffffff", markeredgecolor=LIMIT_COLOUR)
+    _dot(axes, curve.half_width, shown.quantile_mm, VALUE_COLOUR, VALUE_COLOUR)
+
+
+def _dot(axes: Axes, x: float, y: float, fill: str, edge: str) -> None:
+    axes.plot(x, y, "o", markersize=7.2, markerfacecolor=fill, markeredgecolor=edge, markeredgewidth=1.4, clip_on=False)
+
+
+def _met(curve: ToleranceCurve) -> str:
+    """What it is, and how far it may go."""
+    now = f"{'σ' if curve.unit == 'px' else '±'} {curve.half_width:.3g} {curve.unit}"
+    if curve.meets == "no limit":
+        return now
+    if curve.meets == "never":
+        return f"{now}; 0 does not meet the limit"
+    if curve.meets == "always":
+        return f"{now}; within the limit at 3 times"
+    return f"{now}; limit met up to {curve.largest:.3g} {curve.unit}"
+
+
+def _explain_tolerances(
+    page: Chart, shown: ToleranceCurves, other: ToleranceCurves | None, called: Pair, y: float
+) -> None:
+    line_of, quantile = page.sample, f"P{100 * shown.judgement.quantile:g}"
+    target = printable(shown.target, 30)
+    marks = [(line_of(color=VALUE_COLOUR), f"{quantile} of the {_error(shown)} error at {target}, mm, first order")]
+    marks.append((line_of(color=VALUE_COLOUR, marker="o", linestyle=""), f"as it is, {shown.quantile_mm:.3f} mm"))
+    if shown.judgement.limit_mm is not None:
+        limit = line_of(color=LIMIT_COLOUR, linestyle=DASHED, linewidth=1.4)
+        marks.append((limit, f"limit {shown.judgement.limit_mm:g} mm"))
+    page.explain(8, y - 9, marks)
+    sentence = "Across: half-width of one source, σ for image noise, the others as they are."
+    if shown.left_out:
+        sentence += f" {shown.left_out} more sources change less."
+    page.say(8, y + 17, sentence, color=MUTED)
+    if other is not None:
+        names = [printable(words, 40) for words in called]
+        page.say(8, y + 33, f"Solid: {names[0]}; dashed, hollow dot: {names[1]}.", color=MUTED)
+
+
+def _words(shown: ToleranceCurves) -> str:
+    listed = "; ".join(
+        f"{source_name(curve)} {_met(curve)}, {curve.quantile_mm[0]:.3f} mm at 0 and "
+        f"{curve.quantile_mm[-1]:.3f} mm at three times"
+        for curve in shown.curves
+    )
+    limit = shown.judgement.limit_mm
+    return f"As it is: {shown.quantile_mm:.3f} mm.{'' if limit is None else f' The limit is {limit:g} mm.'} {listed}."
+
+
+# --- two designs ----------------------------------------------------------------------------------
+
+SOURCES = 218  # width of the names of sources on the page
+AT_MOST = 12
+
+
+def draw_budgets(
+    first: TargetScore, second: TargetScore, called: Pair = ("before", "after"), name: str = "budgets"
+) -> str:
+    """Standard deviation that each source adds at a target, in both designs; what only one of them has is there too."""
+    both = [_spreads(target) for target in (first, second)]
+    keys = sorted({**both[0], **both[1]}, key=lambda key: -max(each.get(key, 0.0) for each in both))
+    labels = {(e.name, e.component): source_name(e) for target in (first, second) for e in target.contributors}
+    spreads: list[tuple[str, list[float | None]]] = [
+        (labels[key], [each.get(key) for each in both]) for key in keys[:MOST_BARS]
+    ]
+
+    def together(keys: Sequence[tuple[str, str]]) -> list[float | None]:
+        return [sqrt(sum(each.get(key, 0.0) ** 2 for key in keys)) for each in both]
+
+    if len(keys) > MOST_BARS:
+        spreads.append((f"{len(keys) - MOST_BARS} more together", together(keys[MOST_BARS:])))
+    spreads.append(("all together", together(keys)))
+    rows = Rows.of([label for label, _ in spreads], 32, ROW + 8)
+    with chart(name, rows.height + 86) as page:
+        title = "standard deviation of the error at the tool, mm; the parts add as squares"
+        axes = rows.axes(page, SOURCES, 34, WIDTH - 66, title)
+        axes.set_xlim(0, 1.04 * max(value or 0.0 for _, values in spreads for value in (*values, 1e-9)))
+        least = axes.get_xlim()[1] / (WIDTH - 66 - SOURCES)
+        for middle, (_, values) in zip(rows.middles, spreads, strict=True):
+            for value, shift, colour in zip(values, (-5.5, 5.5), (FIRST_BAR, BAR), strict=True):
+                if value:
+                    axes.barh(middle + shift, max(value, least), height=10, color=colour)
+                look: dict[str, Any] = {"color": MUTED if value is None else INK, "size": 10}
+                beside(axes, (value or 0.0, middle + shift), _spread(value), (5, -3.5), **look)
+        axes.axhline(
+            rows.middles[-1] - ROW / 2 - 4, -210 / (WIDTH - 66 - SOURCES), 1, color=FAINT, linewidth=0.8, clip_on=False
+        )
+        samples = [page.patch(color=colour) for colour in (FIRST_BAR, BAR)]
+        page.explain(12, 6, [(sample, printable(words, 50)) for sample, words in zip(samples, called, strict=True)])
+        listed = "; ".join(f"{label} {_spread(values[0])} and {_spread(values[1])}" for label, values in spreads)
+        words = f"Standard deviations in mm, {called[0]} and {called[1]}: {listed}."
+        return page.svg(f"Budgets at target {second.name}, {called[0]} and {called[1]}", words)
+
+
+def _spreads(target: TargetScore) -> dict[tuple[str, str], float]:
+    """mm by contributor and component; those without spread are left out."""
+    total = sum(target.covariance_mm2[k][k] for k in range(3))
+    spreads = {
+        (entry.name, entry.component): sqrt(max(entry.variance_share * total, 0.0))
+        for entry in single_lines(target.contributors)
+    }
+    return {key: value for key, value in spreads.items() if value > 0}
+
+
+def _spread(value: float | None) -> str:
+    return "not there" if value is None else fixed(value, 3)
+
+
+def draw_errors(
+    first: ErrorDistribution, second: ErrorDistribution, p95_mm: tuple[float, float], limit_mm: float | None,
+    called: Pair = ("before", "after"), name: str = "distributions",
+) -> str:  # fmt: skip
+    """Both errors over one another: sampled shares as outlines where trials were drawn, else the first-order law."""
+    sampled = first.sampled is not None and second.sampled is not None
+    both = []
+    for entry in (first, second):
+        shares = (entry.sampled if sampled else None) or entry.first_order
+        both.append([share / (b - a) for share, a, b in zip(shares, entry.edges_mm, entry.edges_mm[1:], strict=False)])
+    with chart(name, 304) as page:
+        title = f"error at the tool, target {printable(second.target, 40)}, mm"
+        axes = page.axes(LEFT, 62, RIGHT, 262, title)
+        page.say(8, 54, "density, 1/mm", color=MUTED)
+        axes.set_xlim(0, max(first.edges_mm[-1], second.edges_mm[-1], 1.1 * (limit_mm or 0.0)))
+        axes.set_ylim(0, 1.06 * max(map(max, both)))
+        axes.stairs(both[1], second.edges_mm[: len(both[1]) + 1], fill=True, color=BAR_PALE, alpha=0.6)
+        marks = []
+        looks = ((FIRST_LINE, DASHED), (VALUE_COLOUR, "-"))
+        for entry, values, p95, words, (colour, dashes) in zip(
+            (first, second), both, p95_mm, called, looks, strict=True
+        ):
+            edges = entry.edges_mm[: len(values) + 1]
+            axes.stairs(values, edges, color=colour, linewidth=1.5, linestyle=dashes)
+            axes.axvline(p95, color=colour, linewidth=1.6, linestyle=dashes)
+            sample = page.sample(color=colour, linestyle=dashes)
+            marks.append((sample, f"{printable(words, 34)}, P95 {p95:.3f} mm"))
+        if limit_mm is not None:
+            axes.axvline(limit_mm, color=LIMIT_COLOUR, linewidth=1.6, linestyle=DOTTED)
+            marks.append((page.sample(color=LIMIT_COLOUR, linestyle=DOTTED), f"limit {limit_mm:g} mm"))
+        page.explain(12, 7, marks, labelcolor="linecolor", prop={"weight": "bold", "size": FONT})
+        how = f"Monte Carlo in bins, {first.trials:,} and {second.trials:,} trials" if sampled else "first-order law"
+        page.say(12, 38, f"{how}; upright lines: {'P95' if limit_mm is None else 'P95 and limit'}", color=MUTED)
+        words = f"P95 is {p95_mm[0]:.3f} mm {called[0]} and {p95_mm[1]:.3f} mm {called[1]}; {how}."
+        words += "" if limit_mm is None else f" The limit is {limit_mm:g} mm."
+        return page.svg(f"Errors at target {second.target}, {called[0]} and {called[1]}", words)
+
+
+def draw_differences(differences: Sequence[Difference], name: str = "differences") -> str:
+    """Second minus first of each target's P95, with its interval where trials were drawn; left of zero is smaller."""
+    shown = differences[:AT_MOST]
+    ends = [0.0, *(end for entry in shown for end in (entry.difference_mm, *(entry.interval_mm or ())))]
+    reach = max(max(ends) - min(ends), 1e-9)
+    rows = Rows.of([entry.target for entry in shown], 32, 26)
+    title = "P95 of the error at the tool, second minus first design, mm"
+    with chart(name, rows.height + 68) as page:
+        axes = rows.axes(page, SOURCES, 20, WIDTH - 24, title)
+        axes.set_xlim(min(ends) - 0.08 * reach, max(ends) + 0.08 * reach)
+        axes.axvline(0, color=INK, linewidth=1.3)
+        for middle, entry in zip(rows.middles, shown, strict=True):
+            colour = {"smaller": BETTER, "larger": LIMIT_COLOUR}.get(entry.conclusion, INK)
+            at = entry.difference_mm
+            if entry.interval_mm is not None:
+                axes.plot(
+                    entry.interval_mm,
+                    [middle] * 2,
+                    "-|",
+                    color=colour,
+                    linewidth=2.4,
+                    markersize=10,
+                    markeredgewidth=1.6,
+                )
+            axes.plot(at, middle, "o", color=colour, markersize=8, markeredgewidth=0)
+            inner = at > sum(axes.get_xlim()) / 2
+            words = f"{at:+.4f} mm".replace("-", "−")
+            beside(axes, (at, middle), words, (-2 if inner else 2, 7), size=10)
+        more = f" {len(differences) - AT_MOST} more targets are in the table." if len(differences) > AT_MOST else ""
+        listed = "; ".join(f"{entry.target} {entry.difference_mm:+.4f} mm" for entry in shown)
+        return page.svg(title, f"{listed}.{more}")
+
+
+# --- sweeps ---------------------------------------------------------------------------------------
+
+MOST_CURVES = 6
+MOST_CELLS = 40  # of a map, along each axis
+PALE, DARK = (228, 239, 248), (0, 62, 107)
+
+
+def refuse_undrawable(axes: Sequence[Sequence[float]]) -> None:
+    """Before the work: values of every axis of a sweep that no figure can show.  Raises RequestError."""
+    wide = [values for values in axes if len(set(values)) > 1]
+    if len(wide) not in (1, 2) or any(len(set(values)) < len(values) for values in axes):
+        detail = f"a figure shows one or two axes of several different values; this sweep has {len(wide)}"
+        raise RequestError(Problem("", "no-figure", detail, "take fewer axes, or --csv for a program that draws"))
+    longest = max(map(len, wide))
+    if min(map(len, wide)) > MOST_CURVES and len(wide) == 2 and longest > MOST_CELLS:
+        detail = f"a map has at most {MOST_CELLS} values along an axis; this sweep has {longest}"
+        raise RequestError(Problem("", "no-figure", detail, "take fewer values, or --csv for a program that draws"))
+
+
+def draw_sweep(sweep: Sweep, name: str = "sweep") -> str:
+    """P95 of the TCP error over one axis of several values, or two: curves, or a map where both have many.
+
+    Raises RequestError for more axes, or for none, and where every point was refused.
+    """
+    refuse_undrawable([axis.values for axis in sweep.axes])
+    if not any(point.targets for point in sweep.points):
+        raise RequestError(Problem("", "no-figure", "every point was refused: there is nothing to draw"))
+    wide = [place for place, axis in enumerate(sweep.axes) if len(axis.values) > 1]
+    if len(wide) == 2 and min(len(sweep.axes[place].values) for place in wide) > MOST_CURVES:
+        return _draw_map(sweep, wide[0], wide[1], name)
+    return _draw_curves(sweep, wide, name)
+
+
+def _axis_name(axis: SweepAxis) -> str:
+    return printable(axis.pointer + (f", {axis.unit}" if axis.unit else ""), LONGEST)
+
+
+def _how(sweep: Sweep) -> str:
+    return "first order" if sweep.check == "score" else f"Monte Carlo, seed {sweep.seed}; bars: intervals"
+
+
+def _sweep_title(sweep: Sweep) -> str:
+    return f"Sweep: {sweep.provenance.design_name}"
+
+
+def _worst(point: SweepPoint) -> SweepTarget:
+    return max(point.targets, key=lambda target: target.p95_mm)
+
+
+def _draw_curves(sweep: Sweep, wide: Sequence[int], name: str) -> str:
+    """Targets are curves where one axis varies; where two do, the values of the shorter one, at the worst target."""
+    along = max(wide, key=lambda place: (len(sweep.axes[place].values), place))
+    other = next((place for place in wide if place != along), None)
+    curves: dict[str, list[tuple[float, SweepTarget, bool]]] = {}
+    for point in sorted(sweep.points, key=lambda point: point.values[along]):
+        x, fails = point.values[along], point.verdict == "fail"
+        if other is None:
+            for target in point.targets:
+                curves.setdefault(target.name, []).append((x, target, fails))
+        elif point.targets:  # without targets it was refused: a gap
+            unit = f" {sweep.axes[other].unit}" if sweep.axes[other].unit else ""
+            curves.setdefault(f"{point.values[other]:g}{unit}", []).append((x, _worst(point), fails))
+    shown = _how(sweep)
+    if other is not None:
+        shown += f"; curves: {_axis_name(sweep.axes[other])}; the target with the largest P95"
+    elif len(curves) > MOST_CURVES:
+        shown += f"; the {MOST_CURVES} of {len(curves)} targets with the largest P95"
+        largest = {one: max(target.p95_mm for _, target, _ in curve) for one, curve in curves.items()}
+        curves = {one: curves[one] for one in sorted(curves, key=lambda one: -largest[one])[:MOST_CURVES]}
+    refused = sum(not point.targets for point in sweep.points)
+    if refused:
+        shown += f"; {refused} of {len(sweep.points)} points were refused and are not drawn"
+    fails = any(failing for curve in curves.values() for *_, failing in curve)
+    axis = _axis_name(sweep.axes[along])
+    with headed(name, _sweep_title(sweep), shown, 352) as (page, top):
+        if fails:
+            ring = page.sample(marker="o", linestyle="", color=INK, **RING)
+            page.explain(15, top + 6, [(ring, "the design fails a requirement there")])
+        page.say(64, top + 36, "P95 of the error at the tool", weight="bold")
+        axes = page.axes(70, top + 62, 660, top + 312, axis, "P95, mm")
+        ends = []
+        for k, (one, curve) in enumerate(curves.items()):
+            colour = COLOURS[k % len(COLOURS)]
+            _draw_curve(axes, curve, colour)
+            ends.append((one, curve[-1][1].p95_mm, colour))
+        low, high = axes.dataLim.intervalx
+        axes.set_xlim(low - 0.05 * (high - low), high + 0.05 * (high - low))
+        axes.set_ylim(0, 1.06 * axes.dataLim.y1)
+        name_at_right(axes, ends, 32)
+        base = sweep.axes[along].base
+        if base is not None and axes.get_xlim()[0] <= base <= axes.get_xlim()[1]:
+            axes.axvline(base, color=FAINT, linewidth=1, linestyle=SHORT, zorder=1)
+            beside(axes, (base, 0.0), "as designed", (4, 5), of="x", color=MUTED)
+        words = "; ".join(
+            f"{one}: {curve[0][1].p95_mm:.4g} mm at {curve[0][0]:g}, {curve[-1][1].p95_mm:.4g} mm at {curve[-1][0]:g}"
+            for one, curve in curves.items()
+        )
+        return page.svg(_sweep_title(sweep), f"P95 over {axis}; {shown}. {words}.")
+
+
+def _draw_curve(axes: Axes, curve: Sequence[tuple[float, SweepTarget, bool]], colour: str) -> None:
+    x, y = [at for at, *_ in curve], [target.p95_mm for _, target, _ in curve]
+    ends = [target.p95_interval_mm or (target.p95_mm, target.p95_mm) for _, target, _ in curve]
+    if any(low < high for low, high in ends):
+        below = [at - low for at, (low, _) in zip(y, ends, strict=True)]
+        above = [high - at for at, (_, high) in zip(y, ends, strict=True)]
+        axes.errorbar(x, y, [below, above], fmt="none", ecolor=colour, elinewidth=1.2, capsize=3, capthick=1.2)
+    axes.plot(x, y, "-o", color=colour)
+    rings = [(at, target.p95_mm) for at, target, fails in curve if fails]
+    if rings:
+        axes.plot(*zip(*rings, strict=True), "o", color=colour, **RING)
+
+
+def _draw_map(sweep: Sweep, down: int, across: int, name: str) -> str:
+    """Cells coloured by P95 of the worst target."""
+    columns, rows = (sorted(sweep.axes[place].values) for place in (across, down))
+    values = {(p.values[across], p.values[down]): _worst(p).p95_mm for p in sweep.points if p.targets}
+    low, high = min(values.values()), max(values.values())
+    wide, tall = 710 / len(columns), max(300 / len(rows), 14.0)
+    cells = []
+    for k, column in enumerate(columns):
+        for j, row in enumerate(rows):
+            value = values.get((column, row))
+            share = 0.0 if value is None or isclose(high, low) else (value - low) / (high - low)
+            words = number(value, 3) if value is not None and wide >= 40 else ""
+            cells.append((k, j, "" if value is None else _shade(share), words, "#ffffff" if share > 0.45 else INK))
+    with headed(name, _sweep_title(sweep), f"{_how(sweep)}; empty: refused", 114 + tall * len(rows)) as (page, top):
+        page.say(15, top + 14, "P95 of the error at the tool, mm, at the target where it is largest", weight="bold")
+        marks = [(page.patch(color=_shade(k / 4)), number(low + (high - low) * k / 4, 3)) for k in range(5)]
+        page.explain(15, top + 24, marks)
+        page.say(15, top + 56, f"up: {_axis_name(sweep.axes[down])}", color=MUTED)
+        foot = top + 66 + tall * len(rows)
+        axes = page.axes(70, top + 66, 780, foot, _axis_name(sweep.axes[across]))
+        axes.set(xlim=(0, len(columns)), ylim=(0, len(rows)))
+        axes.grid(False)
+        axes.spines["bottom"].set_visible(False)
+        every = max(len(columns) // 12, 1)
+        places = range(0, len(columns), every)
+        axes.set_xticks([k + 0.5 for k in places], [f"{columns[k]:.4g}" for k in places])
+        axes.set_yticks([j + 0.5 for j in range(len(rows))], [f"{row:.4g}" for row in rows])
+        axes.tick_params(length=0)
+        draw_cells(axes, cells)
+        over = f"{_axis_name(sweep.axes[down])} and {_axis_name(sweep.axes[across])}"
+        return page.svg(_sweep_title(sweep), f"P95 from {low:.4g} to {high:.4g} mm over {over}.")
+
+
+def _shade(share: float) -> str:
+    """From pale to dark, so that a print in grey keeps the order."""
+    return "#" + "".join(f"{round(a + share * (b - a)):02x}" for a, b in zip(PALE, DARK, strict=True))
