@@ -58,8 +58,8 @@ from tailstack_client.models import (
 )
 from tailstack_client.types import File
 
-from tailstack_service.jobs.store.database import open_database
 from tailstack_service.jobs.store.keys import create_key
+from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.settings import Settings
 
 SECONDS = 300.0  # a cold compile cache takes a while
