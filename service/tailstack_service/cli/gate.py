@@ -83,8 +83,8 @@ def _percent(text: str) -> float:
 
 
 def _format(text: str) -> tuple[str, str | None]:
-    name, found, file = text.partition("=")
-    if name not in FORMATS or (found and not file):
+    name, equals, file = text.partition("=")
+    if name not in FORMATS or (equals and not file):
         raise argparse.ArgumentTypeError(f"expected {', '.join(FORMATS)}, perhaps with =FILE; got {text!r}")
     return name, file or None
 
@@ -97,10 +97,12 @@ def run(arguments: argparse.Namespace) -> Answer:
     from ..gate.text import summarise
     from .gate_outputs import FOR_PEOPLE, choose_outputs, record_unwritten, say
 
-    found = _find_files(arguments.design)  # before anything is written: no output becomes a design, no design an output
-    inputs = [arguments.policy, arguments.waivers, arguments.baseline, *arguments.design, *chain(*found.values())]
+    matches = _find_files(
+        arguments.design
+    )  # before anything is written: no output becomes a design, no design an output
+    inputs = [arguments.policy, arguments.waivers, arguments.baseline, *arguments.design, *chain(*matches.values())]
     outputs, wrong = choose_outputs(arguments.format or [("text", None)], [name for name in inputs if name is not None])
-    record, outputs = _make_record(arguments, outputs, wrong, found)
+    record, outputs = _make_record(arguments, outputs, wrong, matches)
     stopped = record.provenance.policy_sha256 is None  # and stderr says by what
     body = b"" if stopped and outputs.on_stdout == "text" else outputs.stdout(record)
     problems = outputs.publish(record)
@@ -136,7 +138,7 @@ def _print_body(body: str | bytes) -> list[Problem]:
 
 
 def _make_record(
-    arguments: argparse.Namespace, outputs: Outputs, wrong: list[str], found: dict[str, list[str]]
+    arguments: argparse.Namespace, outputs: Outputs, wrong: list[str], matches: dict[str, list[str]]
 ) -> tuple[GateRecord, Outputs]:
     """The record of the gate, whatever becomes of it, and the outputs that can be written to.
 
@@ -157,7 +159,7 @@ def _make_record(
         if arguments.max_regression is not None and arguments.baseline is None:
             detail = "--max-regression: without a baseline nothing is compared"
             raise RequestError(Problem("", "unused-option", detail, "--baseline FILE, or leave it out"))
-        designs = _list_files(arguments.design, found)
+        designs = _list_files(arguments.design, matches)
         files = [_show_name(name) for name in designs]
         return _judge(arguments, designs), outputs
     except KeyboardInterrupt:
@@ -217,15 +219,15 @@ def _find_files(given: list[str]) -> dict[str, list[str]]:
     return {name: sorted(glob(name, recursive=True)) for name in patterns}
 
 
-def _list_files(given: list[str], found: dict[str, list[str]]) -> list[str]:
+def _list_files(given: list[str], matches: dict[str, list[str]]) -> list[str]:
     """The designs' files: names as they are, patterns as what they match, each once.  Raises RequestError."""
     from ..problems import RequestError
 
     files: list[str] = []
     for name in given:
-        if found.get(name) == []:  # a pattern that matches nothing must not pass as nothing to complain about
+        if matches.get(name) == []:  # a pattern that matches nothing must not pass as nothing to complain about
             raise RequestError(Problem("", "no-match", f"no file matches {name!r}", "check the pattern"))
-        files += found.get(name, [name])
+        files += matches.get(name, [name])
     if not files:
         raise RequestError(Problem("", "no-design", "no design was given", "tailstack gate DESIGN..."))
     files = list({_show_name(name): name for name in reversed(files)}.values())[::-1]
@@ -299,7 +301,7 @@ def _read_design(name: str) -> GateDesign:
 
 def _place_refusal(error: TailstackError, name: str) -> TailstackError:
     """A refusal with files as findings call them; what is about the file of fiducials stands there, or, where that is
-    not to be found, at the field that names it."""
+    not to be matches, at the field that names it."""
     from tailstack.design.loading import read_source
     from tailstack.design.refusals import place
 

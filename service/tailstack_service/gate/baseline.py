@@ -43,10 +43,10 @@ class GateBaseline(GateInput):
         That of its file; or, of those whose file is not ``present`` any more, the only one of its content, of the most
         sections in common (the fiducials, or three), or of its name.
         """
-        judged = [entry for entry in self.record.designs if entry.targets]
-        gone = [entry for entry in judged if entry.file not in present]
+        designs = [entry for entry in self.record.designs if entry.targets]
+        gone = [entry for entry in designs if entry.file not in present]
         searches: tuple[Callable[[], list[GatedDesign]], ...] = (
-            lambda: [entry for entry in judged if entry.file == file],
+            lambda: [entry for entry in designs if entry.file == file],
             lambda: [entry for entry in gone if entry.sha256 == design.sha256],
             lambda: _choose_most_alike(gone, set(hash_sections(design))),
             lambda: [entry for entry in gone if entry.name == design.name],

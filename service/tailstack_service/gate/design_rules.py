@@ -11,11 +11,16 @@ from math import dist
 from tailstack.design import Design
 from tailstack.design.document import Interface, Tolerances
 from tailstack.results import Score, headline_of
+from tailstack.system import INTERFACES
 
 from ..rendering.score import shares_of
 from .case import Case, Comparison, bound_yield
 from .policy import GatePolicy, Process
 from .reading import Remark
+
+WEAKNESSES = ("flat-structure", "weak-resection", "small-parallax")  # findings of a score
+MOST_PAIRS = 10
+_COMPONENTS = ("rx", "ry", "rz", "tx", "ty", "tz")
 
 
 def find_failures(case: Case, rule: str) -> list[Remark]:
@@ -116,19 +121,13 @@ def point_at_target(case: Case, index: int) -> str:
 
 def name_largest_share(score: Score, target: str, error: str) -> str:
     """The component with the largest share of an error's variance at a target, in words; "" when nothing varies."""
-    found = next((entry for entry in score.targets if entry.name == target), None)
-    shares = [] if found is None else shares_of(found, error)
+    shares = [share for entry in score.targets if entry.name == target for share in shares_of(entry, error)]
     if not shares or shares[0][1] <= 0:
         return ""
     first, share = shares[0]
     component = "" if first.component == "all" else f".{first.component}"
     width = "" if first.half_width is None else f" (half-width {first.half_width:.3g} {first.unit})"
     return f"{first.name}{component}{width}, {share:.0%} of the variance"
-
-
-WEAKNESSES = ("flat-structure", "weak-resection", "small-parallax")
-MOST_PAIRS = 10
-_COMPONENTS = ("rx", "ry", "rz", "tx", "ty", "tz")
 
 
 def find_weaknesses(case: Case) -> list[Remark]:
@@ -146,14 +145,14 @@ def find_close_fiducials(case: Case) -> list[Remark]:
     if least is None:
         return []
     fiducials = case.design.fiducials
-    placed = list(zip(fiducials.labels, fiducials.positions_mm, strict=True))
+    points = list(zip(fiducials.labels, fiducials.positions_mm, strict=True))
     pairs = [
         (dist(here, there), first, second, k)
-        for k, (second, there) in enumerate(placed)
-        for first, here in placed[:k]
+        for k, (second, there) in enumerate(points)
+        for first, here in points[:k]
         if dist(here, there) < least
     ]
-    told = [
+    remarks = [
         Remark(
             point_at_fiducial(case.design, index),
             f"{first} and {second} are {distance:.4g} mm apart, at least {least:g} mm are required",
@@ -162,12 +161,12 @@ def find_close_fiducials(case: Case) -> list[Remark]:
         )
         for distance, first, second, index in sorted(pairs)[:MOST_PAIRS]
     ]
-    if (more := len(pairs) - len(told)) > 0:
+    if (more := len(pairs) - len(remarks)) > 0:
         pointer = "/fiducials/points" if case.design.document.fiducials.points else "/fiducials/file"
         words = f"{more} more pair{'s are' if more > 1 else ' is'} closer than {least:g} mm"
         # no waiver has to cover it: what accepts the closest pairs accepts these
-        told.append(Remark(pointer, f"{words}; told are the {MOST_PAIRS} closest", note=True))
-    return told
+        remarks.append(Remark(pointer, f"{words}; told are the {MOST_PAIRS} closest", note=True))
+    return remarks
 
 
 def find_narrow_margins(case: Case) -> list[Remark]:
@@ -210,8 +209,9 @@ def find_tight_tolerances(case: Case) -> list[Remark]:
     for process in case.rules.process_capability.processes:
         for tolerance in list_tolerances(case.design):
             least = process.min_half_width_deg if tolerance.unit == "deg" else process.min_half_width_mm
-            made = any(fnmatchcase(tolerance.name, pattern) for pattern in process.tolerances)
-            if made and least is not None and tolerance.half_width < least:
+            if least is None or tolerance.half_width >= least:
+                continue
+            if any(fnmatchcase(tolerance.name, pattern) for pattern in process.tolerances):
                 width = f"a half-width of {tolerance.half_width:g} {tolerance.unit}"
                 what = width if tolerance.stated else "not stated, so it does not vary: that"
                 message = (
@@ -240,30 +240,30 @@ def list_tolerances(design: Design) -> list[Tolerance]:
     """Every half-width that somebody manufactures or adjusts, in the order of the document; one that is left out is 0,
     or a design would pass by leaving it out."""
     document = design.document
-    found = []
-    made = document.fiducials.manufacturing
-    if made is None:
-        found.append(Tolerance("fiducials.manufacturing", "/fiducials", 0.0, "mm", stated=False))
+    manufacturing = document.fiducials.manufacturing
+    if manufacturing is None:
+        tolerances = [Tolerance("fiducials.manufacturing", "/fiducials", 0.0, "mm", stated=False)]
     else:
-        widths = made.half_width_mm if isinstance(made.half_width_mm, tuple) else (made.half_width_mm,)
-        pointer = "/fiducials/manufacturing/half_width_mm"
-        found += [Tolerance("fiducials.manufacturing", pointer, min(widths), "mm")]
-    for name in ("structure_connector", "connector_flange"):
+        widths = manufacturing.half_width_mm
+        least = min(widths) if isinstance(widths, tuple) else widths
+        tolerances = [Tolerance("fiducials.manufacturing", "/fiducials/manufacturing/half_width_mm", least, "mm")]
+    for name in INTERFACES:
         interface: Interface | None = getattr(document.interfaces, name)
         if interface is None:
             continue
         at = f"/interfaces/{name}"
         if interface.tolerances is not None:
-            found += _list_components(interface.tolerances, name, f"{at}/tolerances")
+            tolerances += _list_components(interface.tolerances, name, f"{at}/tolerances")
         elif interface.locators is None:
-            found += _list_components(Tolerances(), name, at)
-        found += [
+            tolerances += _list_components(Tolerances(), name, at)
+        tolerances += [
             Tolerance(f"{name}.{locator.name}", f"{at}/locators/{k}/half_width_mm", locator.half_width_mm, "mm")
             for k, locator in enumerate(interface.locators or ())
         ]
     if document.execution.hand_eye is not None:
-        found += _list_components(document.execution.hand_eye.tolerances, "hand_eye", "/execution/hand_eye/tolerances")
-    return found
+        at = "/execution/hand_eye/tolerances"
+        tolerances += _list_components(document.execution.hand_eye.tolerances, "hand_eye", at)
+    return tolerances
 
 
 def _list_components(tolerances: Tolerances, name: str, at: str) -> Iterator[Tolerance]:

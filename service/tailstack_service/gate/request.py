@@ -110,9 +110,9 @@ def admit_gate(
     complete["designs"] = [{k: v for k, v in entry.items() if v is not None} for entry in complete["designs"]]
     complete["today"] = request.today or today.isoformat()
     gate = read_gate(complete, limits)
-    wanted = gate.policy.document.verification.max_trials
-    if max_trials is not None and wanted > max_trials:
-        detail = f"at most {max_trials} trials are drawn for a design; {wanted} were asked for"
+    trials = gate.policy.document.verification.max_trials
+    if max_trials is not None and trials > max_trials:
+        detail = f"at most {max_trials} trials are drawn for a design; {trials} were asked for"
         hint = "ask for less, or raise TAILSTACK_MAX_TRIALS"
         raise LimitError(Problem("/policy/verification/max_trials", "too-many", detail, hint))
     for index, entry in enumerate(gate.designs):

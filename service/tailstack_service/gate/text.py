@@ -44,10 +44,10 @@ def summarise(record: GateRecord) -> list[str]:
         bad = sum(design.verdict != "pass" for design in more)
         lines.append(f"... and {len(more)} more designs, " + (f"{bad} of which do not pass" if bad else "which pass"))
     counted, _ = split_findings(record)
-    said = [finding for finding in counted if counts(finding, record.fail_level) or finding.rule == "inconclusive"]
-    lines += [f"{visible(name_place(f))}: {visible(f.message)} [{f.rule}]" for f in said[:MOST_TOLD]]
-    if len(said) > MOST_TOLD:
-        lines.append(f"... and {len(said) - MOST_TOLD} more findings that count")
+    decisive = [finding for finding in counted if counts(finding, record.fail_level) or finding.rule == "inconclusive"]
+    lines += [f"{visible(name_place(f))}: {visible(f.message)} [{f.rule}]" for f in decisive[:MOST_TOLD]]
+    if len(decisive) > MOST_TOLD:
+        lines.append(f"... and {len(decisive) - MOST_TOLD} more findings that count")
     lines.append(f"verdict: {describe_outcome(record)}")
     return [_COMMAND.sub(r"\1\\", " ".join(line.split())) for line in lines]
 
@@ -99,8 +99,8 @@ def choose_numbers(numbers: tuple[GateNumber, ...]) -> list[tuple[GateNumber, st
 def _write_table(numbers: tuple[GateNumber, ...]) -> str:
     """What decided, in mm, and of a yield the fraction of units beside it."""
     rows = [_write_row(entry, target) for entry, target in choose_numbers(numbers)]
-    shown = [title for title in rows[0] if title != "yield\n%" or any(row[title] != "-" for row in rows)]
-    return table(shown, [[row[title] for title in shown] for row in rows], left=3)
+    titles = [title for title in rows[0] if title != "yield\n%" or any(row[title] != "-" for row in rows)]
+    return table(titles, [[row[title] for title in titles] for row in rows], left=3)
 
 
 def _write_row(entry: GateNumber, target: str) -> dict[str, str]:

@@ -95,15 +95,15 @@ REPRODUCTION = (
 
 def _command(record: GateRecord) -> str:
     """The command that gives this gate again, as far as the record knows its files."""
-    made = record.provenance
+    provenance = record.provenance
     files = " ".join(shlex.quote(design.file) for design in record.designs[:MOST_FILES])
     files += " ..." if len(record.designs) > MOST_FILES else ""
     options = [f"--mode {record.mode}", f"--fail-level {record.fail_level}"]
     options += [] if record.on_inconclusive is None else [f"--on-inconclusive {record.on_inconclusive}"]
-    options += ["--policy POLICY"] if made.policy_name != "default" else []
-    options += ["--waivers WAIVERS"] if made.waivers_sha256 is not None else []
-    options += ["--baseline BASELINE"] if made.baseline_sha256 is not None else []
-    if record.max_regression_percent is not None and made.baseline_sha256 is not None:
+    options += ["--policy POLICY"] if provenance.policy_name != "default" else []
+    options += ["--waivers WAIVERS"] if provenance.waivers_sha256 is not None else []
+    options += ["--baseline BASELINE"] if provenance.baseline_sha256 is not None else []
+    if record.max_regression_percent is not None and provenance.baseline_sha256 is not None:
         options.append(f"--max-regression {record.max_regression_percent:g}")
     return f"tailstack gate {files} {' '.join(options)} --format json"
 
