@@ -89,14 +89,11 @@ class Service:
             detail = f"the proxy of the environment cannot be used: {error}"
             raise _bad_request("bad-proxy", detail, f"name an http:// proxy, or {parts.host} in NO_PROXY") from None
 
-    def ask(
-        self, method: str, path: str, data: Any = None, *, headers: Mapping[str, str] | None = None,
-        seconds: float = SECONDS,
-    ) -> httpx.Response:  # fmt: skip
+    def ask(self, method: str, path: str, data: Any = None, *, seconds: float = SECONDS) -> httpx.Response:
         """The answer to a request; ``data`` goes as JSON.  Raises RemoteError for a refusal and a silent service."""
         body = None if data is None else write_json(data).encode()
-        form = {"Accept": "application/json, */*"} | ({} if body is None else {"Content-Type": "application/json"})
-        with self._answer(method, path, body, {**form, **(headers or {})}, seconds) as answer:
+        headers = {"Accept": "application/json, */*"} | ({} if body is None else {"Content-Type": "application/json"})
+        with self._answer(method, path, body, headers, seconds) as answer:
             answer.read()
         if answer.status_code == 303 and answer.headers.get("location", "").startswith("/"):
             return self.ask("GET", answer.headers["location"], seconds=seconds)

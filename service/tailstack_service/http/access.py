@@ -209,11 +209,15 @@ class Tokens:
         import jwt
 
         try:
-            header = jwt.get_unverified_header(token)
             claims = jwt.decode(
-                token, self._key(header.get("kid")), algorithms=[self.algorithm], audience=self.audience,
-                issuer=self.issuer, leeway=CLOCK_SECONDS, options={"require": ["iss", "aud", "exp"]},
-            )  # fmt: skip
+                token,
+                self._key(jwt.get_unverified_header(token).get("kid")),
+                algorithms=[self.algorithm],
+                audience=self.audience,
+                issuer=self.issuer,
+                leeway=CLOCK_SECONDS,
+                options={"require": ["iss", "aud", "exp"]},
+            )
         except (jwt.PyJWTError, UnknownKey) as error:
             raise credential_error(f"the JSON Web Token is not accepted: {_reason(error)}") from None
         tenant = claims.get("tenant", claims.get("sub"))

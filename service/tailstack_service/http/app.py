@@ -48,9 +48,14 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
     """
     settings = load_settings() if settings is None else settings
     app = _Application(
-        title="tailstack", docs_url=None, redoc_url=None, openapi_url=None, redirect_slashes=False, lifespan=_lifespan,
+        title="tailstack",
+        docs_url=None,
+        redoc_url=None,
+        openapi_url=None,
+        redirect_slashes=False,
+        lifespan=_lifespan,
         exception_handlers=HANDLERS,
-    )  # fmt: skip
+    )
     for router in ROUTERS:
         app.include_router(router)
     storage = Storage(settings.database_url)

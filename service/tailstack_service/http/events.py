@@ -73,14 +73,13 @@ async def get_events(request: Request, service: TheService) -> Response:
 
 
 def _seat_error(service: Service, seat: Seat) -> TransportError:
-    shared = seat == "share taken"
-    setting = "max_tenant_streams" if shared else "max_streams"
-    limit, whose = getattr(service.settings, setting), " of one tenant" if shared else ""
-    problem = Problem(
-        "", "too-many-streams" if shared else "busy", f"{limit} event streams and waits{whose} are open, the limit",
-        "close one, or ask for the job's record instead; the operator's setting is " + variable(setting),
-    )  # fmt: skip
-    return TransportError("too-many-streams" if shared else "busy", problem, {"Retry-After": str(SEAT_SECONDS)})
+    if seat == "share taken":
+        slug, setting, whose = "too-many-streams", "max_tenant_streams", " of one tenant"
+    else:
+        slug, setting, whose = "busy", "max_streams", ""
+    detail = f"{getattr(service.settings, setting)} event streams and waits{whose} are open, the limit"
+    hint = f"close one, or ask for the job's record instead; the operator's setting is {variable(setting)}"
+    return TransportError(slug, Problem("", slug, detail, hint), {"Retry-After": str(SEAT_SECONDS)})
 
 
 class _EventStream(StreamingResponse):

@@ -31,10 +31,10 @@ class Metrics:
         self._requests = Counter(
             "tailstack_http_requests", "Requests answered.", ("method", "route", "status"), registry=own
         )
+        words = "Seconds until a request was answered."
         self._seconds = Histogram(
-            "tailstack_http_request_seconds", "Seconds until a request was answered.", ("method", "route"),
-            buckets=SECONDS, registry=own,
-        )  # fmt: skip
+            "tailstack_http_request_seconds", words, ("method", "route"), buckets=SECONDS, registry=own
+        )
         if shared:
             multiprocess.MultiProcessCollector(self._registry)  # type: ignore[no-untyped-call]
 
@@ -68,16 +68,12 @@ class _StoreCollector(Collector):
         for state, count in now.jobs.items():
             jobs.add_metric([state], count)
         yield jobs
+        waits = "Age of the unit that waits longest; 0: none waits."
         yield GaugeMetricFamily("tailstack_units_ready", "Units that wait for a worker.", now.ready_units)
-        yield GaugeMetricFamily(
-            "tailstack_oldest_ready_unit_seconds", "Age of the unit that waits longest; 0: none waits.",
-            now.oldest_ready_seconds,
-        )  # fmt: skip
+        yield GaugeMetricFamily("tailstack_oldest_ready_unit_seconds", waits, now.oldest_ready_seconds)
         yield GaugeMetricFamily("tailstack_units_leased", "Units in the hands of workers.", now.leased_units)
         yield CounterMetricFamily("tailstack_units_recorded", "Units recorded.", now.recorded_units)
         yield CounterMetricFamily("tailstack_units_cpu_seconds", "CPU seconds of recorded units.", now.cpu_seconds)
-        yield GaugeMetricFamily(
-            "tailstack_jobs_damaged", "Jobs that failed because something stored for them was found damaged.",
-            now.damaged_jobs,
-        )  # fmt: skip
+        damage = "Jobs that failed because something stored for them was found damaged."
+        yield GaugeMetricFamily("tailstack_jobs_damaged", damage, now.damaged_jobs)
         yield GaugeMetricFamily("tailstack_workers_alive", "Workers whose heartbeat is fresh.", now.live_workers)

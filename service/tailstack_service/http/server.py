@@ -284,10 +284,8 @@ class Child:
             if self._stopping.is_set():
                 return
             pause = FIRST_PAUSE if time.monotonic() - begun > GOOD_SECONDS else pause
-            log.warning(
-                "the %s process ended; it is started again in %g s", self.name, pause,
-                extra={"action": "child-ended", "kind": self.name, "pid": self.pid, "status": code, "seconds": pause},
-            )  # fmt: skip
+            fields = {"action": "child-ended", "kind": self.name, "pid": self.pid, "status": code, "seconds": pause}
+            log.warning("the %s process ended; it is started again in %g s", self.name, pause, extra=fields)
             if self._stopping.wait(pause):
                 return
             pause = min(2 * pause, LONGEST_PAUSE)
