@@ -28,7 +28,7 @@ from scipy.optimize import least_squares
 from tailstack.design import compile_design, load_design
 from tailstack.montecarlo import quantile_estimate, simulate
 from tailstack.propagation.linear import covariance, linearise
-from tailstack.studies.paper.published import CELLS, MM_PER_PRINTED_UNIT, S3_ANALYTIC, TRIALS, under
+from tailstack.studies.paper.published import CELLS, MM_PER_PRINTED_UNIT, S3_ANALYTIC, TRIALS, apply_setting
 from tailstack.system import Law, Mount, Reading, System, Target, View, no_sources
 from tailstack.tail.gaussian import norm_mean, norm_pdf, norm_quantile
 
@@ -83,7 +83,7 @@ def predictions(system: System) -> tuple[np.ndarray, np.ndarray]:
     values, errors, known = [], [], {}
     for cell in CELLS:
         if cell.setting not in known:
-            here = under(system, cell.setting)
+            here = apply_setting(system, cell.setting)
             model = linearise(here, here.targets[0])
             known[cell.setting] = model.localisation_bias_mm, covariance(model, "localisation")
         m, s = known[cell.setting]
@@ -103,7 +103,7 @@ def predictions(system: System) -> tuple[np.ndarray, np.ndarray]:
 
 def simplified(system: System, way: str) -> np.ndarray:
     """Standard deviations at S3's noise, propagated in one of ``WAYS``, mm."""
-    here = under(system, CELLS[-1].setting)
+    here = apply_setting(system, CELLS[-1].setting)
     model = linearise(here, here.targets[0])
     kept = np.zeros((3, 3))
     for block in model.blocks:
@@ -120,7 +120,7 @@ def residuals(p: np.ndarray, reading: Reading, ratio: np.ndarray, way: str) -> n
     depth = min((points @ view.projection[2, :3] + view.projection[2, 3]).min() for view in system.views)
     if depth < 1:
         return np.full(len(CELLS) + 5, 50.0)
-    loud = under(system, CELLS[-1].setting)
+    loud = apply_setting(system, CELLS[-1].setting)
     beyond = np.maximum(
         [NEAREST_MM / depth - 1, linearise(loud, loud.targets[0]).nonlinearity.divisor / LARGEST_NU - 1], 0
     )
@@ -144,7 +144,7 @@ def sampled_ratio(system: System, trials: int = 200_000) -> np.ndarray:
             found.append(1.0)
             continue
         if cell.setting not in known:
-            known[cell.setting] = simulate(under(system, cell.setting), trials=trials, seed=1, threads=1)
+            known[cell.setting] = simulate(apply_setting(system, cell.setting), trials=trials, seed=1, threads=1)
         sample = known[cell.setting].of(0, "localisation")
         if cell.quantity == "p95":
             found.append(quantile_estimate(known[cell.setting], 0, "localisation", 0.95, 0.95).value_mm / value)

@@ -64,8 +64,8 @@ def read_axes(design: Design, asked: Sequence[Mapping[str, Any]]) -> tuple[Axis,
                 detail = f"{pointer} is varied by {earlier.pointer} already"
                 raise SweepError(Problem(f"{where}/pointer", "given-twice", detail, "give its values once"))
         axes.append(axis)
-    if size_of(axes) > MOST_POINTS:
-        detail = f"a sweep has at most {MOST_POINTS:,} points; these axes make {size_of(axes):,}"
+    if count_points(axes) > MOST_POINTS:
+        detail = f"a sweep has at most {MOST_POINTS:,} points; these axes make {count_points(axes):,}"
         raise SweepError(Problem("/axes", "too-many", detail, "take fewer values"))
     return tuple(axes)
 
@@ -89,7 +89,7 @@ def axis_pointer(design: Design, path: str) -> str:
     return "".join(f"/{_escaped(step)}" for step in steps)
 
 
-def size_of(axes: Sequence[Axis]) -> int:
+def count_points(axes: Sequence[Axis]) -> int:
     """Points of the grid."""
     return prod(len(axis.values) for axis in axes)
 
@@ -111,7 +111,7 @@ def sweep(
     total)`` is called after each point.  Raises DesignError and IllPosedError where the design itself cannot be
     compiled, SweepError.
     """
-    total = size_of(axes)
+    total = count_points(axes)
     points: list[SweepPoint] = []
     for number in range(total):
         points += sweep_points(
@@ -119,7 +119,7 @@ def sweep(
         )
         if progress is not None:
             progress(number + 1, total)
-    return assembled(design, axes, points, check=check, trials=trials, seed=seed, max_trials=max_trials)
+    return assemble_sweep(design, axes, points, check=check, trials=trials, seed=seed, max_trials=max_trials)
 
 
 def sweep_points(
@@ -128,10 +128,10 @@ def sweep_points(
 ) -> tuple[SweepPoint, ...]:  # fmt: skip
     """Points ``first`` ... ``first + count - 1`` of the grid, the last axis running fastest."""
     found = []
-    for number in range(first, min(first + count, size_of(axes))):
+    for number in range(first, min(first + count, count_points(axes))):
         values = _values_at(axes, number)
         try:
-            varied = load_design(_changed(design, axes, values), base_directory=design.source.directory)
+            varied = load_design(_set_values(design, axes, values), base_directory=design.source.directory)
             result = (
                 score(varied)
                 if check == "score"
@@ -145,7 +145,7 @@ def sweep_points(
     return tuple(found)
 
 
-def assembled(
+def assemble_sweep(
     design: Design, axes: Sequence[Axis], points: Sequence[SweepPoint], *, check: Check, trials: int | None, seed: int,
     max_trials: int = MAX_TRIALS,
 ) -> Sweep:  # fmt: skip
@@ -238,21 +238,21 @@ def _values_at(axes: Sequence[Axis], number: int) -> tuple[float, ...]:
 # --- the document ---------------------------------------------------------------------------------
 
 
-def _changed(design: Design, axes: Sequence[Axis], values: Sequence[float]) -> Any:
+def _set_values(design: Design, axes: Sequence[Axis], values: Sequence[float]) -> Any:
     """The document with new numbers; what is not on the way to them is shared."""
     data = design.source.data
     for axis, value in zip(axes, values, strict=True):
         for place in axis.places:
-            data = _with(data, place, value)
+            data = _set_number(data, place, value)
     return data
 
 
-def _with(node: Any, place: tuple[str | int, ...], value: float) -> Any:
+def _set_number(node: Any, place: tuple[str | int, ...], value: float) -> Any:
     if not place:
         # A whole number stays one: fields that count do not take 8.0.
         return int(value) if isinstance(node, int) and value.is_integer() else value
     changed: Any = node.copy()
-    changed[place[0]] = _with(node[place[0]], place[1:], value)
+    changed[place[0]] = _set_number(node[place[0]], place[1:], value)
     return changed
 
 

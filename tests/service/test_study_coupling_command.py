@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import jsonschema
 import pytest
 
-from tailstack.studies.coupling import decimals_of
+from tailstack.studies.coupling import choose_decimals
 from tailstack_service.cli.main import main
 from tailstack_service.rendering.studies.coupling import COMPARISONS, coupling_text
 from tailstack_service.report.study_charts import draw_coupling
@@ -65,7 +65,7 @@ def test_text_fits_the_page_and_holds_every_ratio(document: dict) -> None:
     for case in study.cases:
         assert f"{case.p95_together_mm:.4g}" in text
         for _, _, which in COMPARISONS:
-            decimals = min(decimals_of(which(case)), 3)
+            decimals = min(choose_decimals(which(case)), 3)
             assert f"{round(100 * (which(case).value - 1), decimals) + 0.0:+.{decimals}f}" in text
     unwrapped = " ".join(text.split())
     assert all(case.sentence in unwrapped for case in study.cases)

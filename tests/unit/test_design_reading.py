@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from tailstack.design.reading import DEFAULT_LIMITS, Limits, _careful_copy, decode, plain_data, read_text, shown
+from tailstack.design.reading import DEFAULT_LIMITS, Limits, _careful_copy, decode, plain_data, read_text, show
 from tailstack.errors import DesignError, LimitError
 
 
@@ -174,12 +174,12 @@ def test_plain_data_refuses_what_json_has_not():
 def test_whole_numbers_beyond_every_range_are_infinite_and_told_as_they_came(digits, told):
     number = 10 ** (digits - 1)
     handed_over, negative = plain_data({"a": [number, -number]}, DEFAULT_LIMITS)["a"]
-    assert (handed_over, shown(handed_over), negative) == (math.inf, told, -math.inf)
-    assert shown(negative) == (told if digits > 4300 else "-" + told)
+    assert (handed_over, show(handed_over), negative) == (math.inf, told, -math.inf)
+    assert show(negative) == (told if digits > 4300 else "-" + told)
     if digits < 4000:
         for form in ("json", "yaml"):
             read = read_text(f'{{"a": [{number}]}}', DEFAULT_LIMITS, file=None, directory=None, form=form).data["a"][0]
-            assert (read, shown(read)) == (handed_over, told)
+            assert (read, show(read)) == (handed_over, told)
 
 
 def test_limits_are_stated():

@@ -21,16 +21,16 @@ from tailstack.studies.coupling import (
     CouplingCase,
     Ratio,
     StudyCoupling,
-    among,
-    conclusions,
+    average_near,
+    estimate_by_sections,
     level_torsor,
-    mean_about,
-    per_cent,
-    quantile_of,
-    sectioned,
-    seen,
-    side,
     study_coupling,
+    take_quantile,
+    tell_coupling,
+    tell_side,
+    widen,
+    write_conclusions,
+    write_percent,
 )
 from tailstack.system import Law, RotationForm
 
@@ -119,8 +119,8 @@ def test_first_order_predicts_what_quadrature_does_not(cube: StudyCoupling) -> N
             assert case.p95_installation_mm < 1e-12
             assert "nothing couples" in case.sentence
             continue
-        assert side(case.against_quadrature) == 1
-        assert side(case.against_sum) == -1
+        assert tell_side(case.against_quadrature) == 1
+        assert tell_side(case.against_sum) == -1
         assert abs(case.against_first_order.value - 1) < 3e-3
         for ratio in (case.against_quadrature, case.against_sum, case.against_vector_sum):
             assert ratio.first_order == pytest.approx(ratio.value, abs=5e-4)
@@ -164,7 +164,9 @@ def test_intervals_cover() -> None:
     for _ in range(300):
         x, y = rng.standard_normal((2, trials))
         a, b = np.abs(2 * x), np.abs(x + y)
-        found = sectioned(lambda part, a=a, b=b: quantile_of(a[part], 0.95) / quantile_of(b[part], 0.95), trials)
+        found = estimate_by_sections(
+            lambda part, a=a, b=b: take_quantile(a[part], 0.95) / take_quantile(b[part], 0.95), trials
+        )
         missed += not found.interval[0] <= truth <= found.interval[1]
     assert 4 <= missed <= 30
 
@@ -176,8 +178,8 @@ def test_intervals_cover_differences_smaller_than_the_gaps_between_trials() -> N
     for _ in range(300):
         x, u = rng.standard_normal((2, SECTIONS * 256))
         a, b = np.abs(x) * (1 + 1e-5 * u), np.abs(x)
-        for found, by in ((mean_about, "window"), (lambda values, p: quantile_of(values, p), "quantile")):
-            ratio = sectioned(lambda part, f=found, a=a, b=b: f(a[part], 0.95) / f(b[part], 0.95), len(x))
+        for found, by in ((average_near, "window"), (lambda values, p: take_quantile(values, p), "quantile")):
+            ratio = estimate_by_sections(lambda part, f=found, a=a, b=b: f(a[part], 0.95) / f(b[part], 0.95), len(x))
             out = not ratio.interval[0] <= 1 <= ratio.interval[1]
             missed, alone = missed + (out and by == "window"), alone + (out and by == "quantile")
     assert 4 <= missed <= 30
@@ -187,7 +189,7 @@ def test_intervals_cover_differences_smaller_than_the_gaps_between_trials() -> N
 def test_a_mean_about_a_quantile_is_over_its_share_of_the_trials() -> None:
     """closed_form: of 1 .. 1000 in any order those of rank 940 to 960."""
     values = np.random.default_rng(7).permutation(np.arange(1.0, 1001.0))
-    assert mean_about(values, 0.95) == np.arange(940.0, 961.0).mean()
+    assert average_near(values, 0.95) == np.arange(940.0, 961.0).mean()
 
 
 def test_the_answer_is_the_seed_s() -> None:
@@ -203,20 +205,20 @@ def test_words_follow_the_intervals(cube: StudyCoupling) -> None:
     above, below, open_ = (
         Ratio(v, i, None) for v, i in ((1.02, (1.01, 1.03)), (0.98, (0.97, 0.99)), (1.01, (0.99, 1.03)))
     )
-    assert [seen(ratio) for ratio in (above, below, open_)] == ["more", "less", "none seen"]
-    assert seen(Ratio(1 + 1e-12, (1 + 5e-13, 1 + 2e-12), None)) == "none seen"
-    assert per_cent(above) == "+2.0 %"
+    assert [tell_coupling(ratio) for ratio in (above, below, open_)] == ["more", "less", "none seen"]
+    assert tell_coupling(Ratio(1 + 1e-12, (1 + 5e-13, 1 + 2e-12), None)) == "none seen"
+    assert write_percent(above) == "+2.0 %"
     case = case_of(cube, "physical", 2.0)
 
     def with_sum(ratio: Ratio) -> CouplingCase:
-        return replace(case, against_vector_sum=ratio, coupling=seen(ratio))
+        return replace(case, against_vector_sum=ratio, coupling=tell_coupling(ratio))
 
-    assert conclusions([with_sum(open_)])[0].startswith("No coupling is seen")
-    assert "not more than the parts" in conclusions([with_sum(below)])[0]
-    assert "In 1 of 2 cases the tail is more" in conclusions([with_sum(above), with_sum(below)])[0]
+    assert write_conclusions([with_sum(open_)])[0].startswith("No coupling is seen")
+    assert "not more than the parts" in write_conclusions([with_sum(below)])[0]
+    assert "In 1 of 2 cases the tail is more" in write_conclusions([with_sum(above), with_sum(below)])[0]
     exceeded = replace(case, against_sum=above)
-    assert "is exceeded in 1 of 1 cases" in conclusions([exceeded])[0]
-    assert conclusions([replace(case, against_quadrature=below)])[1].startswith(
+    assert "is exceeded in 1 of 1 cases" in write_conclusions([exceeded])[0]
+    assert write_conclusions([replace(case, against_quadrature=below)])[1].startswith(
         "P95 is nowhere seen above the quadrature"
     )
 
@@ -226,16 +228,16 @@ def test_conclusions_hold_together() -> None:
     ninety cases without coupling, 40 times over: conclusions by themselves would be wrong in nearly all, together they
     are in 5 % (more than six once in 300).  Seed 12."""
     one = Ratio(1.01, (1.0, 1.02), None)
-    low, high = among(one, 90).interval
+    low, high = widen(one, 90).interval
     assert (high - low) / 0.02 == pytest.approx(3.85 / 2.0395, rel=0.01)
-    assert among(one, 1).interval == pytest.approx(one.interval)
+    assert widen(one, 1).interval == pytest.approx(one.interval)
     rng, wrong, alone = np.random.default_rng(12), 0, 0
     values = 1 + rng.standard_normal((40, 90)) / 1000
     halves = 2.0395 * np.sqrt(rng.chisquare(31, values.shape) / 31) / 1000
     for rows in zip(values, halves, strict=True):
         ratios = [Ratio(float(v), (float(v - h), float(v + h)), None) for v, h in zip(*rows, strict=True)]
-        wrong += any(side(among(ratio, 90)) for ratio in ratios)
-        alone += any(side(ratio) for ratio in ratios)
+        wrong += any(tell_side(widen(ratio, 90)) for ratio in ratios)
+        alone += any(tell_side(ratio) for ratio in ratios)
     assert alone >= 35
     assert wrong <= 6
 

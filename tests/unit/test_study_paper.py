@@ -24,15 +24,15 @@ from tailstack.geometry.camera import depths
 from tailstack.montecarlo import compile_plan, evaluate
 from tailstack.propagation.linear import linearise
 from tailstack.propagation.second_order import second_order_moments
-from tailstack.studies.paper.published import CELLS, LEVELS, S3_ANALYTIC, TRIALS, Setting, under
+from tailstack.studies.paper.published import CELLS, LEVELS, S3_ANALYTIC, TRIALS, Setting, apply_setting
 from tailstack.studies.paper.reproduce import (
     Case,
     StudyPaper,
-    level_ratios,
-    paper_study,
-    sampled,
-    statistic,
-    ways,
+    compute_level_ratios,
+    estimate,
+    list_propagations,
+    study_paper,
+    take_sample,
 )
 from tailstack.system import Reading, RotationForm, Triangulation, View
 
@@ -64,7 +64,7 @@ def oracle_system(name: str):
 
 @cache
 def study() -> StudyPaper:
-    return paper_study([Case(oracle_system(name), True) for name in "AB"], trials=60_000, seed=5)
+    return study_paper([Case(oracle_system(name), True) for name in "AB"], trials=60_000, seed=5)
 
 
 def oracle_name(cell) -> str:
@@ -161,11 +161,11 @@ def test_what_every_simplification_leaves_out(place: int):
 def test_second_order_of_s3_is_that_of_the_oracle():
     """oracle: Hessians of the plain 4x4 triangulation made elsewhere, in metres (this form depends on units)."""
     system = replace(scene("A", 2.0), triangulation=Triangulation.PUBLISHED)
-    at = sampled(system, 0, Setting(0.0, 0.0, 2.0), 100, 1)
-    found = {name: std for name, _, std in ways(system, 0, at)}
+    at = take_sample(system, 0, Setting(0.0, 0.0, 2.0), 100, 1)
+    found = {name: std for name, _, std in list_propagations(system, 0, at)}
     assert found["second order"] == pytest.approx(np.array(ORACLE["A"]["exact"]["second_order_std"]), rel=1e-5)
-    loud = sampled(system, 0, Setting(0.0, 0.0, 5.0), 100, 1)  # nu = 0.1
-    assert "second order" not in {name for name, _, _ in ways(system, 0, loud)}
+    loud = take_sample(system, 0, Setting(0.0, 0.0, 5.0), 100, 1)  # nu = 0.1
+    assert "second order" not in {name for name, _, _ in list_propagations(system, 0, loud)}
 
 
 def test_the_error_at_the_tool_is_the_3d_error_in_both_readings_and_a_second_interface_sets_them_apart():
@@ -175,7 +175,7 @@ def test_the_error_at_the_tool_is_the_3d_error_in_both_readings_and_a_second_int
             assert cell.tcp_mm == pytest.approx(cell.value_mm, rel=1e-9, abs=1e-9)
     loose = compile_design(load_design(ROOT / "examples" / "demo.yaml"))
     for reading in Reading:
-        (geometry,) = paper_study([Case(replace(loose, reading=reading), False)], trials=40_000).geometries
+        (geometry,) = study_paper([Case(replace(loose, reading=reading), False)], trials=40_000).geometries
         norms = [cell for cell in geometry.cells if cell.table != "S3"]
         assert [cell.tcp_mm for cell in norms] == pytest.approx([cell.value_mm for cell in norms], rel=1e-9, abs=1e-9)
     result = score(loose).targets[0]
@@ -212,7 +212,7 @@ def test_scatter_of_a_statistic_over_experiments_of_the_papers_size(quantity):
     """closed form (chi with 3 degrees of freedom) and sampled: 600 experiments, whose standard deviation is good to
     2.9 %; four of these."""
     rng = np.random.default_rng(17)
-    found = statistic(rng.standard_normal((3, 200_000)), quantity)
+    found = estimate(rng.standard_normal((3, 200_000)), quantity)
     q = chi.ppf(0.95, 3)
     expected = {
         "mean": (chi.mean(3), chi.std(3) / sqrt(TRIALS)),
@@ -223,7 +223,7 @@ def test_scatter_of_a_statistic_over_experiments_of_the_papers_size(quantity):
     assert found.published_error == pytest.approx(expected[1], rel=0.05)
     assert found.standard_error == pytest.approx(expected[1] / 10, rel=0.05)
     experiments = rng.standard_normal((600, 3, TRIALS))
-    values = [statistic(one, quantity).value for one in experiments]
+    values = [estimate(one, quantity).value for one in experiments]
     assert np.std(values) == pytest.approx(found.published_error, rel=0.116)
 
 
@@ -231,20 +231,20 @@ def test_z_counts_one_percent_of_true_cells_as_outside():
     """sampled: 3,000 printed means of the chi law, three decimals of its unit; 30 expected beyond the 99 % band, and
     14 to 48 with probability 0.998."""
     from tailstack.studies.paper.published import Printed
-    from tailstack.studies.paper.reproduce import cell
+    from tailstack.studies.paper.reproduce import compare_cell
 
     setting = Setting(0.0, 0.0, 0.5)
-    at = sampled(replace(cube8_system(), name="z"), 0, setting, 40_000, 1)
-    whole = statistic(at.localisation, "mean")
+    at = take_sample(replace(cube8_system(), name="z"), 0, setting, 40_000, 1)
+    whole = estimate(at.localisation, "mean")
     rng = np.random.default_rng(3)
     beyond = 0
     for _ in range(3000):
         value = rng.normal(whole.value, whole.published_error)
         printed = Printed("S1", "row", "mean", setting, round(value * 1e-3, 6), 6)
-        beyond += bool(cell(at, "S1", "row", "mean", printed).outside)
+        beyond += bool(compare_cell(at, "S1", "row", "mean", printed).outside)
     assert 14 <= beyond <= 48
     far = Printed("S1", "row", "mean", setting, round(1.2e-3 * whole.value, 6), 6)
-    outside = cell(at, "S1", "row", "mean", far)
+    outside = compare_cell(at, "S1", "row", "mean", far)
     assert outside.outside
     assert outside.z > norm.ppf(0.995)
     assert not outside.band_mm[0] <= outside.printed_mm <= outside.band_mm[1]
@@ -254,7 +254,7 @@ def test_z_counts_one_percent_of_true_cells_as_outside():
 def test_levels_of_s4_move_the_target_rigidly_and_leave_no_residual(reading: Reading):
     """closed form: |T q - q|, and the displaced structure seen with the true projections."""
     system = cube8_system(reading=reading)
-    rows = level_ratios(system, 0, dict(zip(LEVELS, (0.1, 0.2, 0.3), strict=True)))
+    rows = compute_level_ratios(system, 0, dict(zip(LEVELS, (0.1, 0.2, 0.3), strict=True)))
     assert [row.level for row in rows] == list(LEVELS)
     q, pivot = system.targets[0].position_mm, system.structure_connector.pivot_mm
     for row in rows:
@@ -290,7 +290,7 @@ def test_reprojection_with_noise_does_not_follow_the_level():
 def test_nu_is_that_of_the_largest_noise_of_the_tables():
     """closed form: nu is proportional to the noise."""
     for name, geometry in zip("AB", study().geometries, strict=True):
-        system = under(oracle_system(name), Setting(0.0, 0.0, 1.0))
+        system = apply_setting(oracle_system(name), Setting(0.0, 0.0, 1.0))
         assert geometry.nu == pytest.approx(5 * linearise(system, system.targets[0]).nu, rel=1e-9)
 
 
@@ -373,7 +373,7 @@ def test_the_means_of_s3_differ_by_less_than_noise_can_tell():
     for name, geometry in zip("AB", study().geometries, strict=True):
         factor = geometry.factor
         assert factor.printed_mean_difference_mm == pytest.approx((0.0, 0.0, 1.0))
-        here = under(oracle_system(name), Setting(0.0, 0.0, 2.0))
+        here = apply_setting(oracle_system(name), Setting(0.0, 0.0, 2.0))
         plan = compile_plan(here)
         gains = [block.localisation * block.std for block in linearise(here, here.targets[0]).blocks]
         shift, _ = second_order_moments(lambda z, p=plan: evaluate(p, z)[:, 0, 1], plan.standard_std, np.hstack(gains))
@@ -384,9 +384,9 @@ def test_the_means_of_s3_differ_by_less_than_noise_can_tell():
 
 def test_same_seed_same_digits_whatever_the_threads():
     case = [Case(cube8_system(), False)]
-    first = paper_study(case, trials=40_000, seed=9, threads=1)
-    assert paper_study(case, trials=40_000, seed=9, threads=2) == first
-    other = paper_study(case, trials=40_000, seed=10, threads=2)
+    first = study_paper(case, trials=40_000, seed=9, threads=1)
+    assert study_paper(case, trials=40_000, seed=9, threads=2) == first
+    other = study_paper(case, trials=40_000, seed=10, threads=2)
     assert other.geometries[0].cells[0].value_mm != first.geometries[0].cells[0].value_mm
     assert first.geometries[0].compared_cells == first.geometries[0].outside_cells == 0
 
@@ -401,7 +401,7 @@ def test_what_the_design_has_of_its_own_errors_stays_out():
         manufacturing_half_width_mm=read_only(np.zeros_like(loud.fiducials_mm)),
         requirements=(),
     )
-    found = [paper_study([Case(one, False)], trials=40_000).geometries[0] for one in (loud, quiet)]
+    found = [study_paper([Case(one, False)], trials=40_000).geometries[0] for one in (loud, quiet)]
     assert [cell.value_mm for cell in found[0].cells] == [cell.value_mm for cell in found[1].cells]
     at_rest = next(cell for cell in found[0].cells if cell.row == "L2, 0 px")
     assert at_rest.tcp_mm == pytest.approx(at_rest.value_mm, rel=1e-9)  # rigid transforms keep the norm
@@ -413,7 +413,7 @@ def test_the_shipped_geometries_give_s1_and_the_counts_that_the_page_states():
         for name in ("eq18", "physical")
     ]
     other = compile_design(load_design(ROOT / "examples" / "paper" / "c_arm.yaml"))
-    *both, arm = paper_study([*fitted, Case(other, False)]).geometries
+    *both, arm = study_paper([*fitted, Case(other, False)]).geometries
     page = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
     columns = [{one.name: one.std_mm for one in geometry.factor.propagations} for geometry in both]
     assert " / ".join(f"{value:.3g}" for value in columns[0]["without matrix 2"]) in page
@@ -433,4 +433,4 @@ def test_the_shipped_geometries_give_s1_and_the_counts_that_the_page_states():
 
 def test_too_few_trials_are_refused():
     with pytest.raises(StudyError, match="at least 40000"):
-        paper_study([Case(cube8_system(), False)], trials=2000)
+        study_paper([Case(cube8_system(), False)], trials=2000)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tailstack import load_design, score, verify
-from tailstack.sweeping import SweepError, axis_pointer, read_axes, size_of, sweep, sweep_points
+from tailstack.sweeping import SweepError, axis_pointer, count_points, read_axes, sweep, sweep_points
 
 DEMO = load_design(Path(__file__).parents[2] / "examples" / "demo.yaml")
 NOISE = "/views/0/fiducial_noise_px"
@@ -118,7 +118,7 @@ def test_whole_numbers_stay_whole() -> None:
 
 def test_parts_of_the_grid_are_the_grid() -> None:
     axes = read_axes(DEMO, [{"pointer": NOISE, "values": [0.2, 0.4]}, {"pointer": RZ, "values": [0.1, 0.2, 0.3]}])
-    assert size_of(axes) == 6
+    assert count_points(axes) == 6
     whole = sweep(DEMO, axes).points
     assert (*sweep_points(DEMO, axes, 0, 4), *sweep_points(DEMO, axes, 4, 4)) == whole
 

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from tailstack.design import Design
-from tailstack.design.reading import shown
+from tailstack.design.reading import show
 from tailstack.design.refusals import escape, place, refuse
 from tailstack.errors import Problem
 from tailstack.version import __version__
@@ -76,14 +76,14 @@ def read_baseline(given: Given, *, name: str = "baseline", prefix: str = "") -> 
 def _find_bad_number(data: Any, seed: int) -> Problem | None:
     """A number that no record holds, if there is one: a baseline is written by tailstack, but read from anywhere."""
     if not 0 <= seed < 2**63:
-        return Problem("/seed", "out-of-range", f"a seed is a whole number from 0 to {2**63 - 1}; got {shown(seed)}")
+        return Problem("/seed", "out-of-range", f"a seed is a whole number from 0 to {2**63 - 1}; got {show(seed)}")
     open_ends: list[tuple[str, Any]] = [("", data)]
     while open_ends:
         pointer, item = open_ends.pop()
         if isinstance(item, float) and not isfinite(item):
             return Problem(pointer, "not-finite", "the number is too large")
         if pointer.endswith("p95_mm") and item is not None and (not isinstance(item, int | float) or item < 0):
-            return Problem(pointer, "wrong-type", f"expected a number of 0 or more; got {shown(item)}")
+            return Problem(pointer, "wrong-type", f"expected a number of 0 or more; got {show(item)}")
         children = item.items() if isinstance(item, dict) else enumerate(item) if isinstance(item, list) else ()
         open_ends += [(f"{pointer}/{escape(step)}", child) for step, child in children]
     return None

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from tailstack.design.loading import read_source
-from tailstack.design.reading import DEFAULT_LIMITS, Source, shown
+from tailstack.design.reading import DEFAULT_LIMITS, Source, show
 from tailstack.design.refusals import place, refuse
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.json_text import write_json
@@ -68,9 +68,9 @@ def read_data(given: Given, schema: str, prefix: str, hint: str) -> Source:
         raise GateError(add_prefix(problems, prefix)) from None
     data = source.data
     if not isinstance(data, dict):
-        problem = Problem("", "wrong-type", f"expected a mapping of fields; got {shown(data)}", hint)
+        problem = Problem("", "wrong-type", f"expected a mapping of fields; got {show(data)}", hint)
     elif data.get("schema") != schema:
-        arrived = shown(data["schema"]) if "schema" in data else "no schema"
+        arrived = show(data["schema"]) if "schema" in data else "no schema"
         pointer = "/schema" if "schema" in data else ""
         detail = f"this is read as {schema}; got {arrived}"
         problem = Problem(pointer, "unsupported-schema", detail, f"schema: {schema}")

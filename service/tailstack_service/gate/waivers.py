@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, field_validator
 
 from tailstack.design.document import without_null
 from tailstack.design.fields import Name, Record, refusal
-from tailstack.design.reading import shown
+from tailstack.design.reading import show
 from tailstack.design.refusals import place
 from tailstack.errors import Problem
 
@@ -123,7 +123,7 @@ def _check_waiver(waiver: Waiver, index: int, today: date) -> list[Problem]:
     if rule is None or rule.worse == "fixed":
         known = [name for name, entry in RULES.items() if entry.worse != "fixed"]
         close = get_close_matches(waiver.rule, known, 1)
-        detail = f"no rule is called {shown(waiver.rule)}" if rule is None else f"{waiver.rule} cannot be waived"
+        detail = f"no rule is called {show(waiver.rule)}" if rule is None else f"{waiver.rule} cannot be waived"
         hint = f"did you mean {close[0]}?" if close else f"rules: {', '.join(known)}"
         return [Problem(f"{at}/rule", "unknown-value", detail, hint)]
     problems = []

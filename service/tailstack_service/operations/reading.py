@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from tailstack.design.loading import read_source
-from tailstack.design.reading import Limits, Source, shown
+from tailstack.design.reading import Limits, Source, show
 from tailstack.design.refusals import escape, place, refuse
 from tailstack.errors import DesignError, LimitError, Problem
 from tailstack.results.older import in_words_of_today
@@ -58,7 +58,7 @@ def result_of(source: Source, schema: str, file: str, limits: Limits = LIMITS) -
         problem = Problem(
             "/schema",
             "unsupported-schema",
-            f"no report is made of {shown(schema)}",
+            f"no report is made of {show(schema)}",
             f"results: {', '.join(reported())}",
         )
         raise RequestError(_in_file(place(problem, source), file))
@@ -90,7 +90,7 @@ def _strays(given: Any, kept: Any, at: str) -> Iterator[Problem]:
         for index, (one, other) in enumerate(zip(given, kept, strict=True)):
             yield from _strays(one, other, f"{at}/{index}")
     elif isinstance(given, bool) != isinstance(kept, bool) or given != kept:
-        yield Problem(at, "wrong-type", f"{shown(given)} does not belong here")
+        yield Problem(at, "wrong-type", f"{show(given)} does not belong here")
 
 
 def _gaps(given: Any, at: str) -> Iterator[Problem]:

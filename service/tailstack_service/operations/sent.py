@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from tailstack.design import Design, load_design
-from tailstack.design.reading import DEFAULT_LIMITS, Limits, Source, Vast, decode, read_text, shown
+from tailstack.design.reading import DEFAULT_LIMITS, Limits, Source, Vast, decode, read_text, show
 from tailstack.design.refusals import pointer
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.json_text import write_json
@@ -112,30 +112,30 @@ def _translate(entry: Any, known: list[str], options: type[Options]) -> Problem:
         name = str(entry["loc"][-1])
         close = difflib.get_close_matches(name, known, 1)
         hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(known)}"
-        return Problem(pointer, "unknown-field", f"there is no option {shown(name)[9:]}", hint)
+        return Problem(pointer, "unknown-field", f"there is no option {show(name)[9:]}", hint)
     if kind == "missing":
         detail = f"the field {str(entry['loc'][-1])!r} is required"
         return Problem(pointer.rpartition("/")[0], "missing-field", detail, "GET /openapi.json describes it")
     if isinstance(value, Vast):
-        return Problem(pointer, "out-of-range", f"the number is too large; got {shown(value)}")
+        return Problem(pointer, "out-of-range", f"the number is too large; got {show(value)}")
     if kind in _WANTED:
-        return Problem(pointer, "wrong-type", f"expected {_WANTED[kind]}; got {shown(value)}")
+        return Problem(pointer, "wrong-type", f"expected {_WANTED[kind]}; got {show(value)}")
     if kind == "finite_number":
-        return Problem(pointer, "not-finite", f"must be a finite number; got {shown(value)}")
+        return Problem(pointer, "not-finite", f"must be a finite number; got {show(value)}")
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         word = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below"}.get(kind, "at most")
         limit = next(context[key] for key in ("gt", "ge", "lt", "le") if key in context)
-        return Problem(pointer, "out-of-range", f"must be {word} {limit}; got {shown(value)}")
+        return Problem(pointer, "out-of-range", f"must be {word} {limit}; got {show(value)}")
     if kind == "literal_error":
-        return Problem(pointer, "unknown-value", f"must be {context['expected']}; got {shown(value)}")
+        return Problem(pointer, "unknown-value", f"must be {context['expected']}; got {show(value)}")
     if kind in ("too_short", "too_long"):
         word, bound = ("at least", "min_length") if kind == "too_short" else ("at most", "max_length")
         many = f"{context[bound]} {'entry' if context[bound] == 1 else 'entries'}"
-        detail = f"needs {word} {many}; got {shown(value)}"
+        detail = f"needs {word} {many}; got {show(value)}"
         return Problem(pointer, kind.replace("_", "-"), detail, _example(entry["loc"], options))
     if kind in ("string_too_short", "string_too_long"):
         bound = "must not be empty" if kind == "string_too_short" else f"has at most {context['max_length']} characters"
-        return Problem(pointer, "bad-text", f"the text {bound}; got {shown(value)}", _example(entry["loc"], options))
+        return Problem(pointer, "bad-text", f"the text {bound}; got {show(value)}", _example(entry["loc"], options))
     return Problem(pointer, kind.replace("_", "-"), f"{entry['msg']}")
 
 
@@ -250,7 +250,7 @@ def parse_json(body: bytes, settings: Settings) -> dict[str, Any]:
         raise MalformedError(error.problems) from None
     if not isinstance(data, dict):
         hint = 'send {"design": {...}}'
-        raise RequestError(Problem("", "wrong-type", f"the body is a JSON object; got {shown(data)}", hint))
+        raise RequestError(Problem("", "wrong-type", f"the body is a JSON object; got {show(data)}", hint))
     return data
 
 
@@ -263,7 +263,7 @@ def design_of(data: dict[str, Any], settings: Settings, field: str = "design") -
             hint = "the design document goes here: GET /v1/schemas/design"
         raise RequestError(Problem("", "missing-field", f"the field {field!r} is required", hint))
     if not isinstance(data[field], dict):
-        problem = Problem("", "wrong-type", f"a design is a mapping of fields; got {shown(data[field])}")
+        problem = Problem("", "wrong-type", f"a design is a mapping of fields; got {show(data[field])}")
         raise Placed(DesignError(problem), f"/{field}")
     return load(Source(data[field], None, None), settings, f"/{field}")  # read strictly with the body: plain data
 

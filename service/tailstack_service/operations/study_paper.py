@@ -54,11 +54,11 @@ def _study(call: Call) -> StudyPaper:
 def _reproduce(fitted: list[Design], other: Design, call: Call) -> StudyPaper:
     """fitted: designs whose geometry was fitted to the tables; other: one that is not compared with them."""
     from tailstack.design import compile_design
-    from tailstack.studies.paper.reproduce import Case, paper_study
+    from tailstack.studies.paper.reproduce import Case, study_paper
 
     cases = [*(Case(compile_design(design), True) for design in fitted), Case(compile_design(other), False)]
     options = call.options
-    return paper_study(cases, trials=options.trials, seed=options.seed, threads=call.threads, progress=call.progress)
+    return study_paper(cases, trials=options.trials, seed=options.seed, threads=call.threads, progress=call.progress)
 
 
 def _check(request: Request, settings: Settings) -> None:

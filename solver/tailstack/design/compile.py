@@ -279,19 +279,19 @@ def compile_view(view: Any, pointer: str, fiducials: Array, notes: list[str]) ->
     """A view of the document with its projection, con mm to px; ``notes`` is added to."""
     size: tuple[int, int] | None
     if isinstance(view, PresetView | DistanceView):
-        return _aimed(view)
+        return _aim_view(view)
     if isinstance(view, PinholeView):
         k = intrinsic_matrix(view.intrinsics.focal_px, view.intrinsics.principal_point_px, view.intrinsics.skew_px)
         projection = projection_from_pose(k, compile_transform(view.pose, f"{pointer}/pose", notes))
         size = view.image_size_px
     else:
         assert isinstance(view, MatrixView)
-        projection, size = _given(view, pointer, fiducials), view.image_size_px
+        projection, size = _read_matrix(view, pointer, fiducials), view.image_size_px
     return View(view.name, frozen(projection), view.fiducial_noise_px, view.target_noise_px, size)
 
 
 @kept
-def _aimed(view: PresetView | DistanceView) -> View:
+def _aim_view(view: PresetView | DistanceView) -> View:
     """A preset fills in what the view leaves open; loading has made sure that nothing stays open."""
     preset = PRESETS[view.preset] if isinstance(view, PresetView) else None
 
@@ -339,7 +339,7 @@ def refuse_behind_detector(
             )
 
 
-def _given(view: MatrixView, pointer: str, fiducials: Array) -> Array:
+def _read_matrix(view: MatrixView, pointer: str, fiducials: Array) -> Array:
     matrix = np.array(view.projection)
     left = matrix[:, :3] / max(float(np.abs(matrix[:, :3]).max()), 1e-300)
     # rows of a projection differ by the focal length in px; scaling each makes the rank a matter of directions
@@ -377,7 +377,7 @@ def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str
         if value.quaternion_wxyz is not None:
             norm = float(np.linalg.norm(value.quaternion_wxyz))
             if abs(norm - 1) > 1e-3:
-                raise _not_rigid(f"{pointer}/quaternion_wxyz", f"the quaternion's norm is {norm:.6g}, not 1")
+                raise _refuse_not_rigid(f"{pointer}/quaternion_wxyz", f"the quaternion's norm is {norm:.6g}, not 1")
             rotation = rotation_from_quaternion(np.array(value.quaternion_wxyz))
             return frozen(rigid_transform(rotation, translation)), ()
         rotation = np.eye(3) if value.rotation is None else np.array(value.rotation)
@@ -385,7 +385,7 @@ def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str
     else:
         matrix = np.array(value)
         if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0:
-            raise _not_rigid(f"{pointer}/3", f"the last row is {matrix[3].tolist()}, not [0, 0, 0, 1]")
+            raise _refuse_not_rigid(f"{pointer}/3", f"the last row is {matrix[3].tolist()}, not [0, 0, 0, 1]")
         if np.abs(matrix[:3, 3]).max() > 1e5:
             raise DesignError(Problem(pointer, "out-of-range", "the translation is longer than 100 m"))
         rotation, translation = matrix[:3, :3], matrix[:3, 3]
@@ -395,7 +395,7 @@ def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str
         what = (
             "it is a reflection, or far from a rotation" if defect == float("inf") else f"R'R - I reaches {defect:.2g}"
         )
-        raise _not_rigid(pointer, f"its rotation is not a rotation: {what}")
+        raise _refuse_not_rigid(pointer, f"its rotation is not a rotation: {what}")
     if defect > 1e-12:
         left, _, right = np.linalg.svd(rotation)
         rotation = left @ right
@@ -403,7 +403,7 @@ def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str
     return frozen(rigid_transform(rotation, translation)), (rounded,) if defect > 1e-9 else ()
 
 
-def _not_rigid(pointer: str, detail: str) -> DesignError:
+def _refuse_not_rigid(pointer: str, detail: str) -> DesignError:
     return DesignError(
         Problem(
             pointer,

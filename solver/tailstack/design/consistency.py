@@ -41,11 +41,13 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
     problems += _too_many("/fiducials/origin/left_out", "points that were left out", len(left_out), limits.fiducials)
     problems += _too_many("/targets", "targets", sum(map(sample_count, document.targets)), limits.targets)
     problems += _too_many("/requirements", "requirements", len(document.requirements), limits.targets)
-    problems += unique([view.name for view in document.views], "/views/{}/name".format, "views")
+    problems += find_duplicates([view.name for view in document.views], "/views/{}/name".format, "views")
     named = [target.name for target in document.targets]
-    problems += unique(named, "/targets/{}/name".format, "targets")
+    problems += find_duplicates(named, "/targets/{}/name".format, "targets")
     problems += _expanded_names(document.targets)
-    problems += unique([item.name for item in document.requirements], "/requirements/{}/name".format, "requirements")
+    problems += find_duplicates(
+        [item.name for item in document.requirements], "/requirements/{}/name".format, "requirements"
+    )
     for index, view in enumerate(document.views):
         if isinstance(view, PresetView):
             problems += _preset(view, f"/views/{index}")
@@ -53,15 +55,15 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
         if requirement.targets == "all":
             continue
         for place, name in enumerate(requirement.targets):
-            problems += known(f"/requirements/{index}/targets/{place}", "target", name, named)
-        problems += unique(requirement.targets, f"/requirements/{index}/targets/{{}}".format, "entries")
+            problems += find_unknown(f"/requirements/{index}/targets/{place}", "target", name, named)
+        problems += find_duplicates(requirement.targets, f"/requirements/{index}/targets/{{}}".format, "entries")
     return problems + check_optimise(document, limits.fiducials)
 
 
 def check_fiducials(document: DesignDocument, fiducials: FiducialList) -> list[Problem]:
     """Labels: unique, and known where the optimiser is told to keep them."""
     place = "/fiducials/file" if document.fiducials.points is None else "/fiducials/points/{}/label"
-    problems = unique(fiducials.labels, place.format, "fiducials")
+    problems = find_duplicates(fiducials.labels, place.format, "fiducials")
     return problems + check_optimise_labels(document, fiducials)
 
 
@@ -84,7 +86,7 @@ def _expanded_names(targets: Sequence[TargetDocument]) -> list[Problem]:
 def _preset(view: PresetView, pointer: str) -> list[Problem]:
     preset = PRESETS.get(view.preset)
     if preset is None:
-        return known(f"{pointer}/preset", "preset", view.preset, list(PRESETS))
+        return find_unknown(f"{pointer}/preset", "preset", view.preset, list(PRESETS))
     problems = [
         Problem(
             pointer,
@@ -111,7 +113,7 @@ def _preset(view: PresetView, pointer: str) -> list[Problem]:
 ROTATIONS, TRANSLATIONS = ("rx", "ry", "rz"), ("tx", "ty", "tz")
 
 
-def declared(document: DesignDocument, components: tuple[str, ...]) -> list[tuple[str, str]]:
+def list_declared(document: DesignDocument, components: tuple[str, ...]) -> list[tuple[str, str]]:
     """(interface, component) of every tolerance of these components that the two interfaces declare."""
     found = []
     for name in INTERFACES:
@@ -134,11 +136,11 @@ def check_optimise(document: DesignDocument, most_fiducials: int) -> list[Proble
             Problem("/optimise", "missing-field", "the design has no requirements: no limit to hold", "add one")
         )
     elif isinstance(wanted.requirement, str):
-        problems += known("/optimise/requirement", "requirement", wanted.requirement, names)
+        problems += find_unknown("/optimise/requirement", "requirement", wanted.requirement, names)
     elif wanted.requirement is not None:
-        problems += unique(wanted.requirement, "/optimise/requirement/{}".format, "entries")
+        problems += find_duplicates(wanted.requirement, "/optimise/requirement/{}".format, "entries")
         for index, name in enumerate(wanted.requirement):
-            problems += known(f"/optimise/requirement/{index}", "requirement", name, names)
+            problems += find_unknown(f"/optimise/requirement/{index}", "requirement", name, names)
     if wanted.count is not None and wanted.count.max > most_fiducials:
         detail = f"{wanted.count.max} fiducials; at most {most_fiducials} are accepted"
         problems.append(Problem("/optimise/count/max", "too-many", detail, f"max: {most_fiducials}"))
@@ -153,10 +155,10 @@ def _tolerances(document: DesignDocument) -> list[Problem]:
         pointer = f"/optimise/tolerances/{index}"
         if interface is not None and interface.locators is not None:
             names = [locator.name for locator in interface.locators]
-            problems += known(f"{pointer}/component", "locator", free.component, names)
+            problems += find_unknown(f"{pointer}/component", "locator", free.component, names)
             continue
         if free.component not in (*ROTATIONS, *TRANSLATIONS):
-            problems += known(f"{pointer}/component", "component", free.component, (*ROTATIONS, *TRANSLATIONS))
+            problems += find_unknown(f"{pointer}/component", "component", free.component, (*ROTATIONS, *TRANSLATIONS))
             continue
         if interface is None or interface.tolerances is None or getattr(interface.tolerances, free.component) is None:
             problems.append(
@@ -168,7 +170,7 @@ def _tolerances(document: DesignDocument) -> list[Problem]:
                 )
             )
     for field, components in (("rotation_bounds", ROTATIONS), ("translation_bounds", TRANSLATIONS)):
-        if getattr(document.optimise, field) is not None and not declared(document, components):
+        if getattr(document.optimise, field) is not None and not list_declared(document, components):
             problems.append(
                 Problem(
                     f"/optimise/{field}",
@@ -218,19 +220,19 @@ def check_optimise_labels(document: DesignDocument, fiducials: FiducialList) -> 
     labels = fiducials.labels
     problems: list[Problem] = []
     for index, label in enumerate(wanted.fixed):
-        problems += known(f"/optimise/fixed/{index}", "fiducial", label, labels)
+        problems += find_unknown(f"/optimise/fixed/{index}", "fiducial", label, labels)
     named = [
         (f"/optimise/regions/{r}/fiducials/{i}", label)
         for r, region in enumerate(wanted.regions or ())
         for i, label in enumerate(region.fiducials)
     ]
-    problems += unique(wanted.fixed, "/optimise/fixed/{}".format, "entries")
-    problems += unique([label for _, label in named], lambda index: named[index][0], "entries")
+    problems += find_duplicates(wanted.fixed, "/optimise/fixed/{}".format, "entries")
+    problems += find_duplicates([label for _, label in named], lambda index: named[index][0], "entries")
     for pointer, label in named:
         if label in wanted.fixed:
             hint = "take it out of fixed, or out of the region"
             problems.append(Problem(pointer, "fixed-and-free", f"{label!r} is also listed as fixed", hint))
-        problems += known(pointer, "fiducial", label, labels)
+        problems += find_unknown(pointer, "fiducial", label, labels)
     if problems:
         return problems
     return _groups(document, labels) + _counts(document, len(labels))
@@ -273,7 +275,7 @@ def _counts(document: DesignDocument, present: int) -> list[Problem]:
     return []
 
 
-def unique(names: Sequence[str], pointer: Callable[[int], str], what: str) -> list[Problem]:
+def find_duplicates(names: Sequence[str], pointer: Callable[[int], str], what: str) -> list[Problem]:
     """A problem for each name that was there before, at the ``pointer`` of its index."""
     if len(set(names)) == len(names):
         return []
@@ -288,7 +290,7 @@ def unique(names: Sequence[str], pointer: Callable[[int], str], what: str) -> li
     return problems
 
 
-def known(pointer: str, what: str, name: str, names: Sequence[str]) -> list[Problem]:
+def find_unknown(pointer: str, what: str, name: str, names: Sequence[str]) -> list[Problem]:
     if name in names:
         return []
     close = difflib.get_close_matches(name, names, 1)

@@ -46,7 +46,7 @@ from .fields import (
     not_both,
     one_of,
     refusal,
-    shared,
+    share,
 )
 from .optimise_document import Optimise
 from .presets import PRESETS
@@ -765,22 +765,22 @@ class DesignDocument(Record):
     views: Annotated[list[ViewDocument], Field(min_length=2)] = Field(description="The X-ray views, two or more.")
     fiducials: Fiducials = Field(description="The fiducials the views are resected from.")
     interfaces: Interfaces = Field(
-        default_factory=shared(Interfaces()),
+        default_factory=share(Interfaces()),
         description="Installation errors. Absent: both interfaces are perfect.",
     )
     transforms: Transforms = Field(
-        default_factory=shared(Transforms()),
+        default_factory=share(Transforms()),
         description="From the connector to the tool. Absent: identity.",
     )
     execution: Execution = Field(
-        default_factory=shared(Execution()),
+        default_factory=share(Execution()),
         description="Errors of the robot and the tool. Absent: none.",
     )
     targets: Annotated[list[TargetDocument], Field(min_length=1)] = Field(
         description="Where the tool has to go: named points or regions, in con."
     )
     requirements: list[RequirementDocument] = Field(default=[], description="What is promised. Default nothing.")
-    model: Model = Field(default_factory=shared(Model()), description="Choices of the model.")
+    model: Model = Field(default_factory=share(Model()), description="Choices of the model.")
     optimise: Optimise | None = Field(default=None, description="Freedom of the optimiser. Absent: it refuses.")
 
 

@@ -18,7 +18,7 @@ from typing import Any, Literal
 from ..errors import DesignError, LimitError, Problem
 from ..json_text import write_json
 from .document import FiducialOrigin
-from .reading import Limits, decode, read_text, shown
+from .reading import Limits, decode, read_text, show
 
 System = Literal["LPS", "RAS"]
 
@@ -98,7 +98,7 @@ def read_fiducials(content: bytes, name: str, limits: Limits) -> FiducialList:
         if count > limits.fiducials:
             detail = f"{name} holds {count} {what}; at most {limits.fiducials}"
             raise LimitError(Problem("", "too-many", detail, file=name))
-    labels, positions_mm = _located(table, name)
+    labels, positions_mm = _read_position(table, name)
     return FiducialList(labels, positions_mm, _origin(table, name, hashlib.sha256(content).hexdigest()))
 
 
@@ -160,24 +160,24 @@ def _number(text: Any, name: str, line: int | None, what: str) -> float:
         cleaned = text.strip()
         if not re.fullmatch(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?", cleaned):
             hint = "write decimals with a point" if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", cleaned) else ""
-            raise _refuse(name, line, "wrong-type", f"{what} is a number; got {shown(text)}", hint)
+            raise _refuse(name, line, "wrong-type", f"{what} is a number; got {show(text)}", hint)
         value = float(cleaned)
     elif isinstance(text, bool) or not isinstance(text, int | float):
-        raise _refuse(name, line, "wrong-type", f"{what} is a number; got {shown(text)}")
+        raise _refuse(name, line, "wrong-type", f"{what} is a number; got {show(text)}")
     else:
         value = float(text)
     if not math.isfinite(value) or abs(value) > 1e9:
-        raise _refuse(name, line, "out-of-range", f"{what} is not a usable number: {shown(text)}")
+        raise _refuse(name, line, "out-of-range", f"{what} is not a usable number: {show(text)}")
     return value
 
 
-def _located(table: _Table, name: str) -> tuple[tuple[str, ...], tuple[tuple[float, float, float], ...]]:
+def _read_position(table: _Table, name: str) -> tuple[tuple[str, ...], tuple[tuple[float, float, float], ...]]:
     """Scale to mm, turn RAS into LPS, fill in labels."""
     scale, flip = _MM[table.unit], -1.0 if table.system == "RAS" else 1.0
     labels = tuple(label or f"F{number}" for number, (label, _) in enumerate(table.rows, 1))
     for label in labels:
         if not _is_name(label):
-            detail = f"a label has at most 80 characters and no control characters; got {shown(label)}"
+            detail = f"a label has at most 80 characters and no control characters; got {show(label)}"
             raise _refuse(name, None, "bad-label", detail, "rename it in the file")
     # adding 0.0 turns -0.0 into 0.0
     points = tuple((flip * scale * x + 0.0, flip * scale * y + 0.0, scale * z + 0.0) for _, (x, y, z) in table.rows)
@@ -225,7 +225,7 @@ def _read_csv(text: str, name: str) -> _Table:
                 body[0][0],
                 "csv-header",
                 f"the header needs one column for {axis} with its unit ({', '.join(f'{axis}_{u}' for u in _MM)}); "
-                f"got {shown(body[0][1])}",
+                f"got {show(body[0][1])}",
                 f"for example {example}",
             )
         columns.append(hits[0][0])
@@ -236,7 +236,7 @@ def _read_csv(text: str, name: str) -> _Table:
     unknown = [cell for cell in others if cell not in ("label", "name")]
     if unknown or len(others) > 1:
         raise _refuse(
-            name, body[0][0], "csv-header", f"unknown or repeated column {shown((unknown or others)[0])}", example
+            name, body[0][0], "csv-header", f"unknown or repeated column {show((unknown or others)[0])}", example
         )
     at_label = header.index(others[0]) if others else None
     rows: list[tuple[str, list[float]]] = []
@@ -266,7 +266,7 @@ def _read_fcsv(text: str, name: str) -> _Table:
         cells = next(csv.reader([line]))
         entry = dict(zip(columns, cells, strict=False))
         if not {"x", "y", "z"} <= entry.keys():
-            raise _refuse(name, number, "csv-row", f"a row needs x, y and z; got {shown(line)}")
+            raise _refuse(name, number, "csv-row", f"a row needs x, y and z; got {show(line)}")
         xyz = [_number(entry[axis], name, number, axis) for axis in "xyz"]
         rows.append((entry.get("label", "").strip(), xyz))
     return _Table(rows, "mm", system or "RAS", stated=system is not None)
@@ -297,7 +297,7 @@ def _read_markups(text: str, name: str, limits: Limits) -> _Table:
     stated = markup.get("coordinateSystem", "LPS")
     if not isinstance(stated, str | int):
         raise refuse(
-            ("markups", at, "coordinateSystem"), "wrong-type", f"coordinateSystem is a text; got {shown(stated)}"
+            ("markups", at, "coordinateSystem"), "wrong-type", f"coordinateSystem is a text; got {show(stated)}"
         )
     system = _system(str(stated), name, source.locate(("markups", at, "coordinateSystem"))[0])
     unit = markup.get("coordinateUnits", "mm")
@@ -306,27 +306,27 @@ def _read_markups(text: str, name: str, limits: Limits) -> _Table:
         raise refuse(
             ("markups", at, "coordinateUnits"),
             "unknown-value",
-            f"coordinateUnits {shown(unit)} cannot be read",
+            f"coordinateUnits {show(unit)} cannot be read",
             "use mm",
         )
     points = markup["controlPoints"]
     if not isinstance(points, list):
-        raise refuse(("markups", at, "controlPoints"), "wrong-type", f"controlPoints is a list; got {shown(points)}")
+        raise refuse(("markups", at, "controlPoints"), "wrong-type", f"controlPoints is a list; got {show(points)}")
     rows: list[tuple[str, list[float]]] = []
     skipped: list[str] = []
     for index, point in enumerate(points):
         path = ("markups", at, "controlPoints", index)
         if not isinstance(point, dict):
-            raise refuse(path, "wrong-type", f"a control point is a mapping; got {shown(point)}")
+            raise refuse(path, "wrong-type", f"a control point is a mapping; got {show(point)}")
         label = point.get("label") or ""
         if not isinstance(label, str):
-            raise refuse((*path, "label"), "wrong-type", f"a label is a text; got {shown(label)}")
+            raise refuse((*path, "label"), "wrong-type", f"a label is a text; got {show(label)}")
         if point.get("positionStatus", "defined") != "defined":
             skipped.append(label if label and _is_name(label) else f"number {index + 1}")
             continue
         position = point.get("position")
         if not isinstance(position, list) or len(position) != 3:
-            raise refuse((*path, "position"), "wrong-type", f"a position is a list of 3 numbers; got {shown(position)}")
+            raise refuse((*path, "position"), "wrong-type", f"a position is a list of 3 numbers; got {show(position)}")
         line = source.locate((*path, "position"))[0] if any(not isinstance(v, float | int) for v in position) else None
         rows.append((label, [_number(value, name, line, axis) for axis, value in zip("xyz", position, strict=True)]))
     return _Table(rows, unit, system, left_out=skipped)

@@ -26,7 +26,7 @@ class Record(BaseModel):
     )
 
 
-def shared(record: _Record) -> Callable[[], _Record]:
+def share(record: _Record) -> Callable[[], _Record]:
     """The default of a field: one record for every document that leaves it out, as records do not change."""
     return lambda: record
 

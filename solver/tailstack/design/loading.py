@@ -28,7 +28,7 @@ from .document import (
 from .fiducial_files import FiducialList, format_of, read_fiducials
 from .fields import Record
 from .optimise_document import Optimise
-from .reading import DEFAULT_LIMITS, Format, Limits, Source, decode, plain_data, read_bytes, read_text, shown
+from .reading import DEFAULT_LIMITS, Format, Limits, Source, decode, plain_data, read_bytes, read_text, show
 from .refusals import place, refuse
 from .remembering import FEW, recognised
 
@@ -67,7 +67,7 @@ def load_design(
     document did not come from a file.  ``allow_files=False`` refuses such references (a service must not read its own
     disk for a stranger).  Raises DesignError or LimitError; each problem has a pointer and, from text, a line.
     """
-    return _checked(read_source(source, form=form, base_directory=base_directory, limits=limits), allow_files, limits)
+    return _check(read_source(source, form=form, base_directory=base_directory, limits=limits), allow_files, limits)
 
 
 def read_source(
@@ -95,7 +95,7 @@ def read_source(
             raise LimitError(Problem("", "too-large", f"the document is longer than {limits.document_bytes} bytes"))
         source = decode(source, None)
     if not isinstance(source, str):
-        raise DesignError(Problem("", "wrong-type", f"a design is a path, a text or a mapping; got {shown(source)}"))
+        raise DesignError(Problem("", "wrong-type", f"a design is a path, a text or a mapping; got {show(source)}"))
     return read_text(source, limits, file=None, directory=base_directory, form=form)
 
 
@@ -104,16 +104,16 @@ def _is_path(text: str) -> bool:
     return len(text) <= 1000 and not ("\n" in text or "\r" in text or text.lstrip()[:1] == "{")
 
 
-def _checked(source: Source, allow_files: bool, limits: Limits) -> Design:
+def _check(source: Source, allow_files: bool, limits: Limits) -> Design:
     data = source.data
     _check_schema_name(source)
     try:
         document = DesignDocument.model_validate(_with_known_sections(data))
     except ValidationError as error:
         raise refuse(error, source, limits) from None
-    _raise(check_document(document, limits), source, limits)
+    _refuse_all(check_document(document, limits), source, limits)
     fiducials = _fiducials(document, source, allow_files, limits)
-    _raise(check_fiducials(document, fiducials), source, limits)
+    _refuse_all(check_fiducials(document, fiducials), source, limits)
     return Design(document, fiducials, source, sha256_of(document, fiducials))
 
 
@@ -141,10 +141,10 @@ def _with_known_sections(data: dict[str, Any]) -> dict[str, Any]:
 def _check_schema_name(source: Source) -> None:
     data = source.data
     if not isinstance(data, dict):
-        detail = f"a design is a mapping of fields; got {shown(data)}"
+        detail = f"a design is a mapping of fields; got {show(data)}"
         raise DesignError(place(Problem("", "wrong-type", detail, "start from examples/demo.yaml"), source))
     if data.get("schema") != SCHEMA_NAME:
-        got = shown(data["schema"]) if "schema" in data else "no schema"
+        got = show(data["schema"]) if "schema" in data else "no schema"
         problem = Problem(
             "/schema" if "schema" in data else "",
             "unsupported-schema",
@@ -154,7 +154,7 @@ def _check_schema_name(source: Source) -> None:
         raise DesignError(place(problem, source))
 
 
-def _raise(problems: list[Problem], source: Source, limits: Limits) -> None:
+def _refuse_all(problems: list[Problem], source: Source, limits: Limits) -> None:
     if not problems:
         return
     source = source.placed()
@@ -171,7 +171,7 @@ def _fiducials(document: DesignDocument, source: Source, allow_files: bool, limi
         return FiducialList(labels, tuple([point.position_mm for point in points]), document.fiducials.origin)
     name = document.fiducials.file or ""
     try:
-        path = _referenced(name, source, allow_files)
+        path = _find_file(name, source, allow_files)
         format_of(name)
         return read_fiducials(read_bytes(path, limits.fiducial_file_bytes, name), name, limits)
     except (DesignError, LimitError) as error:
@@ -183,13 +183,11 @@ def _fiducials(document: DesignDocument, source: Source, allow_files: bool, limi
         raise type(error)(problems) from None
 
 
-def _referenced(name: str, source: Source, allow_files: bool) -> Path:
+def _find_file(name: str, source: Source, allow_files: bool) -> Path:
     """The file a design refers to: relative, and below the design's own directory."""
     if not allow_files:
         raise DesignError(
-            Problem(
-                "", "file-refused", f"files are not read here; got {shown(name)}", "put the points inline (points:)"
-            )
+            Problem("", "file-refused", f"files are not read here; got {show(name)}", "put the points inline (points:)")
         )
     if source.directory is None:
         raise DesignError(
@@ -202,16 +200,16 @@ def _referenced(name: str, source: Source, allow_files: bool) -> Path:
         )
     if "\0" in name or "\\" in name or Path(name).is_absolute() or ":" in name[:2]:
         raise DesignError(
-            Problem("", "file-refused", f"a fiducial file is named by a relative path with /; got {shown(name)}")
+            Problem("", "file-refused", f"a fiducial file is named by a relative path with /; got {show(name)}")
         )
     try:
         base = source.directory.resolve()
         path = (base / name).resolve()
     except (OSError, RuntimeError, ValueError) as error:
-        raise DesignError(Problem("", "file-refused", f"cannot follow {shown(name)}: {error}")) from None
+        raise DesignError(Problem("", "file-refused", f"cannot follow {show(name)}: {error}")) from None
     if not path.is_relative_to(base):
         raise DesignError(
-            Problem("", "file-refused", f"{shown(name)} leads out of the design's directory", "move the file beside it")
+            Problem("", "file-refused", f"{show(name)} leads out of the design's directory", "move the file beside it")
         )
     return path
 

@@ -38,7 +38,7 @@ __all__ = [
     "plain_data",
     "read_bytes",
     "read_text",
-    "shown",
+    "show",
 ]
 
 Format = Literal["auto", "yaml", "json"]
@@ -216,7 +216,7 @@ def _careful_copy(value: Any, limits: Limits) -> Any:
         if isinstance(item, Mapping):
             for key in item:
                 if not isinstance(key, str):
-                    raise DesignError(Problem(path, "bad-key", f"keys are texts; got {shown(key)}"))
+                    raise DesignError(Problem(path, "bad-key", f"keys are texts; got {show(key)}"))
                 if len(key) > LONGEST_KEY:
                     raise DesignError(Problem(path, "bad-key", f"no field has a name of {len(key)} characters"))
                 _refuse_surrogates(key, path, None)
@@ -233,9 +233,7 @@ def _careful_copy(value: Any, limits: Limits) -> Any:
         if item is None or type(item) in (str, int, float, bool, Vast):
             return item
         raise DesignError(
-            Problem(
-                path, "unsupported-value", f"a document holds texts, numbers, lists and mappings; got {shown(item)}"
-            )
+            Problem(path, "unsupported-value", f"a document holds texts, numbers, lists and mappings; got {show(item)}")
         )
 
     return copy(value, "", 0)
@@ -406,7 +404,7 @@ def _build(loader: Any, file: str | None, limits: Limits) -> tuple[Any, Place]:
             top.children.append(place)
         elif top.key is None:
             if not isinstance(value, str):
-                raise refuse("bad-key", f"keys are texts; got {shown(value)}", "put it in quotes", mark)
+                raise refuse("bad-key", f"keys are texts; got {show(value)}", "put it in quotes", mark)
             if len(value) > LONGEST_KEY:
                 raise refuse("bad-key", f"no field has a name of {len(value)} characters", "", mark)
             if value in top.data:
@@ -505,7 +503,7 @@ def problem(code: str, detail: str, hint: str = "", *, file: str | None = None, 
     return Problem("", code, detail, hint, file, line, column)
 
 
-def shown(value: Any, length: int = 60) -> str:
+def show(value: Any, length: int = 60) -> str:
     """What arrived, short enough for a message."""
     if isinstance(value, str):
         body = value if len(value) <= length else value[: length - 3] + "..."

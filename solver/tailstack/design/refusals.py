@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from ..errors import DesignError, Problem
 from .document import VIEW_KINDS, DesignDocument, Pose
-from .reading import Limits, Source, Vast, shown
+from .reading import Limits, Source, Vast, show
 
 _TAGS: dict[str, type[BaseModel] | None] = {**VIEW_KINDS, "<pose>": Pose, "<matrix>": None}
 _WANTED = {
@@ -65,7 +65,7 @@ def refuse(
     """A DesignError that says what each of pydantic's errors says, in the order of the document.
 
     ``root`` is the model that the document was held against."""
-    problems = _merged([_translate(entry, root) for entry in error.errors(include_url=False)])
+    problems = _merge([_translate(entry, root) for entry in error.errors(include_url=False)])
     source = source.placed()
     dropped = len(problems) - limits.problems
     problems = [place(problem, source) for problem in problems[: limits.problems]]
@@ -74,7 +74,7 @@ def refuse(
     return DesignError(problems)
 
 
-def _merged(problems: list[Problem]) -> list[Problem]:
+def _merge(problems: list[Problem]) -> list[Problem]:
     """One problem per pointer: the branches of a union each complain about the same value.
 
     ``expected a number`` and ``expected a list`` become one sentence; where one branch got as far as the
@@ -110,11 +110,11 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
     path += raw[len(known) :]
     kind, value, context = entry["type"], entry.get("input"), entry.get("ctx", {})
     if kind == "extra_forbidden":
-        return _unknown(raw, path, value, root)
+        return _refuse_unknown(raw, path, value, root)
     if isinstance(value, Vast):
-        return Problem(pointer(path), "out-of-range", f"the number is too large; got {shown(value)}")
+        return Problem(pointer(path), "out-of-range", f"the number is too large; got {show(value)}")
     if kind == "missing" and isinstance(path[-1], int):
-        return Problem(pointer(path[:-1]), "too-short", f"the list has too few entries; got {shown(value)}")
+        return Problem(pointer(path[:-1]), "too-short", f"the list has too few entries; got {show(value)}")
     if kind == "missing":
         example = _example(raw, root)
         return Problem(pointer(path), "missing-field", f"the field {path[-1]!r} is required", example)
@@ -129,31 +129,31 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
             hint = "no quotes, leading zeros or units: the unit is in the field's name" if _digits(value) else ""
         if kind == "string_type" and isinstance(value, int | float):
             hint = "put it in quotes"
-        return Problem(pointer(path), "wrong-type", f"expected {_WANTED[kind]}; got {shown(value)}", hint)
+        return Problem(pointer(path), "wrong-type", f"expected {_WANTED[kind]}; got {show(value)}", hint)
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         word = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below"}.get(kind, "at most")
         limit = next(context[key] for key in ("gt", "ge", "lt", "le") if key in context)
-        return Problem(pointer(path), "out-of-range", f"must be {word} {limit:g}; got {shown(value)}")
+        return Problem(pointer(path), "out-of-range", f"must be {word} {limit:g}; got {show(value)}")
     if kind == "finite_number":
-        return Problem(pointer(path), "not-finite", f"must be a finite number; got {shown(value)}")
+        return Problem(pointer(path), "not-finite", f"must be a finite number; got {show(value)}")
     if kind in ("literal_error", "enum"):
         words = str(context.get("expected", ""))
         close = difflib.get_close_matches(str(value), words.replace("'", "").replace(" or ", ", ").split(", "), 1)
         hint = f"did you mean {close[0]}?" if close else ""
-        return Problem(pointer(path), "unknown-value", f"must be {words}; got {shown(value)}", hint)
+        return Problem(pointer(path), "unknown-value", f"must be {words}; got {show(value)}", hint)
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length", context.get("max_length"))
         many = f"{'at least' if kind == 'too_short' else 'at most'} {bound} {'entry' if bound == 1 else 'entries'}"
-        return Problem(pointer(path), kind.replace("_", "-"), f"needs {many}; got {shown(value)}")
+        return Problem(pointer(path), kind.replace("_", "-"), f"needs {many}; got {show(value)}")
     if kind in ("string_too_short", "string_too_long", "string_pattern_mismatch"):
         detail = {"string_too_short": "must not be empty", "string_too_long": "is too long"}.get(
             kind, PATTERNS.get(str(context.get("pattern")), "is not of the form that is asked for")
         )
-        return Problem(pointer(path), "bad-text", f"the text {detail}; got {shown(value)}")
+        return Problem(pointer(path), "bad-text", f"the text {detail}; got {show(value)}")
     at = [step for step in str(context.get("at", "")).split("/") if step]
     message = entry["msg"]
     if kind in ("wrong-type", "view-geometry", "unknown-value"):
-        message += f"; got {shown(value)}"
+        message += f"; got {show(value)}"
     return Problem(pointer([*path, *at]), kind.replace("_", "-"), message, str(context.get("hint", "")))
 
 
@@ -202,7 +202,7 @@ def _inner(kind: Any, indexed: bool) -> Any:
     return arguments[0] if indexed and arguments else None
 
 
-def _unknown(raw: Sequence[str | int], path: list[str | int], value: Any, root: type[BaseModel]) -> Problem:
+def _refuse_unknown(raw: Sequence[str | int], path: list[str | int], value: Any, root: type[BaseModel]) -> Problem:
     name = str(path[-1])
     owner = _model_at(raw[:-1], root)
     fields = [] if owner is None else [info.alias or key for key, info in owner.model_fields.items()]
@@ -220,7 +220,7 @@ def _unknown(raw: Sequence[str | int], path: list[str | int], value: Any, root: 
             hint += f" It is in {unit}: convert the number, do not only rename the field"
     else:
         hint = "fields known here: " + ", ".join(fields) if fields else ""
-    return Problem(pointer(path), "unknown-field", f"unknown field {name[:60]!r}; got {shown(value)}", hint)
+    return Problem(pointer(path), "unknown-field", f"unknown field {name[:60]!r}; got {show(value)}", hint)
 
 
 def _example(raw: Sequence[str | int], root: type[BaseModel]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import Array
 from ..design import Design, Revision, compile_design, revise_design
 from ..design.compile import torsor_from_locators
-from ..design.consistency import ROTATIONS, TRANSLATIONS, declared
+from ..design.consistency import ROTATIONS, TRANSLATIONS, list_declared
 from ..design.optimise_document import (
     CostCurve,
     FreeTolerance,
@@ -155,7 +155,7 @@ def _half_widths(design: Design, wanted: Optimise) -> tuple[FreeHalfWidth, ...]:
         low, high = _bounds(bounds)
         found += [
             FreeHalfWidth(interface, component, low, high, _price(bounds.cost, bounds.cost_weight), pointer)
-            for interface, component in declared(design.document, components)
+            for interface, component in list_declared(design.document, components)
             if (interface, component) not in listed
         ]
     found += [_read_listed(free, f"/optimise/tolerances/{index}") for index, free in enumerate(wanted.tolerances)]

@@ -39,7 +39,7 @@ from ..verification import prepare
 SECTIONS = 32  # of the trials, for intervals
 LEAST_TRIALS = SECTIONS * 256  # a section's own P95 then has a dozen trials beyond it
 
-Seen = Literal["more", "less", "none seen"]
+Coupling = Literal["more", "less", "none seen"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ class CouplingCase:
     """Together over the vector sum: of the means of the norms between their 94 % and 96 % quantiles."""
     against_first_order: Ratio
     """P95 together over that of the first-order law."""
-    coupling: Seen
+    coupling: Coupling
     """What the interval of `against_vector_sum` says."""
     sentence: str
     """The case as a sentence."""
@@ -198,22 +198,24 @@ def study_coupling(
     """
     ready = prepare(design)
     system = ready.system
-    nominal = in_place(system)
-    cases = [case for reading in Reading for case in cases_of(replace(system, reading=reading), nominal, levels, error)]
+    nominal = remove_biases(system)
+    cases = [
+        case for reading in Reading for case in list_cases(replace(system, reading=reading), nominal, levels, error)
+    ]
     at_rest = compile_plan(nominal)
     if not any(view.fiducial_noise_px or view.target_noise_px for view in system.views):
         detail = "the views have no noise, so there is nothing that could couple with the installation error"
         raise OutOfRangeError(Problem("/views", "no-noise", detail, "state fiducial_noise_px and target_noise_px"))
     models = linearise_all(nominal)
     beyond = ready.trust.expected_error_percent is None or _fails(at_rest, models, error, seed)
-    size = ceil(_trials(trials, len(system.targets), beyond) / SECTIONS)
+    size = ceil(_choose_trials(trials, len(system.targets), beyond) / SECTIONS)
     sampler = _Sampler(at_rest, seed, size, ERRORS.index(error), threads, progress, 1 + len(cases))
     still = sampler.still()
     records = []
     for number, case in enumerate(cases, 1):
         norms = sampler.of(case, still, number)
         records += [
-            _record(case, target.name, error, norms[place], still[place], models[target.name])
+            _compare_case(case, target.name, error, norms[place], still[place], models[target.name])
             for place, target in enumerate(system.targets)
         ]
     return StudyCoupling(
@@ -227,13 +229,13 @@ def study_coupling(
         installation=INSTALLED,
         noise=SHOTS,
         cases=tuple(records),
-        conclusions=(*conclusions(records), *(case.remark for case in cases if case.remark)),
+        conclusions=(*write_conclusions(records), *(case.remark for case in cases if case.remark)),
         validity=ready.trust,
         provenance=provenance(system, tuple(line for line in NOT_INCLUDED if "second order" not in line)),
     )
 
 
-def _trials(asked: int | None, targets: int, beyond: bool) -> int:
+def _choose_trials(asked: int | None, targets: int, beyond: bool) -> int:
     """Trials of each case: as asked, or what the design's noise and its number of targets afford."""
     affordable = TRIALS_BEYOND if beyond else TRIALS
     wanted = min(affordable, max(ROOM // targets, LEAST_TRIALS)) if asked is None else asked
@@ -248,11 +250,11 @@ def _trials(asked: int | None, targets: int, beyond: bool) -> int:
 
 def _fails(at_rest: ChainPlan, models: dict[str, LinearModel], error: ErrorName, seed: int) -> bool:
     """Whether a few trials of the noise alone are far from first order, whatever its validity number says."""
-    z = _only(at_rest, draw(at_rest, seed, np.arange(PILOT, dtype=np.int64)), SHOT)
+    z = _keep_stream(at_rest, draw(at_rest, seed, np.arange(PILOT, dtype=np.int64)), SHOT)
     norms = np.linalg.norm(evaluate(at_rest, z)[:, :, ERRORS.index(error)], axis=2).T
     for model, sample in zip(models.values(), norms, strict=True):
         quiet = [part for block, part in zip(model.blocks, parts_of(model, error), strict=True) if not block.per_unit]
-        ratio = quantile_of(sample, P95) / law_quantile(law_of(np.zeros(3), quiet), P95).quantile_mm
+        ratio = take_quantile(sample, P95) / law_quantile(law_of(np.zeros(3), quiet), P95).quantile_mm
         if not 1 / FAILS < ratio < FAILS:
             return True
     return False
@@ -289,7 +291,7 @@ class _Sampler:
 
         def section(number: int) -> None:
             at, z = self._drawn(number)
-            errors = evaluate(self.at_rest, _only(self.at_rest, z, SHOT))
+            errors = evaluate(self.at_rest, _keep_stream(self.at_rest, z, SHOT))
             kept[:, 0, at] = np.linalg.norm(errors[:, :, self.metric], axis=2).T
             kept[:, 1, at] = (errors[:, :, LOCALISED] ** 2).sum(axis=2).T
             kept[:, 2:, at] = np.moveaxis(errors[:, :, self.metric], 0, -1)
@@ -303,9 +305,9 @@ class _Sampler:
 
         def section(number: int) -> None:
             at, z = self._drawn(number)
-            inputs, alone = z, _only(self.at_rest, z, INSTALLATION)
+            inputs, alone = z, _keep_stream(self.at_rest, z, INSTALLATION)
             if case.level is not None:  # it stands still: its error without noise is one vector
-                inputs, alone = _only(self.at_rest, z, SHOT), np.zeros((1, z.shape[1]))
+                inputs, alone = _keep_stream(self.at_rest, z, SHOT), np.zeros((1, z.shape[1]))
             together = [evaluate(plan, inputs) for plan in case.plans]
             quiet = [evaluate(plan, alone) for plan in case.plans]
             for place, which in enumerate(case.plan_of):
@@ -319,7 +321,7 @@ class _Sampler:
         return [_Norms(*rows) for rows in kept]
 
 
-def _only(plan: ChainPlan, z: Array, stream: int) -> Array:
+def _keep_stream(plan: ChainPlan, z: Array, stream: int) -> Array:
     """The deviates of one stream, the others at their centre."""
     kept = np.zeros_like(z)
     for block in plan.blocks:
@@ -331,13 +333,13 @@ def _only(plan: ChainPlan, z: Array, stream: int) -> Array:
 # --- what the samples say -------------------------------------------------------------------------
 
 
-def quantile_of(values: Array, p: float) -> float:
+def take_quantile(values: Array, p: float) -> float:
     """The order statistic of rank ceil(n p) of values (n,)."""
     rank = ceil(len(values) * p) - 1
     return float(np.partition(values, rank)[rank])
 
 
-def mean_about(values: Array, p: float, reach: float = WINDOW) -> float:
+def average_near(values: Array, p: float, reach: float = WINDOW) -> float:
     """Mean of the order statistics of values (n,) between the quantiles ``p - reach`` and ``p + reach``.
 
     Two samples that differ trial by trial by less than their order statistics lie apart have the same trial at a
@@ -349,7 +351,7 @@ def mean_about(values: Array, p: float, reach: float = WINDOW) -> float:
     return float(np.partition(values, (low, high - 1))[low:high].mean())
 
 
-def sectioned(
+def estimate_by_sections(
     estimate: Callable[[slice], float], trials: int, first_order: float | None = None, confidence: float = CONFIDENCE
 ) -> Ratio:
     """A ratio with its interval by sectioning (Asmussen and Glynn 2007, III.5a).
@@ -365,30 +367,32 @@ def sectioned(
     return Ratio(whole, (whole - half, whole + half), first_order)
 
 
-def _record(
+def _compare_case(
     case: Case, target: str, error: ErrorName, norms: _Norms, still: _Still, resting: LinearModel
 ) -> CouplingCase:
     trials = len(still.noise)
-    first = _first_order(case, case.models[target], resting, error)
+    first = _predict(case, case.models[target], resting, error)
 
     def p95(values: Array) -> Callable[[slice], float]:
-        return lambda part: quantile_of(values[part], P95)
+        return lambda part: take_quantile(values[part], P95)
 
     together, installed, noise = p95(norms.together), p95(norms.installation), p95(still.noise)
     added, every = p95(norms.vector_sum), slice(0, trials)
 
     def over(denominator: Callable[[slice], float], predicted: float | None) -> Ratio:
-        return sectioned(lambda part: together(part) / denominator(part), trials, predicted)
+        return estimate_by_sections(lambda part: together(part) / denominator(part), trials, predicted)
 
     def rms(squares: Array, part: slice) -> float:
         return sqrt(float(squares[part].mean()))
 
     nu = max(case.models[target].nonlinearity.divisor, resting.nonlinearity.divisor)
-    share = max(float(squares.max() / squares.sum()) for squares in (norms.gain_squared, still.gain_squared))
-    spread = nu <= NO_DEVIATION and share <= MOST_SHARE
-    gain = sectioned(lambda part: rms(norms.gain_squared, part) / rms(still.gain_squared, part), trials, first.gain)
-    against_added = sectioned(
-        lambda part: mean_about(norms.together[part], P95) / mean_about(norms.vector_sum[part], P95),
+    shared = max(float(squares.max() / squares.sum()) for squares in (norms.gain_squared, still.gain_squared))
+    spread = nu <= NO_DEVIATION and shared <= MOST_SHARE
+    gain = estimate_by_sections(
+        lambda part: rms(norms.gain_squared, part) / rms(still.gain_squared, part), trials, first.gain
+    )
+    against_added = estimate_by_sections(
+        lambda part: average_near(norms.together[part], P95) / average_near(norms.vector_sum[part], P95),
         trials, first.together / first.vector_sum,
     )  # fmt: skip
     record = CouplingCase(
@@ -403,7 +407,7 @@ def _record(
         p95_vector_sum_mm=added(every),
         p95_first_order_mm=first.together,
         nu=nu,
-        largest_share=share,
+        largest_share=shared,
         noise_rms_biased_mm=rms(norms.gain_squared, every) if spread else None,
         noise_rms_nominal_mm=rms(still.gain_squared, every) if spread else None,
         gain=gain if spread else None,
@@ -415,10 +419,10 @@ def _record(
         ),
         against_vector_sum=against_added,
         against_first_order=over(lambda part: first.together, None),
-        coupling=seen(against_added),
+        coupling=tell_coupling(against_added),
         sentence="",
     )
-    return replace(record, sentence=sentence(record))
+    return replace(record, sentence=write_sentence(record))
 
 
 @dataclass(frozen=True, slots=True)
@@ -432,7 +436,7 @@ class _FirstOrder:
     gain: float
 
 
-def _first_order(case: Case, model: LinearModel, still: LinearModel, error: str) -> _FirstOrder:
+def _predict(case: Case, model: LinearModel, still: LinearModel, error: str) -> _FirstOrder:
     at = error_law(model, error, P95)
     pairs = list(zip(model.blocks, at.parts, strict=True))
     shot = [part for block, part in pairs if not block.per_unit]
@@ -472,10 +476,10 @@ class Case:
 
     @property
     def name(self) -> str:
-        return "as designed" if self.level is None else named(self.level)
+        return "as designed" if self.level is None else name_level(self.level)
 
 
-def named(level: Level) -> str:
+def name_level(level: Level) -> str:
     return f"{level[0]:g} deg + {level[1]:g} mm"
 
 
@@ -490,7 +494,7 @@ def level_torsor(level: Level) -> Array:
     return np.array([radians(rotation_deg)] * 3 + [translation_mm / sqrt(3)] * 3)
 
 
-def in_place(system: System) -> System:
+def remove_biases(system: System) -> System:
     """The system without any known error: mounts unbiased, no deflection."""
 
     def unbiased(mount: Mount) -> Mount:
@@ -505,7 +509,7 @@ def in_place(system: System) -> System:
     )
 
 
-def cases_of(system: System, nominal: System, levels: Sequence[Level], error: str) -> Iterable[Case]:
+def list_cases(system: System, nominal: System, levels: Sequence[Level], error: str) -> Iterable[Case]:
     """As designed, with bounded components at their worst ends, and the levels, in the reading of ``system``."""
     models = linearise_all(system)
     ends = [tuple(sorted(error_law(m, error, P95).worst.vertex(m).items())) for m in models.values()]
@@ -515,11 +519,11 @@ def cases_of(system: System, nominal: System, levels: Sequence[Level], error: st
     for level in levels:
         mount = replace(nominal.structure_connector, bias=level_torsor(level))
         moved = replace(nominal, reading=system.reading, structure_connector=mount)
-        remark, plan = _remark(moved, level), compile_plan(moved)
+        remark, plan = _check_level(moved, level), compile_plan(moved)
         yield Case(system.reading, level, (plan,), (0,) * len(ends), linearise_all(moved), remark)
 
 
-def _remark(moved: System, level: Level) -> str:
+def _check_level(moved: System, level: Level) -> str:
     """What is not imaged at a level, or "".  Raises StudyError where the level leaves nothing to be estimated.
 
     Outside an image, the study goes on as if the detector were large enough: a paper's level may be larger than a
@@ -529,14 +533,14 @@ def _remark(moved: System, level: Level) -> str:
     try:
         check_geometry(unbounded)
     except IllPosedError as error:
-        detail = f"at {named(level)}, {moved.reading.value} reading: {error.problems[0].detail}"
+        detail = f"at {name_level(level)}, {moved.reading.value} reading: {error.problems[0].detail}"
         raise StudyError(Problem("", "level", detail, "name a smaller --level")) from None
     try:
         check_geometry(moved)
     except IllPosedError as error:
         return (
-            f"At {named(level)}, {moved.reading.value} reading, {error.problems[0].detail}: there the study takes the "
-            "detector as large enough."
+            f"At {name_level(level)}, {moved.reading.value} reading, {error.problems[0].detail}: there the study takes "
+            "the detector as large enough."
         )
     return ""
 
@@ -544,18 +548,18 @@ def _remark(moved: System, level: Level) -> str:
 ROUNDING = 1e-9  # relative: what double precision leaves of an identity
 
 
-def side(ratio: Ratio) -> int:
+def tell_side(ratio: Ratio) -> int:
     """1 above one, -1 below, 0 where the interval (or rounding) does not tell."""
     if abs(ratio.value - 1) <= ROUNDING:
         return 0
     return int(ratio.interval[0] > 1) - int(ratio.interval[1] < 1)
 
 
-def seen(ratio: Ratio) -> Seen:
-    return ("none seen", "more", "less")[side(ratio)]
+def tell_coupling(ratio: Ratio) -> Coupling:
+    return ("none seen", "more", "less")[tell_side(ratio)]
 
 
-def among(ratio: Ratio, count: int, confidence: float = 0.95) -> Ratio:
+def widen(ratio: Ratio, count: int, confidence: float = 0.95) -> Ratio:
     """The same with an interval of which ``count`` hold together (Bonferroni); its own holds by itself."""
     alone, together = (float(stdtrit(SECTIONS - 1, 1 - (1 - confidence) / (2 * m))) for m in (1, count))
     low, high = ratio.interval
@@ -563,26 +567,26 @@ def among(ratio: Ratio, count: int, confidence: float = 0.95) -> Ratio:
     return replace(ratio, interval=(ratio.value - half, ratio.value + half))
 
 
-def decimals_of(ratio: Ratio) -> int:
+def choose_decimals(ratio: Ratio) -> int:
     """So many that the half-width of the interval, in per cent, has two digits; one to six."""
     half = 50 * (ratio.interval[1] - ratio.interval[0])
     return min(max(1 - floor(log10(max(half, 1e-7))), 1), 6)
 
 
-def per_cent(ratio: Ratio, decimals: int | None = None) -> str:
+def write_percent(ratio: Ratio, decimals: int | None = None) -> str:
     """How far a ratio is from one: ``+3.02 %``."""
-    decimals = decimals_of(ratio) if decimals is None else decimals
+    decimals = choose_decimals(ratio) if decimals is None else decimals
     return f"{round(100 * (ratio.value - 1), decimals) + 0.0:+.{decimals}f} %"
 
 
-def _compared(ratio: Ratio, what: str, above: str = "above", below: str = "below") -> str:
-    where = side(ratio)
+def _write_comparison(ratio: Ratio, what: str, above: str = "above", below: str = "below") -> str:
+    where = tell_side(ratio)
     if where == 0:
-        return f"cannot be told from {what} ({per_cent(ratio)})"
-    return f"is {above if where > 0 else below} {what} ({per_cent(ratio)})"
+        return f"cannot be told from {what} ({write_percent(ratio)})"
+    return f"is {above if where > 0 else below} {what} ({write_percent(ratio)})"
 
 
-def sentence(case: CouplingCase) -> str:
+def write_sentence(case: CouplingCase) -> str:
     gain = case.gain
     if case.p95_installation_mm <= ROUNDING * case.p95_together_mm:
         return (
@@ -596,30 +600,30 @@ def sentence(case: CouplingCase) -> str:
         )
     elif abs(gain.value - 1) <= ROUNDING and max(abs(end - 1) for end in gain.interval) <= ROUNDING:
         said = "the noise gain is the same as at the nominal geometry, trial by trial, to rounding"
-    elif side(gain) == 0:
-        said = f"no change of the noise gain is seen: {per_cent(gain)}"
+    elif tell_side(gain) == 0:
+        said = f"no change of the noise gain is seen: {write_percent(gain)}"
     else:
-        said = f"the noise gain is {'larger' if side(gain) > 0 else 'smaller'} than at the nominal geometry: " + (
-            f"{per_cent(gain)}, first order says {100 * ((gain.first_order or 1.0) - 1):+.2f} %"
+        said = f"the noise gain is {'larger' if tell_side(gain) > 0 else 'smaller'} than at the nominal geometry: " + (
+            f"{write_percent(gain)}, first order says {100 * ((gain.first_order or 1.0) - 1):+.2f} %"
         )
+    against = _write_comparison(case.against_quadrature, "the quadrature sum of the parts")
     return (
         f"{case.installation}, {case.reading} reading, at {case.target}: {said}. P95 together, "
-        f"{case.p95_together_mm:.4g} mm, {_compared(case.against_quadrature, 'the quadrature sum of the parts')}, "
-        f"{_compared(case.against_sum, 'their plain sum')}, "
-        f"{_compared(case.against_vector_sum, 'what the parts give when their vectors are added')}; "
-        f"it {_compared(case.against_first_order, 'the first-order law of |bias + noise|')}."
+        f"{case.p95_together_mm:.4g} mm, {against}, {_write_comparison(case.against_sum, 'their plain sum')}, "
+        f"{_write_comparison(case.against_vector_sum, 'what the parts give when their vectors are added')}; "
+        f"it {_write_comparison(case.against_first_order, 'the first-order law of |bias + noise|')}."
     )
 
 
-def conclusions(cases: Sequence[CouplingCase]) -> tuple[str, ...]:
+def write_conclusions(cases: Sequence[CouplingCase]) -> tuple[str, ...]:
     """What holds for all cases together, in sentences that only their intervals, widened to hold together, decide."""
-    return (_whether_more(cases), _on_quadrature(cases), _on_first_order(cases))
+    return (_judge_sum(cases), _judge_quadrature(cases), _judge_first_order(cases))
 
 
-def _whether_more(cases: Sequence[CouplingCase]) -> str:
-    sides = [side(among(case.against_vector_sum, len(cases))) for case in cases]
+def _judge_sum(cases: Sequence[CouplingCase]) -> str:
+    sides = [tell_side(widen(case.against_vector_sum, len(cases))) for case in cases]
     more, less = sides.count(1), sides.count(-1)
-    over = sum(side(among(case.against_sum, len(cases))) > 0 for case in cases)
+    over = sum(tell_side(widen(case.against_sum, len(cases))) > 0 for case in cases)
     furthest = max((abs(case.against_vector_sum.value - 1) for case in cases), default=0.0)
     if not more and not less:
         said = "No coupling is seen: in no case can P95 be told from that of the parts added as vectors"
@@ -634,21 +638,21 @@ def _whether_more(cases: Sequence[CouplingCase]) -> str:
     return f"{said}. The plain sum of both P95 {exceeded}."
 
 
-def _on_quadrature(cases: Sequence[CouplingCase]) -> str:
-    above = [case for case in cases if side(among(case.against_quadrature, len(cases))) > 0]
+def _judge_quadrature(cases: Sequence[CouplingCase]) -> str:
+    above = [case for case in cases if tell_side(widen(case.against_quadrature, len(cases))) > 0]
     if not above:
         return "P95 is nowhere seen above the quadrature sum of the parts."
     most = max(above, key=lambda case: case.against_quadrature.value)
     predicted = 100 * ((most.against_quadrature.first_order or 1.0) - 1)
     return (
         f"P95 is above the quadrature sum in {len(above)} of {len(cases)} cases, at most by "
-        f"{per_cent(most.against_quadrature)} ({most.installation}, {most.reading}), where first order, in which the "
-        f"two only add, says {predicted:+.2f} %: quadrature is not how a bias and noise combine."
+        f"{write_percent(most.against_quadrature)} ({most.installation}, {most.reading}), where first order, in which "
+        f"the two only add, says {predicted:+.2f} %: quadrature is not how a bias and noise combine."
     )
 
 
-def _on_first_order(cases: Sequence[CouplingCase]) -> str:
-    ends = [end for case in cases for end in among(case.against_first_order, len(cases)).interval]
+def _judge_first_order(cases: Sequence[CouplingCase]) -> str:
+    ends = [end for case in cases for end in widen(case.against_first_order, len(cases)).interval]
     return (
         "P95 over first order's own prediction, all intervals together: "
         f"{100 * (min(ends) - 1):+.2f} .. {100 * (max(ends) - 1):+.2f} %."

@@ -12,7 +12,7 @@ from tailstack.design import compile_design
 from tailstack.montecarlo import compile_plan
 from tailstack.montecarlo.shards import shard_trials
 from tailstack.results.sweep import SweepPoint
-from tailstack.sweeping import Axis, SweepError, assembled, read_axes, size_of, sweep_points
+from tailstack.sweeping import Axis, SweepError, assemble_sweep, count_points, read_axes, sweep_points
 from tailstack.verification import MAX_TRIALS
 
 from ...documents import to_json
@@ -29,13 +29,13 @@ def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
     """Every point at once, then the record."""
     design, axes = design_of(request), _axes(request)
     held = {unit.spec: unit.result for unit in results}
-    count, total = _points_per_unit(request), size_of(axes)
+    count, total = _points_per_unit(request), count_points(axes)
     specs = [canonical({"what": "points", "first": first, "count": count}) for first in range(0, total, count)]
     missing = tuple(spec for spec in specs if spec not in held)
     if missing:
         return More(missing, 0, f"{total} points")
     points = [point for spec in specs for point in _POINTS.validate_json(held[spec])]
-    record = assembled(
+    record = assemble_sweep(
         design, axes, points, check=_check(request), trials=request.get("trials"), seed=request.get("seed", 0),
         max_trials=request.get("max_trials", MAX_TRIALS),
     )  # fmt: skip

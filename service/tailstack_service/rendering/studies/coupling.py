@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from tailstack.studies.coupling import CouplingCase, Ratio, StudyCoupling, decimals_of, per_cent
+from tailstack.studies.coupling import CouplingCase, Ratio, StudyCoupling, choose_decimals, write_percent
 
 from ..tables import number, percent, table, wrapped
 from ..verdict import design_line, joined, provenance_text
@@ -105,8 +105,8 @@ def _ratios(cases: Sequence[CouplingCase]) -> str:
 def _with_half_width(ratio: Ratio | None) -> str:
     if ratio is None:
         return "none"
-    decimals = min(decimals_of(ratio), MOST_DECIMALS)
-    return f"{per_cent(ratio, decimals)[:-2]} ± {50 * (ratio.interval[1] - ratio.interval[0]):.{decimals}f}"
+    decimals = min(choose_decimals(ratio), MOST_DECIMALS)
+    return f"{write_percent(ratio, decimals)[:-2]} ± {50 * (ratio.interval[1] - ratio.interval[0]):.{decimals}f}"
 
 
 def _predicted(ratio: Ratio | None) -> str:

@@ -85,7 +85,7 @@ class S4Row:
         return (self.p95 - self.mean) / self.std
 
 
-def printed_text(table: str, row: str, column: str) -> str | None:
+def read_printed(table: str, row: str, column: str) -> str | None:
     """A cell as it stands in its table; None where the table has none."""
     entry = next(entry for entry in TABLES[table]["rows"] if entry[0] == row)
     text: str | None = entry[1 + TABLES[table]["columns"].index(column)]
@@ -176,6 +176,6 @@ def with_installation(system: System, rotation_deg: float, translation_mm: float
     return replace(system, structure_connector=replace(system.structure_connector, bias=bias))
 
 
-def under(system: System, setting: Setting) -> System:
+def apply_setting(system: System, setting: Setting) -> System:
     """A nominal system under the conditions of a cell."""
     return with_noise(with_installation(system, setting.rotation_deg, setting.translation_mm), setting.noise_px)

@@ -51,9 +51,9 @@ from .published import (
     Quantity,
     Setting,
     Table,
+    apply_setting,
     nominal,
-    printed_text,
-    under,
+    read_printed,
     with_noise,
 )
 
@@ -310,18 +310,18 @@ BENCH = "a bench whose geometry, pivot, axes and trials are not stated, counted 
 SPREAD = "the bench's noise, instrument and number of trials are not stated: no geometry gives it"
 
 
-def printed_cells(geometries: Sequence[Geometry]) -> tuple[PrintedCell, ...]:
+def list_printed(geometries: Sequence[Geometry]) -> tuple[PrintedCell, ...]:
     """In the order of the tables, row by row."""
     found = []
     for table in ("S1", "S2", "S3", "S4"):
         for row, *texts in TABLES[table]["rows"]:
             for column, text in zip(TABLES[table]["columns"], texts, strict=True):
                 if text is not None:
-                    found.append(_cell(table, row, column, text, geometries))
+                    found.append(_show_cell(table, row, column, text, geometries))
     return tuple(found)
 
 
-def _cell(table: str, row: str, column: str, text: str, geometries: Sequence[Geometry]) -> PrintedCell:
+def _show_cell(table: str, row: str, column: str, text: str, geometries: Sequence[Geometry]) -> PrintedCell:
     lengths = table != "S4"
     return PrintedCell(
         table=table,  # type: ignore[arg-type]
@@ -380,7 +380,7 @@ FEWEST_TRIALS = 20 * TRIALS  # so that our own error is a fifth of the paper's a
 
 Progress = Callable[[int, int], None]
 Row = tuple[Table, str, Quantity, Setting]
-Asked = tuple[int, Setting]  # of which geometry
+Condition = tuple[int, Setting]  # of which geometry
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -392,7 +392,7 @@ class Case:
     target: int = 0
 
 
-def rows() -> tuple[Row, ...]:
+def list_rows() -> tuple[Row, ...]:
     """Every cell of S1, S2 and S3."""
     found: list[Row] = []
     for degrees in ROTATIONS_DEG:
@@ -409,7 +409,7 @@ def rows() -> tuple[Row, ...]:
     return tuple(found)
 
 
-def paper_study(
+def study_paper(
     cases: Sequence[Case],
     *,
     trials: int = DEFAULT_TRIALS,
@@ -433,37 +433,37 @@ def paper_study(
     systems = [nominal(with_noise(case.system, S1_NOISE_PX)) for case in cases]
     for system in systems:
         checked_system(system)
-    table = rows()
+    table = list_rows()
     settings = list(dict.fromkeys(row[3] for row in table))
     asked = [(k, setting) for k in range(len(cases)) for setting in settings]
 
-    def work(one: Asked) -> tuple[Sampled, dict[int, PaperCell]]:
+    def work(one: Condition) -> tuple[Sample, dict[int, PaperCell]]:
         k, setting = one
-        at = sampled(systems[k], cases[k].target, setting, trials, seed)
+        at = take_sample(systems[k], cases[k].target, setting, trials, seed)
         made = {}
         for place, (name, row, quantity, there) in enumerate(table):
             if there == setting:
-                printed = printed_at(name, row, quantity) if cases[k].compared else None
-                made[place] = cell(at, name, row, quantity, printed)
+                printed = find_printed(name, row, quantity) if cases[k].compared else None
+                made[place] = compare_cell(at, name, row, quantity, printed)
         return at, made
 
     cells: list[dict[int, PaperCell]] = [{} for _ in cases]
-    kept: list[dict[Setting, Sampled]] = [{} for _ in cases]
+    kept: list[dict[Setting, Sample]] = [{} for _ in cases]
     needed = {Setting(0.0, 0.0, S3_NOISE_PX)}
     noisy: list[dict[str, float]] = [{} for _ in cases]
     shapes: list[dict[str, LevelShape]] = [{} for _ in cases]
     levels = {Setting(*torsor, S3_NOISE_PX): level for level, torsor in LEVELS.items()}
-    for done, ((k, setting), (at, made)) in enumerate(_in_order(work, asked, threads)):
+    for done, ((k, setting), (at, made)) in enumerate(_compute_in_order(work, asked, threads)):
         cells[k].update(made)
         if setting in needed:
             kept[k][setting] = at
         if setting in levels:
             noisy[k][levels[setting]] = at.reprojection_px
-            shapes[k][levels[setting]] = shape(levels[setting], at.localisation)
+            shapes[k][levels[setting]] = describe_tail(levels[setting], at.localisation)
         if progress is not None:
             progress(done + 1, len(asked))
     geometries = tuple(
-        _geometry(
+        _assemble_geometry(
             case,
             system,
             tuple(cells[k][place] for place in range(len(table))),
@@ -481,24 +481,24 @@ def paper_study(
         published_trials=TRIALS,
         band=BAND,
         geometries=geometries,
-        printed=printed_cells(geometries),
-        statements=statements(geometries),
+        printed=list_printed(geometries),
+        statements=write_statements(geometries),
         tailstack_version=__version__,
     )
 
 
-def _in_order(
-    work: Callable[[Asked], tuple[Sampled, dict[int, PaperCell]]], asked: list[Asked], threads: int | None
-) -> Iterator[tuple[Asked, tuple[Sampled, dict[int, PaperCell]]]]:
+def _compute_in_order(
+    work: Callable[[Condition], tuple[Sample, dict[int, PaperCell]]], asked: list[Condition], threads: int | None
+) -> Iterator[tuple[Condition, tuple[Sample, dict[int, PaperCell]]]]:
     with ThreadPoolExecutor(usable_cores() if threads is None else threads) as pool:
         yield from zip(asked, pool.map(work, asked), strict=True)
 
 
-def _geometry(
+def _assemble_geometry(
     case: Case,
     system: System,
     cells: tuple[PaperCell, ...],
-    kept: dict[Setting, Sampled],
+    kept: dict[Setting, Sample],
     noisy: dict[str, float],
     shapes: tuple[LevelShape, ...],
 ) -> Geometry:
@@ -519,9 +519,9 @@ def _geometry(
         compared_cells=len(compared),
         outside_cells=sum(bool(one.outside) for one in compared),
         chi_square=sum(one.z**2 for one in compared if one.z is not None) if compared else None,
-        additivity=additivity(second, case.compared),
-        factor=factor(system, case.target, kept[Setting(0.0, 0.0, S3_NOISE_PX)], case.compared),
-        levels=level_ratios(system, case.target, noisy),
+        additivity=compare_parts(second, case.compared),
+        factor=compare_factor(system, case.target, kept[Setting(0.0, 0.0, S3_NOISE_PX)], case.compared),
+        levels=compute_level_ratios(system, case.target, noisy),
         shapes=shapes,
     )
 
@@ -535,7 +535,7 @@ OTHER = {Reading.PHYSICAL: Reading.EQ18, Reading.EQ18: Reading.PHYSICAL}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sampled:
+class Sample:
     """A condition: errors of the full chain, and the linear model in both readings."""
 
     setting: Setting
@@ -555,9 +555,9 @@ class Statistic:
     standard_error: float
 
 
-def sampled(system: System, target: int, setting: Setting, trials: int, seed: int) -> Sampled:
+def take_sample(system: System, target: int, setting: Setting, trials: int, seed: int) -> Sample:
     """The chain under a condition.  Without noise one trial is all there is."""
-    here = under(system, setting)
+    here = apply_setting(system, setting)
     plan = compile_plan(here)
     count = trials if setting.noise_px > 0 else 1
     parts = [
@@ -566,13 +566,13 @@ def sampled(system: System, target: int, setting: Setting, trials: int, seed: in
     errors = np.concatenate([part.errors[target] for part in parts], axis=-1)
     rms = np.concatenate([part.reprojection for part in parts if part.reprojection is not None])
     other = replace(here, reading=OTHER[here.reading])
-    return Sampled(
+    return Sample(
         setting, errors[1], errors[0], linearise(here, here.targets[target]), linearise(other, other.targets[target]),
         float(rms.mean()),
     )  # fmt: skip
 
 
-def statistic(errors: Array, quantity: Quantity) -> Statistic:
+def estimate(errors: Array, quantity: Quantity) -> Statistic:
     """``quantity`` of errors (3, n), mm.
 
     Over experiments of 2,000 trials a mean scatters by s / sqrt(2000), a standard deviation by its fourth moment, and
@@ -596,7 +596,7 @@ def statistic(errors: Array, quantity: Quantity) -> Statistic:
     return Statistic(float(np.quantile(ordered, P95)), scatter, scatter * sqrt(TRIALS / count))
 
 
-def first_order(model: LinearModel, quantity: Quantity) -> float:
+def predict(model: LinearModel, quantity: Quantity) -> float:
     """The same number of the linear model's exact law, mm."""
     mean, spread = model.localisation_bias_mm, covariance(model, "localisation")
     if quantity in AXIS:
@@ -604,9 +604,9 @@ def first_order(model: LinearModel, quantity: Quantity) -> float:
     return norm_mean(mean, spread) if quantity == "mean" else norm_quantile(P95, mean, spread)
 
 
-def cell(at: Sampled, table: Table, row: str, quantity: Quantity, printed: Printed | None) -> PaperCell:
+def compare_cell(at: Sample, table: Table, row: str, quantity: Quantity, printed: Printed | None) -> PaperCell:
     """One cell; ``printed`` is what stands there, if it is held and compared with."""
-    found = statistic(at.localisation, quantity)
+    found = estimate(at.localisation, quantity)
     rounding = 0.0 if printed is None else printed.rounding_mm
     width = sqrt(found.published_error**2 + found.standard_error**2 + rounding**2 / 3)
     z = None if printed is None else (printed.value_mm - found.value) / width
@@ -619,9 +619,9 @@ def cell(at: Sampled, table: Table, row: str, quantity: Quantity, printed: Print
         noise_px=at.setting.noise_px,
         value_mm=found.value,
         standard_error_mm=found.standard_error,
-        tcp_mm=statistic(at.tcp, quantity).value,
-        first_order_mm=first_order(at.model, quantity),
-        other_reading_mm=first_order(at.other, quantity),
+        tcp_mm=estimate(at.tcp, quantity).value,
+        first_order_mm=predict(at.model, quantity),
+        other_reading_mm=predict(at.other, quantity),
         printed_mm=None if printed is None else printed.value_mm,
         rounding_mm=None if printed is None else rounding,
         published_error_mm=found.published_error,
@@ -631,7 +631,7 @@ def cell(at: Sampled, table: Table, row: str, quantity: Quantity, printed: Print
     )
 
 
-def printed_at(table: Table, row: str, quantity: Quantity) -> Printed | None:
+def find_printed(table: Table, row: str, quantity: Quantity) -> Printed | None:
     """What is held of a cell."""
     held: Sequence[Printed] = [p for p in CELLS if (p.table, p.row, p.quantity) == (table, row, quantity)]
     return held[0] if held else None
@@ -653,14 +653,14 @@ def _std(spread: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(np.diag(spread), 0.0)))
 
 
-def ways(system: System, target: int, at: Sampled) -> list[tuple[str, str, Array]]:
+def list_propagations(system: System, target: int, at: Sample) -> list[tuple[str, str, Array]]:
     """Name, what it is, standard deviations (3,) mm of every propagation."""
     model = at.model
     full = covariance(model, "localisation")
     views = [view.name for view in system.views]
     blocks = {block.contributor: block for block in model.blocks}
     found = [("full", "Eqs 15-16 with the covariance of every view's matrix and of the target's images", _std(full))]
-    found += second_order(under(system, at.setting), target, model)
+    found += propagate_second_order(apply_setting(system, at.setting), target, model)
     for place, view in enumerate(views):
         left_out = full - _part(blocks[f"fiducial_noise:{view}"])
         words = f"the covariance of the matrix of view {place + 1} ({view}) left out of Eq 16"
@@ -674,7 +674,7 @@ def ways(system: System, target: int, at: Sampled) -> list[tuple[str, str, Array
     return found
 
 
-def second_order(here: System, target: int, model: LinearModel) -> list[tuple[str, str, Array]]:
+def propagate_second_order(here: System, target: int, model: LinearModel) -> list[tuple[str, str, Array]]:
     """The second-order correction, or nothing where it is refused."""
     plan = compile_plan(here)
     try:
@@ -686,14 +686,14 @@ def second_order(here: System, target: int, model: LinearModel) -> list[tuple[st
     return [("second order", "full, with the Hessian of the estimator", _std(spread))]
 
 
-def factor(system: System, target: int, at: Sampled, compared: bool) -> Factor:
+def compare_factor(system: System, target: int, at: Sample, compared: bool) -> Factor:
     """S3 of one geometry."""
-    found = [statistic(at.localisation, quantity) for quantity in AXIS]
+    found = [estimate(at.localisation, quantity) for quantity in AXIS]
     sampled = np.array([one.value for one in found])
     analytic = np.array(S3_ANALYTIC) * MM_PER_PRINTED_UNIT
     own = at.localisation
     propagations = []
-    for name, words, std in ways(system, target, at):
+    for name, words, std in list_propagations(system, target, at):
         difference = analytic - std
         propagations.append(
             Propagation(
@@ -749,7 +749,7 @@ def _sentence(propagations: list[Propagation], found: list[Statistic], compared:
     )
 
 
-def additivity(cells: Mapping[tuple[str, float], PaperCell], compared: bool) -> tuple[Additivity, ...]:
+def compare_parts(cells: Mapping[tuple[str, float], PaperCell], compared: bool) -> tuple[Additivity, ...]:
     """Cells of S2, by level and noise, that have both parts."""
     printed = {(cell.row.partition(",")[0], cell.setting.noise_px): cell.value_mm for cell in S2}
     rows = []
@@ -773,7 +773,7 @@ def additivity(cells: Mapping[tuple[str, float], PaperCell], compared: bool) -> 
     return tuple(rows)
 
 
-def level_ratios(system: System, target: int, noisy_px: Mapping[str, float]) -> tuple[LevelRatio, ...]:
+def compute_level_ratios(system: System, target: int, noisy_px: Mapping[str, float]) -> tuple[LevelRatio, ...]:
     """Every level without noise, by the plain estimator: matrices estimated there, and matrices of L0 kept.
 
     noisy_px: mean RMS reprojection error of the chain with noise, by level, passed on."""
@@ -783,7 +783,7 @@ def level_ratios(system: System, target: int, noisy_px: Mapping[str, float]) -> 
     position = system.targets[target].position_mm
     rows = []
     for level, (degrees, millimetres) in LEVELS.items():
-        here = under(system, Setting(degrees, millimetres, 0.0))
+        here = apply_setting(system, Setting(degrees, millimetres, 0.0))
         seen_by, told, _ = estimator_geometry(here)
         # What is imaged, in the estimator's own coordinates: effective projections of the fiducials it is told.
         images = [project(matrix, told) for matrix in seen_by]
@@ -811,7 +811,7 @@ def level_ratios(system: System, target: int, noisy_px: Mapping[str, float]) -> 
     return tuple(rows)
 
 
-def shape(level: str, errors: Array) -> LevelShape:
+def describe_tail(level: str, errors: Array) -> LevelShape:
     """Where the P95 of the norm of errors (3, n), mm, stands."""
     norms = np.linalg.norm(errors, axis=0)
     mean, p95 = float(norms.mean()), float(np.quantile(norms, 0.95))
@@ -828,22 +828,22 @@ NORMAL, UNIFORM = 1.645, 1.559  # standard deviations from the mean to the P95
 S4_HALVES = {"mean": 0.0005, "std": 0.00005, "p95": 0.0005}  # half of the last decimal of each column
 
 
-def _printed(table: str, row: str, column: str) -> float:
-    found = printed_text(table, row, column)
+def _read_printed(table: str, row: str, column: str) -> float:
+    found = read_printed(table, row, column)
     assert found is not None
     return float(found)
 
 
-def statements(geometries: Sequence[Geometry]) -> tuple[Statement, ...]:
+def write_statements(geometries: Sequence[Geometry]) -> tuple[Statement, ...]:
     """Facts about the printed tables that need no geometry, and what ours add to S4."""
     return (_units(), _lever(), _repeat(), _falling(), _means(geometries), *_bench(geometries))
 
 
 def _units() -> Statement:
     moved = 5.0
-    there = _printed("S1", f"translation {moved:g} mm", "e_3d_mean")
-    zero, turned = (_printed("S1", f"rotation {degrees} deg", "e_3d_mean") for degrees in (0, 2))
-    still, both = (printed_text("S2", level, "2 px") for level in ("L0", "L2"))
+    there = _read_printed("S1", f"translation {moved:g} mm", "e_3d_mean")
+    zero, turned = (_read_printed("S1", f"rotation {degrees} deg", "e_3d_mean") for degrees in (0, 2))
+    still, both = (read_printed("S2", level, "2 px") for level in ("L0", "L2"))
     at_rest, displaced = TABLES["text"]["S2, 2 px, L0 and L2, mm"]
     low, high = TABLES["text"]["S1, mean over rotation, mm"]
     return Statement(
@@ -858,7 +858,7 @@ def _units() -> Statement:
 
 
 def _lever() -> Statement:
-    bias, (degrees, _) = _printed("S2", "L2", "0 px"), LEVELS["L2"]
+    bias, (degrees, _) = _read_printed("S2", "L2", "0 px"), LEVELS["L2"]
     lever = bias * MM_PER_PRINTED_UNIT / (2 * sin(radians(degrees) / 2))
     return Statement(
         "lever",
@@ -870,7 +870,7 @@ def _lever() -> Statement:
 
 
 def _repeat() -> Statement:
-    zero, again = (_printed("S1", row, "e_3d_mean") for row in ("rotation 0 deg", "translation 0 mm"))
+    zero, again = (_read_printed("S1", row, "e_3d_mean") for row in ("rotation 0 deg", "translation 0 mm"))
     return Statement(
         "repeat",
         f"The same experiment, no installation error at {S1_NOISE_PX:g} px, is printed twice, {zero:g} and "
@@ -881,7 +881,7 @@ def _repeat() -> Statement:
 
 
 def _falling() -> Statement:
-    high, low = (_printed("S2", level, "5 px") for level in ("L0", "L2"))
+    high, low = (_read_printed("S2", level, "5 px") for level in ("L0", "L2"))
     return Statement(
         "falling",
         f"S2 falls from {high:.3f} at L0 to {low:.3f} at L2 where the noise is 5 px. In the Eq 18 reading no "
