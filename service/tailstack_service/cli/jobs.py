@@ -6,19 +6,18 @@ import argparse
 import os
 import sys
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from tailstack.json_text import write_json
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..console.arguments import whole
-from ..job_document import KINDS
+from ..job_document import KINDS, State
 
 if TYPE_CHECKING:
     from ..console.remote import Service
 
 HELP = "jobs of a running service: list, show, follow, cancel"
-STATES = ("queued", "running", "succeeded", "failed", "cancelled")
 PAGE = 200
 # What to type after a refusal of one job, by its class
 HINTS = {
@@ -30,7 +29,7 @@ HINTS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     list_ = actions.add_parser("list", help="jobs, newest first", allow_abbrev=False)
-    list_.add_argument("--state", choices=STATES, help="only jobs in this state")
+    list_.add_argument("--state", choices=get_args(State), help="only jobs in this state")
     list_.add_argument("--kind", choices=KINDS, help="only jobs of this kind")
     list_.add_argument("--limit", type=whole(1), default=50, metavar="N", help="at most N (default %(default)s)")
     show = actions.add_parser("show", help="one job in full", allow_abbrev=False)
