@@ -14,7 +14,7 @@ import pytest
 import xsd
 from gate_scenes import FORMATS, GOLDEN, SCENES, golden, run, settled
 from jsonschema import Draft202012Validator
-from service_scenes import ROOT, limited
+from service_scenes import ROOT, limited, small_design
 
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
@@ -184,6 +184,20 @@ def test_junit_counts_what_it_holds() -> None:
                 assert int(suite.attrib[name]) == sum(case.find(kind) is not None for case in cases)
         red = int(root.attrib["failures"]) + int(root.attrib["errors"])
         assert (red > 0) == (SCENES[title].exit_code != 0), title
+
+
+def test_every_limit_that_is_missed_is_a_case_that_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two limits of one name too: the policy's P95, and a requirement that somebody called p95."""
+    import xml.etree.ElementTree as ET
+
+    monkeypatch.chdir(tmp_path)
+    own = {"name": "p95", "error": "localisation", "quantile": 0.9, "limit_mm": 0.01}
+    rules = {"overlap": {"severity": "off"}, "p95": {"limit_mm": 0.02}}
+    Path("a.yaml").write_text(data_to_yaml(small_design(requirements=[own], optimise=None)), encoding="utf-8")
+    Path("p.yaml").write_text(data_to_yaml({"schema": "tailstack/policy/1", "rules": rules}), encoding="utf-8")
+    assert main(["gate", "a.yaml", "--policy", "p.yaml", "--mode", "analytic", "--format", "junit=j.xml"]) == 1
+    cases = ET.parse("j.xml").findall(".//testcase")
+    assert [(case.attrib["name"], len(case.findall("failure"))) for case in cases] == [("p95: p95, target tip", 1)] * 2
 
 
 def test_a_design_whose_fault_is_in_its_fiducial_file_is_no_empty_suite() -> None:

@@ -301,7 +301,7 @@ def _read_design(name: str) -> GateDesign:
 
 def _place_refusal(error: TailstackError, name: str) -> TailstackError:
     """A refusal with files as findings call them; what is about the file of fiducials stands there, or, where that is
-    not to be matches, at the field that names it."""
+    not to be found, at the field that names it."""
     from tailstack.design.loading import read_source
     from tailstack.design.refusals import place
 

@@ -228,8 +228,13 @@ def _list_cases(design: GatedDesign, findings: list[GateFinding]) -> list[_Case]
     cases: list[_Case] = []
     for number in design.numbers:
         name = f"{number.requirement}, target {number.target}"
-        rules = (number.rule, "inconclusive")
-        about = [f for f in findings if f.rule in rules and f.message.startswith(f"{name}: ")]
+        about = [
+            finding
+            for finding in findings
+            if finding.rule in (number.rule, "inconclusive")
+            and finding.message.startswith(f"{name}: ")
+            and (finding.value, finding.limit) == (number.value, number.limit)  # two limits may be called the same
+        ]
         findings = [finding for finding in findings if finding not in about]
         cases.append((f"{number.rule}: {name}", about))
     for requirement in dict.fromkeys(entry.requirement for entry in design.not_judged):
