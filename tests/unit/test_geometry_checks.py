@@ -15,16 +15,12 @@ from tailstack.estimation.checks import (
     check_geometry,
     check_views,
     closest_two,
-    design_squares,
     examine,
-    firm,
     imaged_fiducials,
-    look,
     sight,
     sines_between_rays,
-    spread,
 )
-from tailstack.estimation.resection import design_matrix, hartley_similarity, homogeneous, project
+from tailstack.estimation.resection import project
 from tailstack.geometry.camera import camera_centre
 from tailstack.geometry.rotation import rotation_xyz
 from tailstack.system import Reading
@@ -211,82 +207,27 @@ def test_fewer_than_two_points_are_not_close():
     assert closest_two(np.array([[0.0, 0], [np.nan, 0], [3, 4]])) == (0, 2, 5.0)
 
 
-def test_sight_and_squares_are_those_of_the_resection():
-    """Against the plain projection, and the design matrix of Eq 2 in Hartley's frames."""
+def test_points_are_seen_where_they_are_projected():
+    """Against the plain projection; one point behind the source, one beside the image; a view of unknown size."""
     rng = np.random.default_rng(5)
-    view = system_of(CUBE).views[0]
-    points = np.vstack([rng.uniform(-60, 60, (9, 3)), -2 * camera_centre(view.projection), [[0, -800.0, 0]]])
-    depth, images, margin = sight(view.projection, points, 1536.0, 1024.0)
-    np.testing.assert_allclose(depth, points @ view.projection[2, :3] + view.projection[2, 3], rtol=1e-13)
-    expected = project(view.projection, points[:9])
-    np.testing.assert_allclose(images[:9], expected, rtol=1e-12)
+    view = replace(system_of(CUBE).views[0], image_size_px=(1536, 1024))
+    behind, beside = 3 * camera_centre(view.projection), np.array([[400.0, 0, 0]])
+    points = np.vstack([rng.uniform(-30, 30, (9, 3)), beside, behind])
+    seen = sight(view, points)
+    np.testing.assert_allclose(seen.depth, points @ view.projection[2, :3] + view.projection[2, 3], rtol=1e-13)
+    expected = project(view.projection, points[:10])
+    np.testing.assert_allclose(seen.images[:10], expected, rtol=1e-12)
     edges = np.hstack([expected + 0.5, np.array([1535.5, 1023.5]) - expected])
-    np.testing.assert_allclose(margin[:9], edges.min(axis=1), atol=1e-9)
-    assert np.isnan(images[10]).all()
-    assert np.isnan(margin[10])
-    rows = design_matrix(
-        homogeneous(points[:9]) @ hartley_similarity(points[:9]).T,
-        (homogeneous(expected) @ hartley_similarity(expected).T)[:, :2],
-    )
-    np.testing.assert_allclose(design_squares(points[:9], expected), rows.T @ rows, atol=1e-12)
-
-
-@settings(deadline=None)  # the first call may compile
-@given(st.integers(0, 10_000), st.floats(-4, 0))
-def test_firm_is_never_said_of_what_the_eigenvalues_deny(seed, log_share):
-    """Layouts from thick to flat: the proof by Cholesky against the eigenvalues themselves."""
-    rng = np.random.default_rng(seed)
-    points = rng.uniform(-60, 60, (9, 3)) * [1, 1, 10 ** rng.uniform(-4, 0)]
-    points = points @ rotation_xyz(rng.uniform(-3, 3, 3)).T
-    images = project(system_of(CUBE).views[0].projection, points)
-    values = np.linalg.eigvalsh(design_squares(points, images))
-    if firm(points, images, 10**log_share):
-        assert values[1] > 10**log_share * values[-1]
-
-
-def test_a_cube_is_firm():
-    images = project(system_of(CUBE).views[0].projection, CUBE)
-    assert firm(CUBE, images, 1e-4)
-
-
-def test_one_look_is_all_views():
-    """A point behind a source, one beside the image, a view of unknown size: against one view, one rule at a time."""
-    rng = np.random.default_rng(8)
-    views = system_of(CUBE).views
-    away = 3 * camera_centre(views[0].projection)
-    points = np.vstack([rng.uniform(-60, 60, (8, 3)), [[400.0, 0, 0]], [away], rng.uniform(-60, 60, (2, 3))])
-    sizes = np.array([[1536.0, 1024.0], [np.nan, np.nan]])
-    projections = np.array([view.projection for view in views])
-    for count in (8, 9, 10):
-        depth, images, margin, facts = look(projections, points, count, sizes, 1e-4)
-        for v, view in enumerate(views):
-            own_depth, own_images, own_margin = sight(view.projection, points, *sizes[v])
-            np.testing.assert_array_equal(depth[v], own_depth)
-            np.testing.assert_array_equal(images[v], own_images)
-            np.testing.assert_array_equal(margin[v], own_margin)
-            nearest, farthest, smallest, least_depth, least_margin, first, second, distance, sure = facts[v]
-            assert (nearest, farthest, least_depth) == (
-                own_depth[:count].min(), own_depth[:count].max(), own_depth.min(),
-            )  # fmt: skip
-            if v == 0:
-                assert smallest == np.nanmin(own_margin[:count])
-                assert least_margin == np.nanmin(own_margin)
-            else:
-                assert np.isnan(smallest)
-                assert np.isnan(least_margin)
-            assert (first, second, distance) == closest_two(own_images[:count])
-            assert sure == (nearest > 0 and firm(points[:count], own_images[:count], 1e-4))
-
-
-def test_spread_is_that_of_the_singular_values():
-    points = np.random.default_rng(4).normal(size=(11, 3)) * [30, 8, 2] + [100, -40, 7]
-    squares, directions, extents, *closest = spread(points)
-    centred = points - points.mean(axis=0)
-    _, values, axes = np.linalg.svd(centred, full_matrices=False)
-    np.testing.assert_allclose(np.sqrt(squares), values, rtol=1e-12)
-    np.testing.assert_allclose(np.abs(directions @ axes.T), np.eye(3), atol=1e-11)
-    np.testing.assert_allclose(extents, np.ptp(centred @ axes.T, axis=0), rtol=1e-12)
-    assert tuple(closest) == closest_two(points)
+    np.testing.assert_allclose(seen.margin[:10], edges.min(axis=1), atol=1e-9)
+    assert seen.margin[9] < 0
+    assert seen.depth[10] < 0
+    assert np.isnan(seen.images[10]).all()
+    assert np.isnan(seen.margin[10])
+    assert [sight(view, points[:count]).clear for count in (9, 10, 11)] == [True, False, False]
+    unknown = sight(replace(view, image_size_px=None), points)
+    assert np.isnan(unknown.margin).all()
+    assert not unknown.clear
+    assert sight(replace(view, image_size_px=None), points[:10]).clear
 
 
 def test_sines_between_rays_are_those_of_the_cross_products():

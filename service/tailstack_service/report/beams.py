@@ -11,7 +11,7 @@ from tailstack.design import Design
 from tailstack.design.document import DistanceView, PresetView
 from tailstack.design.presets import PRESETS
 from tailstack.geometry.camera import camera_centre, depths, principal_ray
-from tailstack.geometry.rotation import cross, unit
+from tailstack.geometry.rotation import unit
 from tailstack.system import System, View
 
 BEYOND = 1.3  # a detector at an unknown distance is drawn so much farther than what it images
@@ -81,7 +81,7 @@ def _beam(view: View, document: object, points_mm: Array) -> Beam:
             across_u = projection[0, :3] - (projection[0, :3] @ direction) * direction
             pixel = (distance / float(np.linalg.norm(across_u)), distance / float(np.linalg.norm(down)))
     return Beam(
-        view, camera_centre(projection), direction, cross(up, -direction), up, distance, stated, pixel,
+        view, camera_centre(projection), direction, np.cross(up, -direction), up, distance, stated, pixel,
         _corners(view, points_mm), view.image_size_px is not None,
     )  # fmt: skip
 

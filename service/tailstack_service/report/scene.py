@@ -18,7 +18,7 @@ import numpy as np
 from tailstack.arrays import Array
 from tailstack.design import Design, compile_design
 from tailstack.design.optimise_document import SearchBox, SearchCylinder, Shaped
-from tailstack.geometry.rotation import cross, unit
+from tailstack.geometry.rotation import unit
 from tailstack.results import Score
 from tailstack.system import System
 
@@ -145,8 +145,8 @@ def circle(centre: Array, normal: Array, radius_mm: float) -> Array:
 def across(direction: Array) -> tuple[Array, Array]:
     """Two unit vectors across a direction (3,) and each other."""
     along = unit(np.asarray(direction, dtype=float))
-    first = unit(cross(along, np.eye(3)[int(np.argmin(np.abs(along)))]))
-    return first, cross(along, first)
+    first = unit(np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))]))
+    return first, np.cross(along, first)
 
 
 def cylinder_lines(base: Array, axis: Array, height_mm: float, radius_mm: float) -> Lines:

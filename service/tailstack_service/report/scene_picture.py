@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from tailstack.arrays import Array
-from tailstack.geometry.rotation import cross
 
 from .scene import LOOKS, Camera, Item, Point3, Scene
 from .svg import (
@@ -97,7 +96,7 @@ def fitted(
     room = np.array([width - 2 * PAD, height - 2 * PAD - STRIP])
     scale = float((room / np.maximum(high - low, 1e-3)).min())
     offset = np.array([left + PAD, top + PAD]) + (room - scale * (high - low)) / 2 - scale * low
-    return Sight(right, up, cross(right, up), scale, offset, panel, size)
+    return Sight(right, up, np.cross(right, up), scale, offset, panel, size)
 
 
 def _panel(sight: Sight, items: Sequence[Item], name: str) -> list[str]:

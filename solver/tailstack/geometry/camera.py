@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Array
-from .rotation import cross, rigid_transform, unit
+from .rotation import rigid_transform, unit
 
 
 def intrinsic_matrix(focal_px: tuple[float, float], principal_point_px: tuple[float, float], skew_px: float) -> Array:
@@ -32,8 +32,8 @@ def aim(source_mm: Array, beam_direction: Array, up_direction: Array) -> Array:
     unit vectors.  The caller makes sure that beam and up are not parallel.
     """
     beam = unit(np.asarray(beam_direction, dtype=float))
-    right = unit(cross(beam, np.asarray(up_direction, dtype=float)))
-    rotation = np.array([right, cross(beam, right), beam])
+    right = unit(np.cross(beam, np.asarray(up_direction, dtype=float)))
+    rotation = np.array([right, np.cross(beam, right), beam])
     return rigid_transform(rotation, -rotation @ np.asarray(source_mm, dtype=float))
 
 

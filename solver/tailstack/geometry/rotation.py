@@ -7,8 +7,6 @@ small-angle form is ``R = I + [omega]x`` (Eq 13): first order in the angles, and
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
-from math import cos, sin, sqrt
 
 import numpy as np
 
@@ -16,16 +14,9 @@ from ..arrays import Array
 from ..system import RotationForm
 
 
-def cross(a: Array, b: Array) -> Array:
-    """(3,) x (3,); ``numpy.cross`` for two single vectors, without its handling of axes."""
-    a0, a1, a2 = a.tolist()
-    b0, b1, b2 = b.tolist()
-    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
-
-
 def unit(vector: Array) -> Array:
     """(3,) of length one in the same direction."""
-    return np.asarray(vector / sqrt(float(vector @ vector)))
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def skew(vector: Array) -> Array:
@@ -89,19 +80,6 @@ def torsor_transform(torsor: Array, pivot_mm: Array, form: RotationForm = Rotati
     return out
 
 
-def torsor_derivatives(
-    torsor: Array, pivot_mm: Array, point_mm: Array, form: RotationForm = RotationForm.FULL
-) -> Array:
-    """Derivative of the displaced point by the torsor.
-
-    torsor (6,), pivot_mm (3,), point_mm (..., 3), all in one frame -> (..., 3, 6): rows the displaced
-    point, columns (rx, ry, rz, tx, ty, tz), mm/rad and mm/mm.
-    """
-    arm = np.asarray(point_mm, dtype=float) - pivot_mm
-    turning = np.einsum("aij,...j->...ia", rotation_derivatives(np.asarray(torsor)[:3], form), arm)
-    return np.concatenate([turning, np.broadcast_to(np.eye(3), turning.shape)], axis=-1)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Displacement:
     """``x -> R x + s`` with the derivative of R by its three angles: what a mount does at its bias, for any point."""
@@ -111,70 +89,25 @@ class Displacement:
     shift_mm: Array  # (3,) p - R p + t
     by_angle: Array  # (3, 3, 3), angle first
 
-    def moved(self, point_mm: Array) -> Array:
+    def move(self, point_mm: Array) -> Array:
         """(3,) -> (3,)."""
         return np.asarray(self.rotation @ point_mm + self.shift_mm)
 
     def by_torsor(self, point_mm: Array) -> Array:
-        """As :func:`torsor_derivatives`: (3,) -> (3, 6)."""
-        out = np.empty((3, 6))
-        out[:, :3] = np.einsum("aij,j->ia", self.by_angle, point_mm - self.pivot_mm)
-        out[:, 3:] = _IDENTITY
-        return out
+        """Derivative of the displaced point by the torsor at a point (3,) -> (3, 6), mm/rad and mm/mm."""
+        return np.hstack([np.einsum("aij,j->ia", self.by_angle, point_mm - self.pivot_mm), np.eye(3)])
 
     def matrix(self) -> Array:
         """(4, 4)."""
         return rigid_transform(self.rotation, self.shift_mm)
 
 
-_IDENTITY = np.eye(3)
-
-
 def displacement(torsor: Array, pivot_mm: Array, form: RotationForm = RotationForm.FULL) -> Displacement:
-    """The displacement of one torsor (6,) about a pivot (3,), rad and mm, all of it at once.
-
-    The same numbers as :func:`torsor_transform` and :func:`torsor_derivatives`, which take batches and each turn their
-    own angles.
-    """
-    rotation, by_angle = _turning(*torsor[:3].tolist(), form)
-    return Displacement(pivot_mm, rotation, pivot_mm - rotation @ pivot_mm + torsor[3:], by_angle)
-
-
-@lru_cache(maxsize=256)  # a design asks for each of its few biases several times, and most are 0
-def _turning(rx: float, ry: float, rz: float, form: RotationForm) -> tuple[Array, Array]:
-    """Rotation (3, 3) and its derivatives (3, 3, 3), angle first; read-only."""
-    if form is RotationForm.SMALL_ANGLE:
-        angles = np.array([rx, ry, rz])
-        rotation, by_angle = rotation_xyz(angles, form), rotation_derivatives(angles, form)
-    else:
-        cx, cy, cz = cos(rx), cos(ry), cos(rz)
-        sx, sy, sz = sin(rx), sin(ry), sin(rz)
-        about_z = np.array([[cz, -sz, 0.0], [sz, cz, 0.0], [0.0, 0.0, 1.0]])
-        by_z = np.array([[-sz, -cz, 0.0], [cz, -sz, 0.0], [0.0, 0.0, 0.0]])
-        # Rx Ry and its derivatives by rx and ry: every entry is one product.
-        before = np.array(
-            [
-                [[cy, 0.0, sy], [sx * sy, cx, -sx * cy], [-cx * sy, sx, cx * cy]],
-                [[0.0, 0.0, 0.0], [cx * sy, -sx, -cx * cy], [sx * sy, cx, -sx * cy]],
-                [[-sy, 0.0, cy], [sx * cy, 0.0, sx * sy], [-cx * cy, 0.0, -cx * sy]],
-            ]
-        )
-        turned = before @ about_z
-        rotation = turned[0].copy()
-        by_angle = np.stack((turned[1], turned[2], before[0] @ by_z))
-    rotation.setflags(write=False)
-    by_angle.setflags(write=False)
-    return rotation, by_angle
-
-
-def rigid_inverse(transform: Array) -> Array:
-    """Inverse of rigid transforms (..., 4, 4): ``R' , -R' t``.  Wrong for the small-angle form: use ``inv``."""
-    rotation_t = np.swapaxes(transform[..., :3, :3], -1, -2)
-    out = np.zeros_like(transform, dtype=float)
-    out[..., :3, :3] = rotation_t
-    out[..., :3, 3] = -np.einsum("...ij,...j->...i", rotation_t, transform[..., :3, 3])
-    out[..., 3, 3] = 1.0
-    return out
+    """The displacement of one torsor (6,) about a pivot (3,), rad and mm, as :func:`torsor_transform` has it."""
+    rotation = rotation_xyz(torsor[:3], form)
+    return Displacement(
+        pivot_mm, rotation, pivot_mm - rotation @ pivot_mm + torsor[3:], rotation_derivatives(torsor[:3], form)
+    )
 
 
 def transform_points(transform: Array, points: Array) -> Array:

@@ -274,7 +274,7 @@ def _reconstructed(chain: Chain, target: Target) -> tuple[Array, Array]:
     if chain.system.reading is Reading.PHYSICAL:
         back = chain.undone @ (target.position_mm - first.shift_mm)
         return back, -chain.undone @ first.by_torsor(back)
-    return first.moved(target.position_mm), first.by_torsor(target.position_mm)
+    return first.move(target.position_mm), first.by_torsor(target.position_mm)
 
 
 def linearise(system: System, target: Target) -> LinearModel:
@@ -309,7 +309,7 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
             )
         )
 
-    moved, torsor_2 = chain.second.moved(reconstructed), chain.second.by_torsor(reconstructed)
+    moved, torsor_2 = chain.second.move(reconstructed), chain.second.by_torsor(reconstructed)
     turn, shift = chain.to_tool[:3, :3], chain.to_tool[:3, 3]
     at_tool = turn @ moved + shift
     from_moved = chain.third.rotation @ turn
@@ -334,7 +334,7 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
         target=target,
         reconstructed_mm=reconstructed,
         localisation_bias_mm=reconstructed - target.position_mm,
-        tcp_bias_mm=chain.third.moved(at_tool) + system.execution_bias_mm - (turn @ target.position_mm + shift),
+        tcp_bias_mm=chain.third.move(at_tool) + system.execution_bias_mm - (turn @ target.position_mm + shift),
         blocks=tuple(kind.block(localisation, tcp) for kind in chain.kinds),
         tcp_from_localisation=to_tcp,
         manufacturing_block_diagonal=block_diagonal,
