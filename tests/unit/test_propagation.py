@@ -12,7 +12,7 @@ import pytest
 from reference_chain import run
 from scenes import cube8_system, cube_fiducials, random_system, read_only, system_of, target, with_noise
 from tailstack.geometry.rotation import rotation_xyz
-from tailstack.propagation.linear import covariance, covariance_block_diagonal, image_gains, linearise
+from tailstack.propagation.linear import chain_of, covariance, covariance_block_diagonal, image_gains, linearise
 from tailstack.propagation.noise import noise_gains, noise_gains_jit
 from tailstack.system import Reading, RotationForm, Triangulation, View
 
@@ -151,26 +151,30 @@ def test_one_pass_over_the_images_is_its_parts_put_together(manufactured):
     std = rng.uniform(0.01, 0.1, (7, 3)) if manufactured else np.zeros((7, 3))
     fiducial, aimed, made, perspective = (np.zeros(s) for s in ((2, 7, 3, 2), (2, 3, 2), (2, 7, 3, 3), (2, 7, 2)))
     noise_gains(projections, points, aim, fiducial, aimed, made, perspective)
-    gains = np.zeros((3, 2 * 16 + 21 + 4))
-    finite, block_diagonal, extrapolation = image_gains(projections, points, aim, per_error, std, gains)
-    assert finite
+    chain = replace(
+        chain_of(system), projections=projections, points=points, per_error=per_error, manufacturing_std_mm=std,
+        manufactured=manufactured,
+    )  # fmt: skip
+    gains, block_diagonal = image_gains(chain, aim)
     expected = [np.hstack([fiducial[v].transpose(1, 0, 2).reshape(3, 14), aimed[v]]) for v in range(2)]
-    shared = (made @ per_error).sum(axis=0).transpose(1, 0, 2).reshape(3, 21) * manufactured
-    np.testing.assert_allclose(gains, np.hstack([*expected, shared, np.zeros((3, 4))]), rtol=1e-9, atol=1e-12)
+    shared = [(made @ per_error).sum(axis=0).transpose(1, 0, 2).reshape(3, 21)] if manufactured else []
+    np.testing.assert_allclose(gains, np.hstack([*expected, *shared]), rtol=1e-9, atol=1e-12)
     scaled = (made @ per_error) * std[None, :, None, :]
     np.testing.assert_allclose(block_diagonal, np.einsum("vijk,vilk->jl", scaled, scaled), rtol=1e-9)
-    away = np.linalg.norm(aim - points.mean(axis=0))
-    assert extrapolation == pytest.approx(away / np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    radius = np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean())
+    model = linearise(system, system.targets[0])
+    assert model.extrapolation == pytest.approx(
+        np.linalg.norm(model.reconstructed_mm - points.mean(axis=0)) / radius, rel=1e-12
+    )
 
 
 def test_points_that_determine_nothing_have_gains_that_are_not_finite():
     system = random_system(np.random.default_rng(3), fiducials=7)
     projections = np.stack([v.projection for v in system.views])
     flat = system.fiducials_mm * [1.0, 1.0, 0.0]
-    finite, *_ = image_gains(
-        projections, flat, system.targets[0].position_mm, np.eye(3), np.zeros((7, 3)), np.zeros((3, 32))
-    )
-    assert not finite
+    chain = replace(chain_of(system), projections=projections, points=flat, manufactured=False)
+    gains, _ = image_gains(chain, system.targets[0].position_mm)
+    assert not np.isfinite(gains).all()
 
 
 @pytest.mark.parametrize("form", list(Triangulation))

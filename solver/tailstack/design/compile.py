@@ -47,7 +47,6 @@ from .document import (
 from .loading import Design
 from .presets import PRESETS
 from .refusals import place
-from .remembering import kept
 
 DEFAULT_COVERAGE = 2.0
 
@@ -118,7 +117,6 @@ def _coverage(distribution: str, factor: float | None) -> float:
     return DEFAULT_COVERAGE if factor is None else factor
 
 
-@kept
 def _interface(interface: Interface | None, name: str) -> Mount:
     if interface is None:
         return _perfect(name)
@@ -145,7 +143,6 @@ def _interface(interface: Interface | None, name: str) -> Mount:
     return Mount(name, pivot, _bias(interface.bias), sources, interface.label)
 
 
-@kept
 def _hand_eye(hand_eye: HandEye | None) -> Mount:
     if hand_eye is None:
         return _perfect("hand_eye")
@@ -172,7 +169,6 @@ def _torsor_sources(tolerances: Tolerances) -> Sources:
     )
 
 
-@kept
 def _execution(execution: Execution) -> tuple[Array, Sources]:
     parts = []
     bias = np.zeros(3)
@@ -227,7 +223,6 @@ def _load(compliance: Compliance) -> Sources:
 # --- targets ----------------------------------------------------------------------------------------
 
 
-@kept
 def expand_target(target: TargetDocument) -> tuple[Target, ...]:
     """The named points of a target; a region's are called name[0], name[1], ..."""
     if target.region is None:
@@ -290,7 +285,6 @@ def compile_view(view: Any, pointer: str, fiducials: Array, notes: list[str]) ->
     return View(view.name, frozen(projection), view.fiducial_noise_px, view.target_noise_px, size)
 
 
-@kept
 def _aim_view(view: PresetView | DistanceView) -> View:
     """A preset fills in what the view leaves open; loading has made sure that nothing stays open."""
     preset = PRESETS[view.preset] if isinstance(view, PresetView) else None
@@ -366,7 +360,6 @@ def compile_transform(value: Pose | Any | None, pointer: str, notes: list[str]) 
     return matrix
 
 
-@kept
 def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str, ...]]:
     if value is None:
         return frozen(np.eye(4)), ()

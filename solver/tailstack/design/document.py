@@ -290,11 +290,6 @@ def _view_kind(value: Any) -> str | None:
     return _TAGS.get(type(value))
 
 
-def view_class(data: Any) -> type[_AnyView] | None:
-    """The class that a view of plain data is of, by the fields it has."""
-    return VIEW_KINDS.get(_view_kind(data) or "")
-
-
 ViewDocument = Annotated[
     Annotated[PresetView, Tag("<preset>")]
     | Annotated[DistanceView, Tag("<distances>")]

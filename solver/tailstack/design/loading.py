@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,20 +17,10 @@ from .consistency import check_document, check_fiducials
 from .document import (
     SCHEMA_NAME,
     DesignDocument,
-    Execution,
-    Interfaces,
-    Model,
-    RequirementDocument,
-    TargetDocument,
-    Transforms,
-    view_class,
 )
 from .fiducial_files import FiducialList, format_of, read_fiducials
-from .fields import Record
-from .optimise_document import Optimise
 from .reading import DEFAULT_LIMITS, Format, Limits, Source, decode, plain_data, read_bytes, read_text, show
 from .refusals import place, refuse
-from .remembering import FEW, recognised
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,34 +98,13 @@ def _check(source: Source, allow_files: bool, limits: Limits) -> Design:
     data = source.data
     _check_schema_name(source)
     try:
-        document = DesignDocument.model_validate(_with_known_sections(data))
+        document = DesignDocument.model_validate(data)
     except ValidationError as error:
         raise refuse(error, source, limits) from None
     _refuse_all(check_document(document, limits), source, limits)
     fiducials = _fiducials(document, source, allow_files, limits)
     _refuse_all(check_fiducials(document, fiducials), source, limits)
     return Design(document, fiducials, source, sha256_of(document, fiducials))
-
-
-_SECTIONS: dict[str, type[Record]] = {
-    "interfaces": Interfaces, "transforms": Transforms, "execution": Execution, "model": Model, "optimise": Optimise,
-}  # fmt: skip
-_LISTS: dict[str, Callable[[Any], type[Record] | None]] = {
-    "views": view_class, "targets": lambda _: TargetDocument, "requirements": lambda _: RequirementDocument,
-}  # fmt: skip
-
-
-def _with_known_sections(data: dict[str, Any]) -> dict[str, Any]:
-    """The document with the records of what tends to stay as it is while a design is worked on: all but the points."""
-    known = dict(data)
-    for name, kind in _SECTIONS.items():
-        if name in data:
-            known[name] = recognised(kind, data[name])
-    for name, kind_of in _LISTS.items():
-        entries = data.get(name)
-        if type(entries) is list and len(entries) <= FEW:
-            known[name] = [recognised(kind_of(entry), entry) for entry in entries]
-    return known
 
 
 def _check_schema_name(source: Source) -> None:

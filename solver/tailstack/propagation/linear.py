@@ -1,8 +1,4 @@
-"""What the images do to the point of one target, compiled: gains and Eq 16's covariance.
-
-What a system does at its bias for all targets alike: effective projections, displacements, the sources' blocks.
-
-The linear model of the error at one target: bias and a gain column for every scalar source.
+"""The linear model of the error at one target: bias and a gain column for every scalar source.
 
 Linearised at the *biased* geometry: the known installation errors enter as full finite displacements,
 and the noise sees the effective projections ``P_v T_err1`` (physical reading).  Products of two random
@@ -12,7 +8,6 @@ sources are second order and left out; ``second_order`` and the Monte Carlo acco
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -20,66 +15,11 @@ import numpy as np
 from ..arrays import Array
 from ..errors import IllPosedError, Problem
 from ..geometry.rotation import Displacement, displacement
-from ..kernels import kernel
 from ..system import Law, Reading, System, Target, Triangulation
-from .noise import mean_rows, noise_gains_jit
+from .noise import noise_gains_jit
 from .nonlinearity import Nonlinearity, matrix_covariance, nonlinearity
 
-
-@kernel(nogil=True)
-def image_gains(
-    projections: Array, points: Array, target: Array, per_error: Array, std: Array, gains: Array
-) -> tuple[bool, Array, float]:
-    """Gains of every image noise and manufacturing error on the reconstructed point, by column.
-
-    projections (V, 3, 4), points (N, 3) and target (3,) mm as ``noise_gains`` takes them; per_error (3, 3): what a
-    manufacturing error does to the points; std (N, 3) mm of it.  Fills the first columns of gains (3, K): for each view
-    2 N of its fiducials (u and v of each) and 2 of the target, mm per px; then 3 N of the manufacturing errors (x, y, z
-    of each), mm per mm, if any is not 0.  Returns (whether all gains of noise
-    are finite, (3, 3) mm^2 covariance of the manufacturing errors as Eq 16 has it: cross-view terms dropped,
-    distance of the target from the points' centroid over their RMS radius).
-    """
-    views, count = projections.shape[0], points.shape[0]
-    fiducial, aimed = np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2))
-    made, perspective = np.zeros((views, count, 3, 3)), np.zeros((views, count, 2))
-    noise_gains_jit(projections, points, target, fiducial, aimed, made, perspective)
-    first = 0
-    total = 0.0
-    for v in range(views):
-        for j in range(3):
-            for i in range(count):
-                gains[j, first + 2 * i] = fiducial[v, i, j, 0]
-                gains[j, first + 2 * i + 1] = fiducial[v, i, j, 1]
-                total += abs(fiducial[v, i, j, 0]) + abs(fiducial[v, i, j, 1])
-            for c in range(2):
-                gains[j, first + 2 * count + c] = aimed[v, j, c]
-                total += abs(aimed[v, j, c])
-        first += 2 * count + 2
-    block_diagonal = np.zeros((3, 3))
-    if std.any():
-        through = np.empty((3, 3))
-        for i in range(count):
-            for v in range(views):
-                for j in range(3):
-                    for k in range(3):
-                        through[j, k] = 0.0
-                        for x in range(3):
-                            through[j, k] += made[v, i, j, x] * per_error[x, k]
-                        if v == 0:
-                            gains[j, first + 3 * i + k] = 0.0
-                        gains[j, first + 3 * i + k] += through[j, k]
-                for j in range(3):
-                    for x in range(3):
-                        for k in range(3):
-                            block_diagonal[j, x] += through[j, k] * through[x, k] * std[i, k] ** 2
-    centroid = mean_rows(points)
-    away = 0.0
-    square = 0.0
-    for k in range(3):
-        away += (target[k] - centroid[k]) ** 2
-        for i in range(count):
-            square += (points[i, k] - centroid[k]) ** 2 / count
-    return np.isfinite(total), block_diagonal, sqrt(away / square)
+NO_GAIN = np.zeros((3, 0))
 
 
 class Block(NamedTuple):
@@ -96,28 +36,6 @@ class Block(NamedTuple):
     grouped: bool  # reported as one line (all columns are alike), not component by component
     per_unit: bool  # drawn once per installed unit (True) or at each shot (False)
     label: str = ""  # what people call the contributor
-
-
-class Kind(NamedTuple):
-    """A block but for its gains."""
-
-    place: slice  # of its sources among those of all blocks
-    contributor: str
-    components: tuple[str, ...]
-    laws: tuple[Law, ...]
-    half_width: Array
-    std: Array
-    units: tuple[str, ...]
-    grouped: bool
-    per_unit: bool
-    label: str
-
-    def block(self, localisation: Array, tcp: Array) -> Block:
-        """With its columns of the gains (3, K) of all sources."""
-        return Block(
-            self.contributor, self.components, self.laws, self.half_width, self.std, self.units,
-            localisation[:, self.place], tcp[:, self.place], self.grouped, self.per_unit, self.label,
-        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +55,7 @@ class Chain:
     target_noise_px: Array  # (V,)
     matrix_covariance: Array  # (12 V, 12 V) of the resected matrices (``nonlinearity.matrix_covariance``)
     manufactured: bool  # whether fiducials have manufacturing errors, which the views share
-    kinds: tuple[Kind, ...]  # of every block, in the order of the chain
+    blocks: tuple[Block, ...]  # in the order of the chain, their gains left out
 
 
 def estimator_geometry(system: System) -> tuple[Array, Array, Array]:
@@ -163,40 +81,33 @@ def _estimator_geometry(system: System, first: Displacement) -> tuple[Array, Arr
     return seen / np.linalg.norm(seen[:, 2, :3], axis=1)[:, None, None], told, per_error
 
 
-def _kinds(system: System, std: Array) -> tuple[Kind, ...]:
-    """Blocks in the order of the chain: image noise view by view, manufacturing, mounts, execution."""
-    kinds: list[Kind] = []
+def _blocks(system: System) -> tuple[Block, ...]:
+    """In the order of the chain, without gains: image noise view by view, manufacturing, mounts, execution."""
+    blocks: list[Block] = []
     count = len(system.fiducials_mm)
-    start = 0
+    std = system.manufacturing_std_mm.ravel()
 
-    def add(
-        name: str, laws: tuple[Law, ...], half_width: Array, std: Array, units: tuple[str, ...], *,
-        components: tuple[str, ...] = (), per_unit: bool, label: str = "",
-    ) -> None:  # fmt: skip
-        nonlocal start
-        place = slice(start, start := start + len(laws))
-        named = components or ("all",) * len(laws)
-        label = label or name.replace("_", " ").replace(":", ", ")
-        kinds.append(Kind(place, name, named, laws, half_width, std, units, not components, per_unit, label))
+    def add_group(name: str, unit: str, law: Law, half_width: Array, std: Array, per_unit: bool) -> None:
+        label, k = name.replace("_", " ").replace(":", ", "), len(std)
+        blocks.append(
+            Block(name, ("all",) * k, (law,) * k, half_width, std, (unit,) * k, NO_GAIN, NO_GAIN, True, per_unit, label)
+        )
 
     for view in system.views:
-        for name, px, scalars in (
-            (f"fiducial_noise:{view.name}", view.fiducial_noise_px, 2 * count),
-            (f"target_noise:{view.name}", view.target_noise_px, 2),
+        for name, sigma in (
+            (f"fiducial_noise:{view.name}", np.full(2 * count, view.fiducial_noise_px)),
+            (f"target_noise:{view.name}", np.full(2, view.target_noise_px)),
         ):
-            sigma = np.full(scalars, px)
-            add(name, (Law.NORMAL,) * scalars, sigma, sigma, ("px",) * scalars, per_unit=False)
+            add_group(name, "px", Law.NORMAL, sigma, sigma, False)
     if std.any():
-        laws, wide = (system.manufacturing_law,) * (3 * count), system.manufacturing_half_width_mm.ravel()
-        add("fiducial_manufacturing", laws, wide, std.ravel(), ("mm",) * (3 * count), per_unit=True)
+        wide = system.manufacturing_half_width_mm.ravel()
+        add_group("fiducial_manufacturing", "mm", system.manufacturing_law, wide, std, True)
     mounts = ((mount.name, mount.title, mount.sources, True) for mount in (*system.interfaces, system.hand_eye))
-    for name, title, sources, per_unit in (*mounts, ("execution", "execution", system.execution, False)):
-        if sources.names:
-            add(
-                name, sources.laws, sources.half_width, sources.std, sources.units,
-                components=sources.names, per_unit=per_unit, label=title,
-            )  # fmt: skip
-    return tuple(kinds)
+    for name, title, given, per_unit in (*mounts, ("execution", "execution", system.execution, False)):
+        if given.names:
+            what = given.names, given.laws, given.half_width, given.std, given.units
+            blocks.append(Block(name, *what, NO_GAIN, NO_GAIN, False, per_unit, title))
+    return tuple(blocks)
 
 
 def chain_of(system: System) -> Chain:
@@ -222,20 +133,8 @@ def chain_of(system: System) -> Chain:
         target_noise_px=np.array([view.target_noise_px for view in system.views]),
         matrix_covariance=matrix_covariance(projections, points, per_error, std, fiducial_noise),
         manufactured=bool(std.any()),
-        kinds=_kinds(system, std),
+        blocks=_blocks(system),
     )
-
-
-__all__ = [
-    "Block",
-    "LinearModel",
-    "covariance",
-    "covariance_block_diagonal",
-    "estimator_geometry",
-    "largest_rotation_rad",
-    "linearise",
-    "linearise_all",
-]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -295,11 +194,8 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
     """:func:`linearise` where the chain is known already."""
     system = chain.system
     reconstructed, torsor_1 = _reconstructed(chain, target)
-    localisation = np.zeros((3, chain.kinds[-1].place.stop))  # what the images do comes first
-    finite, block_diagonal, extrapolation = image_gains(
-        chain.projections, chain.points, reconstructed, chain.per_error, chain.manufacturing_std_mm, localisation
-    )
-    if not finite:
+    of_images, block_diagonal = image_gains(chain, reconstructed)
+    if not np.isfinite(of_images).all():
         raise IllPosedError(
             Problem(
                 "/fiducials",
@@ -314,18 +210,22 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
     at_tool = turn @ moved + shift
     from_moved = chain.third.rotation @ turn
     to_tcp = from_moved @ chain.second.rotation
-    place = {kind.contributor: kind.place for kind in chain.kinds}
-    mount = system.structure_connector
-    if mount.name in place:
-        localisation[:, place[mount.name]] = torsor_1 @ mount.sources.direction
-    tcp = to_tcp @ localisation
-    for name, sources, acting in (
-        (system.connector_flange.name, system.connector_flange.sources, from_moved @ torsor_2),
-        (system.hand_eye.name, system.hand_eye.sources, chain.third.by_torsor(at_tool)),
-        ("execution", system.execution, None),
-    ):
-        if name in place:
-            tcp[:, place[name]] = sources.direction if acting is None else acting @ sources.direction
+    # What acts before the reconstructed point is also seen at the tool; what acts behind it is seen there alone.
+    before = {system.structure_connector.name: torsor_1 @ system.structure_connector.sources.direction}
+    behind = {
+        system.connector_flange.name: from_moved @ torsor_2 @ system.connector_flange.sources.direction,
+        system.hand_eye.name: chain.third.by_torsor(at_tool) @ system.hand_eye.sources.direction,
+        "execution": system.execution.direction,
+    }
+    blocks, start = [], 0
+    for block in chain.blocks:
+        if block.grouped:
+            localisation = of_images[:, start : start + len(block.laws)]
+            start += len(block.laws)
+        else:
+            localisation = before.get(block.contributor, np.zeros((3, len(block.laws))))
+        tcp = behind[block.contributor] if block.contributor in behind else to_tcp @ localisation
+        blocks.append(block._replace(localisation=localisation, tcp=tcp))
     numbers = nonlinearity(
         chain.projections, chain.points, reconstructed, chain.matrix_covariance, chain.target_noise_px,
         published=system.triangulation is Triangulation.PUBLISHED, coupled=chain.manufactured,
@@ -335,12 +235,40 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
         reconstructed_mm=reconstructed,
         localisation_bias_mm=reconstructed - target.position_mm,
         tcp_bias_mm=chain.third.move(at_tool) + system.execution_bias_mm - (turn @ target.position_mm + shift),
-        blocks=tuple(kind.block(localisation, tcp) for kind in chain.kinds),
+        blocks=tuple(blocks),
         tcp_from_localisation=to_tcp,
         manufacturing_block_diagonal=block_diagonal,
         nonlinearity=numbers,
-        extrapolation=extrapolation,
+        extrapolation=_extrapolation(chain.points, reconstructed),
     )
+
+
+def image_gains(chain: Chain, target_mm: Array) -> tuple[Array, Array]:
+    """(gains of all image noise and manufacturing errors on the reconstructed point (3, K); covariance (3, 3) mm^2 of
+    the manufacturing errors as Eq 16 has it, cross-view terms dropped).
+
+    target_mm: (3,) the point without noise.  Columns, for each view: 2 N of its fiducials (u and v of each) and 2 of
+    the target, mm per px; then 3 N of the manufacturing errors (x, y, z of each), mm per mm, if any is not 0.
+    """
+    views, count = len(chain.projections), len(chain.points)
+    fiducial, aimed = np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2))
+    made, perspective = np.zeros((views, count, 3, 3)), np.zeros((views, count, 2))
+    noise_gains_jit(chain.projections, chain.points, target_mm, fiducial, aimed, made, perspective)
+    columns = []
+    for v in range(views):
+        columns += [fiducial[v].transpose(1, 0, 2).reshape(3, 2 * count), aimed[v]]
+    if not chain.manufactured:
+        return np.hstack(columns), np.zeros((3, 3))
+    through = made @ chain.per_error
+    columns.append(through.sum(axis=0).transpose(1, 0, 2).reshape(3, 3 * count))
+    scaled = (through * chain.manufacturing_std_mm[:, None, :]).transpose(2, 0, 1, 3).reshape(3, -1)
+    return np.hstack(columns), scaled @ scaled.T
+
+
+def _extrapolation(points: Array, target_mm: Array) -> float:
+    """Distance of a point (3,) from the centroid of points (N, 3) over their RMS radius."""
+    centroid = points.mean(axis=0)
+    return float(np.linalg.norm(target_mm - centroid) / np.sqrt(((points - centroid) ** 2).sum(axis=1).mean()))
 
 
 def covariance(model: LinearModel, error: str) -> Array:
