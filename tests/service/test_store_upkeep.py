@@ -360,13 +360,13 @@ def test_a_purge_deletes_what_is_old_and_nothing_else(store: Database, clock: Cl
     claimed = next(one for one in claim(store, limit=9) if one.job_id == young.id)
     assert record(store, claimed, answer=b'{"shared":1}')
     workers.report_alive(store, "w1", "host", 1, "1.0", "pool", 1)
-    assert upkeep.purge(store, 30.0) == upkeep.Purged(jobs=0, results=0, usage_rows=2, workers=0, audit_entries=0)
+    assert upkeep.purge(store, 30.0) == upkeep.Deletions(jobs=0, results=0, usage_rows=2, workers=0, audit_entries=0)
     clock.advance(11 * DAY)
 
     gone, kept = find(store, old).result_sha256, find(store, young).result_sha256
     assert gone is not None
     assert kept is not None
-    assert upkeep.purge(store, 30.0) == upkeep.Purged(jobs=2, results=1, usage_rows=1, workers=1, audit_entries=0)
+    assert upkeep.purge(store, 30.0) == upkeep.Deletions(jobs=2, results=1, usage_rows=1, workers=1, audit_entries=0)
     assert jobs.find_job(store, "acme", old.id) is None
     assert jobs.find_job(store, "other", shared.id) is None
     assert results.read_result(store, "acme", gone) is None
@@ -375,7 +375,7 @@ def test_a_purge_deletes_what_is_old_and_nothing_else(store: Database, clock: Cl
     assert find(store, unfinished).state == "running"
     assert submit(store, idempotency_key="k").id != old.id  # a key lives as long as its job
     assert wrong(store) == []
-    assert upkeep.purge(store, 30.0) == upkeep.Purged(0, 0, 0, 0, 0)
+    assert upkeep.purge(store, 30.0) == upkeep.Deletions(0, 0, 0, 0, 0)
 
 
 def test_a_purge_takes_many_jobs_in_several_transactions(store: Database, clock: Clock) -> None:

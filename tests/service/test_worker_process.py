@@ -233,7 +233,7 @@ def test_a_worker_ends_with_the_process_that_started_it(tmp_path: Path, sign: si
 
 
 def test_old_jobs_are_deleted_in_the_background(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tailstack_service.jobs.process import Tidying
+    from tailstack_service.jobs.process import HourlyPurge
     from tailstack_service.jobs.store import jobs
 
     url = f"sqlite:///{tmp_path / 'x.sqlite3'}"
@@ -241,11 +241,11 @@ def test_old_jobs_are_deleted_in_the_background(tmp_path: Path, monkeypatch: pyt
         submitted = submit(db, request())
         jobs.cancel_job(db, TENANT, submitted.id)
         kept = submit(db, request())
-        tidying = Tidying(db, 1e-9, 365.0, seconds=0.02)
+        purging = HourlyPurge(db, 1e-9, 365.0, seconds=0.02)
         try:
             until(lambda: jobs.find_job(db, TENANT, submitted.id) is None)
         finally:
-            tidying.end()
+            purging.close()
         assert jobs.find_job(db, TENANT, kept.id) is not None
 
 

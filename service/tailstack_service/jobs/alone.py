@@ -65,9 +65,9 @@ def compute_job(engine: Engine, kind: str, request: bytes, report: Report | None
     """
     results: list[UnitResult] = []
     while True:
-        outcome = _all(engine, kind, request, [ADVANCE], tuple(results), None)[0]
+        outcome = _compute_units(engine, kind, request, [ADVANCE], tuple(results), None)[0]
         if outcome.problem is not None:
-            raise _refusal(outcome.problem)
+            raise _read_refusal(outcome.problem)
         if outcome.answer is not None:
             return outcome.answer
         total = len(results) + len(outcome.more) + outcome.remaining
@@ -77,14 +77,16 @@ def compute_job(engine: Engine, kind: str, request: bytes, report: Report | None
             if report is not None:
                 report(done + count, total)
 
-        for spec, part in zip(outcome.more, _all(engine, kind, request, outcome.more, (), one_more), strict=True):
+        for spec, part in zip(
+            outcome.more, _compute_units(engine, kind, request, outcome.more, (), one_more), strict=True
+        ):
             if part.problem is not None:
-                raise _refusal(part.problem)
+                raise _read_refusal(part.problem)
             assert part.result is not None
             results.append(UnitResult(len(results), spec, part.result))
 
 
-def _all(
+def _compute_units(
     engine: Engine, kind: str, request: bytes, specs: tuple[bytes, ...] | list[bytes], results: tuple[UnitResult, ...],
     report: Callable[[int], None] | None,
 ) -> list[Outcome]:  # fmt: skip
@@ -103,14 +105,16 @@ def _all(
                 away[engine.submit(task, f"{prefix}-{place}-{unit.attempts}")] = place, unit
             if not away:
                 if time.monotonic() - idle_since > PATIENCE_SECONDS:
-                    raise _stuck(f"engine {engine.name} has had nothing to compute with for {PATIENCE_SECONDS:.0f} s")
+                    raise _stuck_error(
+                        f"engine {engine.name} has had nothing to compute with for {PATIENCE_SECONDS:.0f} s"
+                    )
                 time.sleep(LOOK_SECONDS)
                 continue
             done, _ = wait(away, timeout=LOOK_SECONDS, return_when=FIRST_COMPLETED)
             for future in done:
                 place, unit = away.pop(future)
                 idle_since = time.monotonic()
-                outcome = _outcome(future, unit)
+                outcome = _take_outcome(future, unit)
                 if outcome is None:
                     waiting.appendleft((place, unit))
                     continue
@@ -123,25 +127,25 @@ def _all(
     return [found[place] for place in range(len(specs))]
 
 
-def _outcome(future: Future[Outcome], unit: _Unit) -> Outcome | None:
+def _take_outcome(future: Future[Outcome], unit: _Unit) -> Outcome | None:
     """None where it is to be computed again.  Raises NotConvergedError, Defect."""
     try:
         return future.result()
     except Died as error:
         unit.deaths += 1
         if unit.deaths >= MOST_DEATHS:
-            raise _stuck(f"{unit.deaths} processes ended under the same unit: {error}") from None
+            raise _stuck_error(f"{unit.deaths} processes ended under the same unit: {error}") from None
     except GivenBack as error:
         if unit.attempts >= MOST_ATTEMPTS:
-            raise _stuck(f"a unit was given back {unit.attempts} times: {error}") from None
+            raise _stuck_error(f"a unit was given back {unit.attempts} times: {error}") from None
         time.sleep(LOOK_SECONDS)
     return None
 
 
-def _stuck(detail: str) -> NotConvergedError:
+def _stuck_error(detail: str) -> NotConvergedError:
     return NotConvergedError(Problem("", "engine", detail, "look at the engine, or leave --engine out"))
 
 
-def _refusal(content: bytes) -> RefusedJob:
+def _read_refusal(content: bytes) -> RefusedJob:
     document = json.loads(content)
     return RefusedJob(document, EXIT_CODES.get(document["type"].rpartition("/")[2], TailstackError.exit_code))

@@ -1,9 +1,4 @@
-"""The worker as a process: its signals, its start, its end with the process that started it.
-
-Is a worker of this host alive?
-
-Once an hour: what is older than it has to be goes.
-"""
+"""The worker as a process: its signals, its start, its end with the process that started it; and its hourly purge."""
 
 from __future__ import annotations
 
@@ -16,9 +11,10 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import closing, suppress
-from dataclasses import astuple
+from dataclasses import asdict
 from types import FrameType
 from typing import IO, Any
 
@@ -36,11 +32,16 @@ from .store.upkeep import purge
 from .store.workers import WorkerEntry, list_workers
 from .worker import Worker
 
+log = logging.getLogger("tailstack.worker")
+
 SAME_STOP_SECONDS = 1.0  # a stop of a whole group of processes arrives more than once
 ENDING_SECONDS = 10.0  # for a worker whose parent has gone
 HEARING_SECONDS = 0.2  # at most, until a signal is acted on
 CONNECTING_SECONDS = 3.0  # for a database to answer
 AGAIN_SECONDS = 0.5  # between attempts to reach one that is not up yet
+SILENCE_SECONDS = 10.0  # at least, after which a worker counts as dead; with longer leases, workers speak less often
+PURGE_SECONDS = 3600.0  # between two purges
+PURGE_ENDING_SECONDS = 1.0
 
 
 def run_worker(
@@ -52,27 +53,24 @@ def run_worker(
     Raises StoreError (the database cannot be used), RequestError (the engine cannot be had).  For the main thread.
     """
     stop = _Stop(with_parent)
-    with stop, closing(_connected(settings, stop, with_parent=with_parent)) as db:
+    with stop, closing(_await_database(settings, stop, with_parent=with_parent)) as db:
         if stop.requested:
             return stop.signal
         engine = start_engine(settings, function=function)
         worker = Worker(db, engine, settings, solver_version=solver_version)
-        stop.then = worker.stop
+        stop.call(worker.stop)
         url = parse_url(settings.database_url)
         where = url.set(drivername=url.get_backend_name()).render_as_string(hide_password=True)
-        with_what = f"{settings.worker_processes} processes" if engine.name == "pool" else settings.dask_scheduler
-        print(f"worker {worker.id}: {with_what} on {where}", file=sys.stderr, flush=True)
-        tidying = Tidying(db, settings.keep_days, settings.audit_days)
-        try:
-            # Not in this thread: it would not hear a signal while it waits inside a driver of the database
-            with ThreadPoolExecutor(1, "tailstack-worker") as thread:
-                work = thread.submit(worker.run)
-                # A signal that comes just before a wait without end would not be acted on before that end
-                while not wait([work], timeout=HEARING_SECONDS).done:
-                    pass
-                work.result()
-        finally:
-            tidying.end()
+        means = f"{settings.worker_processes} processes" if engine.name == "pool" else settings.dask_scheduler
+        print(f"worker {worker.id}: {means} on {where}", file=sys.stderr, flush=True)
+        purge_thread = HourlyPurge(db, settings.keep_days, settings.audit_days)
+        # Not in this thread: it would not hear a signal while it waits inside a driver of the database
+        with closing(purge_thread), ThreadPoolExecutor(1, "tailstack-worker") as thread:
+            work = thread.submit(worker.run)
+            # A signal that comes just before a wait without end would not be acted on before that end
+            while not wait([work], timeout=HEARING_SECONDS).done:
+                pass
+            work.result()
     return stop.signal
 
 
@@ -91,7 +89,7 @@ def start_worker_process(settings: Settings, log: IO[bytes] | None = None) -> su
     )
 
 
-def _connected(settings: Settings, stop: _Stop, *, with_parent: bool) -> Database:
+def _await_database(settings: Settings, stop: _Stop, *, with_parent: bool) -> Database:
     """The database, as soon as it answers.
 
     The worker of a service makes none: the service has, and where its file was deleted a new one would be in the way.
@@ -107,25 +105,21 @@ def _connected(settings: Settings, stop: _Stop, *, with_parent: bool) -> Databas
 
 
 class _Stop:
-    """Signals, and the end of the parent, as one event; ``then`` is called with it."""
+    """Signals, and the end of the parent, as one event."""
 
     def __init__(self, with_parent: bool) -> None:
         self.requested = False  # an Event could be locked by the very thread that a signal interrupts
         self.signal = 0
         self._at = 0.0
-        self._then: Any = None
+        self._then: Callable[[], None] = lambda: None
         self._with_parent = with_parent
         self._previous: dict[signal.Signals, Any] = {}
 
-    @property
-    def then(self) -> Any:
-        return self._then
-
-    @then.setter
-    def then(self, call: Any) -> None:
-        self._then = call
+    def call(self, then: Callable[[], None]) -> None:
+        """Call ``then`` with the stop, at once if that was before."""
+        self._then = then
         if self.requested:
-            call()
+            then()
 
     def __enter__(self) -> _Stop:
         for number in (signal.SIGTERM, signal.SIGINT):
@@ -156,11 +150,7 @@ class _Stop:
 
     def _request(self) -> None:
         self.requested = True
-        if self._then is not None:
-            self._then()
-
-
-SILENCE_SECONDS = 10.0  # at least; with longer leases, workers speak less often
+        self._then()
 
 
 def find_live_worker(settings: Settings) -> WorkerEntry | None:
@@ -176,38 +166,36 @@ def find_live_worker(settings: Settings) -> WorkerEntry | None:
         db.close()
 
 
-log = logging.getLogger("tailstack.worker")
+class HourlyPurge:
+    """A thread that deletes what is old once an hour, the first time within the first hour.
 
-SECONDS = 3600.0
-PURGE_ENDING_SECONDS = 1.0
+    It is a thread of its own, for deleting may take longer than a lease.
+    """
 
-
-class Tidying:
-    """A thread of its own: deleting may take longer than a lease.  The first time is within the first hour."""
-
-    def __init__(self, db: Database, keep_days: float, audit_days: float, *, seconds: float = SECONDS) -> None:
+    def __init__(self, db: Database, keep_days: float, audit_days: float, *, seconds: float = PURGE_SECONDS) -> None:
         self._db, self._keep_days, self._audit_days, self._seconds = db.endable(), keep_days, audit_days, seconds
         self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="tailstack-tidying", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="tailstack-purge", daemon=True)
         self._thread.start()
 
-    def end(self) -> None:
-        """Waits for what is being deleted, which happens a few hundred rows at a time."""
+    def close(self) -> None:
+        """Wait for what is being deleted, which happens a few hundred rows at a time."""
         self._ending.set()
         self._db.end_within(PURGE_ENDING_SECONDS)
         self._thread.join(timeout=2 * PURGE_ENDING_SECONDS)
 
     def _run(self) -> None:
-        # Several workers that were started together need not tidy at the same moment
+        # Several workers that were started together need not purge at the same moment
         pause = self._seconds * random.random()
         while not self._ending.wait(pause):
             pause = self._seconds
             try:
-                purged = purge(self._db, self._keep_days, self._audit_days)
+                counts = asdict(purge(self._db, self._keep_days, self._audit_days))
             except TailstackError as error:
-                log.warning("%s", error, extra={"action": "purge-failed"})
+                log.warning("nothing old was deleted: %s", error, extra={"action": "purge-failed"})
             except Exception:  # the next hour is another attempt, and jobs go on meanwhile
-                log.exception("", extra={"action": "purge-failed"})
+                log.exception("nothing old was deleted, because of a defect", extra={"action": "purge-failed"})
             else:
-                level = logging.INFO if any(astuple(purged)) else logging.DEBUG
-                log.log(level, "%s", purged, extra={"action": "purged"})
+                words = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in counts.items())
+                level = logging.INFO if any(counts.values()) else logging.DEBUG
+                log.log(level, "deleted what is old: %s", words, extra={"action": "purged"})

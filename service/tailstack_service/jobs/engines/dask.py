@@ -74,7 +74,7 @@ class DaskEngine:
     name = "dask"
 
     def __init__(self, settings: Settings, *, function: str = PERFORM) -> None:
-        self._address, self._security = _address(settings), _security(settings)
+        self._address, self._security = _require_tls(settings), _make_security(settings)
         self._function, self._hang_seconds = function, settings.hang_seconds
         self._lock = threading.Lock()
         self._away: dict[Future[Outcome], _RemoteTask] = {}
@@ -82,13 +82,13 @@ class DaskEngine:
         self._threads = 0
         self._kills: SimpleQueue[str] = SimpleQueue()
         self._closing = threading.Event()
-        self._keeper = threading.Thread(target=self._keep, name="tailstack-dask", daemon=True)
-        self._keeper.start()
+        self._thread = threading.Thread(target=self._run, name="tailstack-dask", daemon=True)
+        self._thread.start()
 
     @property
     def capacity(self) -> int:
         """Threads of the whole cluster."""
-        return self._threads if self._connected() else 0
+        return self._threads if self._is_connected() else 0
 
     def submit(self, task: Task, key: str) -> Future[Outcome]:
         local: Future[Outcome] = Future()
@@ -102,7 +102,7 @@ class DaskEngine:
             )  # fmt: skip
             with self._lock:
                 self._away[local] = _RemoteTask(key, sent, time.monotonic())
-            sent.add_done_callback(lambda done: self._arrived(done, local))
+            sent.add_done_callback(lambda done: self._receive(done, local))
         except GivenBack as error:
             local.set_exception(error)
         except Exception as error:  # whatever a client says whose connection goes away under it
@@ -128,12 +128,12 @@ class DaskEngine:
         for future in away:
             self.kill(future)
         self._closing.set()
-        self._keeper.join(timeout=CLOSING_SECONDS)
+        self._thread.join(timeout=CLOSING_SECONDS)
 
     # --- results ----------------------------------------------------------------------------------
 
-    def _arrived(self, done: RemoteFuture[Outcome], local: Future[Outcome]) -> None:
-        """In Dask's thread for such calls: fetch, release, tell."""
+    def _receive(self, done: RemoteFuture[Outcome], local: Future[Outcome]) -> None:
+        """In Dask's thread for such calls: fetch the result, release it, hand it over."""
         answer: Outcome | Exception
         try:
             answer = done.result(timeout=ANSWER_SECONDS)
@@ -162,10 +162,10 @@ class DaskEngine:
 
     # --- the connection ---------------------------------------------------------------------------
 
-    def _connected(self) -> bool:
+    def _is_connected(self) -> bool:
         return self._client is not None and self._client.status == "running"
 
-    def _keep(self) -> None:
+    def _run(self) -> None:
         """Connect, again and again; count the threads; kill what is to be killed."""
         pause = FIRST_PAUSE
         while not self._closing.is_set():
@@ -174,7 +174,7 @@ class DaskEngine:
                     self._client = Client(
                         self._address, security=self._security, timeout=ANSWER_SECONDS, set_as_default=False
                     )
-                    log.info("connected to %s", self._address, extra={"action": "dask-connected"})
+                    log.info("connected to the Dask scheduler %s", self._address, extra={"action": "dask-connected"})
                 self._serve(self._client)
                 pause = FIRST_PAUSE
             except Exception as error:
@@ -183,8 +183,8 @@ class DaskEngine:
                 threading.Thread(target=_close, args=(lost,), name="tailstack-dask-closing", daemon=True).start()
                 self._give_everything_back()
                 if not self._closing.is_set():
-                    detail = f"{type(error).__name__}: {error}"
-                    log.warning("%s", detail, extra={"action": "dask-lost", "seconds": pause})
+                    words = "the connection to the Dask scheduler is lost, what was away is given back: %s: %s"
+                    log.warning(words, type(error).__name__, error, extra={"action": "dask-lost", "seconds": pause})
                 self._closing.wait(pause)
                 pause = min(2 * pause, LONGEST_PAUSE)
         with suppress(Exception):
@@ -200,7 +200,7 @@ class DaskEngine:
         if client.status == "running":
             threads = sum(client.nthreads(callback_timeout=ANSWER_SECONDS).values())
             if threads != self._threads:
-                log.info("%d threads", threads, extra={"action": "dask-capacity"})
+                log.info("the Dask cluster has %d threads", threads, extra={"action": "dask-capacity"})
             self._threads = threads
             self._ask_when_begun(client)
             client.register_plugin(
@@ -213,9 +213,9 @@ class DaskEngine:
         with self._lock:
             long = {a.key: a for a in self._away.values() if a.begun is None and now - a.submitted > LONG_SECONDS}
         if long:
-            for told in client.run(remote.seconds, on_error="ignore", callback_timeout=ANSWER_SECONDS).values():
-                for key in told.keys() & long.keys():
-                    long[key].begun = now - told[key]
+            for seconds in client.run(remote.seconds, on_error="ignore", callback_timeout=ANSWER_SECONDS).values():
+                for key in seconds.keys() & long.keys():
+                    long[key].begun = now - seconds[key]
 
     def _kill_ordered(self, client: Client, wait: float) -> None:
         keys = []
@@ -239,19 +239,19 @@ def _close(client: Client | None) -> None:
             client.close(timeout=CLOSING_SECONDS)
 
 
-def _address(settings: Settings) -> str:
+def _require_tls(settings: Settings) -> str:
     if settings.dask_scheduler.startswith("tls://"):
         return settings.dask_scheduler
-    raise _refusal(
+    raise _setting_error(
         "dask_scheduler", "must be tls://HOST:PORT: who can reach a Dask cluster without TLS can run code on it"
     )
 
 
-def _security(settings: Settings) -> Any:
+def _make_security(settings: Settings) -> Any:
     files = {name: getattr(settings, name) for name in ("dask_ca_file", "dask_cert_file", "dask_key_file")}
     for name, path in files.items():
         if not path or not Path(path).is_file():
-            raise _refusal(name, f"must name a file; got {path!r}")
+            raise _setting_error(name, f"must name a file; got {path!r}")
     return Security(
         require_encryption=True,
         tls_ca_file=files["dask_ca_file"],
@@ -260,5 +260,5 @@ def _security(settings: Settings) -> Any:
     )
 
 
-def _refusal(name: str, detail: str) -> RequestError:
+def _setting_error(name: str, detail: str) -> RequestError:
     return RequestError(Problem("", "bad-setting", f"{variable(name)} {detail}", "docs/settings.md lists them all"))

@@ -1,5 +1,5 @@
-"""What is kept: jobs, their units, events, results, keys, usage.  The only place that knows SQL.
+"""The store of jobs, their units, events and results, of keys, usage and the audit log: the only place that knows SQL.
 
-Every function here is one short transaction.  A write by a worker names the claim that it answers for, and is checked
-in the same transaction: a worker that lost its unit can compute, but it cannot record.
+Every function here is one short transaction.  A write by a worker names the claim that it answers for, and the claim is
+checked in the same transaction: a worker that lost its unit can compute, but it cannot record.
 """

@@ -71,10 +71,10 @@ def write_entry(
     values = {
         "id": new_job_id(at),
         "at": at,
-        "actor": _short(actor),
+        "actor": _shorten(actor),
         "action": action,
         "tenant": tenant,
-        "subject": _short(subject),
+        "subject": _shorten(subject),
         "detail": storable_json(write_json(detail)),
         "once": once,
     }
@@ -88,18 +88,18 @@ def write_operation(
     write_entry(db, connection, at, actor=name_operator(), action=action, tenant=tenant, subject=subject, detail=detail)
 
 
-def _short(text: str) -> str:
+def _shorten(text: str) -> str:
     return storable(text)[:LONGEST_TEXT]
 
 
 def note_use(db: Database, key_id: str, tenant: str, address: str) -> None:
     """Note that a key was used: once an hour for each address."""
     with reading(db) as connection:
-        once = f"{USED} {key_id} {_short(address)} {_hour(now(db, connection))}"
+        once = f"{USED} {key_id} {_shorten(address)} {_find_hour(now(db, connection))}"
         if connection.execute(sa.select(sa.exists().where(_AUDIT.once == once))).scalar_one():
             return
     with writing(db) as connection:
-        entry = {"actor": f"key {key_id}", "subject": key_id, "detail": {"address": _short(address)}}
+        entry = {"actor": f"key {key_id}", "subject": key_id, "detail": {"address": _shorten(address)}}
         _write_bounded(db, connection, USED, tenant, entry, once)
 
 
@@ -109,10 +109,10 @@ def note_policy(db: Database, actor: str, tenant: str, terms: dict[str, Any]) ->
     terms: plain data with ``policy_sha256``, the subject of the entry.
     """
     with reading(db) as connection:
-        if _last_terms(connection, tenant) == terms:
+        if _read_last_terms(connection, tenant) == terms:
             return
     with writing(db) as connection:
-        before = _last_terms(connection, tenant)
+        before = _read_last_terms(connection, tenant)
         if before != terms:
             changed = [] if before is None else sorted(k for k in terms if before.get(k) != terms[k])
             detail = {"terms": terms, "changed": changed, "before": before}
@@ -120,7 +120,7 @@ def note_policy(db: Database, actor: str, tenant: str, terms: dict[str, Any]) ->
             _write_bounded(db, connection, POLICY, tenant, entry, None)
 
 
-def _last_terms(connection: Connection, tenant: str) -> dict[str, Any] | None:
+def _read_last_terms(connection: Connection, tenant: str) -> dict[str, Any] | None:
     query = sa.select(_AUDIT.detail).where(_AUDIT.tenant == tenant, _AUDIT.action == POLICY, _AUDIT.subject != "")
     found = connection.execute(query.order_by(_AUDIT.id.desc()).limit(1)).scalar_one_or_none()
     return None if found is None else json.loads(found)["terms"]
@@ -130,15 +130,15 @@ def _write_bounded(
     db: Database, connection: Connection, action: str, tenant: str, entry: dict[str, Any], once: str | None
 ) -> None:
     at = now(db, connection)
-    since = _hour(at) * SECONDS_PER_HOUR
+    since = _find_hour(at) * SECONDS_PER_HOUR
     of_hour = sa.select(sa.func.count()).where(_AUDIT.tenant == tenant, _AUDIT.action == action, _AUDIT.at >= since)
     if connection.execute(of_hour).scalar_one() >= MOST_AN_HOUR:
         entry = {"actor": "tailstack", "subject": "", "detail": {"omitted": f"more than {MOST_AN_HOUR} in this hour"}}
-        once = f"{action} of {tenant} {_hour(at)}"
+        once = f"{action} of {tenant} {_find_hour(at)}"
     write_entry(db, connection, at, action=action, tenant=tenant, once=once, **entry)
 
 
-def _hour(at: float) -> int:
+def _find_hour(at: float) -> int:
     return int(at // SECONDS_PER_HOUR)
 
 

@@ -1,6 +1,7 @@
-"""The file of a SQLite database: whether it is still the one that was opened, and whether its disk has room.
+"""One database, SQLite or PostgreSQL: how it is reached, what a transaction is, what time it is.
 
-One database, SQLite or PostgreSQL: how it is opened, what a transaction is, what time it is.
+Every transaction has a limit of time, whatever became of the database, and says StoreUnavailable when it is over: it
+may be tried again.  StoreError says that somebody has to do something first.
 """
 
 from __future__ import annotations
@@ -51,10 +52,10 @@ class DatabaseFile:
 
         ``and_log``: also for the log, which is there while a transaction is under way.
         """
-        self._file_seen = _same(self.path, self._file_seen)
+        self._file_seen = _require_same_inode(self.path, self._file_seen)
         # A file system without shared memory has no log: then there is none to be seen, and none to be missed
         if and_log and (self._log_seen is not None or self._log.exists()):
-            self._log_seen = _same(self._log, self._log_seen)
+            self._log_seen = _require_same_inode(self._log, self._log_seen)
 
     def require_room(self) -> None:
         """Raise StoreUnavailable unless ``ROOM_BYTES`` can be had on the disk, which are given back at once.
@@ -81,7 +82,7 @@ class DatabaseFile:
             ) from None
 
 
-def _same(path: Path, seen: tuple[int, int] | None) -> tuple[int, int]:
+def _require_same_inode(path: Path, seen: tuple[int, int] | None) -> tuple[int, int]:
     try:
         found = os.stat(path)
     except FileNotFoundError:
@@ -113,7 +114,7 @@ CLOSED_SQLITE_CODES = {3, 8, 23}  # PERM, READONLY, AUTH
 
 
 @dataclass(slots=True)
-class End:
+class Deadline:
     """The moment (monotonic seconds) by which every call of a database has to be over, those under way included."""
 
     at: float = math.inf
@@ -134,7 +135,7 @@ class Database:
     turn: Lock | None = None
     file: DatabaseFile | None = None  # of SQLite
     seconds: float | None = None  # of one transaction; None: BUSY_SECONDS
-    end: End = field(default_factory=End)
+    end: Deadline = field(default_factory=Deadline)
 
     def within(self, seconds: float) -> Database:
         """The same database, for transactions that may take so many seconds."""
@@ -142,7 +143,7 @@ class Database:
 
     def endable(self) -> Database:
         """The same database, for calls that ``end_within`` ends."""
-        return replace(self, end=End())
+        return replace(self, end=Deadline())
 
     def end_within(self, seconds: float) -> None:
         """Let every call through this object end by then, also those under way.  From any thread or signal handler."""
@@ -157,7 +158,7 @@ class _Limit(threading.local):
     """Until when the transaction of this thread may wait for the database."""
 
     at: float = math.inf  # monotonic seconds
-    end: End = End()
+    end: Deadline = Deadline()
     seconds: float = math.inf  # of the transaction, for the words of a refusal
 
     def left(self) -> float:
@@ -168,7 +169,7 @@ _limit = _Limit()
 
 
 @contextmanager
-def _limited(db: Database) -> Iterator[None]:
+def _limit_transaction(db: Database) -> Iterator[None]:
     before = _limit.at, _limit.end, _limit.seconds
     seconds = BUSY_SECONDS if db.seconds is None else db.seconds
     _limit.at, _limit.end, _limit.seconds = time.monotonic() + seconds, db.end, seconds
@@ -188,17 +189,17 @@ def parse_url(url: str) -> URL:
         parsed = make_url(url)
         backend = parsed.get_backend_name()
     except exc.ArgumentError:
-        raise _bad_url("it cannot be read as a URL") from None
+        raise _url_error("it cannot be read as a URL") from None
     if backend in ("postgresql", "postgres"):
         return parsed.set(drivername="postgresql+psycopg")
     if backend != "sqlite":
-        raise _bad_url(f"{backend} is not known here")
+        raise _url_error(f"{backend} is not known here")
     if not parsed.database or parsed.database == ":memory:" or parsed.query:
-        raise _bad_url("jobs must outlive the process: a file is needed, without further parameters")
+        raise _url_error("jobs must outlive the process: a file is needed, without further parameters")
     return parsed.set(drivername="sqlite")
 
 
-def _bad_url(why: str) -> StoreError:
+def _url_error(why: str) -> StoreError:
     hint = "say sqlite:////absolute/path.sqlite3 or postgresql://USER:PASSWORD@HOST/NAME"
     detail = f"the database that TAILSTACK_DATABASE or --database names: {why}"
     return BadDatabaseUrl(Problem("", "bad-database-url", detail, hint))
@@ -210,9 +211,9 @@ def connect(url: str, *, create: bool = False, clock: Callable[[], float] | None
     if parsed.get_backend_name() == "sqlite":
         path = Path(str(parsed.database))
         _require_file(path, create)
-        return Database(_sqlite_engine(parsed), "sqlite", clock, Lock(), DatabaseFile(path))
+        return Database(_make_sqlite_engine(parsed), "sqlite", clock, Lock(), DatabaseFile(path))
     try:
-        engine = _postgresql_engine(parsed)
+        engine = _make_postgresql_engine(parsed)
     except ModuleNotFoundError as error:
         hint = "pip install 'tailstack[postgres]'"
         raise StoreError(Problem("", "no-driver", f"PostgreSQL needs the package {error.name}", hint)) from None
@@ -229,7 +230,7 @@ def _require_file(path: Path, create: bool) -> None:
     os.close(os.open(path, os.O_CREAT | os.O_RDWR, 0o600))  # SQLite gives its -wal and -shm files the same mode
 
 
-def _sqlite_engine(url: URL) -> Engine:
+def _make_sqlite_engine(url: URL) -> Engine:
     engine = sa.create_engine(
         url, connect_args={"timeout": BUSY_SECONDS}, pool_size=8, max_overflow=64, pool_timeout=BUSY_SECONDS
     )
@@ -282,7 +283,7 @@ def _begin_writing(connection: Connection) -> None:
         connection.exec_driver_sql(f"PRAGMA busy_timeout={1000 * BUSY_SECONDS:.0f}")
 
 
-def _postgresql_engine(url: URL) -> Engine:
+def _make_postgresql_engine(url: URL) -> Engine:
     arguments: dict[str, Any] = {"application_name": "tailstack", "options": POSTGRESQL_OPTIONS}
     # For connections that nobody waits on: the system gives up those whose other end is gone
     arguments |= {"keepalives_idle": 30, "keepalives_interval": 10, "keepalives_count": 3, "tcp_user_timeout": 30_000}
@@ -296,7 +297,7 @@ def _postgresql_engine(url: URL) -> Engine:
         max_overflow=16,
         pool_timeout=BUSY_SECONDS,
     )
-    limited = _limited_connection(engine.dialect.dbapi)
+    limited = _make_limited_connection(engine.dialect.dbapi)
 
     @sa.event.listens_for(engine, "do_connect")
     def _connect(_dialect: Any, _record: Any, arguments: list[Any], named: dict[str, Any]) -> Any:
@@ -309,7 +310,7 @@ def _postgresql_engine(url: URL) -> Engine:
     return engine
 
 
-def _limited_connection(psycopg: Any) -> Any:
+def _make_limited_connection(psycopg: Any) -> Any:
     """psycopg's Connection, which waits for the server for as long as the transaction of its thread may.
 
     The server's own limits (statement_timeout and the like) end nothing while the server itself stands still.
@@ -350,7 +351,7 @@ def reading(db: Database) -> Iterator[Connection]:
 
     Raises StoreUnavailable, also where it takes longer than it may, and StoreError for a file that is another by now.
     """
-    with _limited(db), _passing_faults():
+    with _limit_transaction(db), _translate_faults():
         _require_same_file(db)
         with db.engine.connect() as connection:
             yield connection
@@ -364,7 +365,7 @@ def writing(db: Database) -> Iterator[Connection]:
     (StoreUnavailable): a writer that is stopped must not make all others wait, one after the other.  Raises as
     ``reading``.
     """
-    with _limited(db), _passing_faults(), _turn(db):
+    with _limit_transaction(db), _translate_faults(), _take_turn(db):
         _require_same_file(db)
         with db.engine.connect() as plain:
             connection = plain.execution_options(tailstack_writes=True)
@@ -380,7 +381,7 @@ def _require_same_file(db: Database, *, and_log: bool = False) -> None:
 
 
 @contextmanager
-def _turn(db: Database) -> Iterator[None]:
+def _take_turn(db: Database) -> Iterator[None]:
     if db.turn is None:
         yield
         return
@@ -394,20 +395,20 @@ def _turn(db: Database) -> Iterator[None]:
 
 
 @contextmanager
-def _passing_faults() -> Iterator[None]:
+def _translate_faults() -> Iterator[None]:
     try:
         yield
     except (exc.DBAPIError, exc.TimeoutError) as error:
         reason = str(getattr(error, "orig", None) or error).strip().partition("\n")[0]
-        if _passes(error):
-            raise StoreUnavailable(Problem("", "store-unavailable", reason, _patience(error))) from error
-        cure = _cure(error)
+        if _is_temporary(error):
+            raise StoreUnavailable(Problem("", "store-unavailable", reason, _find_patience(error))) from error
+        cure = _find_cure(error)
         if cure is not None:
             raise StoreError(Problem("", "unusable-database", reason, cure)) from error
         raise
 
 
-def _passes(error: exc.DBAPIError | exc.TimeoutError) -> bool:
+def _is_temporary(error: exc.DBAPIError | exc.TimeoutError) -> bool:
     if isinstance(error, exc.TimeoutError) or error.connection_invalidated:
         return True
     code = getattr(error.orig, "sqlite_errorcode", None)
@@ -419,13 +420,13 @@ def _passes(error: exc.DBAPIError | exc.TimeoutError) -> bool:
 _SQLITE_PATIENCE = "try again in a moment; no other program may hold the file, and its disk must not be full"
 
 
-def _patience(error: exc.DBAPIError | exc.TimeoutError) -> str:
+def _find_patience(error: exc.DBAPIError | exc.TimeoutError) -> str:
     if hasattr(getattr(error, "orig", None), "sqlite_errorcode"):
         return _SQLITE_PATIENCE
     return "try again in a moment; the server that TAILSTACK_DATABASE names must be running"
 
 
-def _cure(error: exc.DBAPIError | exc.TimeoutError) -> str | None:
+def _find_cure(error: exc.DBAPIError | exc.TimeoutError) -> str | None:
     """What an operator can do about a database that cannot be used as it is; None for a defect of ours."""
     original = getattr(error, "orig", None)
     if getattr(original, "sqlite_errorcode", 0) & 0xFF in DAMAGED_SQLITE_CODES:

@@ -1,15 +1,10 @@
-"""What a job tells while it runs: numbered per job, written in the transaction that does what they tell.
-
-How a job ends: its state, its last event, and nothing left of its units but their bookkeeping.
-"""
+"""The course of a job: numbered events, each written in the transaction that does what it says, and the job's end."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol
 
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
@@ -35,14 +30,43 @@ class Event:
     data: dict[str, Any]
 
 
+class ChangingJob(Protocol):
+    """What is needed of the row of a job to change it."""
+
+    @property
+    def id(self) -> str: ...
+
+    @property
+    def last_event(self) -> int: ...
+
+
 def write_event(connection: Connection, job_id: str, sequence: int, at: float, name: str, data: dict[str, Any]) -> None:
     """Write one event; whoever calls holds the job's row and stores ``sequence`` there as ``last_event``."""
     text = storable_json(write_json(data))
-    values = {"job_id": job_id, "sequence": sequence, "at": at, "name": name, "data": text}
-    connection.execute(_WRITE_EVENT, values)
+    connection.execute(_INSERT, {"job_id": job_id, "sequence": sequence, "at": at, "name": name, "data": text})
 
 
-_WRITE_EVENT = tables.events.insert()
+def change_job(
+    connection: Connection, job: ChangingJob, at: float, *events: tuple[str, dict[str, Any]], **columns: Any
+) -> None:
+    """Change columns of a job whose row the caller holds, and write the events that say so: their names and data."""
+    last_event = job.last_event + len(events)
+    connection.execute(_UPDATE, {"of_job": job.id, "last_event": last_event, **columns})
+    for sequence, (name, data) in enumerate(events, job.last_event + 1):
+        write_event(connection, job.id, sequence, at, name, data)
+
+
+# Built once: putting a statement together takes longer than running it
+_INSERT = tables.events.insert()
+_UPDATE = sa.update(tables.jobs).where(tables.jobs.c.id == sa.bindparam("of_job"))
+_DELETE_OPEN_UNITS = sa.delete(tables.units).where(
+    tables.units.c.job_id == sa.bindparam("of_job"), tables.units.c.state != tables.RECORDED
+)
+_EMPTY_UNITS = (
+    sa.update(tables.units)
+    .where(tables.units.c.job_id == sa.bindparam("of_job"))
+    .values(spec=None, result=None, result_sha256=None)
+)
 
 
 def estimate_eta_seconds(started_at: float | None, done: int, expected: int, now: float) -> float | None:
@@ -69,46 +93,25 @@ def read_events(db: Database, tenant: str, job_id: str, sequence: int, limit: in
     return [Event(row.sequence, row.at, row.name, json.loads(row.data)) for row in rows]
 
 
-NOTHING: Mapping[str, Any] = MappingProxyType({})
-
-
 def end_job(
-    connection: Connection,
-    job_id: str,
-    last_event: int,
-    at: float,
-    state: str,
-    *,
-    result_sha256: str | None = None,
-    problem: bytes | None = None,
-    changes: Mapping[str, Any] = NOTHING,
-) -> None:
-    """End a job whose row the caller holds; ``changes`` are columns that change with it.
+    connection: Connection, job: ChangingJob, at: float, state: str, *, result_sha256: str | None = None,
+    problem: bytes | None = None, **columns: Any,
+) -> None:  # fmt: skip
+    """End a job whose row the caller holds; ``columns`` change with it.
 
     Units that are not recorded go; of those that are, the token stays, which tells a worker that asks again whether
     its record went through.
     """
-    u, j = tables.units.c, tables.jobs.c
-    connection.execute(sa.delete(tables.units).where(u.job_id == job_id, u.state != tables.RECORDED))
-    connection.execute(
-        sa.update(tables.units).where(u.job_id == job_id).values(spec=None, result=None, result_sha256=None)
-    )
+    connection.execute(_DELETE_OPEN_UNITS, {"of_job": job.id})
+    connection.execute(_EMPTY_UNITS, {"of_job": job.id})
     text = None if problem is None else storable_json(write_json(json.loads(problem)))
-    values = {
-        "state": state,
-        "finished_at": at,
-        "note": "",
-        "result_sha256": result_sha256,
-        "problem": text,
-        "last_event": last_event + 1,
-    }
-    connection.execute(sa.update(tables.jobs).where(j.id == job_id).values(values | dict(changes)))
+    values = {"state": state, "finished_at": at, "note": "", "result_sha256": result_sha256, "problem": text}
     data: dict[str, Any] = {"state": state}
     if result_sha256 is not None:
         data["result_sha256"] = result_sha256
     if text is not None:
         data["problem"] = json.loads(text)
-    write_event(connection, job_id, last_event + 1, at, "state", data)
+    change_job(connection, job, at, ("state", data), **values | columns)
 
 
 def render_problem(error: TailstackError) -> bytes:

@@ -19,7 +19,7 @@ from . import tables
 from .database import AnyRow, Database, now, reading, writing
 from .errors import IdempotencyConflict, QueueFull
 from .events import end_job, write_event
-from .queue import new_unit
+from .queue import make_unit
 from .tables import is_job_id, new_job_id, storable
 
 
@@ -63,7 +63,7 @@ class Page:
 _COLUMNS = [tables.jobs.c[name] for name in Job.__dataclass_fields__]
 
 
-def _job(row: AnyRow) -> Job:
+def _make_job(row: AnyRow) -> Job:
     values = dict(row._mapping)
     return Job(**{**values, "problem": json.loads(values["problem"]) if values["problem"] else None})
 
@@ -86,15 +86,15 @@ def submit_job(
     """
     digest = hashlib.sha256(request).hexdigest()
     with writing(db) as connection:
-        _one_at_a_time(db, connection, tenant)
+        _lock_tenant(db, connection, tenant)
         if idempotency_key is not None:
-            known = _by_key(connection, tenant, idempotency_key)
+            known = _find_by_key(connection, tenant, idempotency_key)
             if known is not None:
                 if (known.kind, known.request_sha256) != (kind, digest):
-                    raise _conflict(known)
+                    raise _conflict_error(known)
                 return known, False
-        if _unfinished(connection, tenant) >= max_queued:
-            raise _queue_full(max_queued)
+        if _count_unfinished(connection, tenant) >= max_queued:
+            raise _queue_error(max_queued)
         at = now(db, connection)
         job = Job(
             id=new_job_id(at),
@@ -120,35 +120,35 @@ def submit_job(
         values = {name: getattr(job, name) for name in Job.__dataclass_fields__}
         connection.execute(tables.jobs.insert(), values | {"idempotency_key": idempotency_key})
         connection.execute(tables.requests.insert(), {"job_id": job.id, "body": request})
-        connection.execute(tables.units.insert(), new_unit(job.id, 0, ADVANCE, at, at))
+        connection.execute(tables.units.insert(), make_unit(job.id, 0, ADVANCE, at, at))
         write_event(connection, job.id, 1, at, "state", {"state": "queued"})
     return job, True
 
 
-def _one_at_a_time(db: Database, connection: Connection, tenant: str) -> None:
+def _lock_tenant(db: Database, connection: Connection, tenant: str) -> None:
     """Submissions of one tenant queue up: two equal ones make one job, and the limit holds exactly."""
     if db.dialect == "postgresql":
         connection.execute(sa.text("SELECT pg_advisory_xact_lock(1413564243, hashtext(:tenant))"), {"tenant": tenant})
 
 
-def _by_key(connection: Connection, tenant: str, key: str) -> Job | None:
+def _find_by_key(connection: Connection, tenant: str, key: str) -> Job | None:
     j = tables.jobs.c
     row = connection.execute(sa.select(*_COLUMNS).where(j.tenant == tenant, j.idempotency_key == key)).first()
-    return _job(row) if row else None
+    return _make_job(row) if row else None
 
 
-def _unfinished(connection: Connection, tenant: str) -> int:
+def _count_unfinished(connection: Connection, tenant: str) -> int:
     j = tables.jobs.c
     query = sa.select(sa.func.count()).where(j.tenant == tenant, j.state.in_(tables.UNFINISHED))
     return int(connection.execute(query).scalar_one())
 
 
-def _conflict(known: Job) -> IdempotencyConflict:
+def _conflict_error(known: Job) -> IdempotencyConflict:
     detail = f"this key made job {known.id} ({known.kind}) from a request with another content"
     return IdempotencyConflict(Problem("", "idempotency-conflict", detail, "send a new key with a new request"))
 
 
-def _queue_full(limit: int) -> QueueFull:
+def _queue_error(limit: int) -> QueueFull:
     hint = "wait until some have finished or cancel them; the operator's setting is TAILSTACK_MAX_QUEUED_JOBS"
     return QueueFull(Problem("", "queue-full", f"at most {limit} unfinished jobs at a time", hint))
 
@@ -158,13 +158,13 @@ def find_job(db: Database, tenant: str, job_id: str) -> Job | None:
     if not is_job_id(job_id):
         return None
     with reading(db) as connection:
-        return _find(connection, tenant, job_id)
+        return _select_job(connection, tenant, job_id)
 
 
-def _find(connection: Connection, tenant: str, job_id: str, *, lock: bool = False) -> Job | None:
+def _select_job(connection: Connection, tenant: str, job_id: str, *, lock: bool = False) -> Job | None:
     query = sa.select(*_COLUMNS).where(tables.jobs.c.id == job_id, tables.jobs.c.tenant == tenant)
     row = connection.execute(query.with_for_update() if lock else query).first()
-    return _job(row) if row else None
+    return _make_job(row) if row else None
 
 
 def find_request(db: Database, tenant: str, job_id: str) -> bytes | None:
@@ -195,18 +195,18 @@ def list_page(
     if kind is not None:
         query = query.where(j.kind == kind)
     if after is not None:
-        query = query.where(j.id < _from_cursor(after))
+        query = query.where(j.id < _read_cursor(after))
     with reading(db) as connection:
-        found = [_job(row) for row in connection.execute(query)]
+        found = [_make_job(row) for row in connection.execute(query)]
     shown = tuple(found[:limit])
-    return Page(shown, _to_cursor(shown[-1].id) if len(found) > limit else None)
+    return Page(shown, _write_cursor(shown[-1].id) if len(found) > limit else None)
 
 
-def _to_cursor(job_id: str) -> str:
+def _write_cursor(job_id: str) -> str:
     return base64.urlsafe_b64encode(job_id.encode()).decode().rstrip("=")
 
 
-def _from_cursor(cursor: str) -> str:
+def _read_cursor(cursor: str) -> str:
     try:
         job_id = base64.b64decode(cursor.encode("ascii") + b"=" * (-len(cursor) % 4), b"-_", validate=True).decode()
     except (ValueError, binascii.Error):
@@ -224,8 +224,8 @@ def cancel_job(db: Database, tenant: str, job_id: str) -> Job | None:
     if not is_job_id(job_id):
         return None
     with writing(db) as connection:
-        job = _find(connection, tenant, job_id, lock=True)
+        job = _select_job(connection, tenant, job_id, lock=True)
         if job is None or job.finished:
             return job
-        end_job(connection, job.id, job.last_event, now(db, connection), "cancelled")
-        return _find(connection, tenant, job_id)
+        end_job(connection, job, now(db, connection), "cancelled")
+        return _select_job(connection, tenant, job_id)

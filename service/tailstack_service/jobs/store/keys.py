@@ -50,7 +50,7 @@ class Key:
 _COLUMNS = [tables.keys.c[name] for name in Key.__dataclass_fields__]
 
 
-def _key(row: AnyRow) -> Key:
+def _make_key(row: AnyRow) -> Key:
     values = dict(row._mapping)
     values.pop("secret_sha256", None)
     return Key(**{**values, "scopes": tuple(values["scopes"].split())})
@@ -58,7 +58,7 @@ def _key(row: AnyRow) -> Key:
 
 def create_key(db: Database, *, tenant: str, name: str, scopes: tuple[str, ...], days: float) -> tuple[Key, str]:
     """A new key, and its secret, which is not kept.  Raises RequestError for a name, scope or time that cannot be."""
-    problems = _problems(tenant, name, scopes, days)
+    problems = _find_problems(tenant, name, scopes, days)
     if problems:
         raise RequestError(problems)
     key_id = secrets.token_hex(6)
@@ -75,7 +75,7 @@ def create_key(db: Database, *, tenant: str, name: str, scopes: tuple[str, ...],
     return key, secret
 
 
-def _problems(tenant: str, name: str, scopes: tuple[str, ...], days: float) -> list[Problem]:
+def _find_problems(tenant: str, name: str, scopes: tuple[str, ...], days: float) -> list[Problem]:
     problems = []
     if not _TENANT.fullmatch(tenant):
         detail = f"a tenant is 1 to 64 of a-z, 0-9, dot, hyphen and underscore; got {tenant[:80]!r}"
@@ -109,7 +109,7 @@ def find_key(db: Database, presented: str) -> Key | None:
     same = hmac.compare_digest(_digest(presented), row.secret_sha256 if row else _NO_DIGEST)
     if row is None or not same:
         return None
-    key = _key(row)
+    key = _make_key(row)
     return key if key.state(at) == "active" else None
 
 
@@ -120,7 +120,7 @@ def list_keys(db: Database, tenant: str | None = None) -> list[tuple[Key, str]]:
         query = query.where(tables.keys.c.tenant == tenant)
     with reading(db) as connection:
         at = now(db, connection)
-        found = [_key(row) for row in connection.execute(query)]
+        found = [_make_key(row) for row in connection.execute(query)]
     return [(key, key.state(at)) for key in found]
 
 
@@ -134,7 +134,7 @@ def revoke_key(db: Database, key_id: str) -> Key | None:
         row = connection.execute(sa.select(*_COLUMNS).where(k.id == key_id)).first()
         if revoked and row is not None:
             audit.write_operation(db, connection, at, audit.REVOKED, row.tenant, key_id, {"name": row.name})
-    return _key(row) if row else None
+    return _make_key(row) if row else None
 
 
 def read_key_id(text: str) -> str:

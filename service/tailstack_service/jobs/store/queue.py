@@ -1,14 +1,12 @@
-"""Which unit is computed next, and by whom.
+"""The queue of units: which is computed next and by whom, leases that are prolonged, results that are recorded once.
 
-The queue of all units is ordered by *place*, epoch seconds.  A unit's place is the time at which its job came in, so
-jobs are served in the order in which they came; but from the seventeenth unit on, each counts as 10 s younger than the
-one before, so that a job of many units lets younger small ones pass instead of keeping every lane for itself.  Units
-that advance a job keep its place: they are short, and the job may be done after them.
+The queue is ordered by *place*, epoch seconds.  A unit's place is the time at which its job came in, so jobs are served
+in the order in which they came; but from the seventeenth unit on, each counts as 10 s younger than the one before, so
+that a job of many units lets younger small ones pass instead of keeping every lane for itself.  Units that advance a
+job keep its place: they are short, and the job may be done after them.
 
-Nothing here waits for a lock that another transaction holds (SKIP LOCKED on PostgreSQL), so it cannot be part of a
+``claim`` waits for no lock that another transaction holds (SKIP LOCKED on PostgreSQL), so it cannot be part of a
 deadlock, although it takes units before jobs and everything else takes jobs before units.
-
-Units in the hands of a worker: leases kept alive, results recorded once, units given back.
 """
 
 from __future__ import annotations
@@ -26,7 +24,7 @@ from ...task import ADVANCE, Outcome, UnitResult
 from . import tables
 from .database import AnyRow, Database, now, reading, writing
 from .errors import UnitLost
-from .events import end_job, estimate_eta_seconds, render_problem, write_event
+from .events import change_job, end_job, estimate_eta_seconds, render_problem
 from .results import PART, REQUEST, digest, fail_job, store_result
 from .tables import storable
 from .usage import count_unit
@@ -72,7 +70,7 @@ def find_place(created_at: float, number: int, spec: bytes) -> float:
     return created_at + SECONDS_PER_FURTHER_UNIT * max(0, number - UNITS_IN_PLACE)
 
 
-def new_unit(job_id: str, number: int, spec: bytes, created_at: float, at: float) -> dict[str, Any]:
+def make_unit(job_id: str, number: int, spec: bytes, created_at: float, at: float) -> dict[str, Any]:
     """A row of ``units`` that can be claimed from ``at`` on, of a job that came in at ``created_at``."""
     return {
         "job_id": job_id,
@@ -110,19 +108,19 @@ def claim(
     ``max_deaths`` processes with it, is not given out again: its job fails.  While other claims are under way the list
     may be shorter than what is there.
     """
-    if limit <= 0 or (db.dialect == "sqlite" and not _anything_to_claim(db, lease_seconds)):
+    if limit <= 0 or (db.dialect == "sqlite" and not _can_claim(db, lease_seconds)):
         return []
     with writing(db) as connection:
         at = now(db, connection)
-        run_out = _run_out(at, lease_seconds) if may_take_over() else None
+        run_out = _bound_leases(at, lease_seconds) if may_take_over() else None
         others = versions_at_work(connection, at, lease_seconds) - {solver_version}
-        rows = _claimable(connection, run_out, others, limit)
-        rows = _settled(connection, rows, at, solver_version, max_attempts, max_deaths)
+        rows = _find_claimable(connection, run_out, others, limit)
+        rows = _settle_jobs(connection, rows, at, solver_version, max_attempts, max_deaths)
         if not rows:
             return []
-        bodies = _requests(connection, {row.job_id for row in rows})
-        recorded = {row.job_id: _recorded(connection, row.job_id) for row in rows if row.advance}
-        rows = _sound(connection, rows, at, bodies, recorded)
+        bodies = _read_requests(connection, {row.job_id for row in rows})
+        recorded = {row.job_id: _read_recorded(connection, row.job_id) for row in rows if row.advance}
+        rows = _drop_damaged(connection, rows, at, bodies, recorded)
         _lease(connection, rows, worker_id, at + lease_seconds)
         return [
             Claim(
@@ -145,13 +143,13 @@ def claim(
         ]
 
 
-def _anything_to_claim(db: Database, lease_seconds: float) -> bool:
+def _can_claim(db: Database, lease_seconds: float) -> bool:
     """Idle workers ask many times a second: they must not take the only write lock of a file for that."""
     with reading(db) as connection:
-        return bool(connection.execute(_ANYTHING, _run_out(now(db, connection), lease_seconds)).scalar_one())
+        return bool(connection.execute(_ANYTHING, _bound_leases(now(db, connection), lease_seconds)).scalar_one())
 
 
-def _run_out(at: float, lease_seconds: float) -> dict[str, float]:
+def _bound_leases(at: float, lease_seconds: float) -> dict[str, float]:
     """The bounds outside of which a lease has run out."""
     return {"at": at, "last": at + lease_seconds + CLOCK_SECONDS}
 
@@ -181,7 +179,9 @@ _EXPIRED = _CANDIDATE.where(_RUN_OUT).limit(sa.bindparam("at_most", type_=sa.Int
 _EXPIRED_OF_SOME = _EXPIRED.where(_OF_SOME)
 
 
-def _claimable(connection: Connection, run_out: dict[str, float] | None, others: set[str], limit: int) -> list[AnyRow]:
+def _find_claimable(
+    connection: Connection, run_out: dict[str, float] | None, others: set[str], limit: int
+) -> list[AnyRow]:
     """Units that may be taken, in the order of the queue; on PostgreSQL their rows are locked."""
     values: dict[str, Any] = {"at_most": limit} | ({"others": sorted(others)} if others else {})
     ready, expired = (_READY_OF_SOME, _EXPIRED_OF_SOME) if others else (_READY, _EXPIRED)
@@ -191,7 +191,7 @@ def _claimable(connection: Connection, run_out: dict[str, float] | None, others:
     return sorted(found, key=lambda row: (row.place, row.job_id, row.number))[:limit]
 
 
-def _settled(
+def _settle_jobs(
     connection: Connection, rows: list[AnyRow], at: float, version: str, max_attempts: int, max_deaths: int
 ) -> list[AnyRow]:
     """The rows that can be leased, after what has to happen to their jobs: begun, begun anew, or ended."""
@@ -204,48 +204,36 @@ def _settled(
         return rows
     query = sa.select(_JOB.id, _JOB.state, _JOB.solver_version, _JOB.last_event, _JOB.generation, _JOB.created_at)
     locked = connection.execute(query.where(_JOB.id.in_(sorted(changing))).with_for_update(skip_locked=True))
-    held = {job.id: job for job in locked if job.state in tables.UNFINISHED}
-    kept = [row for row in rows if row.job_id not in changing]
-    for job in held.values():
+    ready = [row for row in rows if row.job_id not in changing]
+    for job in [job for job in locked if job.state in tables.UNFINISHED]:
         of_job = [row for row in rows if row.job_id == job.id]
         lost = next((row for row in of_job if spent(row)), None)
         if job.solver_version != version:
-            _begin_anew(connection, job, at, version)
+            _restart_job(connection, job, at, version)
             again = _CANDIDATE.where(_UNIT.job_id == job.id, _UNIT.number == 0)
-            kept.append(connection.execute(again).one())
+            ready.append(connection.execute(again).one())
         elif lost is not None:
-            end_job(
-                connection, job.id, job.last_event, at, "failed", problem=render_lost_unit(lost.attempts, lost.deaths)
-            )
+            end_job(connection, job, at, "failed", problem=render_lost_unit(lost.attempts, lost.deaths))
         else:
             if job.state == "queued":
-                begun = {"state": "running", "started_at": at, "last_event": job.last_event + 1}
-                connection.execute(sa.update(tables.jobs).where(_JOB.id == job.id).values(begun))
-                write_event(connection, job.id, job.last_event + 1, at, "state", {"state": "running"})
-            kept += of_job
-    return sorted(kept, key=lambda row: (row.place, row.job_id, row.number))
+                change_job(connection, job, at, _RUNNING, state="running", started_at=at)
+            ready += of_job
+    return sorted(ready, key=lambda row: (row.place, row.job_id, row.number))
 
 
-def _begin_anew(connection: Connection, job: AnyRow, at: float, version: str) -> None:
+def _restart_job(connection: Connection, job: AnyRow, at: float, version: str) -> None:
     """After an upgrade: what another version computed is not mixed with what this one computes."""
     connection.execute(sa.delete(tables.units).where(_UNIT.job_id == job.id))
-    connection.execute(tables.units.insert(), new_unit(job.id, 0, ADVANCE, job.created_at, at))
-    last = job.last_event + 1
-    write_event(connection, job.id, last, at, "recomputed", {"from": job.solver_version, "to": version})
-    if job.state == "queued":
-        last += 1
-        write_event(connection, job.id, last, at, "state", {"state": "running"})
-    values = {
-        "state": "running",
-        "solver_version": version,
-        "generation": job.generation + 1,
-        "started_at": at,
-        "units_done": 0,
-        "units_expected": 1,
-        "note": "",
-        "last_event": last,
-    }
-    connection.execute(sa.update(tables.jobs).where(_JOB.id == job.id).values(values))
+    connection.execute(tables.units.insert(), make_unit(job.id, 0, ADVANCE, job.created_at, at))
+    events = [("recomputed", {"from": job.solver_version, "to": version})]
+    events += [_RUNNING] if job.state == "queued" else []
+    change_job(
+        connection, job, at, *events, state="running", solver_version=version, generation=job.generation + 1,
+        started_at=at, units_done=0, units_expected=1, note="",
+    )  # fmt: skip
+
+
+_RUNNING = ("state", {"state": "running"})
 
 
 def render_lost_unit(attempts: int, deaths: int, why: str = "") -> bytes:
@@ -280,7 +268,7 @@ def _lease(connection: Connection, rows: Iterable[AnyRow], worker_id: str, until
 _Recorded = tuple[tuple[UnitResult, "str | None"], ...]  # with the hash under which each was recorded
 
 
-def _sound(
+def _drop_damaged(
     connection: Connection, rows: list[AnyRow], at: float, bodies: dict[str, bytes], recorded: dict[str, _Recorded]
 ) -> list[AnyRow]:
     """The rows whose jobs can go on; a job whose request or recorded results were changed fails."""
@@ -299,14 +287,14 @@ def _sound(
     return [row for row in rows if row.job_id not in damages]
 
 
-def _requests(connection: Connection, job_ids: set[str]) -> dict[str, bytes]:
+def _read_requests(connection: Connection, job_ids: set[str]) -> dict[str, bytes]:
     return {row.job_id: row.body for row in connection.execute(_BODIES, {"job_ids": sorted(job_ids)})}
 
 
 _BODIES = sa.select(tables.requests).where(tables.requests.c.job_id.in_(sa.bindparam("job_ids", expanding=True)))
 
 
-def _recorded(connection: Connection, job_id: str) -> _Recorded:
+def _read_recorded(connection: Connection, job_id: str) -> _Recorded:
     found = connection.execute(_RESULTS, {"of_job": job_id})
     return tuple((UnitResult(row.number, row.spec, row.result), row.result_sha256) for row in found)
 
@@ -333,17 +321,17 @@ def renew(db: Database, worker_id: str, claims: Sequence[Claim], lease_seconds: 
     }
     with writing(db) as connection:
         # Never waits: a row that is held just now is being recorded, given back or taken, and is met again next time
-        held = {tuple(row) for row in connection.execute(_FREE, values)}
-        known = held | {tuple(row) for row in connection.execute(_KNOWN, values)}
-        prolonged = [claim for claim in claims if (*_name(claim), "leased") in held]
-        if prolonged:
+        free = {tuple(row) for row in connection.execute(_FREE, values)}
+        known = free | {tuple(row) for row in connection.execute(_KNOWN, values)}
+        ours = [claim for claim in claims if (*_identify(claim), "leased") in free]
+        if ours:
             until = now(db, connection) + lease_seconds
-            changes = [{"of_job": c.job_id, "of_number": c.index, "until": until} for c in prolonged]
+            changes = [{"of_job": c.job_id, "of_number": c.index, "until": until} for c in ours]
             connection.execute(_PROLONG, changes)
-    return [c for c in claims if (*_name(c), "leased") not in known and (*_name(c), "recorded") not in known]
+    return [c for c in claims if (*_identify(c), "leased") not in known and (*_identify(c), "recorded") not in known]
 
 
-def _name(claim: Claim) -> tuple[str, int, int, int]:
+def _identify(claim: Claim) -> tuple[str, int, int, int]:
     return claim.job_id, claim.index, claim.generation, claim.token
 
 
@@ -371,28 +359,28 @@ def record(db: Database, claim: Claim, outcome: Outcome, *, max_job_seconds: flo
     """
     _require_fitting(claim, outcome)
     with writing(db) as connection:
-        job = _hold(connection, claim)
+        job = _lock_job(connection, claim)
         if job is None:
             return False
         sha256 = None if outcome.result is None else digest(outcome.result)
-        kept = {"result": outcome.result, "result_sha256": sha256, "cpu_seconds": outcome.cpu_seconds}
-        if job.state not in tables.UNFINISHED or not _give_up(connection, claim, "recorded", **kept):
+        values = {"result": outcome.result, "result_sha256": sha256, "cpu_seconds": outcome.cpu_seconds}
+        if job.state not in tables.UNFINISHED or not _end_claim(connection, claim, "recorded", **values):
             return _was_recorded(connection, claim)
         at = now(db, connection)
         cpu_seconds = job.cpu_seconds + outcome.cpu_seconds
         changes = {"units_done": job.units_done + 1, "cpu_seconds": cpu_seconds}
         count_unit(db, connection, job.tenant, at, outcome.cpu_seconds)
         if outcome.problem is not None:
-            end_job(connection, job.id, job.last_event, at, "failed", problem=outcome.problem, changes=changes)
+            end_job(connection, job, at, "failed", problem=outcome.problem, **changes)
         elif outcome.answer is not None:
             name = store_result(db, connection, job.kind, outcome.answer, at)
             changes["units_expected"] = changes["units_done"]
-            end_job(connection, job.id, job.last_event, at, "succeeded", result_sha256=name, changes=changes)
+            end_job(connection, job, at, "succeeded", result_sha256=name, **changes)
         elif cpu_seconds > max_job_seconds:
-            problem = _too_long(max_job_seconds)
-            end_job(connection, job.id, job.last_event, at, "failed", problem=problem, changes=changes)
+            problem = _render_too_long(max_job_seconds)
+            end_job(connection, job, at, "failed", problem=problem, **changes)
         else:
-            _go_on(connection, claim, outcome, job, at, changes)
+            _continue_job(connection, claim, outcome, job, at, changes)
     return True
 
 
@@ -403,12 +391,12 @@ def _require_fitting(claim: Claim, outcome: Outcome) -> None:
         raise ValueError(f"an outcome that unit {claim.index} of job {claim.job_id} cannot have")
 
 
-def _hold(connection: Connection, claim: Claim) -> AnyRow | None:
+def _lock_job(connection: Connection, claim: Claim) -> AnyRow | None:
     """The job's row, locked until the end of the transaction; None if it is gone or was begun anew."""
-    return connection.execute(_HOLD, {"of_job": claim.job_id, "of_generation": claim.generation}).first()
+    return connection.execute(_LOCK_JOB, {"of_job": claim.job_id, "of_generation": claim.generation}).first()
 
 
-_HOLD = (
+_LOCK_JOB = (
     sa.select(
         _JOB.id, _JOB.tenant, _JOB.kind, _JOB.state, _JOB.created_at, _JOB.started_at, _JOB.units_done,
         _JOB.units_expected, _JOB.cpu_seconds, _JOB.last_event, _JOB.note,
@@ -418,13 +406,13 @@ _HOLD = (
 )  # fmt: skip
 
 
-def _give_up(connection: Connection, claim: Claim, state: str, **changes: Any) -> bool:
+def _end_claim(connection: Connection, claim: Claim, state: str, **changes: Any) -> bool:
     """Take the unit out of this claim's hands, into another state; False if it is not in them."""
     values = changes | {"state": state, "worker_id": None, "lease_until": None}
-    return connection.execute(_GIVE_UP, _names(claim) | values).rowcount == 1
+    return connection.execute(_END_CLAIM, _bind_claim(claim) | values).rowcount == 1
 
 
-def _names(claim: Claim) -> dict[str, Any]:
+def _bind_claim(claim: Claim) -> dict[str, Any]:
     return {"of_job": claim.job_id, "of_number": claim.index, "of_token": claim.token}
 
 
@@ -433,45 +421,40 @@ _CLAIMED = sa.and_(
     _UNIT.number == sa.bindparam("of_number"),
     _UNIT.token == sa.bindparam("of_token"),
 )
-_GIVE_UP = sa.update(tables.units).where(_CLAIMED, _UNIT.state == tables.LEASED)
+_END_CLAIM = sa.update(tables.units).where(_CLAIMED, _UNIT.state == tables.LEASED)
 
 
 def _was_recorded(connection: Connection, claim: Claim) -> bool:
-    return bool(connection.execute(_WAS_RECORDED, _names(claim)).scalar_one())
+    return bool(connection.execute(_WAS_RECORDED, _bind_claim(claim)).scalar_one())
 
 
 _WAS_RECORDED = sa.select(sa.exists().where(_CLAIMED, _UNIT.state == tables.RECORDED))
 
 
-def _go_on(
+def _continue_job(
     connection: Connection, claim: Claim, outcome: Outcome, job: AnyRow, at: float, changes: dict[str, Any]
 ) -> None:
     """The units that come next, and word of how far the job is."""
     if outcome.more:
-        rows = [new_unit(job.id, claim.index + 1 + k, spec, job.created_at, at) for k, spec in enumerate(outcome.more)]
+        rows = [make_unit(job.id, claim.index + 1 + k, spec, job.created_at, at) for k, spec in enumerate(outcome.more)]
         connection.execute(tables.units.insert(), rows)
         changes["units_expected"] = changes["units_done"] + len(rows) + outcome.remaining + 1
         changes["note"] = storable(outcome.note)
     elif not connection.execute(_ANY_OPEN, {"of_job": job.id}).scalar_one():
         last = connection.execute(_LAST, {"of_job": job.id}).scalar_one()
-        connection.execute(tables.units.insert(), new_unit(job.id, last + 1, ADVANCE, job.created_at, at))
-    told = {
-        "units_done": changes["units_done"],
-        "units_expected": changes.get("units_expected", job.units_expected),
-        "note": changes.get("note", job.note),
-    }
-    told["eta_seconds"] = estimate_eta_seconds(job.started_at, told["units_done"], told["units_expected"], at)
-    changes["last_event"] = job.last_event + 1
-    connection.execute(_CHANGE_JOB, {"of_job": job.id} | changes)
-    write_event(connection, job.id, changes["last_event"], at, "progress", told)
+        connection.execute(tables.units.insert(), make_unit(job.id, last + 1, ADVANCE, job.created_at, at))
+    done, expected = changes["units_done"], changes.get("units_expected", job.units_expected)
+    eta_seconds = estimate_eta_seconds(job.started_at, done, expected, at)
+    note = changes.get("note", job.note)
+    data = {"units_done": done, "units_expected": expected, "note": note, "eta_seconds": eta_seconds}
+    change_job(connection, job, at, ("progress", data), **changes)
 
 
 _ANY_OPEN = sa.select(sa.exists().where(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.state != tables.RECORDED))
 _LAST = sa.select(sa.func.max(_UNIT.number)).where(_UNIT.job_id == sa.bindparam("of_job"))
-_CHANGE_JOB = sa.update(tables.jobs).where(_JOB.id == sa.bindparam("of_job"))
 
 
-def _too_long(max_job_seconds: float) -> bytes:
+def _render_too_long(max_job_seconds: float) -> bytes:
     detail = f"the job took more than {max_job_seconds:g} CPU seconds"
     hint = "ask for less (trials, starts, points); the operator's setting is TAILSTACK_MAX_JOB_SECONDS"
     return render_problem(LimitError(Problem("", "job-too-long", detail, hint)))
@@ -484,12 +467,12 @@ def release(db: Database, claim: Claim, *, died: bool, why: str = "") -> None:
     and its problem ends with ``why``.
     """
     with writing(db) as connection:
-        job = _hold(connection, claim)
+        job = _lock_job(connection, claim)
         if job is None or job.state not in tables.UNFINISHED:
             return
         deaths, at = claim.deaths + died, now(db, connection)
-        if not _give_up(connection, claim, "ready", ready_at=at, deaths=deaths):
+        if not _end_claim(connection, claim, "ready", ready_at=at, deaths=deaths):
             return
         if deaths >= claim.max_deaths or claim.attempts >= claim.max_attempts:
             problem = render_lost_unit(claim.attempts, deaths, why)
-            end_job(connection, job.id, job.last_event, at, "failed", problem=problem)
+            end_job(connection, job, at, "failed", problem=problem)

@@ -1,10 +1,9 @@
-"""What was stored and is no longer what was stored: requests, parts and answers are hashed whenever they are read.
+"""Answers under the SHA-256 of their bytes, and what happens where something stored has no longer its hash.
 
-Whatever changed them (a disk, a hand, a restored half), nothing is made of changed bytes: the job fails, and says so.
-Its Idempotency-Key is free again, so that the same request, sent again, makes a fresh job; and where that comes to the
-same answer, it is stored anew.
-
-Answers, named by the SHA-256 of their bytes; kept once, read by the tenants that own a job with them.
+An answer is stored once and read by the tenants that own a job with it.  Requests, parts and answers are hashed
+whenever they are read.  Whatever changed one (a disk, a hand, a restored half), nothing is made of changed bytes: the
+job fails, and says so.  Its Idempotency-Key is free again, so that the same request, sent again, makes a fresh job; and
+where that comes to the same answer, it is stored anew.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ def digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def damaged(what: str, sha256: str) -> DamagedStore:
+def damage_error(what: str, sha256: str) -> DamagedStore:
     """The refusal of what is no longer stored under its hash."""
     detail = f"the stored {what} with the SHA-256 {sha256} was changed or lost after it was recorded"
     return DamagedStore(Problem("", f"damaged-{what}", detail, _HINT))
@@ -48,9 +47,9 @@ def damaged(what: str, sha256: str) -> DamagedStore:
 
 def fail_job(connection: Connection, job: AnyRow, at: float, what: str, sha256: str) -> None:
     """End a job because of what is damaged; the caller holds its row (``id``, ``last_event``, ``finished_at``)."""
-    changes = {"idempotency_key": None} | ({} if job.finished_at is None else {"finished_at": job.finished_at})
-    problem = render_problem(damaged(what, sha256))
-    end_job(connection, job.id, job.last_event, at, "failed", problem=problem, changes=changes)
+    finished_at = at if job.finished_at is None else job.finished_at
+    problem = render_problem(damage_error(what, sha256))
+    end_job(connection, job, at, "failed", problem=problem, finished_at=finished_at, idempotency_key=None)
     connection.execute(tables.damages.insert(), {"job_id": job.id, "what": what, "sha256": sha256, "found_at": at})
     log.error("the stored %s is damaged: %s", what, sha256, extra={"action": "damaged", "job": job.id})
 
@@ -112,17 +111,17 @@ def find_missing_results(connection: Connection) -> Iterator[str]:
 def find_changed_requests(connection: Connection) -> Iterator[str]:
     """The ids of jobs whose request does not have the hash that it came with."""
     query = sa.select(_JOB.id, _JOB.request_sha256, tables.requests.c.body).join(tables.requests)
-    return _differing(connection.execute(query.execution_options(yield_per=20)))
+    return _find_differing(connection.execute(query.execution_options(yield_per=20)))
 
 
 def find_changed_parts(connection: Connection) -> Iterator[str]:
     """The ids of unfinished jobs with a recorded unit whose result does not have the hash that it was recorded with."""
     u = tables.units.c
     query = sa.select(u.job_id, u.result_sha256, u.result).where(u.result.is_not(None), u.result_sha256.is_not(None))
-    return _differing(connection.execute(query.execution_options(yield_per=20)))
+    return _find_differing(connection.execute(query.execution_options(yield_per=20)))
 
 
-def _differing(rows: Iterable[AnyRow]) -> Iterator[str]:
+def _find_differing(rows: Iterable[AnyRow]) -> Iterator[str]:
     return (name for name, sha256, content in rows if digest(content) != sha256)
 
 
@@ -162,12 +161,12 @@ def read_result(db: Database, tenant: str, sha256: str) -> Result | None:
     result, known = _read_row(db, tenant, sha256)
     if known and (result is None or digest(result.body) != sha256):
         if condemn(db, sha256):
-            raise damaged(ANSWER, sha256)
+            raise damage_error(ANSWER, sha256)
         result, known = _read_row(
             db, tenant, sha256
         )  # stored anew meanwhile, or not damaged at all: a reader's own fault
         if known and (result is None or digest(result.body) != sha256):
-            raise damaged(ANSWER, sha256)
+            raise damage_error(ANSWER, sha256)
     return result
 
 
@@ -183,5 +182,5 @@ def _read_row(db: Database, tenant: str, sha256: str) -> tuple[Result | None, bo
         if connection.execute(sa.select(owned)).scalar_one():
             return None, True
         if was_condemned(connection, tenant, sha256):
-            raise damaged(ANSWER, sha256)
+            raise damage_error(ANSWER, sha256)
     return None, False

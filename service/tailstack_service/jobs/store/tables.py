@@ -1,6 +1,6 @@
-"""The tables, as the newest migration leaves them (a test compares the two).
+"""The tables, as the newest migration leaves them (a test compares the two), and what may be stored in them.
 
-Job ids: 48 bits of time and 80 random bits as 26 characters, sorted by time (the ULID layout).
+A job's id is 48 bits of time and 80 random bits as 26 characters, sorted by time (the layout of a ULID).
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What an operator does to a database: bring it up to date, look whether it is sound, throw old things away.
-
-A copy of a database in one file, made while the service runs, and looked at before it is called a backup.
-"""
+"""What an operator does to a database: look whether it is sound, delete what is old, copy it into one file."""
 
 from __future__ import annotations
 
@@ -45,7 +42,7 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
-class Purged:
+class Deletions:
     """What a purge deleted."""
 
     jobs: int
@@ -61,30 +58,30 @@ def check_database(db: Database) -> list[Check]:
         if db.dialect == "postgresql":
             connection.execute(sa.text("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ"))
             connection.execute(sa.text("SET LOCAL statement_timeout = 0"))
-        checks = [_schema(connection)]
+        checks = [_check_schema(connection)]
         if not checks[0].ok:
             return checks
         if db.dialect == "sqlite":
-            checks += [_pragma(connection, "integrity_check"), _pragma(connection, "foreign_key_check")]
-        checks += _hashes(connection)
-        checks += [_none(connection, name, query) for name, query in _RULES.items()]
+            checks += [_check_pragma(connection, "integrity_check"), _check_pragma(connection, "foreign_key_check")]
+        checks += _check_hashes(connection)
+        checks += [_check_rule(connection, name, query) for name, query in _RULES.items()]
     return checks
 
 
-def _schema(connection: Connection) -> Check:
+def _check_schema(connection: Connection) -> Check:
     found = "none"
     if sa.inspect(connection).has_table("alembic_version"):
         found = str(connection.execute(sa.text("SELECT version_num FROM alembic_version")).scalar_one_or_none())
     return Check("schema version", found == HEAD, f"{found}, this tailstack knows {HEAD}")
 
 
-def _pragma(connection: Connection, name: str) -> Check:
+def _check_pragma(connection: Connection, name: str) -> Check:
     rows = [" ".join(str(value) for value in row) for row in connection.exec_driver_sql(f"PRAGMA {name}")]
     wrong = [row for row in rows if row != "ok"]
     return Check(name.replace("_", " "), not wrong, "; ".join(wrong[:5]) or "ok")
 
 
-def _hashes(connection: Connection) -> list[Check]:
+def _check_hashes(connection: Connection) -> list[Check]:
     checks = []
     for name, find in (
         ("results hash to their names", find_changed_results),
@@ -134,36 +131,36 @@ _RULES: dict[str, sa.Select[str]] = {
 }
 
 
-def _none(connection: Connection, name: str, query: sa.Select[str]) -> Check:
+def _check_rule(connection: Connection, name: str, query: sa.Select[str]) -> Check:
     wrong = connection.execute(query.limit(4)).scalars().all()
     return Check(
         name, not wrong, f"not so: {', '.join(wrong[:3])}{' ...' if len(wrong) > 3 else ''}" if wrong else "ok"
     )
 
 
-def purge(db: Database, keep_days: float, audit_days: float = AUDIT_DAYS) -> Purged:
+def purge(db: Database, keep_days: float, audit_days: float = AUDIT_DAYS) -> Deletions:
     """Delete jobs that ended more than ``keep_days`` ago, results that no job refers to, workers silent for a day,
     entries of the audit log older than ``audit_days``.
 
     Works in short transactions; several at once do no harm.
     """
-    jobs = _repeated(db, lambda connection, at: _purge_jobs(connection, at - keep_days * SECONDS_PER_DAY))
-    results = _repeated(db, lambda connection, at: _purge_results(connection))
+    jobs = _repeat(db, lambda connection, at: _purge_jobs(connection, at - keep_days * SECONDS_PER_DAY))
+    results = _repeat(db, lambda connection, at: _purge_results(connection))
     with writing(db) as connection:
         at = now(db, connection)
-        rows = usage.fold_minutes(db, connection, at) if _alone(db, connection) else 0
+        rows = usage.fold_minutes(db, connection, at) if _lock_purge(db, connection) else 0
         forgotten = audit.delete_entries(connection, at - audit_days * SECONDS_PER_DAY)
         silent = sa.delete(tables.workers).where(tables.workers.c.seen_at < at - WORKERS_KEPT_SECONDS)
-        return Purged(jobs, results, rows, connection.execute(silent).rowcount, forgotten)
+        return Deletions(jobs, results, rows, connection.execute(silent).rowcount, forgotten)
 
 
-def _alone(db: Database, connection: Connection) -> bool:
+def _lock_purge(db: Database, connection: Connection) -> bool:
     if db.dialect == "sqlite":
         return True
     return bool(connection.execute(sa.text(f"SELECT pg_try_advisory_xact_lock({_PURGE_LOCK})")).scalar_one())
 
 
-def _repeated(db: Database, delete_some: Callable[[Connection, float], int]) -> int:
+def _repeat(db: Database, delete_some: Callable[[Connection, float], int]) -> int:
     total = 0
     while True:
         with writing(db) as connection:
@@ -202,9 +199,9 @@ def back_up(url: str, target: Path) -> str:
     """
     parsed = parse_url(url)
     if target.exists():
-        raise _refused("backup-exists", f"{target} exists already", "give another name: nothing is overwritten")
+        raise _backup_error("backup-exists", f"{target} exists already", "give another name: nothing is overwritten")
     if not target.parent.is_dir():
-        raise _refused("no-directory", f"there is no directory {target.parent}", f"mkdir -p {target.parent}")
+        raise _backup_error("no-directory", f"there is no directory {target.parent}", f"mkdir -p {target.parent}")
     _require_undamaged(url)
     with tempfile.TemporaryDirectory(prefix=".tailstack-backup-", dir=target.parent) as directory:
         partial = Path(directory) / "backup"
@@ -220,7 +217,7 @@ def back_up(url: str, target: Path) -> str:
         try:
             os.link(partial, target)  # unlike a rename it fails if somebody else made the target meanwhile
         except FileExistsError:
-            raise _refused("backup-exists", f"{target} exists already", "give another name") from None
+            raise _backup_error("backup-exists", f"{target} exists already", "give another name") from None
     _sync(target.parent)
     return restored
 
@@ -233,7 +230,7 @@ def _require_undamaged(url: str) -> None:
             if sa.inspect(connection).has_table("results"):
                 damaged = [*find_changed_results(connection), *find_missing_results(connection)]
     except StoreUnavailable as error:
-        raise _refused("backup-failed", error.problems[0].detail, error.problems[0].hint) from None
+        raise _backup_error("backup-failed", error.problems[0].detail, error.problems[0].hint) from None
     finally:
         db.close()
     if damaged:
@@ -242,10 +239,10 @@ def _require_undamaged(url: str) -> None:
         hint = (
             "keep the earlier backups; tailstack db mend fails the jobs of these and deletes them, then back up again"
         )
-        raise _refused("backup-damaged", detail, hint)
+        raise _backup_error("backup-damaged", detail, hint)
 
 
-def _refused(code: str, detail: str, hint: str) -> StoreError:
+def _backup_error(code: str, detail: str, hint: str) -> StoreError:
     return StoreError(Problem("", code, detail, hint))
 
 
@@ -259,7 +256,9 @@ def _sync(path: Path) -> None:
 
 def _copy_file(source: Path, target: Path) -> None:
     if not source.exists():
-        raise _refused("no-database", f"there is no database at {source}", "TAILSTACK_DATABASE says which one is meant")
+        raise _backup_error(
+            "no-database", f"there is no database at {source}", "TAILSTACK_DATABASE says which one is meant"
+        )
     os.close(os.open(target, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
     try:
         with closing(sqlite3.connect(source, timeout=30)) as from_, closing(sqlite3.connect(target)) as to:
@@ -268,16 +267,16 @@ def _copy_file(source: Path, target: Path) -> None:
             found = [row[0] for row in to.execute("PRAGMA integrity_check")]
             found += ["a row refers to one that is missing" for _ in to.execute("PRAGMA foreign_key_check")]
     except sqlite3.Error as error:
-        raise _refused("backup-failed", f"{source}: {error}", "tailstack db check") from None
+        raise _backup_error("backup-failed", f"{source}: {error}", "tailstack db check") from None
     if found != ["ok"]:
-        raise _refused("backup-failed", f"the copy is not sound: {'; '.join(found[:3])}", "tailstack db check")
+        raise _backup_error("backup-failed", f"the copy is not sound: {'; '.join(found[:3])}", "tailstack db check")
 
 
 def _dump(url: URL, target: Path) -> None:
     program = find_program("pg_dump")
     if program is None:
         detail = "pg_dump is needed to back up PostgreSQL, and it is neither on PATH nor beside pg_config"
-        raise _refused("no-pg-dump", detail, "install it: apt-get install postgresql-client")
+        raise _backup_error("no-pg-dump", detail, "install it: apt-get install postgresql-client")
     os.close(os.open(target, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
     # Nothing secret in the arguments: every user of the host can read them
     public = URL.create("postgresql", url.username, None, url.host, url.port, url.database, url.query)
@@ -285,24 +284,24 @@ def _dump(url: URL, target: Path) -> None:
     environment = dict(os.environ)
     if url.password is not None:
         environment["PGPASSWORD"] = str(url.password)
-    _call([program, "--format=custom", "--no-password", f"--file={target}", f"--dbname={address}"], environment)
+    _run_program([program, "--format=custom", "--no-password", f"--file={target}", f"--dbname={address}"], environment)
     restore = find_program("pg_restore")
     if restore is not None:
-        _call([restore, "--list", str(target)], environment)
+        _run_program([restore, "--list", str(target)], environment)
 
 
-def _call(command: list[str], environment: dict[str, str]) -> None:
+def _run_program(command: list[str], environment: dict[str, str]) -> None:
     try:
         done = subprocess.run(
             command, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=DUMP_SECONDS
         )
     except subprocess.TimeoutExpired:
         detail = f"{Path(command[0]).name} took more than {DUMP_SECONDS:g} s"
-        raise _refused("backup-failed", detail, "run pg_dump --format=custom by hand") from None
+        raise _backup_error("backup-failed", detail, "run pg_dump --format=custom by hand") from None
     if done.returncode != 0:
         reason = (done.stderr.strip() or f"exit code {done.returncode}").partition("\n")[0]
         hint = "pg_dump must not be older than the server; TAILSTACK_DATABASE says which database is meant"
-        raise _refused("backup-failed", f"{Path(command[0]).name}: {reason}", hint)
+        raise _backup_error("backup-failed", f"{Path(command[0]).name}: {reason}", hint)
 
 
 def find_program(name: str) -> str | None:

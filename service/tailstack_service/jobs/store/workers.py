@@ -1,7 +1,4 @@
-"""Workers that say they are alive; which versions of the solver are at work follows from it.
-
-Whether a database can be used at this moment, asked by whoever decides where requests are sent.
-"""
+"""Workers that say they are alive: how many there are, and which versions of the solver are at work."""
 
 from __future__ import annotations
 
@@ -37,16 +34,10 @@ def report_alive(
     """Say that this worker is alive: before its first claim, then more often than its leases run out."""
     with writing(db) as connection:
         at = now(db, connection)
-        said = {
-            "host": host,
-            "pid": pid,
-            "solver_version": solver_version,
-            "engine": engine,
-            "capacity": capacity,
-            "seen_at": at,
-        }
-        statement = insert(db.dialect, tables.workers).values(id=worker_id, started_at=at, **said)
-        connection.execute(statement.on_conflict_do_update(index_elements=["id"], set_=said))
+        values = {"host": host, "pid": pid, "solver_version": solver_version, "engine": engine, "capacity": capacity}
+        values["seen_at"] = at
+        statement = insert(db.dialect, tables.workers).values(id=worker_id, started_at=at, **values)
+        connection.execute(statement.on_conflict_do_update(index_elements=["id"], set_=values))
 
 
 def list_workers(db: Database) -> list[WorkerEntry]:
@@ -58,22 +49,22 @@ def list_workers(db: Database) -> list[WorkerEntry]:
 
 
 def remove_worker(db: Database, worker_id: str) -> None:
-    """A worker that ends in order: jobs of its version need not wait until it counts as dead."""
+    """Forget a worker that ends in order: jobs of its version need not wait until it counts as dead."""
     with writing(db) as connection:
         connection.execute(sa.delete(tables.workers).where(tables.workers.c.id == worker_id))
 
 
 def versions_at_work(connection: Connection, at: float, fresh_seconds: float) -> set[str]:
     """Solver versions of the workers that were seen within the last ``fresh_seconds``."""
-    return set(connection.execute(_VERSIONS, _fresh(at, fresh_seconds)).scalars())
+    return set(connection.execute(_VERSIONS, _bound_silence(at, fresh_seconds)).scalars())
 
 
 def count_live(connection: Connection, at: float, fresh_seconds: float) -> int:
     """Workers that were seen within the last ``fresh_seconds``."""
-    return int(connection.execute(_LIVE, _fresh(at, fresh_seconds)).scalar_one())
+    return int(connection.execute(_LIVE, _bound_silence(at, fresh_seconds)).scalar_one())
 
 
-def _fresh(at: float, fresh_seconds: float) -> dict[str, float]:
+def _bound_silence(at: float, fresh_seconds: float) -> dict[str, float]:
     return {"since": at - fresh_seconds, "until": at + fresh_seconds}
 
 
