@@ -139,7 +139,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
                 design,
                 seed=arguments.seed,
                 starts=arguments.starts,
-                progress=reporter(progress, wanted.wanted),
+                progress=reporter(progress, wanted.goal),
                 stop=stop.wanted,
             )
             stop.wanted()  # a second signal may have come since the last poll

@@ -315,7 +315,7 @@ class Optimise(Record):
         return bool(self.rotation_bounds or self.translation_bounds or self.tolerances)
 
     @property
-    def wanted(self) -> Literal["cost", "quantile", "scaling", "pareto"]:
+    def goal(self) -> Literal["cost", "quantile", "scaling", "pareto"]:
         """The objective, its default filled in."""
         return self.objective or ("cost" if self.frees_tolerances else "quantile")
 
@@ -346,19 +346,19 @@ class Optimise(Record):
 
     def _check_objective(self) -> None:
         free = self.frees_tolerances
-        if self.wanted in ("cost", "scaling", "pareto") and not free:
-            raise refusal("nothing-free", f"objective: {self.wanted} needs free tolerances", "add rotation_bounds")
-        if self.wanted == "quantile" and free and self.cost_limit is None:
+        if self.goal in ("cost", "scaling", "pareto") and not free:
+            raise refusal("nothing-free", f"objective: {self.goal} needs free tolerances", "add rotation_bounds")
+        if self.goal == "quantile" and free and self.cost_limit is None:
             raise refusal("missing-field", "objective: quantile needs cost_limit when tolerances are free")
-        if self.cost_limit is not None and not (self.wanted == "quantile" and free):
+        if self.cost_limit is not None and not (self.goal == "quantile" and free):
             message = "cost_limit is read only with objective: quantile and free tolerances"
             raise refusal("unused-field", message, at="cost_limit")
-        if self.front is not None and self.wanted != "pareto":
+        if self.front is not None and self.goal != "pareto":
             raise refusal("unused-field", "front is read only with objective: pareto", at="front")
         graded = [index for index, free in enumerate(self.tolerances) if free.grades is not None]
-        if graded and self.wanted != "cost":
+        if graded and self.goal != "cost":
             raise refusal(
-                "unsupported", f"grades go with objective: cost; it is {self.wanted}", at=f"tolerances/{graded[0]}"
+                "unsupported", f"grades go with objective: cost; it is {self.goal}", at=f"tolerances/{graded[0]}"
             )
 
 

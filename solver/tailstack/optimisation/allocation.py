@@ -524,12 +524,12 @@ def budgets_of(program: Program) -> Budgets:
 
 
 def best_budget(
-    budgets: Budgets, choice: Choice, held: list[Evaluation], start: Array, *,
+    budgets: Budgets, choice: Choice, evaluations: list[Evaluation], start: Array, *,
     fixed: Mapping[int, float] | None = None, offsets: Array | None = None,
 ) -> Budget | None:  # fmt: skip
     """The optimum at a choice's layout and mechanics, or None where the limits are out of reach.
 
-    ``held``: promises there, one for each of the programme's terms; ``start`` (U,) logarithms; ``fixed``: native
+    ``evaluations`` there, one for each of the programme's terms; ``start`` (U,) logarithms; ``fixed``: native
     values of half-widths that are not free here; ``offsets`` (T,) added to the log of each squared quantile.
     """
     program = budgets.program
@@ -538,11 +538,11 @@ def best_budget(
         lower[k] = upper[k] = np.log(value)
     triangle = np.triu_indices(3)
     mechanics = mechanics_of(program.problem, choice)
-    given = np.zeros(len(held)) if offsets is None else offsets
+    given = np.zeros(len(evaluations)) if offsets is None else offsets
     parameters = np.concatenate([
         *(
             np.concatenate([item.noise[triangle], item.made[triangle], [offset], item.signs])
-            for item, offset in zip(held, given, strict=True)
+            for item, offset in zip(evaluations, given, strict=True)
         ),
         mechanics.pivot_shift, mechanics.inverse_shift,
     ])  # fmt: skip

@@ -109,7 +109,7 @@ def _empty(
 def front_factors(request: Request, search: Search) -> tuple[float, ...]:
     """Multiples of the requirement's limit, evenly spaced in logarithm."""
     limit = search.program.problem.requirements[0].limit_mm
-    front = request.wanted.front
+    front = request.section.front
     low = front.min_limit_mm / limit if front is not None and front.min_limit_mm is not None else None
     high = front.max_limit_mm / limit if front is not None and front.max_limit_mm is not None else LOOSEST
     if low is None:
@@ -231,15 +231,15 @@ def _at_layout(search: Search) -> Callable[[Array], float | None]:
             return None
         here = replace(choice, fiducials_mm=layout)
         try:
-            held = [evaluate_demand(problem, term, here) for term in program.terms]
+            evaluations = [evaluate_demand(problem, term, here) for term in program.terms]
             start = start_at(program, layout)
         except IllPosedError:
             return None
         if small is None:
-            return worst_closed_ratio(program, held, here)
+            return worst_closed_ratio(program, evaluations, here)
         if start.tightest_ratio > 1 and problem.objective != "quantile":
             return None
-        found = best_budget(small, here, held, start.x[program.widths_at])
+        found = best_budget(small, here, evaluations, start.x[program.widths_at])
         return None if found is None else objective_for_people(program, found.objective)
 
     return value

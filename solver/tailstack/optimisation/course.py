@@ -71,7 +71,7 @@ def optimise_task(task: Task, searcher: Searcher, control: Control) -> Optimisat
         searches, counts = search_counts(task, searcher, control)
         optimum = take_first_verified(task, searches, control)
         front: tuple[FrontPoint, ...] = ()
-        if task.request.wanted.wanted == "pareto":
+        if task.request.section.goal == "pareto":
             front = searcher.trace_front(task.counts.index(optimum.count), optimum.search)
         value = None if task.request.graded else value_placement(optimum.search, task.seed, control.stop)
         return report(task, optimum, counts, front, value)
@@ -108,7 +108,7 @@ def search_counts(task: Task, searcher: Searcher, control: Control) -> tuple[lis
 
     Raises what the search at the first number raises if none found anything.
     """
-    count = task.request.wanted.count
+    count = task.request.section.count
     each = 0.0 if count is None else count.cost_per_fiducial
     searches: list[tuple[float, Search]] = []
     tried: list[CountTried] = []

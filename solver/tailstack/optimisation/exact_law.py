@@ -1,4 +1,4 @@
-"""The quantile that is promised: the exact law at a choice, and the correction that carries it into the programme.
+"""The quantile that is limited: the exact law at a choice, and the correction that carries it into the programme.
 
 The programme's constraint is smooth closed form + correction.  The correction is affine in what the quantile sees
 (image covariances, logarithms of half-widths, pivots, spacings) and is chosen at an iterate so that value *and*
@@ -132,10 +132,10 @@ def _unit_quantile(
     return unit_quantile(*laws, requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
 
 
-def closed_form_at(problem: PlacementProblem, terms: DemandTerms, held: Evaluation, choice: Choice) -> float:
+def closed_form_at(problem: PlacementProblem, terms: DemandTerms, evaluation: Evaluation, choice: Choice) -> float:
     """The closed form, mm, at the choice of a promise and with its ends."""
     mechanics = mechanics_of(problem, choice)
-    return closed_form_mm(terms, held.noise, held.made, choice.half_width, mechanics, held.signs)
+    return closed_form_mm(terms, evaluation.noise, evaluation.made, choice.half_width, mechanics, evaluation.signs)
 
 
 def no_correction(problem: PlacementProblem) -> Correction:
@@ -147,43 +147,47 @@ def no_correction(problem: PlacementProblem) -> Correction:
 
 
 def correction_at(
-    problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Evaluation, same_ends: Array | None
+    problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation, same_ends: Array | None
 ) -> Correction:
     """The correction that makes value and gradient exact at a choice.  ``same_ends`` (B,) keeps the bounded sources
     where they are in the programme, when the worst vertex flips between iterates."""
-    signs = held.signs if same_ends is None else same_ends
-    at_ends = held if same_ends is None else replace(held, signs=same_ends)
-    difference = 2 * log(held.exact_mm) - 2 * log(closed_form_at(problem, terms, at_ends, choice))
-    exact = (_unit_gradient if terms.demand.per_unit else _exact_gradient)(problem, terms, choice, held)
-    form = _closed_gradient(problem, terms, choice, held, signs)
+    signs = evaluation.signs if same_ends is None else same_ends
+    at_ends = evaluation if same_ends is None else replace(evaluation, signs=same_ends)
+    difference = 2 * log(evaluation.exact_mm) - 2 * log(closed_form_at(problem, terms, at_ends, choice))
+    exact = (_unit_gradient if terms.demand.per_unit else _exact_gradient)(problem, terms, choice, evaluation)
+    form = _closed_gradient(problem, terms, choice, evaluation, signs)
     slope = Correction(
         0.0, exact.noise - form.noise, exact.made - form.made, exact.widths - form.widths,
         exact.pivots - form.pivots, exact.spacings - form.spacings,
     )  # fmt: skip
-    return replace(slope, offset=difference - correction_value(slope, problem, choice, held))
+    return replace(slope, offset=difference - correction_value(slope, problem, choice, evaluation))
 
 
-def correction_value(correction: Correction, problem: PlacementProblem, choice: Choice, held: Evaluation) -> float:
+def correction_value(
+    correction: Correction, problem: PlacementProblem, choice: Choice, evaluation: Evaluation
+) -> float:
     """The correction at a choice."""
     mechanics = mechanics_of(problem, choice)
     return float(
         correction.offset
-        + (correction.noise * held.noise).sum()
-        + (correction.made * held.made).sum()
+        + (correction.noise * evaluation.noise).sum()
+        + (correction.made * evaluation.made).sum()
         + correction.widths @ np.log(choice.half_width)
         + correction.pivots @ mechanics.pivot_shift
         + correction.spacings @ np.log(choice.spacing)
     )
 
 
-def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Evaluation) -> Correction:
+def _exact_gradient(
+    problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation
+) -> Correction:
     """Gradient of log r^2 under the declared law; by differences along pivots and spacings, analytic otherwise."""
     error, p = terms.demand.requirement.error, terms.demand.requirement.quantile
-    law, where = declared_law(held.model, error, held.mean_mm)
+    law, where = declared_law(evaluation.model, error, evaluation.mean_mm)
     slopes = law_gradient(law, law_quantile(law, p))
-    per = 2 / held.exact_mm
+    per = 2 / evaluation.exact_mm
     gains = terms.gains.at(mechanics_of(problem, choice))
-    ends = {index: held.signs[b] for b, index in enumerate(terms.bounded)}
+    ends = {index: evaluation.signs[b] for b, index in enumerate(terms.bounded)}
     widths = np.zeros(len(problem.half_widths))
     for index, source in enumerate(terms.sources):
         if source.free is None:
@@ -203,7 +207,7 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     return Correction(0.0, curvature, curvature, per * widths, pivots, spacings)
 
 
-def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Evaluation) -> Correction:
+def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation) -> Correction:
     """Gradient of log r^2 of a per-unit quantile by central differences: the units are the same ones each time, and
     the value drawn from them is continuous, so that it has a slope of its own (:mod:`..tail.per_unit`).
 
@@ -212,7 +216,7 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
     eigenvalues l, and G the gradient sought, the slope is ``2 (l_i + l_j) G_ij`` (``2 l_i G_ii``).
     """
     groups: dict[bool, list[str]] = {True: [], False: []}
-    for block in held.model.blocks:
+    for block in evaluation.model.blocks:
         if block.contributor.startswith(LAYOUT_BLOCKS):
             groups[block.contributor == MANUFACTURING].append(block.contributor)
 
@@ -228,7 +232,7 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
                 turn[i, j] = turn[j, i] = UNIT_STEP
                 sides = [
                     _unit_quantile(
-                        held.model, terms.demand, held.mean_mm,
+                        evaluation.model, terms.demand, evaluation.mean_mm,
                         dict.fromkeys(names, np.eye(3) + side * axes @ turn @ axes.T),
                     ).value_mm
                     for side in (1, -1)
@@ -236,7 +240,7 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
                 found[i, j] = found[j, i] = 2 * log(sides[0] / sides[1]) / (2 * UNIT_STEP) / (2 * size)
         return np.asarray(axes @ found @ axes.T)
 
-    noise, made = by_covariance(held.noise, groups[False]), by_covariance(held.made, groups[True])
+    noise, made = by_covariance(evaluation.noise, groups[False]), by_covariance(evaluation.made, groups[True])
     widths = np.zeros(len(choice.half_width))
     for k in range(len(widths)):
         factor = np.ones(len(widths))
@@ -286,15 +290,15 @@ def _mechanical_steps(problem: PlacementProblem, choice: Choice) -> list[tuple[C
 
 
 def _closed_gradient(
-    problem: PlacementProblem, terms: DemandTerms, choice: Choice, held: Evaluation, signs: Array
+    problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation, signs: Array
 ) -> Correction:
     """Gradient of the closed form's log r^2, by central differences (it costs microseconds)."""
 
     def form(noise: Array, made: Array, half_width: Array, at: Choice) -> float:
         return 2 * log(closed_form_mm(terms, noise, made, half_width, mechanics_of(problem, at), signs))
 
-    base = (held.noise, held.made, choice.half_width, choice)
-    scale = float(np.trace(held.noise + held.made)) or float(held.exact_mm**2)
+    base = (evaluation.noise, evaluation.made, choice.half_width, choice)
+    scale = float(np.trace(evaluation.noise + evaluation.made)) or float(evaluation.exact_mm**2)
     by_noise, by_made = np.zeros((3, 3)), np.zeros((3, 3))
     for part, found in ((0, by_noise), (1, by_made)):
         for i in range(3):
@@ -309,10 +313,17 @@ def _closed_gradient(
         factor = np.ones(len(choice.half_width))
         factor[k] = np.exp(STEP)
         up, down = choice.half_width * factor, choice.half_width / factor
-        above, below = form(held.noise, held.made, up, choice), form(held.noise, held.made, down, choice)
+        above, below = (
+            form(evaluation.noise, evaluation.made, up, choice),
+            form(evaluation.noise, evaluation.made, down, choice),
+        )
         widths.append((above - below) / (2 * STEP))
     mechanical = [
-        (form(held.noise, held.made, choice.half_width, high) - form(held.noise, held.made, choice.half_width, low)) / w
+        (
+            form(evaluation.noise, evaluation.made, choice.half_width, high)
+            - form(evaluation.noise, evaluation.made, choice.half_width, low)
+        )
+        / w
         for low, high, w in _mechanical_steps(problem, choice)
     ]
     count = 3 * len(problem.pivots)
@@ -324,8 +335,8 @@ def _closed_gradient(
 
 def exact_ratios(problem: PlacementProblem, terms: tuple[DemandTerms, ...], choice: Choice) -> Array:
     """(T,) exact quantile over its limit of every demand at a choice."""
-    held = [evaluate_demand(problem, term, choice) for term in terms]
-    return np.array([item.exact_mm / item.limit_mm for item in held])
+    evaluations = [evaluate_demand(problem, term, choice) for term in terms]
+    return np.array([item.exact_mm / item.limit_mm for item in evaluations])
 
 
 def leading_demands(
@@ -360,7 +371,7 @@ def error_moments(
     """Moments at one target.
 
     noise, made (3, 3): covariances of image noise and of manufacturing; half_width (K,) native units; signs (B,):
-    the end at which each of ``terms.bounded`` is held.  All but the terms may be symbols.
+    the end at which each of ``terms.bounded`` stands.  All but the terms may be symbols.
     """
     bias = terms.bias.at(mechanics)
     mean = plain(bias) if bias.dtype != object else bias

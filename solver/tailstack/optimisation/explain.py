@@ -12,6 +12,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.optimize import brentq
 
 from ..arrays import Array
 from ..errors import DesignError, IllPosedError, InfeasibleError, NotConvergedError, Problem
@@ -35,9 +36,9 @@ def explain_infeasible(program: Program, point: Point, parameters: Parameters | 
     """The answer "there is none": at the choice of the smallest quantile, every free half-width at its smallest."""
     problem = program.problem
     choice = replace(program.split(point.x), half_width=least_half_widths(problem, program.present_width))
-    held = [evaluate_demand(problem, term, choice) for term in program.terms]
-    k = int(np.argmax([item.exact_mm / item.limit_mm for item in held]))
-    worst, term = held[k], program.terms[k]
+    evaluations = [evaluate_demand(problem, term, choice) for term in program.terms]
+    k = int(np.argmax([item.exact_mm / item.limit_mm for item in evaluations]))
+    worst, term = evaluations[k], program.terms[k]
     requirement = term.demand.requirement
     tight = ", every free half-width at its smallest" if problem.half_widths else ""
     aim = f"the limit of {requirement.limit_mm:g} mm"
@@ -115,14 +116,11 @@ def _factor(model: LinearModel, demand: Demand, contributors: set[str], limit_mm
         )
         return exact_quantile(replace(model, blocks=blocks), demand).value_mm
 
-    low, high = 0.01, 1.0
-    if quantile(low) > limit_mm:
+    if quantile(0.01) > limit_mm:
         return None
-    for _ in range(12):
-        middle = (low + high) / 2
-        low, high = (middle, high) if quantile(middle) <= limit_mm else (low, middle)
-    digits = 1 - ceil(log10(low))
-    return float(np.floor(low * 10 ** (digits + 1)) / 10 ** (digits + 1))
+    largest = 0.999 if quantile(1.0) <= limit_mm else brentq(lambda x: quantile(x) - limit_mm, 0.01, 1.0, xtol=1e-4)
+    digits = 2 - ceil(log10(largest))
+    return float(np.floor(largest * 10**digits) / 10**digits)
 
 
 def _room(program: Program, point: Point) -> list[str]:

@@ -174,19 +174,19 @@ def _compare(search: Search, aims: Array, graded: tuple[int, ...], start: Placem
     program, choice = start.program, start.choice
     problem = program.problem
     ladders = [undominated(problem.half_widths[k].price.grades) for k in graded]
-    held = [evaluate_demand(problem, term, choice) for term in program.terms]
+    evaluations = [evaluate_demand(problem, term, choice) for term in program.terms]
     own = {term.demand.key: aim for term, aim in zip(search.terms, aims, strict=True)}
     offsets = np.array([
         2 * log(item.exact_mm / closed_form_at(problem, term, item, choice)) - 2 * log(own[term.demand.key])
-        for term, item in zip(program.terms, held, strict=True)
+        for term, item in zip(program.terms, evaluations, strict=True)
     ])  # fmt: skip
-    small, begun = budgets_of(program), np.log(choice.half_width)
+    small, start_logs = budgets_of(program), np.log(choice.half_width)
     known: dict[tuple[int, ...], float] = {}
 
     def cost(levels: tuple[int, ...]) -> float:
         if levels not in known:
             fixed = {k: ladder[level].half_width for k, ladder, level in zip(graded, ladders, levels, strict=True)}
-            found = best_budget(small, choice, held, begun, fixed=fixed, offsets=offsets)
+            found = best_budget(small, choice, evaluations, start_logs, fixed=fixed, offsets=offsets)
             known[levels] = (
                 inf
                 if found is None

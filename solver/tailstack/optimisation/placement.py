@@ -19,6 +19,7 @@ from .search import (
     Search,
     Stop,
     evaluate_demands,
+    largest_within,
     least_quantile,
     search,
     start_at,
@@ -88,10 +89,10 @@ def settle(found: Search, aims: Array, start: PlacementSolution | None = None) -
     for rounds in range(MAX_ROUNDS):
         program = found.program
         own = _own_aims(found, aims)
-        held = evaluate_demands(program, here.point)
-        reached = max(item.exact_mm / item.limit_mm / aim for item, aim in zip(held, own, strict=True))
-        if rounds and _has_arrived(program, here.point, held, reached):
-            exact = _correct(program, here, held, own, same_ends=True)
+        evaluations = evaluate_demands(program, here.point)
+        reached = max(item.exact_mm / item.limit_mm / aim for item, aim in zip(evaluations, own, strict=True))
+        if rounds and _has_arrived(program, here.point, evaluations, reached):
+            exact = _correct(program, here, evaluations, own, same_ends=True)
             residual = kkt_residual(program, here.point, exact)
             if residual > _stationary(program) and rounds < FREE_VERTICES:
                 here = Iterate(_solve_again(program, here.point, exact), exact)
@@ -102,7 +103,7 @@ def settle(found: Search, aims: Array, start: PlacementSolution | None = None) -
             found = with_demands(found, here.point, ratios / aims, max(reached, 1.0))
             here = found.iterates[0]
             continue
-        parameters = _correct(program, here, held, own, same_ends=rounds >= FREE_VERTICES)
+        parameters = _correct(program, here, evaluations, own, same_ends=rounds >= FREE_VERTICES)
         here = Iterate(_solve_again(program, here.point, parameters), parameters)
     return _shrink(found, here, aims, reached)
 
@@ -123,13 +124,13 @@ def _shrink(found: Search, here: Iterate, aims: Array, reached: float) -> Placem
         x[widths] = np.maximum(x[widths] - shift, low[widths])
         return replace(here.point, x=x)
 
-    a, b = 0.0, 2 * np.log(NEARLY)
-    if (_everywhere(found, at(b)) / aims).max() > 1:
+    def excess(shift: float) -> float:
+        return float((_everywhere(found, at(-shift)) / aims).max()) - 1
+
+    most = 2 * float(np.log(NEARLY))
+    if excess(-most) > 0:
         raise _refuse_unsettled(reached)
-    for _ in range(20):
-        middle = (a + b) / 2
-        a, b = (a, middle) if (_everywhere(found, at(middle)) / aims).max() <= 1 else (middle, b)
-    end = Iterate(at(b), here.parameters)
+    end = Iterate(at(-largest_within(excess, -most, 0.0, 1e-8)), here.parameters)
     exact = _correct(program, end, evaluate_demands(program, end.point), _own_aims(found, aims), same_ends=True)
     residual = kkt_residual(program, end.point, exact)
     return _solution(found, end, residual, _everywhere(found, end.point), aims, MAX_ROUNDS)
@@ -141,22 +142,22 @@ def _own_aims(found: Search, aims: Array) -> Array:
     return np.array([aim for term, aim in zip(found.terms, aims, strict=True) if term.demand.key in inside])
 
 
-def _has_arrived(program: Program, point: Point, held: list[Evaluation], reached: float) -> bool:
+def _has_arrived(program: Program, point: Point, evaluations: list[Evaluation], reached: float) -> bool:
     """The exact quantile is in the window below its aim, or below it because nothing is gained by using it up."""
-    window = _window(program, held)
+    window = _window(program, evaluations)
     if program.problem.objective == "quantile":
-        return bool(abs(2 * np.log(worst_ratio(held)) - point.objective) <= 2 * window)
+        return bool(abs(2 * np.log(worst_ratio(evaluations)) - point.objective) <= 2 * window)
     if reached > 1:
         return False
     pressed = any(multiplier > 1e-7 for multiplier in point.row_multipliers[: len(program.terms)])
     return not pressed or reached >= 1 - window
 
 
-def _window(program: Program, held: list[Evaluation]) -> float:
+def _window(program: Program, evaluations: list[Evaluation]) -> float:
     """Relative width of the window below an aim: no narrower than the exact law is known."""
     if any(term.demand.per_unit for term in program.terms):
         return SAMPLED_AT_AIM
-    return max(AT_AIM, KNOWN * max(item.relative_error for item in held))
+    return max(AT_AIM, KNOWN * max(item.relative_error for item in evaluations))
 
 
 def _stationary(program: Program) -> float:
@@ -198,12 +199,10 @@ def _scale_half_widths(program: Program, x: Array, parameters: Parameters) -> Ar
         moved[widths] = np.clip(x[widths] + shift, low[widths], high[widths])
         return moved
 
-    a, b = -3.0, 3.0
-    for _ in range(30):
-        middle = (a + b) / 2
-        quantiles = program.constraints(at(middle), vector)[1].full().ravel()[:rows]
-        a, b = (middle, b) if quantiles.max() <= 0 else (a, middle)
-    return at(a)
+    def excess(shift: float) -> float:
+        return float(program.constraints(at(shift), vector)[1].full().ravel()[:rows].max())
+
+    return at(largest_within(excess, -3.0, 3.0, 1e-8))
 
 
 def _refuse_unsettled(reached: float) -> NotConvergedError:
@@ -217,20 +216,22 @@ def _refuse_unsettled(reached: float) -> NotConvergedError:
     )
 
 
-def _correct(program: Program, here: Iterate, held: list[Evaluation], aims: Array, *, same_ends: bool) -> Parameters:
+def _correct(
+    program: Program, here: Iterate, evaluations: list[Evaluation], aims: Array, *, same_ends: bool
+) -> Parameters:
     """Closed form corrected to the exact law at this iterate; bounded sources at its worst ends, or kept."""
     problem = program.problem
     choice = program.split(here.point.x)
-    signs = np.array([item.signs for item in held]).reshape(len(held), -1)
+    signs = np.array([item.signs for item in evaluations]).reshape(len(evaluations), -1)
     if same_ends:
         signs = here.parameters.signs
     corrections = tuple(
         correction_at(problem, term, choice, item, signs[t] if same_ends else None)
-        for t, (term, item) in enumerate(zip(program.terms, held, strict=True))
+        for t, (term, item) in enumerate(zip(program.terms, evaluations, strict=True))
     )
-    limits = np.log([item.limit_mm for item in held])
+    limits = np.log([item.limit_mm for item in evaluations])
     if problem.objective != "quantile":
-        limits = limits + np.log(aims * (1 - _window(program, held) / 2))
+        limits = limits + np.log(aims * (1 - _window(program, evaluations) / 2))
     return Parameters(limits, signs, corrections, program.pieces_of(choice))
 
 

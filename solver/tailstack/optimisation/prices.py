@@ -69,8 +69,8 @@ def undominated(grades: tuple[Grade, ...]) -> tuple[Grade, ...]:
 def cost_of(price: Price, half_width: float) -> float:
     """Cost of holding a half-width; inf where no grade does, or at zero on a power law."""
     if price.curve == "grades":
-        held = [grade.price for grade in price.grades if grade.half_width <= half_width * (1 + 1e-9)]
-        return min(held, default=inf)
+        prices = [grade.price for grade in price.grades if grade.half_width <= half_width * (1 + 1e-9)]
+        return min(prices, default=inf)
     if half_width <= 0:
         return inf if price.curve == "power" else price.weight
     return float(smooth_cost(price, log(half_width), exp))

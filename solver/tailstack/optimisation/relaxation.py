@@ -76,8 +76,8 @@ def _bracket(search: Search, problem: PlacementProblem, choice: Choice) -> tuple
     """(lower bound, cost of the safe side) of the allocation at this layout."""
     noise, gains, limits = [], [], []
     for term in search.terms:
-        held = evaluate_demand(problem, term, replace(choice, half_width=problem.lower))
-        covariance = sum(image_parts(held.model, term.demand.requirement.error), term.covariance)
+        evaluation = evaluate_demand(problem, term, replace(choice, half_width=problem.lower))
+        covariance = sum(image_parts(evaluation.model, term.demand.requirement.error), term.covariance)
         noise.append(covariance)
         gains.append(term.free_gain.T)
         limits.append(term.demand.requirement.limit_mm)

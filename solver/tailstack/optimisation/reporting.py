@@ -60,7 +60,7 @@ def report(
     priced = bool(problem.half_widths)
     search = verified.search
     cost_before = request.problem.cost(before.half_width) if priced else 0.0
-    count_price = request.wanted.count.cost_per_fiducial if request.wanted.count is not None else 0.0
+    count_price = request.section.count.cost_per_fiducial if request.section.count is not None else 0.0
     cost_before += count_price * len(before_system.fiducial_labels)
     cost_after = (problem.cost(now.half_width) if priced else 0.0) + count_price * len(after_system.fiducial_labels)
     minimised = problem.objective != "quantile"
@@ -140,7 +140,7 @@ def _in_a_sentence(request: Request, problem: PlacementProblem) -> str:
         return f"least price of {count} process grades with {limits}"
     plain = curves == {"power"} and {free.price.exponent for free in problem.half_widths} == {1.0}
     made_of = "sum of cost_weight / half-width, in rad or mm," if plain else "sum of the cost curves"
-    fiducials = ", fiducials included" if request.wanted.count and request.wanted.count.cost_per_fiducial else ""
+    fiducials = ", fiducials included" if request.section.count and request.section.count.cost_per_fiducial else ""
     return f"least cost ({made_of} over {count} free tolerances{fiducials}) with {limits}"
 
 

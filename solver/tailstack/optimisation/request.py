@@ -47,15 +47,15 @@ class Request:
     """What a document asks for."""
 
     design: Design
-    wanted: Optimise
+    section: Optimise
     problem: PlacementProblem  # with the fiducials as they are in number
     graded: tuple[int, ...]  # free half-widths that a table of grades is given for
 
 
 def read_request(design: Design) -> Request:
     """The freedom that the document's ``optimise`` section gives, on the compiled design.  Raises DesignError."""
-    wanted = design.document.optimise
-    if wanted is None:
+    section = design.document.optimise
+    if section is None:
         raise DesignError(
             Problem(
                 "",
@@ -65,29 +65,29 @@ def read_request(design: Design) -> Request:
             )
         )
     system = compile_design(design)
-    half_widths = _half_widths(design, wanted)
-    kind = "cost" if wanted.wanted == "pareto" else wanted.wanted
+    half_widths = _half_widths(design, section)
+    kind = "cost" if section.goal == "pareto" else section.goal
     problem = PlacementProblem(
         system=system,
-        requirements=_requirements(system, wanted.requirement),
-        places=_places(system, wanted),
+        requirements=_requirements(system, section.requirement),
+        places=_places(system, section),
         half_widths=half_widths,
-        pivots=_pivots(wanted),
-        spacings=_spacings(design, system, wanted),
+        pivots=_pivots(section),
+        spacings=_spacings(design, system, section),
         objective=kind,
-        cost_limit=wanted.cost_limit,
-        symmetry=_symmetry(wanted.symmetry),
+        cost_limit=section.cost_limit,
+        symmetry=_symmetry(section.symmetry),
         keep_out=tuple(
             KeepOut(zone.name, _shape(zone.shape), zone.clearance_mm, f"/optimise/keep_out/{index}")
-            for index, zone in enumerate(wanted.keep_out)
+            for index, zone in enumerate(section.keep_out)
         ),
-        min_spacing_mm=wanted.min_spacing_mm,
-        min_projected_spacing_px=wanted.min_projected_spacing_px,
-        image_margin_px=wanted.image_margin_px,
-        target_clearance_px=wanted.target_clearance_px,
+        min_spacing_mm=section.min_spacing_mm,
+        min_projected_spacing_px=section.min_projected_spacing_px,
+        image_margin_px=section.image_margin_px,
+        target_clearance_px=section.target_clearance_px,
     )
     graded = tuple(k for k, free in enumerate(half_widths) if free.price.curve == "grades")
-    return Request(design, wanted, problem, graded)
+    return Request(design, section, problem, graded)
 
 
 def _requirements(system: System, named: str | list[str] | None) -> tuple[Requirement, ...]:
@@ -115,24 +115,24 @@ def _symmetry(symmetry: Symmetry | None) -> tuple[Isometry, ...]:
     return turns(np.array(turn.point_mm), np.array(turn.axis), turn.order)
 
 
-def _places(system: System, wanted: Optimise) -> tuple[FreeFiducial, ...]:
+def _places(system: System, section: Optimise) -> tuple[FreeFiducial, ...]:
     """Free fiducials with their regions, in groups of the symmetry's size."""
-    size = 1 + len(_symmetry(wanted.symmetry))
+    size = 1 + len(_symmetry(section.symmetry))
     labels = system.fiducial_labels
-    if wanted.regions is not None:
+    if section.regions is not None:
         return tuple(
             place
-            for index, region in enumerate(wanted.regions)
+            for index, region in enumerate(section.regions)
             for place in _groups(
                 [labels.index(label) for label in region.fiducials], size, _shape(region.shape),
                 f"/optimise/regions/{index}",
             )
         )  # fmt: skip
-    free = [i for i, label in enumerate(labels) if label not in wanted.fixed]
-    if wanted.box is not None:
-        return _groups(free, size, _shape(wanted.box), "/optimise/box")
-    if wanted.region is not None:
-        return _groups(free, size, _shape(wanted.region.shape), "/optimise/region")
+    free = [i for i, label in enumerate(labels) if label not in section.fixed]
+    if section.box is not None:
+        return _groups(free, size, _shape(section.box), "/optimise/box")
+    if section.region is not None:
+        return _groups(free, size, _shape(section.region.shape), "/optimise/region")
     return ()
 
 
@@ -142,13 +142,13 @@ def _groups(fiducials: list[int], size: int, region: Shape, pointer: str) -> tup
     )
 
 
-def _half_widths(design: Design, wanted: Optimise) -> tuple[FreeHalfWidth, ...]:
+def _half_widths(design: Design, section: Optimise) -> tuple[FreeHalfWidth, ...]:
     """The half-widths set free: those listed, and all others of a kind that has common bounds; in the chain's order."""
-    listed = {(free.interface, free.component): index for index, free in enumerate(wanted.tolerances)}
+    listed = {(free.interface, free.component): index for index, free in enumerate(section.tolerances)}
     found: list[FreeHalfWidth] = []
     for bounds, components, pointer in (
-        (wanted.rotation_bounds, ROTATIONS, "/optimise/rotation_bounds"),
-        (wanted.translation_bounds, TRANSLATIONS, "/optimise/translation_bounds"),
+        (section.rotation_bounds, ROTATIONS, "/optimise/rotation_bounds"),
+        (section.translation_bounds, TRANSLATIONS, "/optimise/translation_bounds"),
     ):
         if bounds is None:
             continue
@@ -158,7 +158,7 @@ def _half_widths(design: Design, wanted: Optimise) -> tuple[FreeHalfWidth, ...]:
             for interface, component in list_declared(design.document, components)
             if (interface, component) not in listed
         ]
-    found += [_read_listed(free, f"/optimise/tolerances/{index}") for index, free in enumerate(wanted.tolerances)]
+    found += [_read_listed(free, f"/optimise/tolerances/{index}") for index, free in enumerate(section.tolerances)]
     order = (*ROTATIONS, *TRANSLATIONS)  # locators follow, in the order of the document
 
     def place(free: FreeHalfWidth) -> tuple[int, int]:
@@ -197,20 +197,20 @@ def _read_listed(free: FreeTolerance, pointer: str) -> FreeHalfWidth:
     return FreeHalfWidth(free.interface, free.component, low, high, price, pointer)
 
 
-def _pivots(wanted: Optimise) -> tuple[FreePivot, ...]:
+def _pivots(section: Optimise) -> tuple[FreePivot, ...]:
     return tuple(
         FreePivot(
             free.interface, np.array(free.box.min_mm), np.array(free.box.max_mm),
             f"/optimise/pivots/{index}",
         )
-        for index, free in enumerate(wanted.pivots)
+        for index, free in enumerate(section.pivots)
     )  # fmt: skip
 
 
-def _spacings(design: Design, system: System, wanted: Optimise) -> tuple[FreeSpacing, ...]:
+def _spacings(design: Design, system: System, section: Optimise) -> tuple[FreeSpacing, ...]:
     """Direction of the locators as ``shift + turn / s``, from the pattern as it is and at half its spacing."""
     found = []
-    for index, free in enumerate(wanted.locator_spacing):
+    for index, free in enumerate(section.locator_spacing):
         interface = getattr(design.document.interfaces, free.interface)
         positions = np.array([locator.position_mm for locator in interface.locators])
         normals = np.array([locator.normal for locator in interface.locators])
@@ -233,12 +233,12 @@ def with_count(request: Request, count: int) -> PlacementProblem:
 
     New ones take the next free labels F1, F2, ... and the manufacturing tolerance of the others.
     """
-    problem, wanted = request.problem, request.wanted
+    problem, section = request.problem, request.section
     system = problem.system
     present = len(system.fiducial_labels)
     if count == present:
         return problem
-    free = [i for i, label in enumerate(system.fiducial_labels) if label not in wanted.fixed]
+    free = [i for i, label in enumerate(system.fiducial_labels) if label not in section.fixed]
     kept = sorted(set(range(present)) - set(free[len(free) - (present - count) :] if count < present else ()))
     labels = [system.fiducial_labels[i] for i in kept]
     positions, made = system.fiducials_mm[kept], system.manufacturing_half_width_mm[kept]
@@ -256,7 +256,7 @@ def with_count(request: Request, count: int) -> PlacementProblem:
         system, fiducial_labels=tuple(labels), fiducials_mm=_freeze(positions),
         manufacturing_half_width_mm=_freeze(made),
     )  # fmt: skip
-    return replace(problem, system=system, places=_places(system, wanted))
+    return replace(problem, system=system, places=_places(system, section))
 
 
 def _freeze(values: Array) -> Array:
@@ -267,14 +267,14 @@ def _freeze(values: Array) -> Array:
 
 def list_counts(request: Request) -> tuple[int, ...]:
     """The numbers of fiducials to be tried, ascending.  Raises DesignError when the symmetry allows none."""
-    count, problem = request.wanted.count, request.problem
+    count, problem = request.section.count, request.problem
     present = len(problem.system.fiducial_labels)
     if count is None:
         return (present,)
     if count.max > MOST_FIDUCIALS:
         detail = f"up to {count.max} fiducials; a layout of at most {MOST_FIDUCIALS} is optimised"
         raise DesignError(Problem("/optimise/count/max", "too-many", detail, f"max: {MOST_FIDUCIALS}"))
-    fixed, size = len(request.wanted.fixed), 1 + len(problem.symmetry)
+    fixed, size = len(request.section.fixed), 1 + len(problem.symmetry)
     tried = tuple(n for n in range(count.min, count.max + 1) if n > fixed and (n - fixed) % size == 0)
     if not tried:
         raise DesignError(

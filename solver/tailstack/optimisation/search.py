@@ -9,10 +9,11 @@ from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
+from math import inf
 from queue import SimpleQueue
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+from scipy.optimize import brentq, linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from ..arrays import Array
@@ -346,10 +347,11 @@ def none_converged(starts: int) -> NotConvergedError:
     return NotConvergedError(Problem("/optimise", "none-converged", detail, "try more starts or another seed"))
 
 
-def corrections_at(program: Program, choice: Choice, held: list[Evaluation]) -> tuple[Correction, ...]:
+def corrections_at(program: Program, choice: Choice, evaluations: list[Evaluation]) -> tuple[Correction, ...]:
     """The closed forms of the programme corrected to the exact law at a choice."""
     return tuple(
-        correction_at(program.problem, term, choice, item, None) for term, item in zip(program.terms, held, strict=True)
+        correction_at(program.problem, term, choice, item, None)
+        for term, item in zip(program.terms, evaluations, strict=True)
     )
 
 
@@ -359,9 +361,9 @@ def evaluate_demands(program: Program, point: Point) -> list[Evaluation]:
     return [evaluate_demand(program.problem, term, choice) for term in program.terms]
 
 
-def worst_ratio(held: list[Evaluation]) -> float:
+def worst_ratio(evaluations: list[Evaluation]) -> float:
     """Largest quantile over its limit."""
-    return max(item.exact_mm / item.limit_mm for item in held)
+    return max(item.exact_mm / item.limit_mm for item in evaluations)
 
 
 def with_demands(search: Search, point: Point, ratios: Array, least: float) -> Search:
@@ -396,28 +398,28 @@ def start_at(program: Program, layout: Array) -> Start:
     problem = program.problem
     least = least_half_widths(problem, program.present_width)
     choice = program.split(program.join(replace(present_choice(problem), fiducials_mm=layout, half_width=least)))
-    held = [evaluate_demand(problem, term, choice) for term in program.terms]
+    evaluations = [evaluate_demand(problem, term, choice) for term in program.terms]
 
     def worst(half_width: Array) -> float:
-        return worst_closed_ratio(program, held, replace(choice, half_width=half_width))
+        return worst_closed_ratio(program, evaluations, replace(choice, half_width=half_width))
 
     tightest = worst(choice.half_width)
     if len(choice.half_width):
         choice = replace(choice, half_width=_half_widths(program, worst))
     parameters = Parameters(
         np.log([term.demand.requirement.limit_mm for term in program.terms]),
-        np.array([item.signs for item in held]).reshape(len(held), -1),
-        tuple(no_correction(problem) for _ in held),
+        np.array([item.signs for item in evaluations]).reshape(len(evaluations), -1),
+        tuple(no_correction(problem) for _ in evaluations),
         program.pieces_of(choice),
     )
     return Start(program.join(choice), parameters, tightest)
 
 
-def worst_closed_ratio(program: Program, held: list[Evaluation], choice: Choice) -> float:
-    """Largest closed form over its limit, the image covariances those of ``held``."""
+def worst_closed_ratio(program: Program, evaluations: list[Evaluation], choice: Choice) -> float:
+    """Largest closed form over its limit, the image covariances those of ``evaluations``."""
     return max(
         closed_form_at(program.problem, term, item, choice) / item.limit_mm
-        for term, item in zip(program.terms, held, strict=True)
+        for term, item in zip(program.terms, evaluations, strict=True)
     )
 
 
@@ -435,17 +437,27 @@ def _half_widths(program: Program, worst: Callable[[Array], float]) -> Array:
     else:
         shape = _shape(problem, program)
 
-    def too_loose(scale: float) -> bool:
-        half_width = np.clip(scale * shape, low, high)
+    def excess(log_scale: float) -> float:
+        half_width = np.clip(np.exp(log_scale) * shape, low, high)
         if problem.cost_limit is not None:
-            return problem.cost(half_width) < problem.cost_limit * 1.02
-        return worst(half_width) >= BELOW
+            return problem.cost_limit * 1.02 - problem.cost(half_width)
+        return worst(half_width) - BELOW
 
-    a, b = -40.0, 40.0  # log of the scale
-    for _ in range(40):
-        middle = (a + b) / 2
-        a, b = (a, middle) if too_loose(float(np.exp(middle))) else (middle, b)
-    return np.asarray(np.clip(np.exp(a) * shape, low, high))
+    return np.asarray(np.clip(np.exp(largest_within(excess, -40.0, 40.0, 1e-10)) * shape, low, high))
+
+
+def largest_within(excess: Callable[[float], float], low: float, high: float, tolerance: float) -> float:
+    """Largest argument in [low, high] at which a rising function is not above zero, to a tolerance; else ``low``."""
+
+    def finite_or_above(argument: float) -> float:
+        value = excess(argument)
+        return value if value < inf else inf  # what is no number is beyond
+
+    if finite_or_above(high) <= 0:
+        return high
+    if finite_or_above(low) > 0:
+        return low
+    return max(low, float(brentq(finite_or_above, low, high, xtol=tolerance)) - 2 * tolerance)
 
 
 def _shape(problem: PlacementProblem, program: Program) -> Array:

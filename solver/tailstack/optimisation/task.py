@@ -32,15 +32,15 @@ def read_task(design: Design, *, seed: int | None = None, starts: int | None = N
     """Read the ``optimise`` section of a design.  Raises DesignError, InfeasibleError."""
     with locate_refusals(design):
         request = read_request(design)
-        wanted, counts = request.wanted, list_counts(request)
+        section, counts = request.section, list_counts(request)
         problems = tuple(with_count(request, count) for count in counts)
         for problem in problems:
             refuse_contradictions(problem)
         refuse_incurable(request.problem)
         return Task(
             request=request,
-            seed=wanted.seed if seed is None else seed,
-            starts=wanted.starts if starts is None else starts,
+            seed=section.seed if seed is None else seed,
+            starts=section.starts if starts is None else starts,
             counts=counts,
             problems=problems,
             remarks=influence_of(request.problem),
