@@ -34,11 +34,12 @@ from typing import Any, TypeVar
 import httpx
 import psutil
 import sqlalchemy as sa
-from dask_cluster import Cluster, die_with_parent
+from dask_cluster import Cluster
 from dask_cluster import installed as dask_installed
 from postgres import Server, find_binaries
 from worker_scenes import end
 
+from family import die_with_parent
 from optimise_documents import BOX, document
 from tailstack.version import __version__
 from tailstack_service.jobs.store import jobs, results, tables, workers

@@ -6,13 +6,11 @@ TAILSTACK_TESTS_REQUIRE lists ``dask``: then they fail.
 
 from __future__ import annotations
 
-import ctypes
 import datetime
 import importlib.util
 import os
 import random
 import shutil
-import signal
 import socket
 import subprocess
 import sys
@@ -26,9 +24,9 @@ from pathlib import Path
 import pytest
 from postgres import required
 
+from family import die_with_parent
+
 STARTING_SECONDS = 60.0
-_PR_SET_PDEATHSIG = 1
-_LIBC = ctypes.CDLL(None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,11 +199,6 @@ class Cluster:
             except OSError:
                 time.sleep(0.05)
         return False
-
-
-def die_with_parent() -> None:
-    """For ``preexec_fn``, in a thread that lives as long as the process is wanted."""
-    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def installed() -> bool:

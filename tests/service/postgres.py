@@ -7,7 +7,6 @@ lists ``postgresql``: then they fail.
 
 from __future__ import annotations
 
-import ctypes
 import os
 import pwd
 import random
@@ -21,6 +20,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -28,10 +28,10 @@ import psycopg
 import pytest
 from psycopg import sql
 
+from family import die_with_parent
+
 STARTING_SECONDS = 60.0
 USER = "tailstack"
-_PR_SET_PDEATHSIG = 1
-_LIBC = ctypes.CDLL(None)
 
 
 class Server:
@@ -145,7 +145,7 @@ class Server:
         with self._log.open("ab") as log:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
-                preexec_fn=_die_with_parent, **self._identity(),  # type: ignore[call-overload]
+                preexec_fn=partial(die_with_parent, signal.SIGQUIT), **self._identity(),  # type: ignore[call-overload]
             )  # fmt: skip
 
     def _start_on_free_port(self) -> int:
@@ -165,10 +165,6 @@ class Server:
                 continue
             return self.port
         raise RuntimeError("no free port was found for PostgreSQL")
-
-
-def _die_with_parent() -> None:
-    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGQUIT)
 
 
 def _unprivileged_account() -> pwd.struct_passwd | None:

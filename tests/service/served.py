@@ -19,6 +19,7 @@ import httpx
 import psutil
 from service_scenes import ROOT
 
+from family import die_with_parent
 from tailstack_service.cli.main import main
 
 COMMAND = [sys.executable, "-m", "tailstack_service.cli.main"]
@@ -69,7 +70,12 @@ def served(directory: Path, **changes: str) -> Iterator[Served]:
     log, variables = directory / "serve.log", environment(directory, **changes)
     with log.open("w") as stderr:
         process = subprocess.Popen(
-            [*COMMAND, "serve", "--port", "0"], stdout=subprocess.PIPE, stderr=stderr, text=True, env=variables
+            [*COMMAND, "serve", "--port", "0"],
+            stdout=subprocess.PIPE,
+            stderr=stderr,
+            text=True,
+            env=variables,
+            preexec_fn=die_with_parent,
         )
     assert process.stdout is not None
     try:

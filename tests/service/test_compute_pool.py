@@ -22,6 +22,7 @@ import pytest
 import strange_units
 from strange_units import expected_answer, request
 
+from family import die_with_parent
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.processes import child
 from tailstack_service.processes.frames import Defect, Died, GivenBack, OutOfDate
@@ -232,7 +233,13 @@ time.sleep(60)
 
 def test_processes_end_with_their_parent_even_while_they_compute() -> None:
     """kill -9 of the parent: one process is busy, one idle."""
-    parent = subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True, env=make_environment())
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=make_environment(),
+        preexec_fn=die_with_parent,
+    )
     try:
         assert parent.stdout is not None
         pids = json.loads(parent.stdout.readline())
@@ -249,6 +256,7 @@ def test_a_process_whose_parent_is_already_another_leaves() -> None:
     started = subprocess.Popen(
         make_command("tailstack_service.processes.child", strange_units.FUNCTION, "1", digest_code()),
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=make_environment(),
+            preexec_fn=die_with_parent,
     )  # fmt: skip
     try:
         assert started.wait(LONG) == 1

@@ -17,6 +17,7 @@ import yaml
 from jsonschema import Draft202012Validator
 from service_scenes import EXAMPLES, ROOT
 
+from family import die_with_parent
 from tailstack_service.cli import demo
 from tailstack_service.cli.demo import demo_text
 from tailstack_service.cli.main import main
@@ -60,6 +61,7 @@ def test_an_interrupted_demo_leaves_nothing_behind(tmp_path: Path) -> None:
         text=True,
         env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
         start_new_session=True,
+        preexec_fn=die_with_parent,
     )
     assert process.stderr is not None
     said = ""
@@ -107,7 +109,9 @@ def test_a_demo_interrupted_while_it_compiles_ends_at_once(tmp_path: Path) -> No
     command = [sys.executable, "-m", "tailstack_service.cli.main", "demo", "-o", str(tmp_path / "demo")]
     variables = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": os.pathsep.join(sys.path)}
     (tmp_path / "cache").mkdir()
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=variables) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=variables, preexec_fn=die_with_parent
+    ) as process:
         try:
             assert process.stderr is not None
             assert "starting the service" in process.stderr.readline()

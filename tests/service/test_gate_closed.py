@@ -15,6 +15,7 @@ import pytest
 from gate_scenes import BAD, GOOD, STRICT, waivers
 from service_scenes import ROOT, write_json
 
+from family import die_with_parent
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.gate.records import GateRecord
@@ -333,7 +334,11 @@ def test_a_killed_gate_leaves_files_that_say_so(folder: Path) -> None:
     outputs = [f"--format={name}=out.{name}" for name in ALL]
     environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"}
     child = subprocess.Popen(
-        [sys.executable, "-c", code, "gate", "good.yaml", *outputs], stdout=subprocess.PIPE, env=environment, cwd=folder
+        [sys.executable, "-c", code, "gate", "good.yaml", *outputs],
+        stdout=subprocess.PIPE,
+        env=environment,
+        cwd=folder,
+        preexec_fn=die_with_parent,
     )
     try:
         assert child.stdout is not None
@@ -362,6 +367,7 @@ def test_an_interrupted_process_leaves_with_130(folder: Path) -> None:
     child = subprocess.Popen(
         [sys.executable, "-c", code, "gate", "good.yaml", "--format=json=out.json"],
         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment, cwd=folder,
+            preexec_fn=die_with_parent,
     )  # fmt: skip
     try:
         assert child.stdout is not None

@@ -21,6 +21,7 @@ import yaml
 from optimisation_scenes import full_result, verification
 from service_scenes import EXAMPLES, ROOT
 
+from family import die_with_parent
 from tailstack.design import design_to_data, load_design
 from tailstack.errors import NotConvergedError, Problem
 from tailstack.results import Finding, Optimisation
@@ -276,6 +277,7 @@ def started(directory: Path, progress: str) -> subprocess.Popen[str]:
          "-o", str(directory / "new.yaml")],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env={**kept, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+            preexec_fn=die_with_parent,
     )  # fmt: skip
     assert process.stderr is not None
     said = ""

@@ -22,6 +22,7 @@ import psutil
 import pytest
 from service_scenes import EXAMPLES, ROOT, small_design
 
+from family import die_with_parent
 from tailstack_service.cli.main import main
 from tailstack_service.console.remote import Event, read_events
 
@@ -78,7 +79,11 @@ def test_problems_from_stdin_name_it_and_its_line() -> None:
 
 def test_a_reader_that_leaves_is_no_error() -> None:
     process = subprocess.Popen(
-        [*COMMAND, "schema", "design"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment()
+        [*COMMAND, "schema", "design"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=environment(),
+        preexec_fn=die_with_parent,
     )
     assert process.stdout is not None
     assert process.stderr is not None
@@ -114,6 +119,7 @@ def service(folder: Path, *arguments: str, **changes: str) -> Iterator[tuple[sub
     process = subprocess.Popen(
         [*COMMAND, "serve", "--port", "0", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=environment(**{**own, **changes}),
+            preexec_fn=die_with_parent,
     )  # fmt: skip
     assert process.stdout is not None
     family: list[psutil.Process] = []
@@ -396,6 +402,7 @@ def test_an_interrupt_of_a_long_check_is_130() -> None:
     process = subprocess.Popen(
         [*COMMAND, "verify", DEMO, "--trials", "2000000000"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=environment(),
+            preexec_fn=die_with_parent,
     )  # fmt: skip
     assert process.stderr is not None
     line = process.stderr.readline()  # progress appears after a second

@@ -17,6 +17,7 @@ import pytest
 from postgres import required
 from service_scenes import ROOT, check_problem, client_with, small_design
 
+from family import die_with_parent
 from tailstack_service.settings import Settings
 
 NGINX = shutil.which("nginx") or "/usr/sbin/nginx"
@@ -43,7 +44,7 @@ def before(api: int, folder: Path) -> Iterator[int]:
     (folder / "nginx.conf").write_text(quick((ROOT / "docker" / "nginx.conf").read_text(), folder, port, api))
     command = [NGINX, "-c", str(folder / "nginx.conf"), "-e", str(folder / "error.log")]
     command += ["-g", "daemon off; master_process off;"]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, preexec_fn=die_with_parent)
     try:
         deadline = time.monotonic() + 20
         while True:

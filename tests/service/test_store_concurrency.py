@@ -20,6 +20,7 @@ from postgres import Server
 from service_scenes import ROOT
 from store_scenes import LEASE, Clock, claim, claim_one, find, record, specs, split, submit, url_of
 
+from family import die_with_parent
 from tailstack_service.jobs.store import database, events, jobs, queue, results, upkeep, workers
 from tailstack_service.jobs.store.database import Database, reading, writing
 from tailstack_service.jobs.store.errors import StoreUnavailable
@@ -67,6 +68,7 @@ def worker_process(db: Database, name: str, patience: int = 120) -> Iterator[sub
     process = subprocess.Popen(
         [sys.executable, "-c", WORKER, url_of(db), name, str(patience)], stdout=subprocess.PIPE, text=True,
         env={**os.environ, "PYTHONPATH": PATH},
+            preexec_fn=die_with_parent,
     )  # fmt: skip
     try:
         yield process
@@ -300,7 +302,9 @@ def test_processes_that_open_a_new_file_at_once(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'new' / 'a.sqlite3'}"
     opens = "from tailstack_service.jobs.store.schema import *; open_database(sys.argv[1], migrate=True).close()"
     command = [sys.executable, "-c", f"import sys; {opens}", url]
-    started = [subprocess.Popen(command, env={**os.environ, "PYTHONPATH": PATH}) for _ in range(4)]
+    started = [
+        subprocess.Popen(command, env={**os.environ, "PYTHONPATH": PATH}, preexec_fn=die_with_parent) for _ in range(4)
+    ]
     try:
         assert [process.wait(60) for process in started] == [0] * 4
     finally:

@@ -28,6 +28,7 @@ from worker_scenes import (
     worker_process,
 )
 
+from family import die_with_parent
 from tailstack_service.jobs.store import results, workers
 from tailstack_service.jobs.store.database import Database
 from tailstack_service.jobs.store.jobs import Job
@@ -214,6 +215,7 @@ def test_a_worker_ends_with_the_process_that_started_it(tmp_path: Path, sign: si
         parent = subprocess.Popen(
             [sys.executable, "-c", PARENT], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
             env={**make_environment(), "TAILSTACK_DATABASE": url, "TAILSTACK_WORKER_PROCESSES": "1"},
+            preexec_fn=die_with_parent,
         )  # fmt: skip
         try:
             assert parent.stdout is not None

@@ -16,6 +16,7 @@ from typing import Any
 import psutil
 import strange_units
 
+from family import die_with_parent
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.jobs.store import jobs
 from tailstack_service.jobs.store.database import Database
@@ -130,6 +131,7 @@ def started(command: list[str], url: str, log: Path, told: Mapping[str, str]) ->
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors,
             env={**kept, "TAILSTACK_DATABASE": url, **told},
+            preexec_fn=die_with_parent,
         )  # fmt: skip
     try:
         yield process

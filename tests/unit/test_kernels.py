@@ -18,6 +18,7 @@ from typing import Any
 
 import pytest
 
+from family import die_with_parent
 from tailstack import kernels, sources
 
 PACKAGE = Path(kernels.__file__).parent
@@ -216,7 +217,10 @@ def test_processes_that_compile_at_once_leave_whole_files(tmp_path: Path) -> Non
     program = ASK.format(before="") + "answer(1); answer(1.0 + 0j); print(answer(2), answer(2.0), answer(1j))"
     given = {**os.environ, "PYTHONPATH": str(made.root), "NUMBA_CACHE_DIR": str(made.store)}
     command = [sys.executable, "-c", program]
-    started = [subprocess.Popen(command, env=given, stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    started = [
+        subprocess.Popen(command, env=given, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent)
+        for _ in range(3)
+    ]
     said = {process.communicate(timeout=300)[0].splitlines()[-1] for process in started}
     assert said == {"30.0 30.0 (10+10j)"}
     done = made.run(program + "; print(kernels.TRAFFIC.compiled)")

@@ -1,16 +1,22 @@
 """A test that leaves the process changed fails, and the next test does not meet the change.
 
-And what a file of tests starts for all of them is started once.
+What a file of tests starts for all of them is started once, and nothing that a test starts outlives it.
 """
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import runpy
 import subprocess
 import sys
 from pathlib import Path
+
+import psutil
+import pytest
+
+from family import die_with_parent
 
 CONFTEST = Path(__file__).parents[1] / "conftest.py"
 RUN = Path(__file__).parents[2] / "run"
@@ -110,3 +116,36 @@ def test_what_a_file_of_tests_starts_is_started_once(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, env=given, capture_output=True, text=True, timeout=60, check=False)
     assert "16 passed" in done.stdout, done.stdout
     assert sorted((tmp_path / "started").read_text().split()) == ["test_one.py", "test_other.py"]
+
+
+PARENT = """
+import subprocess, sys, time
+from family import die_with_parent
+child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"], preexec_fn=die_with_parent)
+print(child.pid, flush=True)
+time.sleep(600)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="what a parent's end does to its children is Linux's own")
+def test_what_a_killed_test_started_does_not_run_on() -> None:
+    """A child of an interrupted test once computed for half an hour, with 5 GB."""
+    with subprocess.Popen(
+        [sys.executable, "-c", PARENT], cwd=CONFTEST.parent, stdout=subprocess.PIPE, preexec_fn=die_with_parent
+    ) as parent:
+        assert parent.stdout is not None
+        child = psutil.Process(int(parent.stdout.readline()))
+        parent.kill()
+    psutil.wait_procs([child], timeout=10)
+    assert not child.is_running() or child.status() == psutil.STATUS_ZOMBIE
+
+
+def test_every_process_that_a_test_does_not_wait_for_ends_with_it() -> None:
+    careless = [
+        f"{path.name}:{node.lineno}"
+        for path in CONFTEST.parent.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "Popen"
+        if "preexec_fn" not in {keyword.arg for keyword in node.keywords}
+    ]
+    assert careless == [], "add preexec_fn=die_with_parent (tests/family.py)"
