@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from study_scenes import TARGET_MM, Costs, Layouts
 
 from tailstack.arrays import Array
-from tailstack_service.rendering.layout_picture import RIGHT, UP
+from tailstack_service.report.scene import RIGHT, UP
 from tailstack_service.report.svg import BLUE, FAINT, INK, MUTED, VERMILION, box, line, rounded, text
 
 ON = 1.0  # mm: that near a face is on it

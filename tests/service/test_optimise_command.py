@@ -129,7 +129,7 @@ def test_a_picture_shows_both_layouts(call: Any, tmp_path: Path) -> None:
     assert code == 0
     assert f"wrote {picture}" in err
     root = ElementTree.fromstring(picture.read_bytes())
-    assert "12 fiducials, 1 moved" in str(root[1].text)
+    assert "12 fiducials before, 12 after: 1 moved" in str(root[1].text)
     assert [path.name for path in tmp_path.iterdir()] == ["layout.svg"]
 
 

@@ -33,10 +33,10 @@ from tailstack_service.report.charts import (
     draw_without,
 )
 from tailstack_service.report.half_widths import Judgement, ToleranceCurves, tolerance_curves
-from tailstack_service.report.images import images_svg
+from tailstack_service.report.images import draw_images
 from tailstack_service.report.records import Convergence, ConvergencePoint, Difference, ErrorDistribution
 from tailstack_service.report.scene import Item, Scene, scene_json, scene_of, semi_axes
-from tailstack_service.report.scene_picture import scene_svg
+from tailstack_service.report.scene_picture import draw_scene
 
 SVG = "{http://www.w3.org/2000/svg}"
 ROUNDING = 0.051  # the page has one decimal
@@ -276,7 +276,7 @@ def test_a_design_without_errors_has_neither_ellipsoid_nor_magnification() -> No
     found = scene(load_design(data))
     assert found.magnification == 0
     assert not of(found, "ellipsoid", "tcp")
-    check_picture(scene_svg(found))
+    check_picture(draw_scene(found))
 
 
 # --- the scene on paper ---------------------------------------------------------------------------
@@ -284,7 +284,7 @@ def test_a_design_without_errors_has_neither_ellipsoid_nor_magnification() -> No
 
 def near_panel(found: Scene) -> tuple[Array, ElementTree.Element]:
     """(4, 2) the affine map from con to the page of the left panel, fitted to the fiducials' circles."""
-    root = check_picture(scene_svg(found))
+    root = check_picture(draw_scene(found))
     at = circles(root, "#0072b2")
     titles = [
         str(group[1].text)
@@ -332,10 +332,10 @@ def test_an_ellipsoid_is_drawn_as_its_outline() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_every_example_is_legible(name: str) -> None:
     design = example(name)
-    svg = scene_svg(scene(design))
+    svg = draw_scene(scene(design))
     check_picture(svg)
-    assert svg == scene_svg(scene(example(name)))
-    check_picture(images_svg(design, design.name))
+    assert svg == draw_scene(scene(example(name)))
+    check_picture(draw_images(design, design.name))
 
 
 # --- images ---------------------------------------------------------------------------------------
@@ -345,7 +345,7 @@ def test_images_are_where_a_c_arm_projects() -> None:
     """closed form: similar triangles at 1020 mm of 0.194 mm pixels; the plot is 296 units for 1536 px."""
     data = json.loads(json.dumps(DEMO.source.data))
     del data["interfaces"]["structure_connector"]["bias"]
-    root = check_picture(images_svg(load_design(data), "x"))
+    root = check_picture(draw_images(load_design(data), "x"))
     at = circles(root, "#0072b2")[:24]
     points = np.array([entry["position_mm"] for entry in data["fiducials"]["points"]])
     expected = []
@@ -365,7 +365,7 @@ def test_what_overlaps_or_misses_the_detector_is_marked_and_named() -> None:
     points[1]["position_mm"] = [points[0]["position_mm"][0], 20.0, points[0]["position_mm"][2] * 720 / 671 + 0.1]
     points[1]["position_mm"][0] *= 720 / 671
     points[2]["position_mm"] = [0.0, 0.0, 130.0]
-    root = check_picture(images_svg(load_design(data), "x"))
+    root = check_picture(draw_images(load_design(data), "x"))
     words = [str(entry.text) for entry in root.iter(f"{SVG}text")]
     assert any(entry.startswith("closer than 25 px: F1–F2") for entry in words)
     assert sum(entry == "not on the detector: F3" for entry in words) == 2
@@ -374,7 +374,7 @@ def test_what_overlaps_or_misses_the_detector_is_marked_and_named() -> None:
 
 
 def test_a_small_cluster_is_drawn_once_more_enlarged() -> None:
-    root = read(images_svg(example("small_cluster_far_target"), "x"))
+    root = read(draw_images(example("small_cluster_far_target"), "x"))
     words = [str(entry.text) for entry in root.iter(f"{SVG}text")]
     assert {"AP", "AP, enlarged", "oblique", "oblique, enlarged"} <= set(words)
     at = circles(root, "#0072b2")
@@ -388,7 +388,7 @@ def test_an_unknown_image_size_is_said() -> None:
     data = json.loads(json.dumps(example("locators_321").source.data))
     for view in data["views"]:
         del view["image_size_px"]
-    root = check_picture(images_svg(load_design(data), "x"))
+    root = check_picture(draw_images(load_design(data), "x"))
     assert any("not stated" in str(entry.text) for entry in root.iter(f"{SVG}text"))
 
 
@@ -396,7 +396,7 @@ def test_images_of_a_layout_before_have_lines_to_what_moved() -> None:
     data = json.loads(json.dumps(DEMO.source.data))
     for entry in data["fiducials"]["points"][:4]:
         entry["position_mm"][2] += 10
-    root = check_picture(images_svg(load_design(data), "x", before=DEMO))
+    root = check_picture(draw_images(load_design(data), "x", before=DEMO))
     moved = [path for path in root.iter(f"{SVG}path") if path.attrib.get("stroke-width") == "0.9"]
     assert len(moved) == 2 * 4 + 1  # and the legend's
 
@@ -639,7 +639,7 @@ def test_names_cannot_break_a_picture() -> None:
     found: ToleranceCurves = tolerance_curves(design, HOSTILE, Judgement(limit_mm=1.0))
     hostile = replace(distribution("tip", 0.5), target=HOSTILE)
     pictures = [
-        scene_svg(scene(design)), images_svg(design, HOSTILE),
+        draw_scene(scene(design)), draw_images(design, HOSTILE),
         draw_tolerances(found, called=(HOSTILE, "\x1b[31m\u202e"), other=found),
         draw_shares(target.contributors, HOSTILE), draw_without(target.contributors, HOSTILE, target.p95_mm, 1.0),
         draw_distribution(hostile, 0.8, None, None, "d"), draw_budgets(target, target, (HOSTILE, HOSTILE)),
@@ -685,7 +685,7 @@ def test_hundreds_of_fiducials_and_many_views_stay_cheap() -> None:
     judged = score(design)
     begun = time.process_time()
     found = scene_of(design, judged, "x")
-    drawn, images = scene_svg(found), images_svg(design, "x")
+    drawn, images = draw_scene(found), draw_images(design, "x")
     assert time.process_time() - begun < 1.0
     assert len(drawn) + len(images) + len(scene_json(found)) < 1_500_000
     words = {str(entry.text) for entry in read(drawn).iter(f"{SVG}text")}

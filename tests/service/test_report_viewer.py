@@ -14,7 +14,7 @@ from tailstack import load_design, score
 from tailstack.arrays import Array
 from tailstack_service import report
 from tailstack_service.report.scene import Scene, scene_json, scene_of
-from tailstack_service.report.scene_picture import scene_svg
+from tailstack_service.report.scene_picture import draw_scene
 
 __all__ = ["browser"]
 
@@ -72,7 +72,7 @@ def page(found: Scene) -> str:
     script = (TEMPLATES / "viewer.js").read_text(encoding="utf-8")
     return (
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>x</title><style>{style}</style>'
-        f"<script>{RECORDER}</script></head><body><main><h1>x</h1><figure>{scene_svg(found)}"
+        f"<script>{RECORDER}</script></head><body><main><h1>x</h1><figure>{draw_scene(found)}"
         f'<script type="application/json" class="scene-data">{scene_json(found)}</script>'
         f"<figcaption>x</figcaption></figure></main><script>{script}</script></body></html>"
     )

@@ -245,12 +245,12 @@ def design_text(data: dict[str, object], path: Path) -> str:
 
 def picture_text(design: Design, result: Optimisation) -> str:
     """The layout before and after, as SVG."""
-    from tailstack.design import compile_design, load_design
+    from tailstack.design import load_design
 
-    from ..rendering.layout_picture import layout_svg
+    from ..report.scene_picture import draw_layouts
 
-    new = compile_design(load_design(result.design))
-    return layout_svg(compile_design(design), new, f"{design.name}: layout before and after optimisation")
+    title = f"{design.name}: layout before and after optimisation"
+    return draw_layouts(load_design(result.design), design, title)
 
 
 OPERATION = Operation(

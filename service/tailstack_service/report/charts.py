@@ -20,12 +20,10 @@ from .page import (
     DASHED,
     DOTTED,
     LINE,
-    LONGEST,
     ROW,
     SHORT,
     Rows,
     beside,
-    broken,
     chart,
     draw_cells,
     headed,
@@ -35,7 +33,20 @@ from .page import (
     upright,
 )
 from .records import Convergence, Difference, ErrorDistribution
-from .svg import CHARACTER, COLOURS, FAINT, FONT, INK, LIMIT_COLOUR, MUTED, VALUE_COLOUR, WIDTH, printable
+from .svg import (
+    CHARACTER,
+    COLOURS,
+    FAINT,
+    FONT,
+    INK,
+    LIMIT_COLOUR,
+    LONGEST,
+    MUTED,
+    VALUE_COLOUR,
+    WIDTH,
+    broken,
+    printable,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -22,10 +22,14 @@ from .svg import (
     INK,
     LABEL_COLOUR,
     LIMIT_COLOUR,
+    LONGEST,
     MUTED,
     WIDTH,
     MarkedPoint,
     box,
+    broken,
+    in_lines,
+    label_lines,
     label_places,
     line,
     picture,
@@ -61,32 +65,37 @@ class Seen:
     labels: tuple[str, ...] = field(default=())
 
 
-def images_svg(design: Design, title: str, name: str = "images", before: Design | None = None) -> str:
+def draw_images(design: Design, title: str, name: str = "images", before: Design | None = None) -> str:
     """One picture for all views of a design: as the structure sits with its known bias, without noise.
 
     ``before``: another design; lines lead from where its fiducials of the same label are imaged by the same views.
     Raises DesignError, IllPosedError for a design that does not compile.
     """
+    parts, words, height = images_parts(design, before)
+    return picture(name, title, words, height, parts)
+
+
+def images_parts(design: Design, before: Design | None = None, top: float = 0.0) -> tuple[list[str], str, float]:
+    """The elements of such a picture from a height of the page on, the same in words, and where they end."""
     system = compile_design(design)
     old = None if before is None else compile_design(before)
-    seen = [_seen(design, system, old, index) for index in range(len(system.views))]
+    views = [_seen(design, system, old, index) for index in range(len(system.views))]
     parts: list[str] = []
-    column, top = 0, 0.0
-    row_height = 0.0
-    for view in seen:
+    column, row_height = 0, 0.0
+    for view in views:
         windows = _windows(view)
         if column + len(windows) > 2:
             column, top, row_height = 0, top + row_height, 0.0
         for place, (low, high, whole) in enumerate(windows):
-            drawn, height = _panel(
+            elements, height = _panel(
                 view, system, low, high, whole, place == len(windows) - 1, (column + place) * CELL, top
             )
-            parts += drawn
+            parts += elements
             row_height = max(row_height, height)
         column += len(windows)
     bottom = top + row_height
-    parts += _legend(seen, bottom + 12, old is not None)
-    return picture(name, title, _words(seen, system), bottom + 38, parts)
+    parts += _legend(views, bottom + 12, old is not None)
+    return parts, _words(views, system), bottom + 38
 
 
 def _seen(design: Design, system: System, old: System | None, index: int) -> Seen:
@@ -138,6 +147,8 @@ def _panel(
 ) -> tuple[list[str], float]:
     """One plot with its heading, and its height on the page."""
     scale = PLOT / float((high - low).max())
+    names = broken(view.beam.view.name + ("" if whole else ", enlarged"), 34)
+    top += 15 * (len(names) - 1)
     origin = np.array([left + LEFT, top + HEAD])
 
     def page(points: Array) -> Array:
@@ -145,34 +156,36 @@ def _panel(
 
     (x0, y0), (x1, y1) = page(low), page(high)
     frame = (float(x0), float(y0), float(x1), float(y1))
-    name = printable(view.beam.view.name, 28) + ("" if whole else ", enlarged")
     parts = [
-        text(x0, top + 16, name, size=13, weight="bold"),
-        text(x0, top + 46, _size(view.beam, whole), colour=MUTED),
-        *_edges(view, page, frame, whole), *_ticks(frame, low, high, scale),
-    ]  # fmt: skip
+        text(x0, top + 16 + 15 * (k + 1 - len(names)), line_of_name, size=13, weight="bold")
+        for k, line_of_name in enumerate(names)
+    ]
+    for k, words in enumerate(_size(view.beam, whole)):
+        parts.append(text(x0, top + 32 + 14 * k, words, colour=MUTED))
+    parts += [*_edges(view, page, frame, whole), *_ticks(frame, low, high, scale)]
     parts += _marks(view, system, page, frame, named)
     parts += _scale_bar(view.beam, frame, scale) if whole else []
     parts += _directions(view.beam, x1 - 34, top + 26) if whole else []
     foot = y1 + 46
     if whole:
-        for sentence in _remarks(view):
-            parts.append(text(x0, foot, sentence, colour=LIMIT_COLOUR))
+        for line_of_remark in (each for sentence in _remarks(view) for each in broken(sentence, 62)):
+            parts.append(text(x0, foot, line_of_remark, colour=LIMIT_COLOUR))
             foot += 14
     return parts, foot - top + 8
 
 
-def _size(beam: Beam, whole: bool) -> str:
+def _size(beam: Beam, whole: bool) -> tuple[str, ...]:
+    """What is drawn, in one line or two."""
     if not whole:
-        return "the part with fiducials and targets, px"
+        return ("the part with fiducials and targets, px",)
     if beam.view.image_size_px is None:
-        return "image size not stated; px"
+        return ("image size not stated; px",)
     width, height = beam.view.image_size_px
     words = f"{width} × {height} px"
     if beam.pixel_mm is not None:
         words += f" = {width * beam.pixel_mm[0]:.0f} × {height * beam.pixel_mm[1]:.0f} mm"
-        words += f", {beam.detector_mm:.0f} mm from the source"
-    return words
+        return words + ",", f"{beam.detector_mm:.0f} mm from the source"
+    return (words,)
 
 
 def _edges(view: Seen, page: Page, frame: tuple[float, float, float, float], whole: bool) -> list[str]:
@@ -224,26 +237,26 @@ def _marks(view: Seen, system: System, page: Page, frame: tuple[float, float, fl
         if not np.isfinite(place).all():
             continue
         x, y = float(place[0]), float(place[1])
-        tip = f"{printable(label, 40)}: u {image[0]:.1f}, v {image[1]:.1f} px, depth {view.depths_mm[k]:.1f} mm"
+        tip = f"{printable(label, LONGEST)}: u {image[0]:.1f}, v {image[1]:.1f} px, depth {view.depths_mm[k]:.1f} mm"
         parts.append(f"<g>{shape('fiducial', x, y)}<title>{escape(tip)}</title></g>")
         if k in view.outside:
             parts.append(_ring(x, y, 7.0, LIMIT_COLOUR, 1.6, "none"))
-        points.append(MarkedPoint(x, y, printable(label, 12) if named and len(view.labels) <= MOST_LABELS else ""))
+        points.append(MarkedPoint(x, y, in_lines(label, 12) if named and len(view.labels) <= MOST_LABELS else ""))
         colours.append(LIMIT_COLOUR if k in view.outside else INK)
     regions: set[str] = set()
     for target, image, place in zip(system.targets, view.targets_px, page(view.targets_px), strict=True):
         if not np.isfinite(place).all():
             continue
         x, y = float(place[0]), float(place[1])
-        tip = f"target {printable(target.name, 40)}: u {image[0]:.1f}, v {image[1]:.1f} px"
+        tip = f"target {printable(target.name, LONGEST)}: u {image[0]:.1f}, v {image[1]:.1f} px"
         parts.append(f"<g>{shape('target', x, y)}<title>{escape(tip)}</title></g>")
         called = target.region or target.name
-        points.append(MarkedPoint(x, y, "" if called in regions else printable(called, 16)))
+        points.append(MarkedPoint(x, y, "" if called in regions else in_lines(called, 16)))
         colours.append(LABEL_COLOUR["target"])
         regions.add(called)
     for point, (x, y), colour in zip(points, label_places(points, paths, frame, FONT), colours, strict=True):
         if point.text:
-            parts.append(text(x, y, point.text, colour=colour))
+            parts += label_lines(x, y, point.text, colour)
     return parts
 
 
@@ -301,18 +314,18 @@ def _image_axes(beam: Beam) -> tuple[Array, Array]:
 
 
 def _remarks(view: Seen) -> list[str]:
-    """What is wrong in an image, in sentences short enough for its column."""
+    """What is wrong in an image, in sentences."""
     remarks = []
     if view.close:
         named = [f"{view.labels[i]}–{view.labels[j]}" for i, j in view.close[:MOST_PAIRS]]
         more = len(view.close) - len(named)
-        listed = ", ".join(printable(pair, 20) for pair in named) + (f" and {more} more" if more > 0 else "")
-        remarks.append(printable(f"closer than {view.spacing_px:g} px: {listed}", 62))
+        listed = ", ".join(named) + (f" and {more} more" if more > 0 else "")
+        remarks.append(f"closer than {view.spacing_px:g} px: {listed}")
     if view.outside:
-        named = [printable(view.labels[k], 12) for k in sorted(view.outside)[:MOST_PAIRS]]
+        named = [view.labels[k] for k in sorted(view.outside)[:MOST_PAIRS]]
         more = len(view.outside) - len(named)
         listed = ", ".join(named) + (f" and {more} more" if more > 0 else "")
-        remarks.append(printable(f"not on the detector: {listed}", 62))
+        remarks.append(f"not on the detector: {listed}")
     return remarks
 
 
@@ -329,7 +342,7 @@ def _legend(seen: Sequence[Seen], y: float, compared: bool) -> list[str]:
             _ring(x, y - 4, 3.0, FAINT, 1.1),
             text(x + 22, y, "moved from"),
         ]
-        x += 96
+        x += 112
     margins = {view.margin_px for view in seen if view.beam.sized and view.margin_px > 0}
     if margins:
         look = 'fill="none" stroke="#0072b2" stroke-width="0.8" stroke-dasharray="2 3"'
@@ -348,7 +361,7 @@ def _legend(seen: Sequence[Seen], y: float, compared: bool) -> list[str]:
 def _words(seen: Sequence[Seen], system: System) -> str:
     sentences = []
     for view in seen:
-        words = f"View {printable(view.beam.view.name, 40)}: {_size(view.beam, True)}"
+        words = f"View {printable(view.beam.view.name, LONGEST)}: {' '.join(_size(view.beam, True))}"
         remarks = _remarks(view)
         sentences.append(words + (f"; {'; '.join(remarks)}" if remarks else ""))
     return (

@@ -8,7 +8,6 @@ from __future__ import annotations
 import atexit
 import os
 import sys
-import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from threading import Lock
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from .svg import FAINT, MUTED, VERMILION, WIDTH, printable
+from .svg import FAINT, MUTED, VERMILION, WIDTH, broken
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
 LEGIBLE = {VERMILION: "#b34700", "#5b9bc8": "#35709a"}  # names of curves: a colour too pale for letters
 DASHED, DOTTED, SHORT = (0, (5, 3)), (0, (2, 2)), (0, (4, 3))
 ROW, LINE = 22, 13  # height of a bar with its gap; of a line of text
-LONGEST = 300  # letters of a name
 
 _loading = Lock()
 
@@ -126,11 +124,6 @@ class Rows:
             for k, line in enumerate(lines):
                 page.say(left - 10, top + middle + 4 + LINE * (k - (len(lines) - 1) / 2), line, ha="right")
         return axes
-
-
-def broken(words: str, letters: int) -> tuple[str, ...]:
-    """A name whole, in lines of so many letters."""
-    return tuple(textwrap.wrap(printable(words, LONGEST), letters, break_on_hyphens=False)) or ("",)
 
 
 def millimetres(value: float, name: str) -> str:

@@ -20,11 +20,10 @@ from tailstack.design import Design, compile_design
 from tailstack.design.optimise_document import SearchBox, SearchCylinder, Shaped
 from tailstack.geometry.rotation import unit
 from tailstack.results import Score
-from tailstack.system import System
+from tailstack.system import Mount, System
 
-from ..rendering.layout_picture import turns
 from .beams import Beam, beams_of
-from .svg import printable, round_step
+from .svg import LONGEST, in_lines, printable, round_step
 
 Point3 = tuple[float, float, float]
 Kind = Literal["mark", "line", "face", "ellipsoid", "arrow"]
@@ -196,6 +195,11 @@ def structure_points(system: System) -> Array:
     )
 
 
+def turns(mount: Mount) -> bool:
+    """Whether the seat has an error at all: the pivot of a perfect one means nothing."""
+    return mount.sources.count > 0 or bool(np.any(mount.bias))
+
+
 def radius_of(points_mm: Array) -> float:
     low, high = points_mm.min(axis=0), points_mm.max(axis=0)
     return max(0.5 * float(np.linalg.norm(high - low)), 1.0)
@@ -216,18 +220,18 @@ def fiducials(system: System, old: System | None, called: str) -> list[Item]:
     lowest = min(float(each.fiducials_mm[:, 2].min()) for each in (system, old) if each is not None)
     items = []
     for name, at in zip(system.fiducial_labels, system.fiducials_mm, strict=True):
-        label, was = printable(name, 18), before.pop(name, None)
+        whole, was = printable(name, LONGEST), before.pop(name, None)
         if len(system.fiducials_mm) <= MOST_DROPS:
             items.append(Item("line", "floor", "drop", points_of([at, np.array([at[0], at[1], lowest])])))
         if was is not None and differ(was, at):
             items.append(Item("line", "before", "moved", points_of([was, at])))
-            said = f"{label} {called}: {place_in_words(was)}"
+            said = f"{whole} {called}: {place_in_words(was)}"
             items.append(Item("mark", "before", "old", (point(was),), "", said))
         look = "fiducial" if old is None or was is not None else "new"
-        said = f"fiducial {label}: {place_in_words(at)}"
-        items.append(Item("mark", "fiducials", look, (point(at),), label, said))
+        said = f"fiducial {whole}: {place_in_words(at)}"
+        items.append(Item("mark", "fiducials", look, (point(at),), in_lines(name, 18), said))
     for name, was in before.items():
-        said = f"{printable(name, 18)}, only {called}: {place_in_words(was)}"
+        said = f"{printable(name, LONGEST)}, only {called}: {place_in_words(was)}"
         items.append(Item("mark", "before", "old", (point(was),), "", said))
     return items
 
@@ -241,8 +245,8 @@ def targets(design: Design, system: System) -> list[Item]:
     for target in system.targets:
         label = target.name if target.region is None else "" if target.region in regions else target.region
         regions.add(target.region)
-        title = f"target {printable(target.name, 40)}: {place_in_words(target.position_mm)}"
-        items.append(Item("mark", "targets", "target", (point(target.position_mm),), printable(label, 18), title))
+        title = f"target {printable(target.name, LONGEST)}: {place_in_words(target.position_mm)}"
+        items.append(Item("mark", "targets", "target", (point(target.position_mm),), in_lines(label, 18), title))
     for entry in design.document.targets:
         region = entry.region
         if region is None:
@@ -267,22 +271,20 @@ def mounts(design: Design, system: System, old: System | None, length: float) ->
     for name, mount, document, was in mounts:
         if not turns(mount):
             continue
-        title = f"{name}, {printable(mount.title, 60)}: {place_in_words(mount.pivot_mm)}"
+        title = f"{name}, {printable(mount.title, LONGEST)}: {place_in_words(mount.pivot_mm)}"
         items.append(Item("mark", "pivots", name, (point(mount.pivot_mm),), name, title))
         if was and differ(was.pivot_mm, mount.pivot_mm):
             items.append(Item("line", "before", "moved", points_of([was.pivot_mm, mount.pivot_mm])))
         for target in system.targets[:1]:
             arm = float(np.linalg.norm(target.position_mm - mount.pivot_mm))
-            said = f"{name} to {printable(target.name, 40)}: {arm:.1f} mm"
+            said = f"{name} to {printable(target.name, LONGEST)}: {arm:.1f} mm"
             points = points_of([mount.pivot_mm, target.position_mm])
             items.append(Item("line", "levers", "lever", points, f"{arm:.0f} mm", said))
         for locator in (document.locators or ()) if document is not None else ():
             at, normal = np.array(locator.position_mm), np.array(locator.normal, dtype=float)
             begin = at - length * normal / np.linalg.norm(normal)
-            said = f"locator {printable(locator.name, 18)}: {place_in_words(at)}"
-            items.append(
-                Item("arrow", "locators", "locator", points_of([begin, at]), printable(locator.name, 18), said)
-            )
+            said = f"locator {printable(locator.name, LONGEST)}: {place_in_words(at)}"
+            items.append(Item("arrow", "locators", "locator", points_of([begin, at]), in_lines(locator.name, 18), said))
     return items
 
 
@@ -313,9 +315,9 @@ def zones(design: Design) -> list[Item]:
         return []
     items = []
     for zone in section.keep_out:
-        title = f"keep-out zone {printable(zone.name, 40)}, clearance {zone.clearance_mm:g} mm"
+        title = f"keep-out zone {printable(zone.name, LONGEST)}, clearance {zone.clearance_mm:g} mm"
         for k, line in enumerate(region_lines(zone)):
-            label = printable(zone.name, 24) if k == 0 else ""
+            label = in_lines(zone.name, 24) if k == 0 else ""
             items.append(Item("line", "keep-out", "keep-out", points_of(line), label, title))
     regions: list[Any] = [region for region in (section.region, *(section.regions or ())) if region is not None]
     lines = [line for region in regions for line in region_lines(region)]
@@ -325,20 +327,22 @@ def zones(design: Design) -> list[Item]:
 
 
 AZIMUTH, ELEVATION = radians(-62), radians(20)  # of the eye of the first camera
+RIGHT = np.array([-sin(AZIMUTH), cos(AZIMUTH), 0.0])
+UP = np.array([-sin(ELEVATION) * cos(AZIMUTH), -sin(ELEVATION) * sin(AZIMUTH), cos(ELEVATION)])
 
 
 def beam_items(beam: Beam, system: System, crowded: bool) -> list[Item]:
     """Source, edges of the beam, detector and the images on it; ``crowded``: only the source is named, and shortly."""
-    name = printable(beam.view.name, 18)
+    name = printable(beam.view.name, LONGEST)
     corners = beam.on_detector(beam.corners_px)
     said = f"{beam.detector_mm:.0f} mm from the source" if beam.stated else "its distance is not stated"
-    source = printable(name, 10) if crowded else f"{name} source"
+    source = in_lines(name if crowded else f"{name} source", 18)
     title = f"source of view {name}: {place_in_words(beam.source_mm)}"
     items = [Item("mark", "beams", "source", (point(beam.source_mm),), source, title)]
     for corner in corners:
         items.append(Item("line", "beams", "ray", points_of([beam.source_mm, corner])))
     look = "detector" if beam.stated and beam.sized else "guessed"
-    label = "" if crowded else f"{name} detector"
+    label = "" if crowded else in_lines(f"{name} detector", 18)
     items.append(Item("face", "beams", look, points_of(corners), label, f"detector of view {name}, {said}"))
     middle = beam.source_mm + beam.detector_mm * beam.direction
     items.append(Item("line", "beams", "axis", points_of([beam.source_mm, middle])))
@@ -354,16 +358,14 @@ def beam_arrow(beam: Beam, shown: Array) -> Item:
     along = centre - beam.source_mm
     along = along / np.linalg.norm(along)
     ends = points_of([centre - 1.5 * radius * along, centre - 1.15 * radius * along])
-    name = printable(beam.view.name, 18)
-    return Item("arrow", "directions", "beam", ends, name, f"beam of view {name}")
+    name = beam.view.name
+    return Item("arrow", "directions", "beam", ends, in_lines(name, 18), f"beam of view {printable(name, LONGEST)}")
 
 
 def cameras(beams: Sequence[Beam]) -> tuple[Camera, ...]:
-    right = np.array([-sin(AZIMUTH), cos(AZIMUTH), 0.0])
-    up = np.array([-sin(ELEVATION) * cos(AZIMUTH), -sin(ELEVATION) * sin(AZIMUTH), cos(ELEVATION)])
-    cameras = [Camera("iso", "Oblique", _rounded_unit(right), _rounded_unit(up))]
+    cameras = [Camera("iso", "Oblique", _rounded_unit(RIGHT), _rounded_unit(UP))]
     for k, beam in enumerate(beams[:6]):
-        label = f"From {printable(beam.view.name, 18)} source"
+        label = f"From {printable(beam.view.name, LONGEST)} source"
         cameras.append(Camera(f"view-{k + 1}", label, _rounded_unit(beam.right), _rounded_unit(beam.up)))
     return (*cameras, Camera("top", "From +z", (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
 
@@ -412,7 +414,7 @@ def errors(system: System, score: Score, magnification: float, called: str = "")
             centre = at + magnification * bias
             axes = semi_axes(covariance)
             word = "TCP" if kind == "tcp" else "localisation"
-            name = printable(target.name, 40)
+            name = printable(target.name, LONGEST)
             if np.linalg.norm(axes[0]) > 0:
                 lengths = ", ".join(f"{float(np.linalg.norm(axis)):.3g}" for axis in axes)
                 title = (
@@ -443,38 +445,40 @@ def scene_of(
     design: Design,
     score: Score,
     title: str,
-    before: tuple[Design, Score] | None = None,
+    before: tuple[Design, Score | None] | None = None,
     called: str = "before",
 ) -> Scene:
-    """The scene of a design and what was computed of it; ``before``: another one that it is drawn over.
+    """The scene of a design and what was computed of it.
 
-    ``called``: what that one is called.  Positions are nominal; ellipsoids and biases are first order, at the
-    magnification that the scene states.  Raises DesignError, IllPosedError for a design that does not compile.
+    before: another one that it is drawn over, without errors where it has no score.  called: what that one is called.
+    Positions are nominal; ellipsoids and biases are first order, at the magnification that the scene states.  Raises
+    DesignError, IllPosedError for a design that does not compile.
     """
     system = compile_design(design)
     old = None if before is None else compile_design(before[0])
     beams = beams_of(design, system)
-    judged = [(system, score)] + ([] if before is None or old is None else [(old, before[1])])
-    structures = [structure_points(at) for at, _ in judged]
+    scores = [(system, score)]
+    if before is not None and old is not None and before[1] is not None:
+        scores.append((old, before[1]))
+    systems = [system] if old is None else [system, old]
+    structures = [structure_points(each) for each in systems]
     radius = radius_of(structures[0])
-    magnification = magnification_of(judged, radius)
+    magnification = magnification_of(scores, radius)
     items: list[Item] = [
-        *floor([at for at, _ in judged]),
+        *floor(systems),
         *fiducials(system, old, called),
         *targets(design, system),
         *mounts(design, system, old, 0.16 * radius),
         *frames(system, 0.3 * radius),
         *zones(design),
     ]
-    drawn = list(errors(system, score, magnification))
-    if before is not None and old is not None:
-        drawn += errors(old, before[1], magnification, called)
+    drawn = [item for k, (at, its) in enumerate(scores) for item in errors(at, its, magnification, called if k else "")]
     shown = np.vstack([*structures, items[0].points, *(extent(item) for item in drawn)])
     arrows = [beam_arrow(beam, shown) for beam in beams]
     items += [*drawn, *arrows, *(item for beam in beams for item in beam_items(beam, system, len(beams) > MOST_NAMED))]
     ends = [np.vstack([beam.source_mm, beam.on_detector(beam.corners_px)]) for beam in beams]
     return Scene(
-        title=printable(title, 160),
+        title=printable(title, 2 * LONGEST),
         words=_words(system, beams, magnification, old, called),
         magnification=magnification,
         note=_note(beams, magnification),
@@ -542,15 +546,15 @@ def _note(beams: Sequence[Beam], magnification: float) -> str:
             f" Error ellipsoids and biases {size}: first order, the ellipsoid that holds 95 % of a Gaussian with the "
             "covariance, about target + bias."
         )
-    unknown = [printable(beam.view.name, 18) for beam in beams if not beam.stated]
+    unknown = [printable(beam.view.name, LONGEST) for beam in beams if not beam.stated]
     if unknown:
         words += f" Where the detector of {', '.join(unknown)} stands is not stated: it is drawn behind what it images."
     return words
 
 
 def _words(system: System, beams: Sequence[Beam], magnification: float, old: System | None, called: str) -> str:
-    targets = ", ".join(printable(target.name, 30) for target in system.targets[:5])
-    views = ", ".join(printable(beam.view.name, 30) for beam in beams)
+    targets = ", ".join(printable(target.name, LONGEST) for target in system.targets[:5])
+    views = ", ".join(printable(beam.view.name, LONGEST) for beam in beams)
     words = f"{len(system.fiducials_mm)} fiducials, targets {targets}, views {views}, in the connector frame, mm. "
     if old is not None:
         words += f"Drawn over the layout {called}, with {len(old.fiducials_mm)} fiducials. "

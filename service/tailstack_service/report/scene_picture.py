@@ -1,4 +1,7 @@
-"""The scene on paper: the structure close up and the whole set-up, from the camera that the viewer begins with."""
+"""The scene on paper: the structure close up and the whole set-up, from the camera that the viewer begins with.
+
+One layout over another that stands by itself has what each view sees below it.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +14,23 @@ from typing import Any
 import numpy as np
 
 from tailstack.arrays import Array
+from tailstack.design import Design, compile_design
+from tailstack.errors import IllPosedError
+from tailstack.scoring import score
+from tailstack.system import System
 
-from .scene import LOOKS, Camera, Item, Point3, Scene
+from .images import images_parts
+from .scene import LOOKS, Camera, Item, Point3, Scene, differ, scene_of
 from .svg import (
     FONT,
     INK,
     LABEL_COLOUR,
+    LONGEST,
     MUTED,
     MarkedPoint,
+    broken,
+    in_lines,
+    label_lines,
     label_places,
     line,
     picture,
@@ -60,14 +72,54 @@ class Sight:
         return float((points_mm @ self.eye).mean())
 
 
-def scene_svg(scene: Scene, name: str = "layout", camera: str = "iso") -> str:
+def draw_scene(scene: Scene, name: str = "layout", camera: str = "iso") -> str:
     """Both panels of a scene, with the layers that it shows at first.  The same scene gives the same text."""
+    parts, height = scene_parts(scene, name, camera)
+    return picture(name, scene.title, f"{scene.words} {scene.note}", height, parts)
+
+
+def draw_layouts(design: Design, before: Design, title: str) -> str:
+    """A layout drawn over the one before, in space and as each view sees it, as a picture that stands by itself.
+
+    Raises DesignError, IllPosedError for a design whose layout does not determine an answer; ``before`` may be one.
+    """
+    try:
+        score_before = score(before)
+    except IllPosedError:
+        score_before = None
+    scene = scene_of(design, score(design), title, (before, score_before), "before")
+    change = _change(compile_design(before), compile_design(design))
+    titles = broken(title, 72)
+    parts = [text(8, 24 + 19 * k, line, size=15, weight="bold") for k, line in enumerate(titles)]
+    parts.append(text(8, 25 + 19 * len(titles), change, colour=MUTED))
+    space, foot = scene_parts(scene, "layout", top=37 + 19 * len(titles))
+    images, words, height = images_parts(design, before, top=foot + 14)
+    description = f"{change} {scene.words} {scene.note} {words}"
+    return picture("layout", title, description, height, [*parts, *space, *images]) + "\n"
+
+
+def _change(before: System, after: System) -> str:
+    """How many fiducials there are, and what became of those before, which are told by their labels."""
+    old = dict(zip(before.fiducial_labels, before.fiducials_mm, strict=True))
+    now = dict(zip(after.fiducial_labels, after.fiducials_mm, strict=True))
+    counts = {
+        "moved": sum(differ(old[label], now[label]) for label in old.keys() & now.keys()),
+        "new": len(now.keys() - old.keys()),
+        "left out": len(old.keys() - now.keys()),
+    }
+    changes = ", ".join(f"{count} {what}" for what, count in counts.items() if count) or "none moved"
+    return f"{len(old)} fiducials before, {len(now)} after: {changes}. In grey: before."
+
+
+def scene_parts(scene: Scene, name: str, camera: str = "iso", top: float = 0.0) -> tuple[list[str], float]:
+    """The elements of a scene's picture from a height of the page on, and where they end."""
     view = next(entry for entry in scene.cameras if entry.key == camera)
     parts = [
-        text(NEAR[0], 16, "Structure, connector frame con, mm", weight="bold"),
-        text(FAR[0], 16, "Whole set-up, con, mm", weight="bold"),
+        text(NEAR[0], top + 16, "Structure, connector frame con, mm", weight="bold"),
+        text(FAR[0], top + 16, "Whole set-up, con, mm", weight="bold"),
     ]
-    near, far = fitted(view, scene.near, NEAR), fitted(view, scene.far, FAR, size=0.55)
+    panels = [(left, top + upper, width, height) for left, upper, width, height in (NEAR, FAR)]
+    near, far = fit(view, scene.near, panels[0]), fit(view, scene.far, panels[1], size=0.55)
     hidden = {layer.key for layer in scene.layers if not layer.shown}
     items = [item for item in scene.items if item.layer not in hidden]
     around = [
@@ -75,18 +127,16 @@ def scene_svg(scene: Scene, name: str = "layout", camera: str = "iso") -> str:
     ]
     parts += _panel(near, items, f"{name}-near")
     parts += _panel(far, around, f"{name}-far")
-    legend, foot = _legend(scene, [*items, *around], FAR[0] + 14, FAR[1] + FAR[3] + 20)
+    legend, foot = _legend(scene, [*items, *around], FAR[0] + 14, top + FAR[1] + FAR[3] + 20)
     parts += legend
-    y = max(NEAR[1] + NEAR[3] + 18.0, foot + 10)
+    y = max(top + NEAR[1] + NEAR[3] + 18.0, foot + 10)
     for sentence in _broken(scene.note, 118):
         parts.append(text(NEAR[0], y, sentence, colour=MUTED))
         y += 14
-    return picture(name, scene.title, f"{scene.words} {scene.note}", y - 2, parts)
+    return parts, y - 2
 
 
-def fitted(
-    camera: Camera, points: Sequence[Point3], panel: tuple[float, float, float, float], size: float = 1.0
-) -> Sight:
+def fit(camera: Camera, points: Sequence[Point3], panel: tuple[float, float, float, float], size: float = 1.0) -> Sight:
     """The largest scale at which all points are in the panel, with room for labels."""
     right, up = np.array(camera.right), np.array(camera.up)
     given = np.array(points)
@@ -120,7 +170,7 @@ def _panel(sight: Sight, items: Sequence[Item], name: str) -> list[str]:
 
 def _drawn(sight: Sight, item: Item) -> list[str]:
     points = np.array(item.points)
-    tip = f"<title>{escape(printable(item.title, 200))}</title>" if item.title else ""
+    tip = f"<title>{escape(printable(item.title, 2 * LONGEST))}</title>" if item.title else ""
     if item.kind == "mark":
         x, y = sight.page(points)[0]
         drawn = mark(item.look, float(x), float(y))
@@ -232,7 +282,7 @@ def _labels(sight: Sight, items: Sequence[Item]) -> list[str]:
             points.append(MarkedPoint(x, y, "" if crowded and item.layer == "fiducials" else item.label))
             colours.append(COLOURS.get(item.look, MUTED))
     placed = zip(points, label_places(points, lines, inside, FONT), colours, strict=True)
-    return [text(x, y, point.text, colour=colour) for point, (x, y), colour in placed if point.text]
+    return [part for point, (x, y), colour in placed if point.text for part in label_lines(x, y, point.text, colour)]
 
 
 def _axis_ends(sight: Sight) -> list[tuple[str, tuple[float, float], tuple[float, float]]]:
@@ -269,7 +319,7 @@ def _axes(sight: Sight) -> list[str]:
 _WORDS = {
     "fiducial": "fiducial", "new": "new fiducial", "old": "fiducial, {before}", "target": "target",
     "source": "X-ray source", "image": "image of a fiducial",
-    "pivot 1": "pivot, structure–connector", "pivot 2": "pivot, connector–flange",
+    "pivot 1": "{name}", "pivot 2": "{name}",
 }  # fmt: skip
 _LOOK_WORDS = {
     "tcp": "error at the tool", "tcp-before": "error at the tool, {before}", "bias": "bias",
@@ -283,17 +333,18 @@ MAGNIFIED = ("tcp", "tcp-before", "bias", "bias-before", "localisation")
 
 def _legend(scene: Scene, items: Sequence[Item], x: float, y: float) -> tuple[list[str], float]:
     """What the marks mean, one below the other, and where they end."""
-    used = {item.look for item in items}
+    used = {item.look: item.title.rsplit(": ", 1)[0] for item in items}
     parts = []
     for look, words in (*_WORDS.items(), *_LOOK_WORDS.items()):
         if look not in used:
             continue
-        said = words.format(before=printable(scene.before, 12))
+        said = words.format(before=printable(scene.before, 12), name=used[look])
         if look in MAGNIFIED:
             said += ", to scale" if scene.magnification == 1 else f", × {scene.magnification:g}"
         parts.append(mark(look, x, y - 4) if look in _WORDS else _sample(look, x, y - 4))
-        parts.append(text(x + 16, y, said))
-        y += 16
+        lines = in_lines(said, 34)
+        parts += label_lines(x + 16, y, lines, INK)
+        y += 16 + FONT * lines.count("\n")
     return parts, y
 
 

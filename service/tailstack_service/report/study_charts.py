@@ -14,8 +14,8 @@ from tailstack.studies.paper.reproduce import Geometry, PaperCell, StudyPaper
 from ..rendering.studies.coupling import COMPARISONS, cases_of
 from ..rendering.studies.linearity import deviation, points_by_place
 from ..rendering.tables import percent
-from .page import DASHED, DOTTED, beside, broken, draw_cells, headed, name_at_right
-from .svg import BLUE, COLOURS, FAINT, INK, MUTED, VERMILION
+from .page import DASHED, DOTTED, beside, draw_cells, headed, name_at_right
+from .svg import BLUE, COLOURS, FAINT, INK, MUTED, VERMILION, broken
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

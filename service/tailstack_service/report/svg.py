@@ -7,6 +7,7 @@ Lengths are units of the page; one decimal is written.
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import dataclass
 from html import escape
 from math import floor, log10
@@ -22,6 +23,7 @@ Kind = Literal["fiducial", "new", "target", "pivot 1", "pivot 2"]
 
 WIDTH = 720  # of a page
 FONT = 11
+LONGEST = 300  # letters of a name
 LIMIT_COLOUR, VALUE_COLOUR = "#b3261e", "#0072b2"
 INK, MUTED, FAINT, PALE, GRID = "#222222", "#555555", "#8a8a8a", "#efefef", "#e3e3e3"
 BLUE, VERMILION, GREEN, PURPLE = "#0072b2", "#d55e00", "#00795a", "#a8477f"
@@ -40,8 +42,8 @@ def picture(
         f'viewBox="0 0 {width:g} {height:g}" role="img" aria-labelledby="{name}-title {name}-desc" '
         f'font-family="Helvetica, Arial, DejaVu Sans, sans-serif" font-size="{FONT}" fill="{INK}"'
         + (f' data-drawn-by="{drawn_by}">' if drawn_by else ">"),
-        f'<title id="{name}-title">{escape(printable(title, 160))}</title>',
-        f'<desc id="{name}-desc">{escape(printable(words, 2000))}</desc>',
+        f'<title id="{name}-title">{escape(printable(title, 2 * LONGEST))}</title>',
+        f'<desc id="{name}-desc">{escape(printable(words, 20 * LONGEST))}</desc>',
         f'<rect width="{width:g}" height="{height:g}" fill="#ffffff"/>',
         *parts,
         "</svg>",
@@ -57,6 +59,16 @@ def round_step(about: float) -> float:
     """The largest of 1, 2, 5 times a power of ten that is not above ``about``."""
     power = 10.0 ** floor(log10(about))
     return power * max(factor for factor in (1, 2, 5) if factor * power <= about * (1 + 1e-9))
+
+
+def broken(words: str, letters: int) -> tuple[str, ...]:
+    """A name whole, in lines of so many letters."""
+    return tuple(textwrap.wrap(printable(words, LONGEST), letters, break_on_hyphens=False)) or ("",)
+
+
+def in_lines(name: str, letters: int) -> str:
+    """The same as one text, its lines apart."""
+    return "\n".join(broken(name, letters))
 
 
 def rounded(value: float) -> str:
@@ -97,6 +109,11 @@ def text(
     return f'<text x="{rounded(x)}" y="{rounded(y)}"{" " if look else ""}{look.strip()}>{escape(words)}</text>'
 
 
+def label_lines(x: float, y: float, words: str, colour: str) -> list[str]:
+    """A label of one or several lines from its first baseline on."""
+    return [text(x, y + FONT * k, line, colour=colour) for k, line in enumerate(words.split("\n"))]
+
+
 LABEL_COLOUR = {"fiducial": INK, "new": INK, "target": "#a84600", "pivot 1": GREEN, "pivot 2": PURPLE}
 
 
@@ -128,11 +145,11 @@ FURTHER, CROSSED, HIDDEN, OUTSIDE = 14.0, 0.4, 2.0, 4.0  # what a longer reach c
 class MarkedPoint:
     x: float
     y: float
-    text: str  # "" for a mark without a label
+    text: str  # "" for a mark without a label; may have several lines
 
 
 def label_places(points: list[MarkedPoint], lines: list[Box], frame: Box, font: float) -> list[tuple[float, float]]:
-    """Start of the baseline of each label; the point itself for those without one.
+    """Start of the first baseline of each label; the point itself for those without one.
 
     Greedy: a label takes the place that covers least of marks, lines (from x, y to x, y) and earlier labels and
     lies in the frame; of equal ones the nearest, then right before left before above before below.
@@ -155,13 +172,14 @@ def label_places(points: list[MarkedPoint], lines: list[Box], frame: Box, font: 
         )  # fmt: skip
         best = boxes[int(np.argmin(harm))]
         labels = np.vstack([labels, best])
-        places.append((float(best[0]), float(best[3]) - 0.22 * font))
+        places.append((float(best[0]), float(best[1]) + 0.78 * font))
     return places
 
 
 def label_box(point: MarkedPoint, reach: float, way: tuple[int, int], font: float) -> Box:
     """The box of a label whose near edge is ``reach`` from its point, in one of eight directions."""
-    width, height = CHARACTER * font * columns(point.text), font
+    lines = point.text.split("\n")
+    width, height = CHARACTER * font * max(map(columns, lines)), font * len(lines)
     across, down = way
     short = 0.7 * reach if across and down else reach
     left = point.x + (across * short if across >= 0 else -short - width) - (0 if across else width / 2)

@@ -7,9 +7,9 @@ from tailstack.errors import IllPosedError
 from tailstack.results import Score
 
 from ..blocks import Block, Figure
-from ..images import images_svg
+from ..images import draw_images
 from ..scene import scene_json, scene_of
-from ..scene_picture import scene_svg
+from ..scene_picture import draw_scene
 
 Known = tuple[dict[str, object], Score]  # a design document and what was computed of it
 
@@ -34,10 +34,10 @@ def layout_blocks(
         size = "to scale" if scene.magnification == 1 else f"{scene.magnification:g} times their size"
         caption += f"; ellipsoids of 95 % of a Gaussian error, about target plus bias, {size}"
     caption += "." if old is None else f". In grey: {called}."
-    images = images_svg(design, f"{title}: what each view sees", f"{name}-images", None if old is None else old[0])
+    images = draw_images(design, f"{title}: what each view sees", f"{name}-images", None if old is None else old[0])
     seen = f"{of}What each view sees: as the structure sits with its known bias, no noise."
     return (
-        Figure(name, scene_svg(scene, name), caption, scene_json(scene)),
+        Figure(name, draw_scene(scene, name), caption, scene_json(scene)),
         Figure(f"{name}-images", images, seen),
     )
 

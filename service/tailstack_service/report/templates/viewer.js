@@ -457,11 +457,14 @@
       const marks = taken.length;
       for (const { item, at: [x, y] } of seen) {
         if (!item.label || (this.crowded && !NAMED_ALWAYS.includes(item.layer))) continue;
-        const wide = context.measureText(item.label).width;
+        const lines = item.label.split("\n");
+        const wide = Math.max(...lines.map((line) => context.measureText(line).width));
         let best = null;
         [[8, 4], [-8 - wide, 4], [-wide / 2, -9], [-wide / 2, 18], [7, -6], [-7 - wide, -6], [7, 15], [-7 - wide, 15],
           [15, 4], [-15 - wide, 4], [-wide / 2, -18], [-wide / 2, 27]].forEach(([dx, dy], k) => {
-          const box = [x + dx, y + dy - HEIGHT + 2, x + dx + wide, y + dy + 2];
+          const up = (lines.length - 1) * HEIGHT * (dy < 0 ? 1 : dy === 4 ? 0.5 : 0);
+          const top = y + dy - HEIGHT + 2 - up;
+          const box = [x + dx, top, x + dx + wide, top + lines.length * HEIGHT];
           let harm = k === this.places.get(item) ? 0 : 1.5 + 0.6 * k;
           for (const [n, other] of taken.entries()) {
             const across = Math.min(box[2], other[2]) - Math.max(box[0], other[0]);
@@ -477,9 +480,12 @@
         context.lineWidth = 3;
         context.strokeStyle = PAPER;
         context.lineJoin = "round";
-        context.strokeText(item.label, best.box[0], best.box[3] - 2);
         context.fillStyle = LABELS[item.look] || (item.kind === "mark" ? INK : MUTED);
-        context.fillText(item.label, best.box[0], best.box[3] - 2);
+        lines.forEach((line, k) => {
+          const foot = best.box[1] + (k + 1) * HEIGHT - 2;
+          context.strokeText(line, best.box[0], foot);
+          context.fillText(line, best.box[0], foot);
+        });
       }
     }
 
