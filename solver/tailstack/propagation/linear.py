@@ -227,9 +227,13 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
         tcp = behind[block.contributor] if block.contributor in behind else to_tcp @ localisation
         blocks.append(block._replace(localisation=localisation, tcp=tcp))
     numbers = nonlinearity(
-        chain.projections, chain.points, reconstructed, chain.matrix_covariance, chain.target_noise_px,
-        published=system.triangulation is Triangulation.PUBLISHED, coupled=chain.manufactured,
-    )  # fmt: skip
+        chain.projections,
+        chain.points,
+        reconstructed,
+        chain.matrix_covariance,
+        chain.target_noise_px,
+        published=system.triangulation is Triangulation.PUBLISHED,
+    )
     return LinearModel(
         target=target,
         reconstructed_mm=reconstructed,

@@ -1,6 +1,6 @@
 """What first order leaves out, measured against what it keeps: the four numbers whose largest is nu.
 
-First order takes four things for small.  Each is the standard deviation of a relative error, in one compiled pass.
+First order takes four things for small.  Each is the standard deviation of a relative error.
 
 **Depth.**  The estimated depth of the target divides; its error, ``dw(q)/w(q) - dw(c)/w(c)`` with c the fiducials'
 centroid, is free of gauge.  The largest over the views.
@@ -49,9 +49,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..geometry.symmetric import eigen_symmetric
 from ..kernels import kernel
-from .noise import eliminate, inverse3, mean_rows
+from .noise import eliminate
 
 
 class Nonlinearity(NamedTuple):
@@ -71,19 +70,6 @@ class Nonlinearity(NamedTuple):
     def nu(self) -> float:
         """The validity number."""
         return max(self)
-
-
-@kernel(nogil=True)
-def motion_of_image(projection: Array, point: Array, out: Array) -> float:
-    """Fill out (2, 3), px per mm, with how the image of a point (3,) moves with it; its depth, mm.  P (3, 4)."""
-    seen = projection[:, 3].copy()
-    for r in range(3):
-        for k in range(3):
-            seen[r] += projection[r, k] * point[k]
-    for c in range(2):
-        for k in range(3):
-            out[c, k] = (projection[c, k] - seen[c] / seen[2] * projection[2, k]) / seen[2]
-    return float(seen[2])
 
 
 @kernel(nogil=True)
@@ -127,7 +113,13 @@ def matrix_gains(projection: Array, points: Array, centre: Array) -> Array:
     return out
 
 
-@kernel(nogil=True)
+def motion_of_images(projection: Array, points: Array) -> Array:
+    """(N, 2, 3) px per mm: how the images of points (N, 3) mm move with them.  projection (3, 4) with |p3| = 1."""
+    seen = points @ projection[:, :3].T + projection[:, 3]
+    images, depths = seen[:, :2] / seen[:, 2:], seen[:, 2]
+    return np.asarray((projection[:2, :3] - images[:, :, None] * projection[2, :3]) / depths[:, None, None])
+
+
 def matrix_covariance(projections: Array, points: Array, per_error: Array, std: Array, noises: Array) -> Array:
     """(12 V, 12 V) covariance of the resected matrices, entries as in ``matrix_gains``.
 
@@ -135,310 +127,144 @@ def matrix_covariance(projections: Array, points: Array, per_error: Array, std: 
     what a manufacturing error does to the points; std (N, 3) mm of it.  One view knows of another only through the
     manufacturing errors that they share.
     """
-    views, count = projections.shape[0], points.shape[0]
-    centre = mean_rows(points)
-    out = np.zeros((12 * views, 12 * views))
-    made = std.any()
-    shared = np.zeros((12 * views, 3 * count if made else 0))
-    motion = np.empty((2, 3))
-    for v in range(views):
-        gains = matrix_gains(projections[v], points, centre)
-        variance = noises[v] * noises[v]
-        for a in range(12):
-            for b in range(a + 1):
-                total = 0.0
-                for i in range(count):
-                    total += gains[a, i, 0] * gains[b, i, 0] + gains[a, i, 1] * gains[b, i, 1]
-                out[12 * v + a, 12 * v + b] = variance * total
-        if made:
-            for i in range(count):
-                motion_of_image(projections[v], points[i], motion)
-                for k in range(3):
-                    if std[i, k] == 0.0:
-                        continue
-                    for c in range(2):
-                        moved = 0.0
-                        for m in range(3):
-                            moved += motion[c, m] * per_error[m, k]
-                        for a in range(12):
-                            shared[12 * v + a, 3 * i + k] += gains[a, i, c] * moved * std[i, k]
-    for a in range(12 * views):
-        for b in range(a + 1):
-            total = out[a, b]
-            for j in range(shared.shape[1]):
-                total += shared[a, j] * shared[b, j]
-            out[a, b] = total
-            out[b, a] = total
-    return out
+    out = np.zeros((12 * len(projections), 12 * len(projections)))
+    shared = []
+    for v, projection in enumerate(projections):
+        gains = matrix_gains(projection, points, points.mean(axis=0))
+        flat = noises[v] * gains.reshape(12, -1)
+        out[12 * v : 12 * v + 12, 12 * v : 12 * v + 12] = flat @ flat.T
+        motion = motion_of_images(projection, points) @ per_error * std[:, None, :]
+        shared.append(np.einsum("anc,nck->ank", gains, motion).reshape(12, -1))
+    through = np.concatenate(shared)
+    return np.asarray(out + through @ through.T)
 
 
-@kernel(nogil=True)
-def _through(left: Array, covariance: Array, views: int, coupled: bool) -> Array:
-    """(V k, V k): ``L C L'`` of left (V, k, 12), each of its blocks the functionals of one view, and C (12 V, 12 V)."""
-    size = left.shape[1]
-    out = np.zeros((views * size, views * size))
-    half = np.empty((size, 12))
-    for v in range(views):
-        for w in range(v + 1):
-            if w != v and not coupled:
-                continue
-            for a in range(size):
-                for k in range(12):
-                    total = 0.0
-                    for m in range(12):
-                        total += left[v, a, m] * covariance[12 * v + m, 12 * w + k]
-                    half[a, k] = total
-            for a in range(size):
-                for b in range(size):
-                    total = 0.0
-                    for k in range(12):
-                        total += half[a, k] * left[w, b, k]
-                    out[v * size + a, w * size + b] = total
-                    out[w * size + b, v * size + a] = total
-    return out
+class Aim(NamedTuple):
+    """What V views see of a target, in coordinates about the fiducials' centroid and its images."""
+
+    heads: Array  # (V, 3, 4) matrices
+    place: Array  # (4,) the target, mm
+    images: Array  # (V, 2) its images, px
+    depths: Array  # (V,) mm
+    rows: Array  # (V, 2, 3) of J, px
+    covariance: Array  # (12 V, 12 V) of the matrices: ``matrix_covariance``
+
+    def functionals(self, left: Array) -> Array:
+        """(V k, V k) covariance of linear functionals of the matrices: left (V, k, 12), each of its own view's."""
+        views, size, _ = left.shape
+        every = np.zeros((views, size, views, 12))
+        for v in range(views):
+            every[v, :, v] = left[v]
+        flat = every.reshape(views * size, 12 * views)
+        return np.asarray(flat @ self.covariance @ flat.T)
 
 
-@kernel(nogil=True)
-def _look(projections: Array, centre: Array, target: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """What the views see of the target, in coordinates about the centre and its images.
-
-    (V, 3, 4) matrices; (4,) the target; (V, 2) its images, px; (V,) its depths, mm; (V, 2, 3) rows of J, px.
-    """
-    views = projections.shape[0]
-    heads, images, depths = np.empty((views, 3, 4)), np.empty((views, 2)), np.empty(views)
-    rows = np.empty((views, 2, 3))
-    place = np.ones(4)
-    place[:3] = target - centre
-    for v in range(views):
-        heads[v] = projections[v]
-        for r in range(3):
-            for k in range(3):
-                heads[v, r, 3] += projections[v, r, k] * centre[k]
-        for c in range(2):
-            heads[v, c] -= heads[v, c, 3] / heads[v, 2, 3] * heads[v, 2]
-        seen = np.zeros(3)
-        for r in range(3):
-            for k in range(4):
-                seen[r] += heads[v, r, k] * place[k]
-        depths[v] = seen[2]
-        for c in range(2):
-            images[v, c] = seen[c] / seen[2]
-            for k in range(3):
-                rows[v, c, k] = heads[v, c, k] - images[v, c] * heads[v, 2, k]
-    return heads, place, images, depths, rows
+def _aim(projections: Array, centre: Array, target: Array, covariance: Array) -> Aim:
+    heads = projections.copy()
+    heads[:, :, 3] += projections[:, :, :3] @ centre
+    heads[:, :2] -= (heads[:, :2, 3] / heads[:, 2:, 3])[:, :, None] * heads[:, 2:]
+    place = np.append(target - centre, 1.0)
+    seen = heads @ place
+    images = seen[:, :2] / seen[:, 2:]
+    rows = heads[:, :2, :3] - images[:, :, None] * heads[:, 2:, :3]
+    return Aim(heads, place, images, seen[:, 2], rows, covariance)
 
 
-@kernel(nogil=True)
-def _depth(place: Array, depths: Array, covariance: Array) -> float:
+def _depth(aim: Aim) -> float:
     """The first number, squared."""
     largest = 0.0
-    for v in range(depths.size):
-        variance = 0.0
-        for j in range(3):
-            for k in range(3):
-                variance += place[j] * place[k] * covariance[12 * v + 8 + j, 12 * v + 8 + k]
-        largest = max(largest, variance / depths[v] ** 2)
+    for v, depth in enumerate(aim.depths.tolist()):
+        block = aim.covariance[12 * v + 8 : 12 * v + 11, 12 * v + 8 : 12 * v + 11]
+        largest = max(largest, float(aim.place[:3] @ block @ aim.place[:3]) / depth**2)
     return largest
 
 
-@kernel(nogil=True)
-def _crossing(
-    heads: Array, place: Array, images: Array, depths: Array, rows: Array, covariance: Array, coupled: bool
-) -> float:
+def _crossing(aim: Aim) -> float:
     """The second number, squared."""
-    views = depths.size
-    moved = np.empty((3, 2 * views))  # px per mm along x, y, z
-    for v in range(views):
-        for c in range(2):
-            for k in range(3):
-                moved[k, 2 * v + c] = rows[v, c, k] / depths[v]
-    normal = np.zeros((3, 3))
-    for j in range(3):
-        for k in range(3):
-            for x in range(2 * views):
-                normal[j, k] += moved[j, x] * moved[k, x]
-    squares, axes, _ = eigen_symmetric(normal)  # the images move along the three axes at right angles
-    weakest = axes[:, 2].copy()
+    views = len(aim.depths)
+    moved = aim.rows / aim.depths[:, None, None]  # px per mm along x, y, z
+    flat = moved.reshape(2 * views, 3)
+    squares, axes = np.linalg.eigh(flat.T @ flat)  # the images move along the three axes at right angles
+    weakest = axes[:, 0]
     slopes = np.zeros((views, 2, 12))  # by the matrices: d(image)/d(point) along the weakest direction
+    towards = aim.heads[:, 2, :3] @ weakest / aim.depths
+    for c in range(2):
+        own = slopes[:, c, 4 * c : 4 * c + 4]
+        own[:, :3] += weakest / aim.depths[:, None]
+        own -= (towards / aim.depths)[:, None] * aim.place
+        slopes[:, c, 8:11] -= (aim.images[:, c] / aim.depths)[:, None] * weakest
+        slopes[:, c, 8:] += ((towards * aim.images[:, c] - moved[:, c] @ weakest) / aim.depths)[:, None] * aim.place
+    found = aim.functionals(slopes)
+    across = flat @ axes[:, 1:]  # what the images do across the weakest direction counts nothing
+    variance = np.trace(found) - ((across * (found @ across)).sum(axis=0) / squares[1:]).sum()
+    return float(max(variance, 0.0) / squares[0])
+
+
+def _row_errors(aim: Aim, target_noises: Array) -> Array:
+    """(4, 4, 2 V, 2 V) covariance of the errors of each row: of J (3, with the gauge |p3| = 1) and of rho."""
+    views = len(aim.depths)
+    left = np.zeros((views, 8, 12))
+    by_image = np.zeros((views, 8, 8))
+    for c in range(2):
+        image = aim.images[:, c, None]
+        for k in range(3):
+            left[:, 4 * c + k, 4 * c + k] += 1.0
+            left[:, 4 * c + k, 8 + k] -= image[:, 0]
+            left[:, 4 * c + k, 8:11] -= aim.rows[:, c, k, None] * aim.heads[:, 2, :3]
+        left[:, 4 * c + 3, 4 * c : 4 * c + 4] += aim.place
+        left[:, 4 * c + 3, 8:] -= image * aim.place
+        noise = target_noises[:, None] * np.column_stack([aim.heads[:, 2, :3], aim.depths])
+        by_image[:, 4 * c : 4 * c + 4, 4 * c : 4 * c + 4] = noise[:, :, None] * noise[:, None]
+    found = aim.functionals(left)
     for v in range(views):
-        depth = depths[v]
-        towards = 0.0
-        for k in range(3):
-            towards += heads[v, 2, k] * weakest[k]
-        for c in range(2):
-            slope = 0.0
-            for k in range(3):
-                slope += rows[v, c, k] * weakest[k] / depth
-                slopes[v, c, 4 * c + k] += weakest[k] / depth
-                slopes[v, c, 8 + k] -= images[v, c] * weakest[k] / depth
-            for k in range(4):
-                slopes[v, c, 4 * c + k] -= towards * place[k] / depth**2
-                slopes[v, c, 8 + k] += (towards * images[v, c] / depth - slope) * place[k] / depth
-    found = _through(slopes, covariance, views, coupled)
-    variance = 0.0
-    for x in range(2 * views):
-        variance += found[x, x]
-    for u in range(2):  # what the images do across the weakest direction counts nothing
-        unit = np.zeros(2 * views)
-        for k in range(3):
-            unit += axes[k, u] * moved[k]
-        for x in range(2 * views):
-            for y in range(2 * views):
-                variance -= unit[x] * found[x, y] * unit[y] / squares[u]
-    return float(max(variance, 0.0) / squares[2])
+        found[8 * v : 8 * v + 8, 8 * v : 8 * v + 8] += by_image[v]
+    return np.asarray(found.reshape(2 * views, 4, 2 * views, 4).transpose(1, 3, 0, 2))
 
 
-@kernel(nogil=True)
-def _disagreement(
-    heads: Array, place: Array, images: Array, depths: Array, rows: Array, covariance: Array, coupled: bool,
-    target_noises: Array, origin: Array, unit: float,
-) -> tuple[float, float]:  # fmt: skip
+def _disagreement(aim: Aim, target_noises: Array, origin: Array, unit: float) -> tuple[float, float]:
     """The third number and the fourth, squared.
 
     origin (3,), from the centre, and unit: mm, of the frame of the unit vector.
     """
-    views = depths.size
-    lines = 2 * views
-    functionals = np.zeros((views, 8, 12))  # of each row: errors of J (3) with the gauge |p3| = 1, and of rho
-    for v in range(views):
-        for c in range(2):
-            for k in range(3):
-                functionals[v, 4 * c + k, 4 * c + k] += 1.0
-                functionals[v, 4 * c + k, 8 + k] -= images[v, c]
-                for m in range(3):
-                    functionals[v, 4 * c + k, 8 + m] -= rows[v, c, k] * heads[v, 2, m]
-            for k in range(4):
-                functionals[v, 4 * c + 3, 4 * c + k] += place[k]
-                functionals[v, 4 * c + 3, 8 + k] -= images[v, c] * place[k]
-    found = _through(functionals, covariance, views, coupled)
-    by_image = np.empty(4)
-    for v in range(views):
-        by_image[:3] = heads[v, 2, :3]
-        by_image[3] = depths[v]
-        for c in range(2):
-            row = 8 * v + 4 * c
-            for j in range(4):
-                for k in range(4):
-                    found[row + j, row + k] += target_noises[v] ** 2 * by_image[j] * by_image[k]
-
-    normal = np.zeros((3, 3))
-    flat = rows.reshape(lines, 3)
-    for a in range(lines):
-        for j in range(3):
-            for k in range(3):
-                normal[j, k] += flat[a, j] * flat[a, k]
-    inverse = inverse3(normal)
-    to_point = np.zeros((3, lines))  # (J'J)^-1 J'
-    for a in range(lines):
-        for j in range(3):
-            for k in range(3):
-                to_point[j, a] += inverse[j, k] * flat[a, k]
-    left = np.zeros((lines, lines))  # 1 - J (J'J)^-1 J'
-    for a in range(lines):
-        left[a, a] = 1.0
-        for b in range(lines):
-            for j in range(3):
-                left[a, b] -= flat[a, j] * to_point[j, b]
-
-    rho = np.empty((lines, lines))
-    for a in range(lines):
-        for b in range(lines):
-            rho[a, b] = found[4 * a + 3, 4 * b + 3]
-    mixed = np.zeros((lines, 3, lines))  # E[dJ_a r_b], then E[g_a r_b]
-    for a in range(lines):
-        for j in range(3):
-            for b in range(lines):
-                for x in range(lines):
-                    mixed[a, j, b] += found[4 * a + j, 4 * x + 3] * left[x, b]
-    half, residual = np.zeros((lines, lines)), np.zeros((lines, lines))  # E[rho_a r_b], E[r_a r_b]
-    for a in range(lines):
-        for b in range(lines):
-            for x in range(lines):
-                half[a, b] += rho[a, x] * left[x, b]
-    for a in range(lines):
-        for b in range(lines):
-            for x in range(lines):
-                residual[a, b] += left[a, x] * half[x, b]
-    away = place[:3] - origin
-    square = unit * unit
-    for k in range(3):
-        square += away[k] * away[k]
+    errors = _row_errors(aim, target_noises)
+    rows = aim.rows.reshape(-1, 3)
+    inverse = np.linalg.inv(rows.T @ rows)
+    to_point = inverse @ rows.T
+    left = np.eye(len(rows)) - rows @ to_point
+    rho = errors[3, 3]
+    residual = left @ rho @ left  # E[r_a r_b]
+    away = aim.place[:3] - origin
+    square = unit * unit + float(away @ away)
     pull = away / square
-    before = mixed.copy()
-    for a in range(lines):
-        for j in range(3):
-            for b in range(lines):
-                mixed[a, j, b] -= pull[j] * residual[a, b]
-
-    mean = np.zeros(3)
-    for a in range(lines):
-        for j in range(3):
-            mean[j] += mixed[a, j, a]
-    moment = np.empty((3, 3))
-    for j in range(3):
-        for k in range(3):
-            total = mean[j] * mean[k]
-            for a in range(lines):
-                for b in range(lines):
-                    both = (
-                        found[4 * a + j, 4 * b + k]
-                        - pull[k] * before[a, j, b]
-                        - pull[j] * before[b, k, a]
-                        + pull[j] * pull[k] * residual[a, b]
-                    )
-                    total += both * residual[a, b] + mixed[a, j, b] * mixed[b, k, a]
-            moment[j, k] = total
-    second, first = 0.0, 0.0
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                second += inverse[i, j] * moment[j, k] * inverse[k, i]
-        for a in range(lines):
-            for b in range(lines):
-                first += to_point[i, a] * rho[a, b] * to_point[i, b]
-    singular, size = 0.0, 0.0  # of the rows: the mean square that noise makes of the zero; of (J'J)^-1
-    for a in range(lines):
-        singular += residual[a, a] / square
-    for j in range(3):
-        for k in range(3):
-            size += inverse[j, k] ** 2
-    gap = max(singular, 0.0) * sqrt(size)
-    return (max(second, 0.0) / first if first > 0.0 else 0.0), gap
-
-
-@kernel(nogil=True)
-def _numbers(
-    projections: Array, points: Array, target: Array, covariance: Array, target_noises: Array, published: bool,
-    coupled: bool,
-) -> tuple[float, float, float, float]:  # fmt: skip
-    centre = mean_rows(points)
-    heads, place, images, depths, rows = _look(projections, centre, target)
-    origin = np.zeros(3)
-    unit = 1.0
-    if published:
-        origin -= centre
-    else:
-        square = 0.0
-        for i in range(points.shape[0]):
-            for k in range(3):
-                square += (points[i, k] - centre[k]) ** 2 / points.shape[0]
-        unit = sqrt(square / 3.0)
-    depth = _depth(place, depths, covariance)
-    crossing = _crossing(heads, place, images, depths, rows, covariance, coupled)
-    disagreement, gap = _disagreement(
-        heads, place, images, depths, rows, covariance, coupled, target_noises, origin, unit
-    )  # fmt: skip
-    return sqrt(max(depth, 0.0)), sqrt(crossing), sqrt(disagreement), sqrt(gap)
+    before = errors[:3, 3] @ left  # E[dJ_a r_b]
+    after = before - pull[:, None, None] * residual  # E[g_a r_b]
+    both = (  # E[g_a g_b']
+        errors[:3, :3]
+        - pull[:, None, None] * before[:, None]
+        - pull[:, None, None, None] * before.transpose(0, 2, 1)
+        + np.outer(pull, pull)[:, :, None, None] * residual
+    )
+    mean = after.trace(axis1=1, axis2=2)
+    moment = np.outer(mean, mean) + (both * residual).sum(axis=(2, 3)) + np.einsum("jab,kba->jk", after, after)
+    second, first = np.trace(inverse @ moment @ inverse), np.trace(to_point @ rho @ to_point.T)
+    singular = np.trace(residual) / square  # of the rows: the mean square that noise makes of the zero
+    gap = max(float(singular), 0.0) * sqrt(float((inverse**2).sum()))
+    return max(float(second / first), 0.0) if first > 0.0 else 0.0, gap
 
 
 def nonlinearity(
-    projections: Array, points: Array, target: Array, covariance: Array, target_noises: Array, *, published: bool,
-    coupled: bool,
-) -> Nonlinearity:  # fmt: skip
+    projections: Array, points: Array, target: Array, covariance: Array, target_noises: Array, *, published: bool
+) -> Nonlinearity:
     """The four numbers at one target.
 
     projections (V, 3, 4) with |p3| = 1, points (N, 3) and target (3,) mm as the estimator meets them; covariance: see
-    ``matrix_covariance``; target_noises (V,) px of the target's images; published: the form of the triangulation;
-    coupled: whether the views share manufacturing errors.
+    ``matrix_covariance``; target_noises (V,) px of the target's images; published: the form of the triangulation.
     """
-    return Nonlinearity(*_numbers(projections, points, target, covariance, target_noises, published, coupled))
+    centre = points.mean(axis=0)
+    aim = _aim(projections, centre, target, covariance)
+    origin, unit = np.zeros(3), sqrt(float(((points - centre) ** 2).sum()) / len(points) / 3.0)
+    if published:
+        origin, unit = -centre, 1.0
+    return Nonlinearity(
+        *(sqrt(square) for square in (_depth(aim), _crossing(aim), *_disagreement(aim, target_noises, origin, unit)))
+    )
