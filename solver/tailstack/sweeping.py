@@ -6,14 +6,15 @@ A point whose design is refused is a row with the reason; only what is wrong wit
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, isfinite, prod
 from typing import Any, Literal
 
 from .design import Design, compile_design, load_design
+from .design.refusals import escape
 from .errors import Problem, TailstackError
-from .results import Provenance, TargetEstimate, TargetScore
+from .results import Provenance, Score, TargetEstimate, TargetScore, Verification
 from .results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
 from .scoring import NOT_INCLUDED, provenance, score
 from .verification import MAX_TRIALS, NOT_IN_A_CHECK, verify
@@ -86,12 +87,22 @@ def axis_pointer(design: Design, path: str) -> str:
             step = called[0] if len(called) == 1 else word
         steps.append(step)
         node = _child(node, int(word) if isinstance(node, list) and word.isdecimal() else step)
-    return "".join(f"/{_escaped(step)}" for step in steps)
+    return "".join(f"/{escape(step)}" for step in steps)
 
 
 def count_points(axes: Sequence[Axis]) -> int:
     """Points of the grid."""
     return prod(len(axis.values) for axis in axes)
+
+
+@dataclass(frozen=True, slots=True)
+class PointCheck:
+    """How each point of a sweep is computed; trials, seed and max_trials are those of ``verify``."""
+
+    kind: Check = "score"
+    trials: int | None = None
+    seed: int = 0  # one for all points, which then differ by their designs alone
+    max_trials: int = MAX_TRIALS
 
 
 def sweep(
@@ -111,55 +122,50 @@ def sweep(
     total)`` is called after each point.  Raises DesignError and IllPosedError where the design itself cannot be
     compiled, SweepError.
     """
-    total = count_points(axes)
+    total, each = count_points(axes), PointCheck(check, trials, seed, max_trials)
     points: list[SweepPoint] = []
     for number in range(total):
-        points += sweep_points(
-            design, axes, number, 1, check=check, trials=trials, seed=seed, max_trials=max_trials, threads=threads
-        )
+        points += sweep_points(design, axes, range(number, number + 1), each, threads=threads)
         if progress is not None:
             progress(number + 1, total)
-    return assemble_sweep(design, axes, points, check=check, trials=trials, seed=seed, max_trials=max_trials)
+    return assemble_sweep(design, axes, points, each)
 
 
 def sweep_points(
-    design: Design, axes: Sequence[Axis], first: int, count: int, *, check: Check = "score", trials: int | None = None,
-    seed: int = 0, max_trials: int = MAX_TRIALS, threads: int | None = None,
-) -> tuple[SweepPoint, ...]:  # fmt: skip
-    """Points ``first`` ... ``first + count - 1`` of the grid, the last axis running fastest."""
-    found = []
-    for number in range(first, min(first + count, count_points(axes))):
-        values = _values_at(axes, number)
-        try:
-            varied = load_design(_set_values(design, axes, values), base_directory=design.source.directory)
-            result = (
-                score(varied)
-                if check == "score"
-                else verify(varied, trials=trials, seed=seed, max_trials=max_trials, threads=threads)
-            )
-        except TailstackError as error:
-            found.append(SweepPoint(values, "refused", _reason(error), (), None))
-            continue
-        targets = tuple(_target(target) for target in result.targets)
-        found.append(SweepPoint(values, "ok", None, targets, result.verdict.status))
-    return tuple(found)
+    design: Design, axes: Sequence[Axis], numbers: Iterable[int], check: PointCheck, *, threads: int | None = None
+) -> tuple[SweepPoint, ...]:
+    """Points of the grid by their numbers, the last axis running fastest."""
+    return tuple(_compute_point(design, axes, _values_at(axes, number), check, threads) for number in numbers)
 
 
-def assemble_sweep(
-    design: Design, axes: Sequence[Axis], points: Sequence[SweepPoint], *, check: Check, trials: int | None, seed: int,
-    max_trials: int = MAX_TRIALS,
-) -> Sweep:  # fmt: skip
+def _compute_point(
+    design: Design, axes: Sequence[Axis], values: tuple[float, ...], check: PointCheck, threads: int | None
+) -> SweepPoint:
+    """The design with these values; refused with the reason where it cannot be computed."""
+    result: Score | Verification
+    try:
+        varied = load_design(_set_values(design, axes, values), base_directory=design.source.directory)
+        if check.kind == "score":
+            result = score(varied)
+        else:
+            result = verify(varied, trials=check.trials, seed=check.seed, max_trials=check.max_trials, threads=threads)
+    except TailstackError as error:
+        return SweepPoint(values, "refused", _reason(error), (), None)
+    return SweepPoint(values, "ok", None, tuple(_target(target) for target in result.targets), result.verdict.status)
+
+
+def assemble_sweep(design: Design, axes: Sequence[Axis], points: Sequence[SweepPoint], check: PointCheck) -> Sweep:
     """The record, from all points in their order.  Raises what compiling the design raises."""
-    checked = check == "verification"
+    verified = check.kind == "verification"
     return Sweep(
         schema="tailstack/sweep/1",
         axes=tuple(_axis(design, axis) for axis in axes),
-        check=check,
-        seed=seed if checked else None,
-        trials=trials if checked else None,
-        max_trials=max_trials if checked and trials is None else None,
+        check=check.kind,
+        seed=check.seed if verified else None,
+        trials=check.trials if verified else None,
+        max_trials=check.max_trials if verified and check.trials is None else None,
         points=tuple(points),
-        provenance=_provenance(design, checked),
+        provenance=_provenance(design, verified),
     )
 
 
@@ -296,7 +302,7 @@ def _keys(node: Any, step: str) -> list[str | int]:
 
 def _near(data: Any, pointer: str) -> str:
     """What may have been meant."""
-    known = ["".join(f"/{_escaped(step)}" for step in place) for place in _numbers(data, ())]
+    known = ["".join(f"/{escape(step)}" for step in place) for place in _numbers(data, ())]
     close = difflib.get_close_matches(pointer, known, 3, 0.5)
     below = [name for name in known if name.startswith(pointer.rstrip("/") + "/")][:3]
     listed = " or ".join(dict.fromkeys(below or close))
@@ -325,7 +331,3 @@ def _child(node: Any, step: str | int) -> Any:
         return node[step]
     except (KeyError, IndexError, TypeError):
         return None
-
-
-def _escaped(step: str | int) -> str:
-    return str(step).replace("~", "~0").replace("/", "~1")

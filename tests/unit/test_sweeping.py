@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tailstack import load_design, score, verify
-from tailstack.sweeping import SweepError, axis_pointer, count_points, read_axes, sweep, sweep_points
+from tailstack.sweeping import PointCheck, SweepError, axis_pointer, count_points, read_axes, sweep, sweep_points
 
 DEMO = load_design(Path(__file__).parents[2] / "examples" / "demo.yaml")
 NOISE = "/views/0/fiducial_noise_px"
@@ -120,7 +120,8 @@ def test_parts_of_the_grid_are_the_grid() -> None:
     axes = read_axes(DEMO, [{"pointer": NOISE, "values": [0.2, 0.4]}, {"pointer": RZ, "values": [0.1, 0.2, 0.3]}])
     assert count_points(axes) == 6
     whole = sweep(DEMO, axes).points
-    assert (*sweep_points(DEMO, axes, 0, 4), *sweep_points(DEMO, axes, 4, 4)) == whole
+    parts = [sweep_points(DEMO, axes, numbers, PointCheck()) for numbers in (range(4), range(4, len(whole)))]
+    assert (*parts[0], *parts[1]) == whole
 
 
 @pytest.mark.parametrize(

@@ -569,9 +569,10 @@ class FiducialOrigin(Record):
         examples=["RAS"],
     )
     coordinate_system_stated: bool = Field(
-        default=True, description="false: the file did not say, and was read as its format was written then.",
+        default=True,
+        description="false: the file did not say, and was read as its format was written then.",
         examples=[True],
-    )  # fmt: skip
+    )
     coordinate_unit: Literal["um", "mm", "cm", "m"] = Field(
         default="mm", description="Unit of the coordinates in the file. The points here are in mm.", examples=["mm"]
     )

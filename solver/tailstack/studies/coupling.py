@@ -393,8 +393,9 @@ def _compare_case(
     )
     against_added = estimate_by_sections(
         lambda part: average_near(norms.together[part], P95) / average_near(norms.vector_sum[part], P95),
-        trials, first.together / first.vector_sum,
-    )  # fmt: skip
+        trials,
+        first.together / first.vector_sum,
+    )
     record = CouplingCase(
         reading=case.reading.value,
         installation=case.name,

@@ -12,8 +12,7 @@ from tailstack.design import compile_design
 from tailstack.montecarlo import compile_plan
 from tailstack.montecarlo.shards import shard_trials
 from tailstack.results.sweep import SweepPoint
-from tailstack.sweeping import Axis, SweepError, assemble_sweep, count_points, read_axes, sweep_points
-from tailstack.verification import MAX_TRIALS
+from tailstack.sweeping import Axis, PointCheck, SweepError, assemble_sweep, count_points, read_axes, sweep_points
 
 from ...documents import to_json
 from ...task import UnitResult
@@ -35,25 +34,21 @@ def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
     if missing:
         return More(missing, 0, f"{total} points")
     points = [point for spec in specs for point in _POINTS.validate_json(held[spec])]
-    record = assemble_sweep(
-        design, axes, points, check=_check(request), trials=request.get("trials"), seed=request.get("seed", 0),
-        max_trials=request.get("max_trials", MAX_TRIALS),
-    )  # fmt: skip
+    record = assemble_sweep(design, axes, points, _check(request))
     return Done(to_json(record))
 
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     """Some points, as JSON."""
-    points = sweep_points(
-        design_of(request), _axes(request), spec["first"], spec["count"], check=_check(request),
-        trials=request.get("trials"), seed=request.get("seed", 0), max_trials=request.get("max_trials", MAX_TRIALS),
-        threads=1,
-    )  # fmt: skip
+    axes, first = _axes(request), spec["first"]
+    numbers = range(first, min(first + spec["count"], count_points(axes)))
+    points = sweep_points(design_of(request), axes, numbers, _check(request), threads=1)
     return canonical(_POINTS.dump_python(points))
 
 
-def _check(request: dict[str, Any]) -> Any:
-    return request.get("check", "score")
+def _check(request: dict[str, Any]) -> PointCheck:
+    given = {name: request[name] for name in ("trials", "seed", "max_trials") if name in request}
+    return PointCheck(request.get("check", "score"), **given)
 
 
 def _axes(request: dict[str, Any]) -> tuple[Axis, ...]:
@@ -66,7 +61,7 @@ def _axes(request: dict[str, Any]) -> tuple[Axis, ...]:
 def _points_per_unit(request: dict[str, Any]) -> int:
     """By the design as it stands: points differ in a few numbers."""
     per_unit, targets = _size(canonical(request["design"]))
-    if _check(request) == "score":
+    if _check(request).kind == "score":
         return max(TARGETS_PER_UNIT // targets, 1)
     return max(per_unit // (request.get("trials") or TYPICAL_TRIALS), 1)
 

@@ -162,8 +162,9 @@ def _test_vectors(scene: Scene, part: Contribution) -> Scaled:
         about = expected.of_mean(sizes)
         value = float(distance(found.mean - law.bias_mm, about)[0] + np.linalg.slogdet(about)[1])
         for covariance, predicted, degrees in (
-            (found.within, expected.shot, freedom), (found.between, expected.between(sizes), several),
-        ):  # fmt: skip
+            (found.within, expected.shot, freedom),
+            (found.between, expected.between(sizes), several),
+        ):
             if covariance is not None:
                 value += degrees * float(np.trace(np.linalg.solve(predicted, covariance[0])))
                 value += degrees * float(np.linalg.slogdet(predicted)[1])

@@ -173,9 +173,14 @@ def _trials_group(table: Table, level: str, target: str, rows: Sequence[Row]) ->
     values = np.array([row.values for row in ordered])
     sizes = tuple(sum(row.labels.get("installation", "1") == name for row in rows) for name in names)
     return Group(
-        level, target, _deliberate_of(rows[0]), values[:, 0] if table.form == "norms" else values, sizes, tuple(names),
+        level,
+        target,
+        _deliberate_of(rows[0]),
+        values[:, 0] if table.form == "norms" else values,
+        sizes,
+        tuple(names),
         rows[0].line,
-    )  # fmt: skip
+    )
 
 
 def _notes(table: Table, rows: Sequence[Row]) -> tuple[str, ...]:

@@ -157,9 +157,13 @@ def nominal(system: System) -> System:
     shift = np.zeros(3)
     shift.setflags(write=False)
     return replace(
-        system, manufacturing_half_width_mm=exact, execution_bias_mm=shift, execution=no_sources(3), requirements=(),
+        system,
+        manufacturing_half_width_mm=exact,
+        execution_bias_mm=shift,
+        execution=no_sources(3),
+        requirements=(),
         **mounts,
-    )  # fmt: skip
+    )
 
 
 def with_noise(system: System, noise_px: float) -> System:

@@ -567,9 +567,13 @@ def take_sample(system: System, target: int, setting: Setting, trials: int, seed
     rms = np.concatenate([part.reprojection for part in parts if part.reprojection is not None])
     other = replace(here, reading=OTHER[here.reading])
     return Sample(
-        setting, errors[1], errors[0], linearise(here, here.targets[target]), linearise(other, other.targets[target]),
+        setting,
+        errors[1],
+        errors[0],
+        linearise(here, here.targets[target]),
+        linearise(other, other.targets[target]),
         float(rms.mean()),
-    )  # fmt: skip
+    )
 
 
 def estimate(errors: Array, quantity: Quantity) -> Statistic:
