@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Iterator
 from dataclasses import replace
 from math import inf
@@ -103,6 +104,30 @@ def test_trials_without_an_answer_stay_beyond_every_limit() -> None:
     samples = Run(Simulation(PLAN, 1, sampler=lambda _: (lost, lost))).grow(2 * BLOCK)
     assert len(samples.of(0).tail) >= len(lost.tails[0])
     assert (samples.of(0).tail == inf).all()
+
+
+def test_memory_of_a_long_run_is_that_of_its_tail() -> None:
+    """At any moment at most eight times the tail of one error, which is 8 bytes for each trial beyond the quantile.
+
+    It is 6.6 times now, and was 11 when views kept alive what had been sorted out: 1e9 trials took 5 GB.
+    """
+    block = compute_shard(TrialsTask(PLAN, 1, 0, BLOCK, 0.95, False, LIMITS))
+    draw, blocks = np.random.default_rng(3), 250
+
+    def sampler(_: TrialsTask) -> Iterator[Shard]:
+        for _ in range(blocks):
+            yield replace(block, tails=tuple(draw.rayleigh(size=(2, BLOCK))), floors=(-inf, -inf))
+
+    tracemalloc.start()
+    try:
+        samples = Run(Simulation(PLAN, 1, sampler=sampler, threads=1)).grow(blocks * BLOCK)
+        held, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    tail = 0.05 * 8 * blocks * BLOCK
+    assert len(samples.of(0).tail) > 0.05 * blocks * BLOCK
+    assert held < 2.2 * tail  # two errors
+    assert peak < 8 * tail
 
 
 def test_shards_are_smaller_where_a_trial_costs_more() -> None:
