@@ -12,7 +12,7 @@ Columns that are many and small are drawn as one Gaussian, and what that changes
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import hypot, sqrt
 
 import numpy as np
@@ -29,7 +29,7 @@ MOST_EXPLICIT = 32  # columns that are sampled; beyond, more are taken as Gaussi
 _SEED = 20240229
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=12)
 def sobol_points(normals: int, uniforms: int, log2_count: int) -> tuple[Array, Array]:
     """(z (R N, normals) standard normal, u (R N, uniforms) on (-1, 1)); R scramblings of N = 2^log2_count points.
 
@@ -55,7 +55,7 @@ def _block_error(values: Array) -> float:
     return float(values.reshape(RANDOMISATIONS, -1).mean(axis=1).std(ddof=1)) / sqrt(RANDOMISATIONS)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Sample:
     """Points of a law, but for one of its columns, which is integrated exactly: ``x + u along``."""
 
@@ -70,13 +70,19 @@ class Sample:
     folded: float  # bound of what taking those as Gaussian changes a probability by
     edgeworth: Array  # (n,) weights whose mean inside a set is that change to first order; (0,) where the bound will do
 
+    @cached_property
+    def _nearest(self) -> tuple[Array, Array]:
+        """(u where each line x + u along is nearest to 0 (n,), squared distance there, mm^2 (n,))."""
+        square = float(self.along @ self.along)
+        middle = -(self.x @ self.along) / square
+        return middle, (self.x**2).sum(axis=1) - square * middle**2
+
     def crossings(self, r: float) -> tuple[Array, Array, Array]:
         """(u where each line x + u along enters the ball of radius r (n,), where it leaves (n,), half its chord, mm^2:
         |along| times half the length inside (n,)); a line that misses the ball enters and leaves where it is nearest,
         with half a chord of 0."""
         square = float(self.along @ self.along)
-        middle = -(self.x @ self.along) / square
-        nearest = (self.x**2).sum(axis=1) - square * middle**2  # squared distance from 0
+        middle, nearest = self._nearest
         chord = np.sqrt(np.maximum(square * (r * r - nearest), 0.0))
         return middle - chord / square, middle + chord / square, chord
 
@@ -103,10 +109,12 @@ class Sample:
         nodes, weights = np.polynomial.legendre.leggauss(16)
         enters, leaves, _ = (np.clip(value, -1.0, 1.0) for value in self.crossings(r))
         one, total = np.ones(len(self.x)), np.zeros(len(self.x))
+        square, (middle, nearest) = float(self.along @ self.along), self._nearest
+        nearest = np.maximum(nearest, 0.0)
         for low, high in ((-one, enters), (leaves, one)):
             for node, weight in zip(nodes, weights, strict=True):
                 u = 0.5 * (low + high) + 0.5 * (high - low) * node
-                norm = np.sqrt(((self.x + u[:, None] * self.along) ** 2).sum(axis=1))
+                norm = np.sqrt(nearest + square * (u - middle) ** 2)
                 total += 0.25 * (high - low) * weight * np.maximum(norm - r, 0.0)
         return float(total.mean())
 
