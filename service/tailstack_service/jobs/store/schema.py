@@ -22,12 +22,13 @@ _LOCK = 1413564242  # of pg_advisory_xact_lock: any number that nothing else her
 
 
 def schema_version(db: Database) -> str | None:
-    """The version of the tables, None for a database without them.  Versions sort as texts."""
+    """``read_version`` in a transaction of its own."""
     with reading(db) as connection:
-        return _version(connection)
+        return read_version(connection)
 
 
-def _version(connection: Connection) -> str | None:
+def read_version(connection: Connection) -> str | None:
+    """The version of the tables, None for a database without them.  Versions sort as texts."""
     if not sa.inspect(connection).has_table("alembic_version"):
         return None
     version: str | None = connection.execute(sa.text("SELECT version_num FROM alembic_version")).scalar_one_or_none()
@@ -65,7 +66,7 @@ def migrate_database(url: str) -> tuple[str | None, str]:
             if db.dialect == "postgresql":
                 connection.execute(sa.text("SET LOCAL statement_timeout = 0; SET LOCAL lock_timeout = 0"))
                 connection.execute(sa.text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})
-            before = _version(connection)
+            before = read_version(connection)
             _refuse_newer(before)
             if before != HEAD:
                 _upgrade(connection)

@@ -7,7 +7,7 @@ import shutil
 import sqlite3
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,13 +22,14 @@ from . import audit, tables, usage
 from .database import Database, connect, now, parse_url, reading, writing
 from .errors import StoreError, StoreUnavailable
 from .results import find_changed_parts, find_changed_requests, find_changed_results, find_missing_results
-from .schema import HEAD
+from .schema import HEAD, read_version
 
 JOBS_AT_A_TIME = 20  # so that nobody waits long for the write lock
 SECONDS_PER_DAY = 86_400.0
 WORKERS_KEPT_SECONDS = 86_400.0
 AUDIT_DAYS = 365.0
 CHECKING_SECONDS = 3_600.0  # for everything to be read
+DUMP_SECONDS = 3_600.0  # for everything to be copied
 _PURGE_LOCK = 1413564241
 
 
@@ -63,16 +64,14 @@ def check_database(db: Database) -> list[Check]:
             return checks
         if db.dialect == "sqlite":
             checks += [_check_pragma(connection, "integrity_check"), _check_pragma(connection, "foreign_key_check")]
-        checks += _check_hashes(connection)
-        checks += [_check_rule(connection, name, query) for name, query in _RULES.items()]
+        checks += [_check_none(name, find(connection)) for name, find in _HASHES.items()]
+        checks += [_check_none(name, connection.execute(query.limit(4)).scalars()) for name, query in _RULES.items()]
     return checks
 
 
 def _check_schema(connection: Connection) -> Check:
-    found = "none"
-    if sa.inspect(connection).has_table("alembic_version"):
-        found = str(connection.execute(sa.text("SELECT version_num FROM alembic_version")).scalar_one_or_none())
-    return Check("schema version", found == HEAD, f"{found}, this tailstack knows {HEAD}")
+    version = read_version(connection)
+    return Check("schema version", version == HEAD, f"{version or 'none'}, this tailstack knows {HEAD}")
 
 
 def _check_pragma(connection: Connection, name: str) -> Check:
@@ -81,19 +80,19 @@ def _check_pragma(connection: Connection, name: str) -> Check:
     return Check(name.replace("_", " "), not wrong, "; ".join(wrong[:5]) or "ok")
 
 
-def _check_hashes(connection: Connection) -> list[Check]:
-    checks = []
-    for name, find in (
-        ("results hash to their names", find_changed_results),
-        ("requests have the hash they came with", find_changed_requests),
-        ("recorded units have the hash they were recorded with", find_changed_parts),
-    ):
-        wrong = list(find(connection))
-        detail = f"not so: {', '.join(wrong[:3])}{' ...' if len(wrong) > 3 else ''}" if wrong else "ok"
-        checks.append(Check(name, not wrong, detail))
-    return checks
+def _check_none(name: str, wrong: Iterable[str]) -> Check:
+    """That nothing breaks a rule; the first that do are named."""
+    names = list(wrong)
+    return Check(
+        name, not names, f"not so: {', '.join(names[:3])}{' ...' if len(names) > 3 else ''}" if names else "ok"
+    )
 
 
+_HASHES = {
+    "results hash to their names": find_changed_results,
+    "requests have the hash they came with": find_changed_requests,
+    "recorded units have the hash they were recorded with": find_changed_parts,
+}
 _J, _U = tables.jobs.c, tables.units.c
 _OPEN_UNIT = sa.exists().where(_U.job_id == _J.id, _U.state != tables.RECORDED)
 _RULES: dict[str, sa.Select[str]] = {
@@ -131,13 +130,6 @@ _RULES: dict[str, sa.Select[str]] = {
 }
 
 
-def _check_rule(connection: Connection, name: str, query: sa.Select[str]) -> Check:
-    wrong = connection.execute(query.limit(4)).scalars().all()
-    return Check(
-        name, not wrong, f"not so: {', '.join(wrong[:3])}{' ...' if len(wrong) > 3 else ''}" if wrong else "ok"
-    )
-
-
 def purge(db: Database, keep_days: float, audit_days: float = AUDIT_DAYS) -> Deletions:
     """Delete jobs that ended more than ``keep_days`` ago, results that no job refers to, workers silent for a day,
     entries of the audit log older than ``audit_days``.
@@ -149,9 +141,9 @@ def purge(db: Database, keep_days: float, audit_days: float = AUDIT_DAYS) -> Del
     with writing(db) as connection:
         at = now(db, connection)
         rows = usage.fold_minutes(db, connection, at) if _lock_purge(db, connection) else 0
-        forgotten = audit.delete_entries(connection, at - audit_days * SECONDS_PER_DAY)
+        entries = audit.delete_entries(connection, at - audit_days * SECONDS_PER_DAY)
         silent = sa.delete(tables.workers).where(tables.workers.c.seen_at < at - WORKERS_KEPT_SECONDS)
-        return Deletions(jobs, results, rows, connection.execute(silent).rowcount, forgotten)
+        return Deletions(jobs, results, rows, connection.execute(silent).rowcount, entries)
 
 
 def _lock_purge(db: Database, connection: Connection) -> bool:
@@ -184,9 +176,6 @@ def _purge_results(connection: Connection) -> int:
     names = connection.execute(found).scalars().all()
     # Looked at again now that the rows are held: a job may have come to one of them in between
     return connection.execute(sa.delete(tables.results).where(r.sha256.in_(names), unowned)).rowcount
-
-
-DUMP_SECONDS = 3_600.0
 
 
 def back_up(url: str, target: Path) -> str:
