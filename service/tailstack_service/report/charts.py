@@ -15,7 +15,7 @@ from ..problems import RequestError
 from ..rendering.score import single_lines, source_name
 from ..rendering.tables import columns, fixed, number, percent
 from .half_widths import ToleranceCurve, ToleranceCurves
-from .headline import named
+from .headline import budget_line
 from .page import (
     DASHED,
     DOTTED,
@@ -24,12 +24,12 @@ from .page import (
     SHORT,
     Rows,
     beside,
-    chart,
     draw_cells,
-    headed,
     millimetres,
     name_at_right,
+    open_page,
     sides,
+    titled_page,
     upright,
 )
 from .records import Convergence, Difference, ErrorDistribution
@@ -70,12 +70,12 @@ NAMES, LETTERS = 262, 41  # width of the names of a budget, on the page and in l
 def draw_shares(contributors: Sequence[Contributor], target: str, name: str = "waterfall") -> str:
     """Shares of the variance, largest first, each beginning where the one above ends; they sum to the whole."""
     lines = [entry for entry in single_lines(contributors) if entry.variance_share > 0]
-    shares = [(named(entry), entry.variance_share) for entry in lines[:MOST_BARS]]
+    shares = [(budget_line(entry), entry.variance_share) for entry in lines[:MOST_BARS]]
     rest = sum(entry.variance_share for entry in lines[MOST_BARS:])
     if rest > 0:
         shares.append((f"{len(lines) - MOST_BARS} more", rest))
     rows = Rows.of([label for label, _ in shares] or ["nothing is random"], LETTERS)
-    with chart(name, rows.height + 74) as page:
+    with open_page(name, rows.height + 74) as page:
         axes = rows.axes(page, NAMES, 26, WIDTH - 60, "share of the variance, %, summed up")
         axes.set_xlim(0, 100)
         begin = 0.0
@@ -97,8 +97,8 @@ def draw_without(
     """First-order P95 were each contributor perfect, largest gain first, with P95 as it is and the limit."""
     lines = [entry for entry in single_lines(contributors) if entry.p95_without_mm < p95_mm]
     lines = sorted(lines, key=lambda entry: entry.p95_without_mm)[:MOST_BARS]
-    rows = Rows.of([named(entry) for entry in lines] or ["nothing is random"], LETTERS)
-    with chart(name, rows.height + 82) as page:
+    rows = Rows.of([budget_line(entry) for entry in lines] or ["nothing is random"], LETTERS)
+    with open_page(name, rows.height + 82) as page:
         axes = rows.axes(page, NAMES, 34, WIDTH - 90, "first-order P95 at the target, mm")
         axes.set_xlim(0, 1.08 * max(p95_mm, limit_mm or 0.0, 1e-9))
         for middle, entry in zip(rows.middles, lines, strict=False):
@@ -109,7 +109,7 @@ def draw_without(
         upright(axes, p95_mm, millimetres(p95_mm, "P95"), VALUE_COLOUR, ours)
         if limit_mm is not None:
             upright(axes, limit_mm, f"limit {limit_mm:g} mm", LIMIT_COLOUR, theirs, DASHED)
-        listed = "; ".join(f"without {named(entry)} {entry.p95_without_mm:.3f} mm" for entry in lines)
+        listed = "; ".join(f"without {budget_line(entry)} {entry.p95_without_mm:.3f} mm" for entry in lines)
         return page.svg(f"P95 at target {target} without each contributor", f"P95 is {p95_mm:.3f} mm. {listed}.")
 
 
@@ -123,7 +123,7 @@ def draw_distribution(
     """Histogram of the sampled errors and the first-order law, with P95, its interval and the limit."""
     edges, wide = shown.edges_mm, shown.edges_mm[1] - shown.edges_mm[0]
     words = f"Error at target {shown.target}: the first-order law is drawn as a line"
-    with chart(name, 316) as page:
+    with open_page(name, 316) as page:
         axes = page.axes(LEFT, 44, RIGHT, 254, "error at the tool, mm")
         page.say(8, 16, "density, 1/mm", color=MUTED)
         axes.set_xlim(edges[0], max(edges[-1], 1.2 * (limit_mm or 0.0)))
@@ -176,7 +176,7 @@ def draw_scale(shown: Scaled, name: str) -> str:
     value, limit, (low, high) = shown.value_mm, shown.limit_mm, shown.interval_mm
     end = 1.3 * max(value, high or 0.0, limit or 0.0, *(at for _, at in shown.others), shown.reach_mm, 1e-9)
     left, y = 22, 56
-    with chart(name, 136) as page:
+    with open_page(name, 136) as page:
         title = "error at the tool, mm" if shown.error == "tcp" else f"error of {shown.error}, mm"
         axes = page.axes(left, 22, RIGHT, 96, title)
         axes.grid(False)
@@ -223,7 +223,7 @@ def draw_convergence(shown: Convergence, limit_mm: float | None, name: str) -> s
         low, high = min(low, near), max(high, near)
     pad = 0.06 * max(high - low, 1e-9)
     places = [log2(point.trials) for point in points]
-    with chart(name, 234) as page:
+    with open_page(name, 234) as page:
         confidence = f"{100 * shown.confidence:g} %"
         axes = page.axes(
             LEFT + 10, 22, RIGHT, 190, f"trials; bars: {confidence} interval of P95, each by itself", grid="y"
@@ -270,7 +270,7 @@ def draw_tolerances(
     heads = [LINE * (max(map(len, row)) - 1) for row in rows]  # what long names take
     low, high = _ends(shown, other)
     height = sum(heads) + 158 * len(rows) + (42 if other is None else 58)
-    with chart(name, height) as page:
+    with open_page(name, height) as page:
         top = 4.0
         for row, lines in enumerate(rows):
             top += heads[row]
@@ -405,7 +405,7 @@ def draw_budgets(
         spreads.append((f"{len(keys) - MOST_BARS} more together", together(keys[MOST_BARS:])))
     spreads.append(("all together", together(keys)))
     rows = Rows.of([label for label, _ in spreads], 32, ROW + 8)
-    with chart(name, rows.height + 86) as page:
+    with open_page(name, rows.height + 86) as page:
         title = "standard deviation of the error at the tool, mm; the parts add as squares"
         axes = rows.axes(page, SOURCES, 34, WIDTH - 66, title)
         axes.set_xlim(0, 1.04 * max(value or 0.0 for _, values in spreads for value in (*values, 1e-9)))
@@ -450,7 +450,7 @@ def draw_errors(
     for entry in (first, second):
         shares = (entry.sampled if sampled else None) or entry.first_order
         both.append([share / (b - a) for share, a, b in zip(shares, entry.edges_mm, entry.edges_mm[1:], strict=False)])
-    with chart(name, 304) as page:
+    with open_page(name, 304) as page:
         title = f"error at the tool, target {printable(second.target, 40)}, mm"
         axes = page.axes(LEFT, 62, RIGHT, 262, title)
         page.say(8, 54, "density, 1/mm", color=MUTED)
@@ -485,7 +485,7 @@ def draw_differences(differences: Sequence[Difference], name: str = "differences
     reach = max(max(ends) - min(ends), 1e-9)
     rows = Rows.of([entry.target for entry in shown], 32, 26)
     title = "P95 of the error at the tool, second minus first design, mm"
-    with chart(name, rows.height + 68) as page:
+    with open_page(name, rows.height + 68) as page:
         axes = rows.axes(page, SOURCES, 20, WIDTH - 24, title)
         axes.set_xlim(min(ends) - 0.08 * reach, max(ends) + 0.08 * reach)
         axes.axvline(0, color=INK, linewidth=1.3)
@@ -585,7 +585,7 @@ def _draw_curves(sweep: Sweep, wide: Sequence[int], name: str) -> str:
         shown += f"; {refused} of {len(sweep.points)} points were refused and are not drawn"
     fails = any(failing for curve in curves.values() for *_, failing in curve)
     axis = _axis_name(sweep.axes[along])
-    with headed(name, _sweep_title(sweep), shown, 352) as (page, top):
+    with titled_page(name, _sweep_title(sweep), shown, 352) as (page, top):
         if fails:
             ring = page.sample(marker="o", linestyle="", color=INK, **RING)
             page.explain(15, top + 6, [(ring, "the design fails a requirement there")])
@@ -637,7 +637,10 @@ def _draw_map(sweep: Sweep, down: int, across: int, name: str) -> str:
             share = 0.0 if value is None or isclose(high, low) else (value - low) / (high - low)
             words = number(value, 3) if value is not None and wide >= 40 else ""
             cells.append((k, j, "" if value is None else _shade(share), words, "#ffffff" if share > 0.45 else INK))
-    with headed(name, _sweep_title(sweep), f"{_how(sweep)}; empty: refused", 114 + tall * len(rows)) as (page, top):
+    with titled_page(name, _sweep_title(sweep), f"{_how(sweep)}; empty: refused", 114 + tall * len(rows)) as (
+        page,
+        top,
+    ):
         page.say(15, top + 14, "P95 of the error at the tool, mm, at the target where it is largest", weight="bold")
         marks = [(page.patch(color=_shade(k / 4)), number(low + (high - low) * k / 4, 3)) for k in range(5)]
         page.explain(15, top + 24, marks)

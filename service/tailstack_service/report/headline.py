@@ -118,12 +118,14 @@ def what_matters(
 def _dominant(line: Contributor, share: float, target: TargetScore, error: str) -> str:
     if error != "tcp":
         return (
-            f"The largest contributor to the error of localisation at {target.name} is {named(line)}, with {share:.0%} "
-            "of its variance (first order); what acts behind it (connector_flange, hand-eye, execution) does not count."
+            f"The largest contributor to the error of localisation at {target.name} is {budget_line(line)}, with "
+            f"{share:.0%} of its variance (first order); what acts behind it (connector_flange, hand-eye, execution) "
+            "does not count."
         )
     return (
-        f"The largest contributor is {named(line)}, with {line.variance_share:.0%} of the variance; were it perfect, "
-        f"P95 at {target.name} would be {line.p95_without_mm:.3f} mm instead of {target.p95_mm:.3f} mm (first order)."
+        f"The largest contributor is {budget_line(line)}, with {line.variance_share:.0%} of the variance; were it "
+        f"perfect, P95 at {target.name} would be {line.p95_without_mm:.3f} mm instead of {target.p95_mm:.3f} mm (first "
+        "order)."
     )
 
 
@@ -148,7 +150,7 @@ def _margin(check: Check, lines: Sequence[Contributor]) -> str:
         return first + "."
     gain, line = max(steps, key=lambda step: step[0])
     pooled = "" if check.min_yield is None else " over all units"
-    return f"{first}; a tenth less of {named(line)} is worth {gain:.3f} mm of P95{pooled}."
+    return f"{first}; a tenth less of {budget_line(line)} is worth {gain:.3f} mm of P95{pooled}."
 
 
 def _optimised(found: Optimisation) -> str:
@@ -176,7 +178,7 @@ def _caution(score: Score, verification: Verification | None) -> str:
     )
 
 
-def named(line: Contributor) -> str:
+def budget_line(line: Contributor) -> str:
     """A line of the budget in words, with its half-width."""
     sign = "σ" if line.unit == "px" else "±"  # image noise has a standard deviation, no half-width
     width = "" if line.half_width is None else f" ({sign} {line.half_width:.3g} {line.unit})"

@@ -51,7 +51,7 @@ def content_policy(*, served: bool = False) -> str:
     but run the viewer.
     """
     allowed = (
-        "default-src 'none'", f"script-src {_hashed(_source('viewer.js'))}", f"style-src {_hashed(_style())}",
+        "default-src 'none'", f"script-src {_hash_source(_source('viewer.js'))}", f"style-src {_hash_source(_style())}",
         "img-src data:", "base-uri 'none'", "form-action 'none'",
     )  # fmt: skip
     return "; ".join([*allowed, *(("frame-ancestors 'none'", "sandbox allow-scripts") if served else ())])
@@ -87,7 +87,7 @@ def _style() -> str:
 
 
 @cache
-def _hashed(content: str) -> str:
+def _hash_source(content: str) -> str:
     return f"'sha256-{b64encode(hashlib.sha256(content.encode()).digest()).decode()}'"
 
 

@@ -50,7 +50,7 @@ Page = Callable[[Array], Array]  # px (N, 2) -> page (N, 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class ViewImage:
     """What one view sees of a layout."""
 
     beam: Beam
@@ -79,7 +79,7 @@ def images_parts(design: Design, before: Design | None = None, top: float = 0.0)
     """The elements of such a picture from a height of the page on, the same in words, and where they end."""
     system = compile_design(design)
     old = None if before is None else compile_design(before)
-    views = [_seen(design, system, old, index) for index in range(len(system.views))]
+    views = [_view_image(design, system, old, index) for index in range(len(system.views))]
     parts: list[str] = []
     column, row_height = 0, 0.0
     for view in views:
@@ -98,7 +98,7 @@ def images_parts(design: Design, before: Design | None = None, top: float = 0.0)
     return parts, _words(views, system), bottom + 38
 
 
-def _seen(design: Design, system: System, old: System | None, index: int) -> Seen:
+def _view_image(design: Design, system: System, old: System | None, index: int) -> ViewImage:
     beam = beams_of(design, system)[index]
     points = imaged_fiducials(system)
     section = design.document.optimise
@@ -112,7 +112,7 @@ def _seen(design: Design, system: System, old: System | None, index: int) -> See
     if old is not None:
         was = dict(zip(old.fiducial_labels, beam.images(imaged_fiducials(old)), strict=True))
         before = np.array([was.get(label, np.full(2, np.nan)) for label in system.fiducial_labels])
-    return Seen(
+    return ViewImage(
         beam=beam,
         fiducials_px=images,
         targets_px=beam.images(np.array([target.position_mm for target in system.targets])),
@@ -126,7 +126,7 @@ def _seen(design: Design, system: System, old: System | None, index: int) -> See
     )
 
 
-def _windows(view: Seen) -> list[tuple[Array, Array, bool]]:
+def _windows(view: ViewImage) -> list[tuple[Array, Array, bool]]:
     """What is drawn of an image, as corners in px: all of it, and what is imaged once more if that is a small part."""
     points = np.vstack([view.fiducials_px, view.targets_px, *([] if view.before_px is None else [view.before_px])])
     points = points[np.isfinite(points).all(axis=1)]
@@ -143,7 +143,7 @@ def _windows(view: Seen) -> list[tuple[Array, Array, bool]]:
 
 
 def _panel(
-    view: Seen, system: System, low: Array, high: Array, whole: bool, named: bool, left: float, top: float
+    view: ViewImage, system: System, low: Array, high: Array, whole: bool, named: bool, left: float, top: float
 ) -> tuple[list[str], float]:
     """One plot with its heading, and its height on the page."""
     scale = PLOT / float((high - low).max())
@@ -188,7 +188,7 @@ def _size(beam: Beam, whole: bool) -> tuple[str, ...]:
     return (words,)
 
 
-def _edges(view: Seen, page: Page, frame: tuple[float, float, float, float], whole: bool) -> list[str]:
+def _edges(view: ViewImage, page: Page, frame: tuple[float, float, float, float], whole: bool) -> list[str]:
     if not whole:
         return [box(*frame, f'fill="#f7f9fa" stroke="{FAINT}" stroke-width="0.7" stroke-dasharray="3 3"')]
     low, high = view.beam.corners_px.min(axis=0), view.beam.corners_px.max(axis=0)
@@ -219,7 +219,9 @@ def _ticks(frame: tuple[float, float, float, float], low: Array, high: Array, sc
     return parts
 
 
-def _marks(view: Seen, system: System, page: Page, frame: tuple[float, float, float, float], named: bool) -> list[str]:
+def _marks(
+    view: ViewImage, system: System, page: Page, frame: tuple[float, float, float, float], named: bool
+) -> list[str]:
     parts, points, colours, paths = [], [], [], []
     at = page(view.fiducials_px)
     if view.before_px is not None:
@@ -313,7 +315,7 @@ def _image_axes(beam: Beam) -> tuple[Array, Array]:
 # --- words ----------------------------------------------------------------------------------------
 
 
-def _remarks(view: Seen) -> list[str]:
+def _remarks(view: ViewImage) -> list[str]:
     """What is wrong in an image, in sentences."""
     remarks = []
     if view.close:
@@ -329,7 +331,7 @@ def _remarks(view: Seen) -> list[str]:
     return remarks
 
 
-def _legend(seen: Sequence[Seen], y: float, compared: bool) -> list[str]:
+def _legend(seen: Sequence[ViewImage], y: float, compared: bool) -> list[str]:
     x = 12.0
     entries = [("fiducial", "fiducial"), ("target", "target")]
     parts = []
@@ -358,7 +360,7 @@ def _legend(seen: Sequence[Seen], y: float, compared: bool) -> list[str]:
     return [*parts, text(7, y + 18, note, colour=MUTED)]
 
 
-def _words(seen: Sequence[Seen], system: System) -> str:
+def _words(seen: Sequence[ViewImage], system: System) -> str:
     sentences = []
     for view in seen:
         words = f"View {printable(view.beam.view.name, LONGEST)}: {' '.join(_size(view.beam, True))}"

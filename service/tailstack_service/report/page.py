@@ -63,7 +63,7 @@ def _folder_of_fonts() -> Path:
 
 
 @contextmanager
-def chart(name: str, height: float, width: float = WIDTH) -> Iterator[Chart]:
+def open_page(name: str, height: float, width: float = WIDTH) -> Iterator[Chart]:
     """A page to draw on, in our style.  ``name``: kebab-case, unique among the pictures of a document."""
     module = _load()
     with module.style():
@@ -131,12 +131,14 @@ def millimetres(value: float, name: str) -> str:
 
 
 @contextmanager
-def headed(name: str, title: str, sentence: str, height: float, width: float = 900) -> Iterator[tuple[Chart, float]]:
+def titled_page(
+    name: str, title: str, sentence: str, height: float, width: float = 900
+) -> Iterator[tuple[Chart, float]]:
     """A page that stands by itself, below its title and a sentence, and where what is drawn begins on it."""
     titles = broken(title, int((width - 30) / 9.2))
     sentences = broken(sentence, int((width - 30) / 6.7)) if sentence else ()
     top = 12.0 + 19 * len(titles) + 15 * len(sentences)
-    with chart(name, top + height, width) as page:
+    with open_page(name, top + height, width) as page:
         for k, line in enumerate(titles):
             page.say(15, 24 + 19 * k, line, size=15, weight="bold")
         for k, line in enumerate(sentences):

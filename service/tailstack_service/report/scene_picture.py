@@ -160,7 +160,7 @@ def _panel(sight: Sight, items: Sequence[Item], name: str) -> list[str]:
         points = np.array(item.points[:1] if item.kind == "ellipsoid" else item.points)
         return order[item.kind], sight.depth(points)
 
-    drawn = [part for item in sorted(items, key=rank) for part in _drawn(sight, item)]
+    drawn = [part for item in sorted(items, key=rank) for part in _draw_item(sight, item)]
     frame = f'<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="none" stroke="#d9dee3"/>'
     return [
         clip, f'<g clip-path="url(#{name}-clip)">', *drawn, "</g>", frame,
@@ -168,7 +168,7 @@ def _panel(sight: Sight, items: Sequence[Item], name: str) -> list[str]:
     ]  # fmt: skip
 
 
-def _drawn(sight: Sight, item: Item) -> list[str]:
+def _draw_item(sight: Sight, item: Item) -> list[str]:
     points = np.array(item.points)
     tip = f"<title>{escape(printable(item.title, 2 * LONGEST))}</title>" if item.title else ""
     if item.kind == "mark":

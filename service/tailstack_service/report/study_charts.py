@@ -14,7 +14,7 @@ from tailstack.studies.paper.reproduce import Geometry, PaperCell, StudyPaper
 from ..rendering.studies.coupling import COMPARISONS, cases_of
 from ..rendering.studies.linearity import deviation, points_by_place
 from ..rendering.tables import percent
-from .page import DASHED, DOTTED, beside, draw_cells, headed, name_at_right
+from .page import DASHED, DOTTED, beside, draw_cells, name_at_right, titled_page
 from .svg import BLUE, COLOURS, FAINT, INK, MUTED, VERMILION, broken
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def draw_bench(study: StudyComparison) -> str:
     about = f"{study.provenance.design_name}; {study.file.name}; {study.error} error{left_out}"
     width = max(100 + columns * (SIDE + GAP) - GAP, 720)
     title = "Bench measurements against prediction"
-    with headed("study", title, about, rows * (SIDE + 100) + 40, width) as (page, top):
+    with titled_page("study", title, about, rows * (SIDE + 100) + 40, width) as (page, top):
 
         def panel(number: int, heading: str, x: str, y: str) -> Axes:
             row, column = divmod(number, columns)
@@ -120,7 +120,7 @@ def draw_linearity(study: StudyLinearity) -> str:
     width = max(130 + (across + 22) * len(study.spreads), 800)
     points = points_by_place(study)
     title = f"First order over Monte Carlo: {study.provenance.design_name}"
-    with headed("study", title, "", (down + 44) * len(study.counts) + 100, width) as (page, top):
+    with titled_page("study", title, "", (down + 44) * len(study.counts) + 100, width) as (page, top):
         marks = [
             (
                 page.patch(facecolor=fill, edgecolor=FAINT, linewidth=0.5),
@@ -140,8 +140,10 @@ def draw_linearity(study: StudyLinearity) -> str:
                 axes.set(xlim=(0, len(study.rotations_deg)), ylim=(0, len(study.noises_px)))
                 axes.grid(False)
                 axes.spines["bottom"].set_visible(False)
-                axes.set_xticks([k + 0.5 for k in range(len(study.rotations_deg))], _named(study.rotations_deg, "deg"))
-                axes.set_yticks([k + 0.5 for k in range(len(study.noises_px))], _named(study.noises_px, "px"))
+                axes.set_xticks(
+                    [k + 0.5 for k in range(len(study.rotations_deg))], _with_unit(study.rotations_deg, "deg")
+                )
+                axes.set_yticks([k + 0.5 for k in range(len(study.noises_px))], _with_unit(study.noises_px, "px"))
                 axes.tick_params(length=0, labelbottom=row == len(study.counts) - 1, labelleft=column == 0)
                 places = [(k, j, points[noise, rotation, spread, count]) for j, noise in enumerate(study.noises_px)
                           for k, rotation in enumerate(study.rotations_deg)]  # fmt: skip
@@ -152,7 +154,7 @@ def draw_linearity(study: StudyLinearity) -> str:
         return page.svg(title, f"P95 at target {study.target}, deviation in per cent. {said}")
 
 
-def _named(values: Sequence[float], unit: str) -> list[str]:
+def _with_unit(values: Sequence[float], unit: str) -> list[str]:
     return [f"{value:g} {unit}" for value in values]
 
 
@@ -177,7 +179,7 @@ def draw_coupling(study: StudyCoupling, target: str | None = None) -> str:
     width = NAMES + len(COMPARISONS) * (PANEL + 16) + 10
     title = "Installation error and noise: together against the parts"
     about = f"{study.provenance.design_name}; {study.error} error at {shown[0].target}"
-    with headed("study", title, about, row * len(shown) + 114, width) as (page, top):
+    with titled_page("study", title, about, row * len(shown) + 114, width) as (page, top):
         upper = top + 44
         rows = page.axes(10, upper, width - 10, upper + row * len(shown))
         rows.set_axis_off()
@@ -248,7 +250,7 @@ def draw_paper_sweeps(geometry: Geometry, study: StudyPaper) -> str:
     """S1: mean and P95 over rotation and over translation."""
     cells = [cell for cell in geometry.cells if cell.table == "S1"]
     title = f"S1: {geometry.name}"
-    with headed("study", title, "", 364) as (page, top):
+    with titled_page("study", title, "", 364) as (page, top):
         _explain_paper(page, geometry, study, top)
         for place, (along, x) in enumerate(
             (("rotation_deg", "rotation about each axis, deg"), ("translation_mm", "translation, mm"))
@@ -272,7 +274,7 @@ def draw_paper_levels(geometry: Geometry, study: StudyPaper) -> str:
     cells = [cell for cell in geometry.cells if cell.table == "S2"]
     levels = list(dict.fromkeys(cell.row.partition(",")[0] for cell in cells))
     title = f"S2: {geometry.name}"
-    with headed("study", title, "", 364) as (page, top):
+    with titled_page("study", title, "", 364) as (page, top):
         _explain_paper(page, geometry, study, top)
         page.say(56, top + 60, "levels, moved aside a little", weight="bold")
         axes = page.axes(62, top + 86, 680, top + 312, "noise of each image coordinate, px", "P95, mm")
@@ -298,7 +300,7 @@ def draw_paper_factor(geometry: Geometry) -> str:
         printed = [("printed, Monte Carlo", "s", factor.printed_monte_carlo_mm, "Monte Carlo"),
                    ("printed, analytic", "o", factor.printed_analytic_mm, same)]  # fmt: skip
     title = f"S3 at {factor.noise_px:g} px: {geometry.name}"
-    with headed("study", title, "", 362) as (page, top):
+    with titled_page("study", title, "", 362) as (page, top):
         axes = page.axes(
             62, top + 44, 690, top + 310, "axis of the connector frame", "standard deviation, mm", grid="y"
         )

@@ -29,7 +29,7 @@ from ..charts import Scaled, draw_budgets, draw_differences, draw_errors, draw_s
 from ..half_widths import judgement_of, tolerance_curves
 from ..headline import tightest_check
 from ..records import Comparison, Difference, Report
-from .layout import layout_blocks, loaded
+from .layout import layout_blocks, load_inside
 from .optimisation import design_listing
 from .report import method_chapter
 from .tables import (
@@ -54,7 +54,7 @@ def comparison_document(found: Comparison, sha256: str) -> Document:
         Section("What changed in the document", _change_blocks(found)),
         Section("Both layouts", _layouts(found)),
         Section("Budgets side by side", tuple(_budgets(found))),
-        Section("Requirements and findings", _judged(found)),
+        Section("Requirements and findings", _verdict_blocks(found)),
         Section("Method and assumptions", _method(found), reader="auditor"),
         Section("What is not included", (not_included(second.provenance),), reader="auditor"),
         Section("Reproduction", _reproduction(second), reader="auditor"),
@@ -83,17 +83,17 @@ def _numbers(found: Comparison) -> tuple[KeyNumber, ...]:
         KeyNumber(f"P95, {which.lower()} design", f"{value:.3f} mm", f"target {worst.target}, {worst.basis}")
         for which, value in zip(TOLD, (worst.first_p95_mm, worst.second_p95_mm), strict=True)
     ]
-    return (*quantiles, KeyNumber("Difference", f"{_signed(worst.difference_mm)} mm", _ends(worst)))
+    return (*quantiles, KeyNumber("Difference", f"{_with_sign(worst.difference_mm)} mm", _ends(worst)))
 
 
 def _ends(found: Difference) -> str:
     if found.interval_mm is None:
         return "first order"
     low, high = found.interval_mm
-    return f"{_signed(low)} to {_signed(high)} mm, {found.confidence:.0%}"
+    return f"{_with_sign(low)} to {_with_sign(high)} mm, {found.confidence:.0%}"
 
 
-def _signed(value: float) -> str:
+def _with_sign(value: float) -> str:
     return f"{value + 0.0:+.3f}".replace("-", "−")
 
 
@@ -205,7 +205,7 @@ def _change_blocks(found: Comparison) -> tuple[Block, ...]:
     if not found.changes:
         return (Paragraph("Nothing: the two documents say the same."),)
     rows = [
-        Row((entry.name, entry.unit, _said(entry.first), _said(entry.second), entry.kind, entry.pointer))
+        Row((entry.name, entry.unit, _or_dash(entry.first), _or_dash(entry.second), entry.kind, entry.pointer))
         for entry in found.changes
     ]
     columns = (
@@ -218,7 +218,7 @@ def _change_blocks(found: Comparison) -> tuple[Block, ...]:
     return (Table("Changes", "Fields of the design document that differ", columns, tuple(rows), note),)
 
 
-def _said(value: str | None) -> str:
+def _or_dash(value: str | None) -> str:
     return "–" if value is None else value
 
 
@@ -248,7 +248,7 @@ def _curves(found: Comparison, target: str) -> Iterator[Figure]:
     """The quantile that the second design is judged by, over each half-width, for both."""
     check = tightest_check(found.second.score.verdict.checks, target)
     first, second = (
-        tolerance_curves(loaded(e.design), target, judgement_of(check)) for e in (found.first, found.second)
+        tolerance_curves(load_inside(e.design), target, judgement_of(check)) for e in (found.first, found.second)
     )
     if second.curves:
         svg = draw_tolerances(second, "tolerances", first, (DESIGNS[1], DESIGNS[0]))
@@ -304,7 +304,7 @@ def _lines(contributors: tuple[Contributor, ...]) -> dict[Key, Contributor]:
     }
 
 
-def _judged(found: Comparison) -> tuple[Block, ...]:
+def _verdict_blocks(found: Comparison) -> tuple[Block, ...]:
     blocks: list[Block] = []
     for which, report in zip(TOLD, (found.first, found.second), strict=True):
         verdict = (report.verification or report.score).verdict
@@ -323,7 +323,7 @@ def _method(found: Comparison) -> tuple[Block, ...]:
     paired = "Nothing was drawn: differences are to first order and have no interval."
     if found.compared_trials is not None:
         paired = (
-            f"Trial k of both designs has the same random numbers. {_compared(found)} are cut into "
+            f"Trial k of both designs has the same random numbers. {_compared_trials(found)} are cut into "
             f"{found.sections} sections; the spread of the sections' differences about the difference of all gives the "
             "interval (Student's t). That holds however the two samples depend on each other; designs with other "
             "numbers of fiducials or shots share less, and their interval is wider."
@@ -342,7 +342,7 @@ def _trials(found: Comparison) -> int:
     return found.compared_trials or 0 if found.second.verification is None else found.second.verification.trials
 
 
-def _compared(found: Comparison) -> str:
+def _compared_trials(found: Comparison) -> str:
     count, drawn = found.compared_trials or 0, _trials(found)
     if drawn - count < (found.sections or 1):
         return f"The {count:,} trials"

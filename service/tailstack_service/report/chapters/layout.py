@@ -27,7 +27,7 @@ def layout_blocks(
     name: kebab-case, unique in the report.  called: what the other layout is called.  of: begins the captions, where
     one document shows several layouts.
     """
-    design, old = loaded(now[0]), None if before is None else (loaded(before[0]), before[1])
+    design, old = load_inside(now[0]), None if before is None else (load_inside(before[0]), before[1])
     scene = scene_of(design, now[1], title, old, called)
     caption = f"{of}The layout in the connector frame con, mm: nominal positions"
     if scene.magnification > 0:
@@ -42,15 +42,15 @@ def layout_blocks(
     )
 
 
-def scored(data: dict[str, object]) -> Known | None:
+def score_if_determined(data: dict[str, object]) -> Known | None:
     """A design with its score, for its picture; None where its layout does not determine an answer."""
     from tailstack.scoring import score
 
     try:
-        return data, score(loaded(data))
+        return data, score(load_inside(data))
     except IllPosedError:
         return None
 
 
-def loaded(data: dict[str, object]) -> Design:
+def load_inside(data: dict[str, object]) -> Design:
     return load_design(data, allow_files=False)

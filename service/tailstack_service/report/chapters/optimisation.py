@@ -19,7 +19,7 @@ from ..blocks import (
     Table,
     tone_of,
 )
-from .layout import layout_blocks, scored
+from .layout import layout_blocks, score_if_determined
 from .tables import not_included, provenance_facts, requirements_table
 from .verification import sampling_blocks, verification_blocks
 
@@ -121,7 +121,7 @@ def optimisation_numbers(found: Optimisation) -> tuple[KeyNumber, ...]:
 
 def optimised_layout(found: Optimisation) -> tuple[Block, ...]:
     """The new layout over the one that it started from."""
-    now, before = scored(found.design), scored(found.design_before)
+    now, before = score_if_determined(found.design), score_if_determined(found.design_before)
     if now is None:
         return ()
     title = f"{found.provenance.design_name}: the new layout"

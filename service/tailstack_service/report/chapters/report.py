@@ -7,7 +7,7 @@ from ..charts import draw_convergence, draw_distribution, draw_tolerances
 from ..half_widths import judgement_of, tolerance_curves
 from ..headline import tightest_check
 from ..records import Report
-from .layout import layout_blocks, loaded
+from .layout import layout_blocks, load_inside
 from .optimisation import (
     certificate_blocks,
     change_blocks,
@@ -70,7 +70,7 @@ def report_document(report: Report, sha256: str) -> Document:
 def budget_chapter(report: Report, suffix: str = "") -> tuple[Block, ...]:
     """What binds, shares, the table, and the quantile over each half-width."""
     blocks = [*budget_blocks(report.score, report.allowances, suffix)]
-    design = loaded(report.design)
+    design = load_inside(report.design)
     for k, target in enumerate(largest_targets(report.score)):
         check = tightest_check(report.score.verdict.checks, target.name)
         curves = tolerance_curves(design, target.name, judgement_of(check))

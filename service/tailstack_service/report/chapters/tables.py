@@ -169,7 +169,7 @@ def budget_table(target: TargetScore, name: str = "Budget", allowances: Sequence
                 (
                     label, entry.law, entry.half_width, entry.unit, entry.std, entry.sensitivity_mm_per_unit,
                     entry.variance_share, entry.dp95_per_unit, entry.p95_without_mm,
-                    *(_allowed(own, [part for part in components if (part.name, part.component) in known])),
+                    *(_allowance_cells(own, [part for part in components if (part.name, part.component) in known])),
                 ),
                 depth,
             ))  # fmt: skip
@@ -192,7 +192,7 @@ def budget_table(target: TargetScore, name: str = "Budget", allowances: Sequence
     )  # fmt: skip
 
 
-def _allowed(own: Allowance | None, parts: Sequence[Contributor]) -> tuple[Cell, Cell, Cell, Cell]:
+def _allowance_cells(own: Allowance | None, parts: Sequence[Contributor]) -> tuple[Cell, Cell, Cell, Cell]:
     """Half-width at the limit, slack, slack in words, cost."""
     if own is None:
         return (None, None, "see its components" if parts else "", None)
