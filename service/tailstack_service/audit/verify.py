@@ -55,19 +55,22 @@ def audit(
     questions = [Question("record", SAME, f"SHA-256 {hashlib.sha256(result.body).hexdigest()}")]
     questions += [_design_question(*pair) for pair in zip(holds, designs, strict=True) if pair[0].stated_sha256]
     provenance = _provenance(result)
-    questions.append(pages_question(found, provenance.tailstack_version, file))
+    written_by = provenance.tailstack_version
+    questions.append(pages_question(found, written_by, file))
     if designs and given is not None:
         detail = "the record holds its design: none is to be given"
         raise RequestError(Problem("", "unused-option", detail, "leave the second file out"))
     if not designs and operation.designs:
-        designs = () if given is None else (_same_design(provenance.design_sha256, given),)
-    questions += _number_questions(result, designs, fast, progress, provenance.tailstack_version)
+        designs = () if given is None else (_same_design(getattr(provenance, "design_sha256", given.sha256), given),)
+    questions += _number_questions(result, designs, fast, progress, written_by)
     title = getattr(result.record, "title", None) or getattr(provenance, "design_name", result.kind)
-    return Audit(file, str(title), result.record.schema, provenance.tailstack_version, tuple(questions))
+    return Audit(file, str(title), result.record.schema, written_by, tuple(questions))
 
 
 def _provenance(result: ReadResult) -> Any:
-    return result.record.second.provenance if result.kind == "comparison" else result.record.provenance
+    """Of a comparison the second design's; a record of several designs states the version itself."""
+    record = result.record.second if result.kind == "comparison" else result.record
+    return getattr(record, "provenance", record)
 
 
 def _design_question(each: HeldDesign, design: Design) -> Question:

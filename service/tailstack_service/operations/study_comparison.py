@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -95,6 +95,12 @@ def _text(record: StudyComparison, colour: bool) -> str:
     return comparison_text(record, colour=colour)
 
 
+def _document(record: StudyComparison, sha256: str) -> Any:
+    from ..report.chapters.studies import bench_document
+
+    return bench_document(record, sha256)
+
+
 def _record() -> type:
     from tailstack.studies.bench.compare import StudyComparison
 
@@ -168,6 +174,7 @@ OPERATION = Operation(
     check=_check,
     yaml=False,
     text=_text,
+    document=_document,
     exit_code=lambda record: EXIT_CODE[record.verdict],
     command=Command(_add_arguments, _run),
     threads=True,

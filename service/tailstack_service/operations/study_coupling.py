@@ -18,7 +18,7 @@ from ..console.arguments import add_design, read_design, whole
 from ..console.files import writable_figure, write_figure
 from ..console.progress import Progress
 from ..problems import RequestError
-from .operation import Call, Command, Operation
+from .operation import Again, Call, Command, Demand, Operation, Repetition
 from .options import Options, Seed, within
 
 if TYPE_CHECKING:
@@ -97,6 +97,26 @@ def _text(record: StudyCoupling, colour: bool) -> str:
     from ..rendering.studies.coupling import coupling_text
 
     return coupling_text(record, None)
+
+
+def _document(record: StudyCoupling, sha256: str) -> Any:
+    from ..report.chapters.studies import coupling_document
+
+    return coupling_document(record, sha256)
+
+
+def _repeat(again: Repetition) -> Again:
+    record: StudyCoupling = again.record
+    if again.fast:
+        return Again(record, "Monte Carlo of every case")
+    levels = dict.fromkeys((c.rotation_deg, c.translation_mm) for c in record.cases if c.rotation_deg is not None)
+    options = CouplingOptions(
+        levels=[InstallationLevel.model_validate({"rotation_deg": r, "translation_mm": t}) for r, t in levels],
+        error=record.error,
+        trials=record.trials,
+        seed=record.seed,
+    )
+    return Again(_study(Call(again.designs, options, progress=again.progress)))
 
 
 def _record() -> type:
@@ -181,6 +201,9 @@ OPERATION = Operation(
     run=_study,
     check=_check,
     text=_text,
+    document=_document,
+    demand=lambda record: Demand(trials=record.trials * len(record.cases), trials_at="/trials", checks=0),
+    repeat=_repeat,
     command=Command(_add_arguments, _run),
     threads=True,
 )

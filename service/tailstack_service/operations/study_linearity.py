@@ -15,7 +15,7 @@ from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..console.arguments import add_design, add_figure, add_form, read_design, whole
 from ..console.files import writable_figure, write_figure
 from ..console.progress import Progress
-from .operation import Call, Command, Operation
+from .operation import Again, Call, Command, Demand, Operation, Repetition
 from .options import Options, Seed, check_target, within
 
 if TYPE_CHECKING:
@@ -84,6 +84,29 @@ def _text(record: StudyLinearity, colour: bool) -> str:
 
 def _exit_code(record: StudyLinearity) -> int:
     return PASS if any(point.status == "ok" for point in record.points) else NOT_EVALUATED
+
+
+def _document(record: StudyLinearity, sha256: str) -> Any:
+    from ..report.chapters.studies import linearity_document
+
+    return linearity_document(record, sha256)
+
+
+def _repeat(again: Repetition) -> Again:
+    record: StudyLinearity = again.record
+    if again.fast:
+        return Again(record, "Monte Carlo at every point")
+    options = LinearityOptions(
+        noises_px=list(record.noises_px),
+        rotations_deg=list(record.rotations_deg),
+        spreads=list(record.spreads),
+        counts=list(record.counts),
+        target=record.target,
+        error=record.error,
+        trials=record.trials,
+        seed=record.seed,
+    )
+    return Again(_study(Call(again.designs, options, progress=again.progress)))
 
 
 def _record() -> type:
@@ -182,6 +205,9 @@ OPERATION = Operation(
     run=_study,
     check=_check,
     text=_text,
+    document=_document,
+    demand=lambda record: Demand(trials=record.trials * len(record.points), trials_at="/trials", checks=0),
+    repeat=_repeat,
     exit_code=_exit_code,
     command=Command(_add_arguments, _run),
     threads=True,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
@@ -18,7 +18,7 @@ from ..console.answer import Answer
 from ..console.arguments import add_form, read_design, whole
 from ..console.files import writable_directory, write_figure
 from ..console.progress import Progress
-from .operation import Call, Command, Operation
+from .operation import Again, Call, Command, Demand, Operation, Repetition
 from .options import Options, Seed, within
 
 if TYPE_CHECKING:
@@ -74,6 +74,35 @@ def _text(record: StudyPaper, colour: bool) -> str:
     from ..rendering.studies.paper import paper_text
 
     return paper_text(record)
+
+
+def _document(record: StudyPaper, sha256: str) -> Any:
+    from ..report.chapters.studies import paper_document
+
+    return paper_document(record, sha256)
+
+
+def _demand(record: StudyPaper) -> Demand:
+    cells = sum(len(geometry.cells) for geometry in record.geometries)
+    return Demand(trials=record.trials * cells, trials_at="/trials", checks=0)
+
+
+def _repeat(again: Repetition) -> Again:
+    from tailstack.design import load_design
+    from tailstack.errors import Problem
+
+    from ..problems import RequestError
+
+    record: StudyPaper = again.record
+    if again.fast:
+        return Again(record, "Monte Carlo of every cell")
+    options = PaperOptions(trials=record.trials, seed=record.seed)
+    designs = (*map(load_design, map(scenario, FITTED)), *(again.designs or (load_design(scenario(C_ARM)),)))
+    if [design.sha256 for design in designs] != [geometry.design_sha256 for geometry in record.geometries]:
+        detail = "the record is of other geometries than those that come with tailstack"
+        hint = "tailstack report --verify FILE DESIGN with its design; one of other fitted designs: --fast"
+        raise RequestError(Problem("/geometries", "another-design", detail, hint))
+    return Again(_study(Call(again.designs, options, progress=again.progress)))
 
 
 def _record() -> type:
@@ -149,6 +178,9 @@ OPERATION = Operation(
     run=_study,
     check=_check,
     text=_text,
+    document=_document,
+    demand=_demand,
+    repeat=_repeat,
     command=Command(_add_arguments, _run),
     threads=True,
 )

@@ -1,0 +1,70 @@
+"""Reports of studies: every study has pages, and they hold what its record says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from service_scenes import EXAMPLES
+
+from tailstack_service.cli.main import main
+from tailstack_service.operations.rendering import render
+from tailstack_service.report.blocks import Table
+from tailstack_service.report.chapters import studies
+from tailstack_service.schemas import record_of
+
+ANSWERS = Path(studies.__file__).parents[2] / "http" / "example_answers"  # as a service answered
+STUDIES = {
+    "study-paper": ("paper", studies.paper_document),
+    "study-linearity": ("linearity", studies.linearity_document),
+    "study-coupling": ("coupling", studies.coupling_document),
+    "study-comparison": ("comparison", studies.bench_document),
+}
+
+
+def body(name: str) -> bytes:
+    return (ANSWERS / f"create_study_{STUDIES[name][0]}.json").read_bytes()
+
+
+@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("form", ["html", "xlsx"])
+def test_every_study_has_pages_and_the_same_record_gives_the_same_bytes(name: str, form: str) -> None:
+    content, _ = render(name, body(name), form)
+    assert content == render(name, body(name), form)[0]
+    if form == "html":
+        assert b"<svg" in content
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_no_row_of_a_study_is_left_out(name: str) -> None:
+    """Counted in the record itself: points, cases, levels, printed cells."""
+    record = json.loads(body(name))
+    document = STUDIES[name][1](record_of(name, record), "0" * 64)
+    blocks = [block for section in document.sections for block in section.blocks]
+    tables = {block.name: block for block in blocks if isinstance(block, Table)}
+    if name == "study-paper":
+        assert len(tables["Printed"].rows) == len(record["printed"])
+        for number, geometry in enumerate(record["geometries"], 1):
+            assert len(tables[f"Geometry {number}"].rows) == len(geometry["cells"])
+    elif name == "study-linearity":
+        assert [row.cells[8] for row in tables["Points"].rows] == [point["ratio"] for point in record["points"]]
+    elif name == "study-coupling":
+        assert [row.cells[5] for row in tables["Parts"].rows] == [case["p95_together_mm"] for case in record["cases"]]
+    else:
+        assert len(tables["Levels"].rows) == len(record["levels"])
+        assert len(tables["Tests"].rows) == sum(len(level["tests"]) for level in record["levels"])
+
+
+def test_a_study_is_computed_again_from_its_design(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    design = str(EXAMPLES / "demo.yaml")
+    assert main(["study", "coupling", design, "--trials", "8192", "--level", "1,2", "--json"]) == 0
+    honest = capsys.readouterr().out
+    (tmp_path / "study.json").write_text(honest, encoding="utf-8")
+    assert main(["report", "--verify", str(tmp_path / "study.json"), design]) == 0
+    assert capsys.readouterr().out.endswith("verified\n")
+    forged = json.loads(honest)
+    forged["cases"][0]["p95_together_mm"] *= 1.01
+    (tmp_path / "study.json").write_text(json.dumps(forged), encoding="utf-8")
+    assert main(["report", "--verify", str(tmp_path / "study.json"), design]) == 1
+    assert "/cases/0/p95_together_mm: recorded" in capsys.readouterr().out
