@@ -382,39 +382,71 @@ def _at_tab(text: str, line: int, column: int) -> bool:
     return line < len(lines) and lines[line][: column + 1].strip(" ").startswith("\t")
 
 
-def _build(loader: Any, file: str | None, limits: Limits) -> tuple[Any, Place]:
-    stack: list[_Open] = []
-    anchors: dict[str, tuple[Any, Place, int]] = {}
-    root: tuple[Any, Place] | None = None
-    count = 0
+class _Builder:
+    """Data and places of one document, put together from the events of the parser."""
 
-    def refuse(code: str, detail: str, hint: str, mark: Any) -> DesignError:
-        return DesignError(problem(code, detail, hint, file=file, mark=mark))
+    def __init__(self, file: str | None, limits: Limits) -> None:
+        self.file, self.limits = file, limits
+        self.root: tuple[Any, Place] | None = None
+        self._stack: list[_Open] = []  # collections that have begun and not ended
+        self._anchors: dict[str, tuple[Any, Place, int]] = {}  # finished values with their numbers of nodes
+        self._count = 0  # nodes, those behind aliases counted each time
 
-    def add(value: Any, place: Place, mark: Any) -> None:
-        nonlocal root
-        if not stack:
-            if root is not None:
-                raise refuse("several-documents", "the file holds more than one YAML document", "split it", mark)
-            root = (value, place)
+    def take(self, event: Any) -> None:
+        """Raises DesignError, LimitError."""
+        mark = event.start_mark
+        if isinstance(event, yaml.ScalarEvent | yaml.CollectionStartEvent | yaml.AliasEvent):
+            self._count_nodes(1, mark)
+            tag = getattr(event, "tag", None)
+            if tag is not None:
+                raise self._refuse("yaml-tag", f"YAML tags are not accepted; got {tag[:60]!r}", "remove the tag", mark)
+        if isinstance(event, yaml.ScalarEvent):
+            # implicit[0] is true for plain scalars only: quoted and block scalars are text whatever they hold
+            value = scalar(event.value) if event.implicit[0] else event.value
+            self._finish(value, Place(mark.line + 1, mark.column + 1), mark, event.anchor, 1)
+        elif isinstance(event, yaml.AliasEvent):
+            alias = event.anchor or ""
+            if alias not in self._anchors:
+                raise self._refuse("yaml-alias", f"no finished value is called {alias[:60]!r}", "", mark)
+            value, place, size = self._anchors[alias]
+            self._count_nodes(size, mark)
+            self._add(value, place, mark)
+        elif isinstance(event, yaml.MappingStartEvent):
+            self._stack.append(_Open({}, {}, mark, event.anchor, self._count))
+        elif isinstance(event, yaml.SequenceStartEvent):
+            self._stack.append(_Open([], [], mark, event.anchor, self._count))
+        elif isinstance(event, yaml.CollectionEndEvent):
+            done = self._stack.pop()
+            place = Place(done.mark.line + 1, done.mark.column + 1, done.children)
+            self._finish(done.data, place, done.mark, done.anchor, self._count - done.start + 1)
+
+    def _refuse(self, code: str, detail: str, hint: str, mark: Any) -> DesignError:
+        return DesignError(problem(code, detail, hint, file=self.file, mark=mark))
+
+    def _count_nodes(self, more: int, mark: Any) -> None:
+        self._count += more
+        if self._count > self.limits.nodes or len(self._stack) > self.limits.depth:
+            raise LimitError(size_problem(self.limits, self.file, mark))
+
+    def _finish(self, value: Any, place: Place, mark: Any, anchor: str | None, size: int) -> None:
+        """A value that is complete; under its anchor it can be named again."""
+        if anchor:
+            self._anchors[anchor] = (value, place, size)
+        self._add(value, place, mark)
+
+    def _add(self, value: Any, place: Place, mark: Any) -> None:
+        """A value to the collection that is open: an element, a key, or the value of the key before."""
+        if not self._stack:
+            if self.root is not None:
+                raise self._refuse("several-documents", "the file holds more than one YAML document", "split it", mark)
+            self.root = (value, place)
             return
-        top = stack[-1]
+        top = self._stack[-1]
         if isinstance(top.data, list):
             top.data.append(value)
             top.children.append(place)
         elif top.key is None:
-            if not isinstance(value, str):
-                raise refuse("bad-key", f"keys are texts; got {show(value)}", "put it in quotes", mark)
-            if len(value) > LONGEST_KEY:
-                raise refuse("bad-key", f"no field has a name of {len(value)} characters", "", mark)
-            if value in top.data:
-                first = top.children[value][0]
-                raise refuse(
-                    "duplicate-key",
-                    f"the field {value[:60]!r} is given twice (first in line {first.line})",
-                    "keep one of them",
-                    mark,
-                )
+            self._check_key(value, top, mark)
             top.key = (value, place)
         else:
             name, at_key = top.key
@@ -422,49 +454,25 @@ def _build(loader: Any, file: str | None, limits: Limits) -> tuple[Any, Place]:
             top.children[name] = (at_key, place)
             top.key = None
 
-    while True:
-        event = loader.get_event()
-        mark = event.start_mark
-        if isinstance(event, yaml.StreamEndEvent):
-            break
-        if isinstance(event, yaml.ScalarEvent | yaml.CollectionStartEvent | yaml.AliasEvent):
-            count += 1
-            if count > limits.nodes or len(stack) > limits.depth:
-                raise LimitError(size_problem(limits, file, mark))
-            tag = getattr(event, "tag", None)
-            if tag is not None:
-                raise refuse("yaml-tag", f"YAML tags are not accepted; got {tag[:60]!r}", "remove the tag", mark)
-        if isinstance(event, yaml.ScalarEvent):
-            # implicit[0] is true for plain scalars only: quoted and block scalars are text whatever they hold
-            value = scalar(event.value) if event.implicit[0] else event.value
-            place = Place(mark.line + 1, mark.column + 1)
-            if event.anchor:
-                anchors[event.anchor] = (value, place, 1)
-            add(value, place, mark)
-        elif isinstance(event, yaml.AliasEvent):
-            alias = event.anchor or ""
-            if alias not in anchors:
-                raise refuse("yaml-alias", f"no finished value is called {alias[:60]!r}", "", mark)
-            value, target, size = anchors[alias]
-            count += size
-            if count > limits.nodes:
-                raise LimitError(size_problem(limits, file, mark))
-            add(value, target, mark)
-        elif isinstance(event, yaml.MappingStartEvent):
-            stack.append(_Open({}, {}, mark, event.anchor, count))
-        elif isinstance(event, yaml.SequenceStartEvent):
-            stack.append(_Open([], [], mark, event.anchor, count))
-        elif isinstance(event, yaml.CollectionEndEvent):
-            done = stack.pop()
-            place = Place(done.mark.line + 1, done.mark.column + 1, done.children)
-            if done.anchor:
-                anchors[done.anchor] = (done.data, place, count - done.start + 1)
-            add(done.data, place, done.mark)
-    if root is None:
-        raise DesignError(
-            problem("empty-document", "the document is empty", "start from examples/demo.yaml", file=file)
-        )
-    return root
+    def _check_key(self, key: Any, mapping: _Open, mark: Any) -> None:
+        if not isinstance(key, str):
+            raise self._refuse("bad-key", f"keys are texts; got {show(key)}", "put it in quotes", mark)
+        if len(key) > LONGEST_KEY:
+            raise self._refuse("bad-key", f"no field has a name of {len(key)} characters", "", mark)
+        if key in mapping.data:
+            line = mapping.children[key][0].line
+            detail = f"the field {key[:60]!r} is given twice (first in line {line})"
+            raise self._refuse("duplicate-key", detail, "keep one of them", mark)
+
+
+def _build(loader: Any, file: str | None, limits: Limits) -> tuple[Any, Place]:
+    builder = _Builder(file, limits)
+    while not isinstance(event := loader.get_event(), yaml.StreamEndEvent):
+        builder.take(event)
+    if builder.root is None:
+        detail = "the document is empty"
+        raise DesignError(problem("empty-document", detail, "start from examples/demo.yaml", file=file))
+    return builder.root
 
 
 @dataclass(frozen=True, slots=True)
