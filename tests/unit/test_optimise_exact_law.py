@@ -23,11 +23,10 @@ from scenes import cube_fiducials, mount
 from tailstack.arrays import Array
 from tailstack.contributors import declared_law
 from tailstack.optimisation import PlacementProblem, PlacementSolution, solve_placement
-from tailstack.optimisation.certificate import kkt_residual
 from tailstack.optimisation.exact_law import correction_at, evaluate_demand
 from tailstack.optimisation.placement import settle
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice
-from tailstack.optimisation.program import Parameters, build_program
+from tailstack.optimisation.program import Parameters, build_program, kkt_residual
 from tailstack.optimisation.search import search
 from tailstack.optimisation.terms import estimator_of, terms_of
 from tailstack.propagation.linear import linearise

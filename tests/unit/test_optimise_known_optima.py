@@ -30,7 +30,7 @@ from tailstack.arrays import Array
 from tailstack.contributors import declared_law
 from tailstack.design.compile import torsor_from_locators
 from tailstack.optimisation import FreeFiducial, FreeHalfWidth, PlacementProblem, PlacementSolution, solve_placement
-from tailstack.optimisation.certificate import binding, shadow_prices
+from tailstack.optimisation.certificate import name_binding, price_bounds
 from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import present_choice
 from tailstack.optimisation.regions import Ball, Box, Cylinder, KeepOut
@@ -46,7 +46,7 @@ def test_one_free_tolerance_solved_by_hand() -> None:
     solution = solve_placement(first_interface_only(silent_problem(0.5, ("rx",))))
     assert solution.choice.half_width[0] == pytest.approx(0.5 / (NORMAL_P95 * 165), rel=1e-5)
     assert 1 - 1e-5 <= solution.worst_ratio <= 1
-    (price, *_) = shadow_prices(solution.program, solution.iterate.point, solution.cost)
+    (price, *_) = price_bounds(solution.program, solution.iterate.point, solution.cost)
     # cost = 1.96 x 165 / limit, so its derivative by the limit is -cost / limit
     assert price.cost_per_unit == pytest.approx(-solution.cost / 0.5, rel=1e-5)
 
@@ -70,7 +70,7 @@ def test_one_tolerance_on_an_exponential_curve() -> None:
     h = 0.5 / (NORMAL_P95 * 165)
     assert solution.choice.half_width[0] == pytest.approx(h, rel=1e-5)
     assert solution.cost == pytest.approx(7 * np.exp(-h / scale), rel=1e-5)
-    (price, *_) = shadow_prices(solution.program, solution.iterate.point, solution.cost)
+    (price, *_) = price_bounds(solution.program, solution.iterate.point, solution.cost)
     assert price.cost_per_unit == pytest.approx(-solution.cost / scale * h / 0.5, rel=1e-5)
 
 
@@ -106,7 +106,7 @@ def test_an_axis_without_lever_goes_to_its_bound() -> None:
     """closed form: turning about the axis through pivot and target moves nothing."""
     solution = solve_placement(silent_problem(0.5, ("rx", "rz"), max_deg=0.7))
     np.testing.assert_allclose(np.rad2deg(solution.choice.half_width[[1, 3]]), 0.7, rtol=1e-6)
-    words = binding(solution.program, solution.iterate.point, solution.iterate.parameters)
+    words = name_binding(solution.program, solution.iterate.point, solution.iterate.parameters)
     assert set(words) == {
         "P95 at target 'target', limit 0.5 mm (accuracy)",
         "structure_connector rz at its largest half-width, 0.7 deg",
@@ -150,7 +150,7 @@ def test_least_quantile_within_a_cost_limit() -> None:
     np.testing.assert_allclose(solution.choice.half_width, h, rtol=1e-4)
     assert solution.worst_ratio * 0.5 == pytest.approx(NORMAL_P95 * np.linalg.norm(LEVERS_MM * h), rel=2e-5)
     assert 900 * (1 - 2e-5) <= solution.cost <= 900
-    prices = {price.name: price for price in shadow_prices(
+    prices = {price.name: price for price in price_bounds(
         solution.program, solution.iterate.point, solution.worst_ratio * 0.5)}  # fmt: skip
     # the quantile goes as 1 / C
     assert prices["cost_limit"].cost_per_unit == pytest.approx(-solution.worst_ratio * 0.5 / 900, rel=1e-4)
@@ -195,7 +195,7 @@ def test_an_optimum_built_from_its_multiplier_is_found(law: Law) -> None:
     problem = replace(problem, system=system, requirements=(requirement(total.quantile_mm),))
     solution = solve_placement(at_prices(problem, *(reciprocal(float(w)) for w in weights)))
     np.testing.assert_allclose(solution.choice.half_width, half, rtol=1e-4)
-    (price, *_) = shadow_prices(solution.program, solution.iterate.point, solution.cost)
+    (price, *_) = price_bounds(solution.program, solution.iterate.point, solution.cost)
     assert price.cost_per_unit == pytest.approx(-multiplier, rel=1e-4)
 
 
@@ -207,7 +207,7 @@ def test_a_free_pivot_goes_to_the_bound_nearest_the_target() -> None:
         solution = solve_placement(freed)
         assert abs(solution.choice.pivots_mm[0, 2] - 70) == pytest.approx(lever, rel=1e-7)
         assert solution.choice.half_width[0] == pytest.approx(0.5 / (NORMAL_P95 * lever), rel=1e-5)
-        prices = {price.name: price for price in shadow_prices(solution.program, solution.iterate.point, solution.cost)}
+        prices = {price.name: price for price in price_bounds(solution.program, solution.iterate.point, solution.cost)}
         (bound,) = [price for name, price in prices.items() if "pivot" in name]
         # cost = 1.96 lever / limit: a millimetre of lever is 1.96 / limit of it
         assert bound.cost_per_unit == pytest.approx(-NORMAL_P95 / 0.5, rel=1e-4)
@@ -258,7 +258,7 @@ def test_locators_spread_to_their_largest_spacing() -> None:
     assert solution.choice.spacing[0] == pytest.approx(2.5, rel=1e-7)
     assert solution.choice.half_width[0] == pytest.approx(0.5 / (NORMAL_P95 * moved_mm(2.5)), rel=1e-5)
     slope = (moved_mm(2.5 + 1e-4) - moved_mm(2.5 - 1e-4)) / 2e-4 / moved_mm(2.5)
-    prices = {price.name: price for price in shadow_prices(solution.program, solution.iterate.point, solution.cost)}
+    prices = {price.name: price for price in price_bounds(solution.program, solution.iterate.point, solution.cost)}
     (price,) = [price for name, price in prices.items() if "spacing" in name]
     assert price.cost_per_unit == pytest.approx(solution.cost * slope, rel=1e-4)
 
@@ -352,6 +352,6 @@ def test_one_fiducial_kept_out_of_its_best_place_stays_at_the_border() -> None:
     ends = [np.array([t, 10.0, 60.0]) for t in (-15.0, 15.0)]
     best = min(ends, key=lambda point: _quantile_at(problem, point))
     _assert_found(solution, best, _quantile_at(problem, best), 1e-4)
-    assert "F8 outside keep-out zone 'clamp'" in binding(
+    assert "F8 outside keep-out zone 'clamp'" in name_binding(
         solution.program, solution.iterate.point, solution.iterate.parameters
     )  # fmt: skip

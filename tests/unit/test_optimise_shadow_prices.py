@@ -25,7 +25,7 @@ from optimise_scenes import (
 )
 from scenes import cube_fiducials
 from tailstack.optimisation import FreeHalfWidth, PlacementProblem, PlacementSolution, solve_placement
-from tailstack.optimisation.certificate import binding, shadow_prices
+from tailstack.optimisation.certificate import name_binding, price_bounds
 from tailstack.optimisation.placement import settle
 from tailstack.optimisation.prices import reciprocal
 from tailstack.optimisation.program import build_program
@@ -170,7 +170,7 @@ def test_shadow_prices_are_slopes_of_the_optimum(name: str, monkeypatch: pytest.
     monkeypatch.setattr(module, "PRICED", 1e-4)  # per cent: also what would not be worth a line
     solution = _solved(name)
     objective = _objective(solution)
-    prices = {price.name: price for price in shadow_prices(solution.program, solution.iterate.point, objective)}
+    prices = {price.name: price for price in price_bounds(solution.program, solution.iterate.point, objective)}
     for wanted in EXPECTED[name]:
         change, step = CHANGES[wanted]
         above, below = (_continued(change(solution.problem, side * step), solution) for side in (1, -1))
@@ -213,7 +213,7 @@ def test_the_price_of_a_per_unit_limit_is_the_slope_of_the_optimum(law: Law) -> 
 
     limit_mm, step = 0.36, 0.001
     solution = solve_placement(problem(limit_mm), starts=2, seed=2, threads=1)
-    (price,) = (p for p in shadow_prices(solution.program, solution.iterate.point, solution.cost) if p.name == "limit")
+    (price,) = (p for p in price_bounds(solution.program, solution.iterate.point, solution.cost) if p.name == "limit")
     above, below = (_continued(problem(limit_mm + side * step), solution) for side in (1, -1))
     assert price.cost_per_unit == pytest.approx((above - below) / (2 * step), rel=5e-3)
     assert abs(price.cost_per_unit) * limit_mm > 2 * solution.cost  # not what cost ~ 1 / limit would give
@@ -222,7 +222,7 @@ def test_the_price_of_a_per_unit_limit_is_the_slope_of_the_optimum(law: Law) -> 
 def test_what_a_tolerance_between_its_bounds_is_worth() -> None:
     """closed form: the slope of the price curve, -1 / h^2 per rad and -0.2 / h^2 per mm."""
     solution = _solved("cost, mechanics free")
-    prices = {price.name: price for price in shadow_prices(solution.program, solution.iterate.point, solution.cost)}
+    prices = {price.name: price for price in price_bounds(solution.program, solution.iterate.point, solution.cost)}
     contact, turn = solution.choice.half_width[:2]
     assert prices["structure_connector L1 half-width"].unit == "0.01 mm"
     assert prices["structure_connector L1 half-width"].cost_per_unit == pytest.approx(
@@ -252,7 +252,7 @@ def test_binding_names_exactly_what_holds_with_equality() -> None:
             f"images of F{i + 1} and of target 'target' in view{v} at 400 px"
             for i in range(6) if abs(np.linalg.norm(image[i] - image[6]) - 400) < 1e-3
         }  # fmt: skip
-    found = binding(solution.program, solution.iterate.point, solution.iterate.parameters)
+    found = name_binding(solution.program, solution.iterate.point, solution.iterate.parameters)
     on_box = [text for text in found if "on the box at" in text]
     faces = {
         (label, f"{axis} = {side:g} mm")

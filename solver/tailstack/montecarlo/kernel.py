@@ -151,9 +151,13 @@ def triangulate_in_metric(tables, target, estimates, z, metric):
             # below tau.  Rounding makes the quotient of the last step a little larger than that of the first.
             tau = eigenvalue + splat(1e-9) * (m00 + m11 + m22) / (k00 + k11 + k22)
             f = factor3(
-                fma(-tau, k00, m00), fma(-tau, k01, m01), fma(-tau, k02, m02),
-                fma(-tau, k11, m11), fma(-tau, k12, m12), fma(-tau, k22, m22),
-            )  # fmt: skip
+                fma(-tau, k00, m00),
+                fma(-tau, k01, m01),
+                fma(-tau, k02, m02),
+                fma(-tau, k11, m11),
+                fma(-tau, k12, m12),
+                fma(-tau, k22, m22),
+            )
         x0, x1, x2 = solve3(f, fma(-eigenvalue, q0, e0), fma(-eigenvalue, q1, e1), fma(-eigenvalue, q2, e2))
         y0, y1, y2 = select(active, y0 - x0, y0), select(active, y1 - x1, y1), select(active, y2 - x2, y2)
         size = absolute(x0) + absolute(x1) + absolute(x2)

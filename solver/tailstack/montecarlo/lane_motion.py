@@ -1,4 +1,8 @@
-"""What moves before the shutter: mounts, manufacturing errors, and the images that result (conventions, chain 1-2)."""
+"""What moves before the shutter: mounts, manufacturing errors, and the images that result (conventions, chain 1-2).
+
+Arguments: ``tables``, ``z``, ``points``, ``images`` and ``pose`` as in ``kernel``; ``mount``, 0 ... 2, and ``at``, its
+place in ``pose``; ``view`` and ``row``, numbers from 0; points and errors (x, y, z), three lanes each, mm.
+"""
 
 # mypy: ignore-errors
 from __future__ import annotations

@@ -23,7 +23,15 @@ unit norm of p becomes ``p'Q p``, ``Q = diag((L'L)^-1, 1)``, and I turns into Q 
     K(mu) = G_w - mu Q - G_u (D - s^2 mu Q)^-1 G_u - G_v (D - s^2 mu Q)^-1 G_v.
 
 With ``R'R = (1 + w'w) I - w w'`` the block of Q is ``gamma (I + w w')`` (w in the object frame): D - s^2 mu Q is
-diagonal less one dyad, and its inverse exact (Sherman and Morrison).  ``metric`` below is None, or (gamma, w0, w1, w2).
+diagonal less one dyad, and its inverse exact (Sherman and Morrison).
+
+Arguments below, lanes unless said:
+
+- ``metric``: None, or (gamma, w0, w1, w2);
+- ``g``, ``gu``, ``gv``, ``gw``: moment matrices as ten entries, the upper triangle by rows, px (``gw``: px^2);
+- ``d``: eight floats, D and 1 / D; ``scale2``: s^2; ``mu``: px^2; ``a0``, ``a1``, ``a2``: the third row (a, 1);
+- ``equations``: ((gu, gv, gw), d, scale2), all that K(mu) is made of;
+- ``tables``, ``images``: as in ``kernel``.
 """
 
 # mypy: ignore-errors
@@ -173,13 +181,17 @@ def full_norm2(metric, scale2, a0, a1, a2, u, v):
 
 
 @lane_jit
-def refine(metric, moment, d, scale2, inverse_norm2, factor, steps, a0, a1, a2, mu, active):
+def refine(metric, equations, inverse_norm2, factor, steps, iterate):
     """Fixed-factor steps on K(mu) (a, 1) = 0 with exact residuals, mu by the Rayleigh quotient.
 
-    The quotient's denominator is that of the first iterate: its residual goes to zero all the same.
-    Lanes that are not ``active`` keep their values: a lane's digits do not depend on its neighbours.
+    inverse_norm2: of the 12-vector of the first iterate, the quotient's denominator: its residual goes to zero all the
+    same.  factor: of the leading block of K.  steps: at most so many.  iterate: a (3), mu, and the mask of active
+    lanes; the last one is returned.  Lanes that are not active keep their values: a lane's digits do not depend on its
+    neighbours.
     """
+    moment, d, scale2 = equations
     gu, gv, gw = moment
+    a0, a1, a2, mu, active = iterate
     one = splat(1.0)
     for _ in range(steps):
         s = resolvent(metric, d, scale2 * mu)
@@ -202,8 +214,9 @@ def refine(metric, moment, d, scale2, inverse_norm2, factor, steps, a0, a1, a2, 
 
 
 @lane_jit
-def factor_at(metric, moment, d, scale2, tau):
+def factor_at(metric, equations, tau):
     """Factor of the leading block of K(tau) by its own formula; its pivots prove or refute."""
+    moment, d, scale2 = equations
     gu, gv, gw = moment
     s = resolvent(metric, d, scale2 * tau)
     su, sv = sandwich(gu, s[0], s[1], s[2], s[3]), sandwich(gv, s[0], s[1], s[2], s[3])
@@ -253,8 +266,8 @@ def resect(tables, metric, images, gu, gv, estimate):
     mean_u, mean_v = gu[9] * i3, gv[9] * i3
     gu, gv = centre(gu, mean_u, d), centre(gv, mean_v, d)
     gw = square_moments(tables.products, images, tables.counts[0], mean_u, mean_v)
-    moment = (gu, gv, gw)
     scale2 = splat(2.0 * d[3]) / gw[9]
+    equations = ((gu, gv, gw), d, scale2)
 
     su, sv = sandwich(gu, i0, i1, i2, i3), sandwich(gv, i0, i1, i2, i3)
     k00, k01, k02, k03 = gw[0] - su[0] - sv[0], gw[1] - su[1] - sv[1], gw[2] - su[2] - sv[2], gw[3] - su[3] - sv[3]
@@ -269,9 +282,8 @@ def resect(tables, metric, images, gu, gv, estimate):
     inverse_norm2 = one / full_norm2(metric, scale2, a0, a1, a2, u, v)
     mu = fma(a0, k03, fma(a1, k13, fma(a2, k23, k33))) * inverse_norm2
     everyone = one > zero
-    a0, a1, a2, mu, active = refine(
-        metric, moment, d, scale2, inverse_norm2, factor, QUICK_STEPS, a0, a1, a2, mu, everyone
-    )
+    start = (a0, a1, a2, mu, everyone)
+    a0, a1, a2, mu, active = refine(metric, equations, inverse_norm2, factor, QUICK_STEPS, start)
 
     # K(mu) >= K(0) - mu (1 + s^2 / (d_min - lam) G_w), times the largest eigenvalue of Q where there is a metric, and
     # the smallest eigenvalue of a positive definite 3x3 matrix is at least 4 det / trace^2: where that already settles
@@ -286,11 +298,10 @@ def resect(tables, metric, images, gu, gv, estimate):
     proven = factor[6] & settled
     small = shift < splat(LARGEST_SHIFT * smallest)
     if any_lane((active | ~proven) & small):
-        factor = factor_at(metric, moment, d, scale2, mu)
+        factor = factor_at(metric, equations, mu)
         tau = mu
-        a0, a1, a2, mu, active = refine(
-            metric, moment, d, scale2, inverse_norm2, factor, MAX_STEPS, a0, a1, a2, mu, active
-        )
+        last = (a0, a1, a2, mu, active)
+        a0, a1, a2, mu, active = refine(metric, equations, inverse_norm2, factor, MAX_STEPS, last)
         # tau was a Rayleigh quotient, so no eigenvalue but the smallest may lie below it
         proven = proven | (factor[6] & (mu - tau <= splat(1e-9) * trace))
         small = small & (scale2 * size_of(metric, mu) < splat(LARGEST_SHIFT * smallest))

@@ -99,9 +99,14 @@ for _symbol, _name in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">
     # ordered comparisons: false as soon as a NaN is involved, so that "within tolerance" is never true of one
     _operator(_symbol, MASK, (LANES, LANES), lambda b, x, y, name=_name: b.fcmp_ordered(name, x, y))
 for _symbol, _name in (
-    (operator.add, "add"), (operator.mul, "mul"), (operator.xor, "xor"), (operator.and_, "and_"),
-    (operator.or_, "or_"), (operator.lshift, "shl"), (operator.rshift, "lshr"),
-):  # fmt: skip
+    (operator.add, "add"),
+    (operator.mul, "mul"),
+    (operator.xor, "xor"),
+    (operator.and_, "and_"),
+    (operator.or_, "or_"),
+    (operator.lshift, "shl"),
+    (operator.rshift, "lshr"),
+):
     _operator(_symbol, BITS, (BITS, BITS), lambda b, x, y, name=_name: getattr(b, name)(x, y))
 _operator(operator.and_, MASK, (MASK, MASK), lambda b, x, y: b.and_(x, y))
 _operator(operator.or_, MASK, (MASK, MASK), lambda b, x, y: b.or_(x, y))

@@ -140,9 +140,13 @@ def simulate_to_precision(
         f"Bonferroni over {len(looks)} planned looks, for {confidence:g} in all."
     )
     return AdaptiveRun(
-        samples, tuple(replace(one, confidence=confidence) for one in estimates), worst, worst <= precision, stopping,
+        samples,
+        tuple(replace(one, confidence=confidence) for one in estimates),
+        worst,
+        worst <= precision,
+        stopping,
         level,
-    )  # fmt: skip
+    )
 
 
 def simulate_to_decision(

@@ -510,9 +510,11 @@ def budgets_of(program: Program) -> Budgets:
     if problem.cost_limit is not None:
         rows.append(cost - float(np.log(problem.cost_limit)))
     nlp = {
-        "x": ca.vertcat(u, s), "p": ca.vertcat(*parameters, pivots, spacings),
-        "f": s if problem.objective == "quantile" else cost, "g": ca.vertcat(*rows),
-    }  # fmt: skip
+        "x": ca.vertcat(u, s),
+        "p": ca.vertcat(*parameters, pivots, spacings),
+        "f": s if problem.objective == "quantile" else cost,
+        "g": ca.vertcat(*rows),
+    }
     lower, upper = program.bounds("main")
     at = program.widths_at
     return Budgets(
@@ -524,9 +526,14 @@ def budgets_of(program: Program) -> Budgets:
 
 
 def best_budget(
-    budgets: Budgets, choice: Choice, evaluations: list[Evaluation], start: Array, *,
-    fixed: Mapping[int, float] | None = None, offsets: Array | None = None,
-) -> Budget | None:  # fmt: skip
+    budgets: Budgets,
+    choice: Choice,
+    evaluations: list[Evaluation],
+    start: Array,
+    *,
+    fixed: Mapping[int, float] | None = None,
+    offsets: Array | None = None,
+) -> Budget | None:
     """The optimum at a choice's layout and mechanics, or None where the limits are out of reach.
 
     ``evaluations`` there, one for each of the programme's terms; ``start`` (U,) logarithms; ``fixed``: native
@@ -539,13 +546,16 @@ def best_budget(
     triangle = np.triu_indices(3)
     mechanics = mechanics_of(program.problem, choice)
     given = np.zeros(len(evaluations)) if offsets is None else offsets
-    parameters = np.concatenate([
-        *(
-            np.concatenate([item.noise[triangle], item.made[triangle], [offset], item.signs])
-            for item, offset in zip(evaluations, given, strict=True)
-        ),
-        mechanics.pivot_shift, mechanics.inverse_shift,
-    ])  # fmt: skip
+    parameters = np.concatenate(
+        [
+            *(
+                np.concatenate([item.noise[triangle], item.made[triangle], [offset], item.signs])
+                for item, offset in zip(evaluations, given, strict=True)
+            ),
+            mechanics.pivot_shift,
+            mechanics.inverse_shift,
+        ]
+    )
     x0 = np.clip(np.concatenate([start, [0.0]]), lower, upper)
     result = budgets.solver(x0=x0, p=parameters, lbx=lower, ubx=upper, lbg=-np.inf, ubg=0.0)
     if budgets.solver.stats()["return_status"] not in SOLVED:

@@ -1,66 +1,33 @@
-"""What an optimum is worth, from its multipliers.
-
-The optimality residual is recomputed here, not taken from the solver; what binds is named; one unit of each limit and
-bound has its price.
-"""
+"""What an optimum rests on: what binds, what one unit of each limit and bound costs, and how much cheaper anything else
+could be: a lower bound of the cost where one exists, and why none elsewhere."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import floor, log10, radians
 
 import numpy as np
 
-from ..arrays import Array
-from ..results import ShadowPrice
+from ..errors import InfeasibleError, NotConvergedError
+from ..results import Relaxation, ShadowPrice
+from ..system import Law
+from .allocation import gaussian_bracket
+from .exact_law import evaluate_demand, image_parts
+from .grades import Optimum
 from .prices import slope_of
-from .problem import PlacementProblem, for_people, in_words, label_of, unit_of
+from .problem import Choice, PlacementProblem, for_people, in_words, label_of, unit_of
 from .program import Parameters, Point, Program, Row
 from .regions import Box
+from .search import Search
+from .terms import free_laws
 
 ACTIVE = 1e-6  # slack, in the scaled units of the programme, up to which a constraint binds
 TOUCHING = 1e-4  # of a rule of the layout: half of that in a distance
 SAMPLED_ACTIVE = 1e-3  # of a quantile that is sampled
 
 
-def kkt_residual(program: Program, point: Point, parameters: Parameters) -> float:
-    """Largest violation of the first-order conditions at a point, each in the programme's scaled units.
-
-    Stationarity ``|grad f + J' lambda + mu|`` over the variables that are not held, divided by the largest
-    multiplier when that exceeds one; complementarity ``|multiplier| * slack``; feasibility.  Recomputed here
-    from the returned multipliers, not taken from the solver; with ``parameters`` corrected to the exact law at this
-    point, the conditions are those of the exact law.
-    """
-    p = parameters.vector(program, "main")
-    lower, upper = program.bounds("main")
-    x, rows, bounds = point.x, point.row_multipliers, point.bound_multipliers
-    gradient = program.gradient(x, p)[1].full().ravel()
-    g, jacobian = program.jacobian(x, p)
-    values = g.full().ravel()
-    moving = upper > lower
-    stationarity = (gradient + jacobian.full().T @ rows + bounds)[moving]
-    scale = max(1.0, float(np.abs(rows).max(initial=0.0)), float(np.abs(bounds[moving]).max(initial=0.0)))
-    row_lower = np.array([row.lower for row in program.rows])
-    row_upper = np.array([row.upper for row in program.rows])
-    pieces = [
-        np.abs(stationarity) / scale,
-        _complementarity(rows, values, row_lower, row_upper) / scale,
-        _complementarity(bounds[moving], x[moving], lower[moving], upper[moving]) / scale,
-        np.maximum(row_lower - values, 0),
-        np.maximum(values - row_upper, 0),
-    ]
-    return float(max(piece.max(initial=0.0) for piece in pieces))
-
-
-def _complementarity(multiplier: Array, value: Array, lower: Array, upper: Array) -> Array:
-    """|multiplier| times the distance to the bound its sign speaks of (negative: the lower one)."""
-    distance = np.where(multiplier > 0, upper - value, value - lower)
-    # A multiplier on a side without a bound violates the conditions by itself.
-    distance = np.where(np.isfinite(distance), np.maximum(distance, 0), 1.0)
-    return np.asarray(np.abs(multiplier) * distance)
-
-
-def binding(program: Program, point: Point, parameters: Parameters) -> tuple[str, ...]:
+def name_binding(program: Program, point: Point, parameters: Parameters) -> tuple[str, ...]:
     """The constraints that hold with equality, in the user's words."""
     values = program.constraints(point.x, parameters.vector(program, "main"))[1].full().ravel()
     found: list[str] = []
@@ -165,7 +132,7 @@ BETWEEN = 1e-6  # multiplier of a bound that does not press
 PRICED = 1e-2  # per cent of the objective for one step: smaller shadow prices only fill the page
 
 
-def shadow_prices(
+def price_bounds(
     program: Program, point: Point, objective: float, whole: float | None = None
 ) -> tuple[ShadowPrice, ...]:
     """Derivatives of the objective (cost; or the quantile in mm, where that is least) by every limit that binds.
@@ -199,9 +166,11 @@ def shadow_prices(
             limit = requirement.limit_mm
             step = 10.0 ** floor(log10(limit / 10))  # small enough for a derivative to mean something
             name = "limit" if len(problem.requirements) == 1 else f"limit of {requirement.name}"
-            phrase = f"{step:g} mm more on the {name} ({limit:g} mm)" if " of " in name else (
-                f"{step:g} mm more on the limit of {limit:g} mm"
-            )  # fmt: skip
+            phrase = (
+                f"{step:g} mm more on the {name} ({limit:g} mm)"
+                if " of " in name
+                else (f"{step:g} mm more on the limit of {limit:g} mm")
+            )
             add(name, "mm", -2 * pressed * objective / limit, phrase, step)
     for row, multiplier in zip(program.rows, rows, strict=True):
         if row.kind == "cost" and problem.cost_limit is not None:
@@ -228,9 +197,11 @@ def _price_widths(program: Program, point: Point, objective: float, add: Add) ->
             add(f"{words} half-width", unit, own, f"{unit} on {words} is worth", verb="")
         bound, which = (free.maximum, "largest") if multiplier > 0 else (free.minimum, "smallest")
         add(
-            f"{in_words(problem, k)} {which} half-width", unit, -multiplier * objective / bound * step,
+            f"{in_words(problem, k)} {which} half-width",
+            unit,
+            -multiplier * objective / bound * step,
             f"{unit} more on the {which} half-width of {in_words(problem, k)}",
-        )  # fmt: skip
+        )
 
 
 def _spacings(program: Program, point: Point, objective: float, add: Add) -> None:
@@ -282,3 +253,82 @@ def _price_mechanics(program: Program, point: Point, objective: float, add: Add)
             bound, word = (spacing.maximum, "largest") if multiplier > 0 else (spacing.minimum, "smallest")
             name = f"{word} locator spacing of {label_of(problem, spacing.contributor)}"
             add(name, "factor", -multiplier / bound * objective, f"0.1 more on the {name}", 0.1)
+
+
+def bound_cost(search: Search, optimum: Optimum) -> Relaxation:
+    """The bound that goes with an optimum."""
+    problem = optimum.problem
+    if optimum.purchase is not None:
+        return optimum.purchase.bound
+    reason = _no_bound(search, problem)
+    if reason is not None:
+        return Relaxation("none", optimum.cost or None, None, None, reason)
+    try:
+        low, high = _bracket(search, problem, optimum.choice)
+    except (InfeasibleError, NotConvergedError) as error:
+        return Relaxation(
+            "none", optimum.cost, None, None, f"the convex relaxation gave none: {error.problems[0].detail}"
+        )
+    gap = 100 * (optimum.cost / low - 1)
+    return Relaxation(
+        "convex allocation",
+        optimum.cost,
+        low,
+        gap,
+        f"with this layout no allocation costs less than {low:.6g} ({gap:.2g} % below this one): the optimum of a "
+        "convex relaxation, (tr S + c |S|_F) / k <= limit^2 with k checked numerically over all spectra; without k it "
+        f"is always safe, and costs {high:.6g}",
+    )
+
+
+def _no_bound(search: Search, problem: PlacementProblem) -> str | None:
+    """Why the allocation is not convex, or its bound does not hold; None where it is and does."""
+    if problem.objective != "cost":
+        return "no cost is minimised: KKT certifies a local optimum"
+    if problem.places or problem.pivots or problem.spacings:
+        what = "layout" if problem.places else "pivots and spacings"
+        return (
+            f"not convex in the {what}: KKT certifies a local optimum, the spread over starts is all that is known "
+            "beyond that"
+        )
+    if any(term.demand.per_unit for term in search.terms):
+        return "per-unit risk is not convex in the variances: KKT certifies a local optimum"
+    if len({term.demand.requirement.quantile for term in search.terms}) > 1:
+        return "the convex bound is of one quantile, and several are limited: KKT certifies a local optimum"
+    sources = [source for term in search.terms for source in term.sources]
+    sized = [source for source in sources if source.free is not None or source.half_width > 0]
+    if any(source.law is not Law.NORMAL for source in sized) or _manufactured(problem):
+        return (
+            "the convex bound is that of normal laws, and tolerances that are uniform, triangular or bounded have "
+            "lighter tails: KKT certifies a local optimum"
+        )
+    if any(term.bias.base.any() for term in search.terms):
+        return "a known bias moves the quantile out of the convex form: KKT certifies a local optimum"
+    return None
+
+
+def _manufactured(problem: PlacementProblem) -> bool:
+    return bool(problem.system.manufacturing_half_width_mm.any()) and (
+        problem.system.manufacturing_law is not Law.NORMAL
+    )
+
+
+def _bracket(search: Search, problem: PlacementProblem, choice: Choice) -> tuple[float, float]:
+    """(lower bound, cost of the safe side) of the allocation at this layout."""
+    noise, gains, limits = [], [], []
+    for term in search.terms:
+        evaluation = evaluate_demand(problem, term, replace(choice, half_width=problem.lower))
+        covariance = sum(image_parts(evaluation.model, term.demand.requirement.error), term.covariance)
+        noise.append(covariance)
+        gains.append(term.free_gain.T)
+        limits.append(term.demand.requirement.limit_mm)
+    return gaussian_bracket(
+        np.array(noise),
+        np.array(gains),
+        [free.price for free in problem.half_widths],
+        np.array([per for _, per in free_laws(problem)]),
+        np.array(limits),
+        lower=problem.lower,
+        upper=problem.upper,
+        p=search.terms[0].demand.requirement.quantile,
+    )

@@ -218,8 +218,13 @@ DENSEST_DISCS = pi / sqrt(12)  # Thue (Fejes Toth 1940)
 def refuse_regions(problem: PlacementProblem, estimator: Estimator) -> list[Problem]:
     """The first contradiction of each different region."""
     tests: tuple[Callable[[PlacementProblem, Estimator, FreeFiducial], list[Problem]], ...] = (
-        _empty, _behind, _field, _refuse_kept_out, _asymmetric, _packing,
-    )  # fmt: skip
+        _empty,
+        _behind,
+        _field,
+        _refuse_kept_out,
+        _asymmetric,
+        _packing,
+    )
     regions, which = distinct(place.region for place in problem.places)
     found = []
     for k in range(len(regions)):
@@ -366,10 +371,13 @@ def _asymmetric(problem: PlacementProblem, estimator: Estimator, place: FreeFidu
         return []
     low, high = bounding_box(place.region)
     rows = np.vstack([sign * isometry.rotation for isometry in problem.symmetry for sign in (1, -1)])
-    limits = np.concatenate([
-        bound for isometry in problem.symmetry
-        for bound in (high - isometry.shift_mm + INSIDE_MM, isometry.shift_mm - low + INSIDE_MM)
-    ])  # fmt: skip
+    limits = np.concatenate(
+        [
+            bound
+            for isometry in problem.symmetry
+            for bound in (high - isometry.shift_mm + INSIDE_MM, isometry.shift_mm - low + INSIDE_MM)
+        ]
+    )
     if _meets(place.region, rows, limits):
         return []
     word = _word(place.region)

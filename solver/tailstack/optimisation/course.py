@@ -11,8 +11,8 @@ exact law             the closed form corrected until the declared law itself is
 grades                what is bought from a table, and everything else around it (``grades``)
 check                 Monte Carlo with a fresh seed, the aim tightened until it passes (``tightening``)
 front, comparison     the same at other limits, and at other layouts (``alternatives``)
-record, certificate   residual, bound of the convex allocation, shadow prices (``reporting``, ``certificate``,
-                      ``relaxation``, ``allocation``)
+record, certificate   what changed; what binds, shadow prices, the bound of the convex allocation (``reporting``,
+                      ``certificate``, ``allocation``)
 ====================  =========================================================================================
 """
 
@@ -95,9 +95,13 @@ class LocalSearcher:
         task, control = self.task, self.control
         shifted = control.shifted(position, len(task.counts))
         return search(
-            task.problems[position], starts=task.starts, seed=task.seed, threads=control.threads,
-            progress=shifted.progress, stop=control.stop,
-        )  # fmt: skip
+            task.problems[position],
+            starts=task.starts,
+            seed=task.seed,
+            threads=control.threads,
+            progress=shifted.progress,
+            stop=control.stop,
+        )
 
     def trace_front(self, position: int, search: Search) -> tuple[FrontPoint, ...]:
         return trace_front(self.task, search, self.control)

@@ -141,9 +141,13 @@ def closed_form_at(problem: PlacementProblem, terms: DemandTerms, evaluation: Ev
 def no_correction(problem: PlacementProblem) -> Correction:
     zero = np.zeros((3, 3))
     return Correction(
-        0.0, zero, zero, np.zeros(len(problem.half_widths)), np.zeros(3 * len(problem.pivots)),
+        0.0,
+        zero,
+        zero,
+        np.zeros(len(problem.half_widths)),
+        np.zeros(3 * len(problem.pivots)),
         np.zeros(len(problem.spacings)),
-    )  # fmt: skip
+    )
 
 
 def correction_at(
@@ -157,9 +161,13 @@ def correction_at(
     exact = (_unit_gradient if terms.demand.per_unit else _exact_gradient)(problem, terms, choice, evaluation)
     form = _closed_gradient(problem, terms, choice, evaluation, signs)
     slope = Correction(
-        0.0, exact.noise - form.noise, exact.made - form.made, exact.widths - form.widths,
-        exact.pivots - form.pivots, exact.spacings - form.spacings,
-    )  # fmt: skip
+        0.0,
+        exact.noise - form.noise,
+        exact.made - form.made,
+        exact.widths - form.widths,
+        exact.pivots - form.pivots,
+        exact.spacings - form.spacings,
+    )
     return replace(slope, offset=difference - correction_value(slope, problem, choice, evaluation))
 
 
@@ -232,11 +240,13 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
                 turn[i, j] = turn[j, i] = UNIT_STEP
                 sides = [
                     _unit_quantile(
-                        evaluation.model, terms.demand, evaluation.mean_mm,
+                        evaluation.model,
+                        terms.demand,
+                        evaluation.mean_mm,
                         dict.fromkeys(names, np.eye(3) + side * axes @ turn @ axes.T),
                     ).value_mm
                     for side in (1, -1)
-                ]  # fmt: skip
+                ]
                 found[i, j] = found[j, i] = 2 * log(sides[0] / sides[1]) / (2 * UNIT_STEP) / (2 * size)
         return np.asarray(axes @ found @ axes.T)
 
@@ -275,17 +285,23 @@ def _mechanical_steps(problem: PlacementProblem, choice: Choice) -> list[tuple[C
         step = np.zeros(choice.pivots_mm.size)
         step[p] = PIVOT_STEP_MM
         shift = step.reshape(choice.pivots_mm.shape)
-        found.append((
-            replace(choice, pivots_mm=choice.pivots_mm - shift), replace(choice, pivots_mm=choice.pivots_mm + shift),
-            2 * PIVOT_STEP_MM,
-        ))  # fmt: skip
+        found.append(
+            (
+                replace(choice, pivots_mm=choice.pivots_mm - shift),
+                replace(choice, pivots_mm=choice.pivots_mm + shift),
+                2 * PIVOT_STEP_MM,
+            )
+        )
     for spread in range(choice.spacing.size):
         factor = np.ones(choice.spacing.size)
         factor[spread] = np.exp(SPACING_STEP)
-        found.append((
-            replace(choice, spacing=choice.spacing / factor), replace(choice, spacing=choice.spacing * factor),
-            2 * SPACING_STEP,
-        ))  # fmt: skip
+        found.append(
+            (
+                replace(choice, spacing=choice.spacing / factor),
+                replace(choice, spacing=choice.spacing * factor),
+                2 * SPACING_STEP,
+            )
+        )
     return found
 
 
@@ -328,9 +344,13 @@ def _closed_gradient(
     ]
     count = 3 * len(problem.pivots)
     return Correction(
-        0.0, by_noise, by_made, np.array(widths).reshape(-1), np.array(mechanical[:count]).reshape(-1),
+        0.0,
+        by_noise,
+        by_made,
+        np.array(widths).reshape(-1),
+        np.array(mechanical[:count]).reshape(-1),
         np.array(mechanical[count:]).reshape(-1),
-    )  # fmt: skip
+    )
 
 
 def exact_ratios(problem: PlacementProblem, terms: tuple[DemandTerms, ...], choice: Choice) -> Array:

@@ -137,9 +137,11 @@ def _room(program: Program, point: Point) -> list[str]:
             if half > 0:
                 face = f"moving the {'upper' if multiplier > 0 else 'lower'} {'xyz'[k]} face of {place.pointer} out"
                 add(f"{face} by 1 mm", 50 * abs(multiplier) / half)
-    sizes = {"spacing": ("min_spacing_mm", problem.min_spacing_mm, "mm"),
-             "projected_spacing": ("min_projected_spacing_px", problem.min_projected_spacing_px, "px"),
-             "target_clearance": ("target_clearance_px", problem.target_clearance_px, "px")}  # fmt: skip
+    sizes = {
+        "spacing": ("min_spacing_mm", problem.min_spacing_mm, "mm"),
+        "projected_spacing": ("min_projected_spacing_px", problem.min_projected_spacing_px, "px"),
+        "target_clearance": ("target_clearance_px", problem.target_clearance_px, "px"),
+    }
     for row, multiplier in zip(program.rows, point.row_multipliers, strict=True):
         if row.kind in sizes:
             field, size, unit = sizes[row.kind]
@@ -188,10 +190,11 @@ def _relax(
         kept += [nlp["g"][k] + given] if rows[k].lower < rows[k].upper else [nlp["g"][k] + given, given - nlp["g"][k]]
     count = nlp["x"].numel()
     solver = ca.nlpsol(
-        "elastic", "ipopt",
+        "elastic",
+        "ipopt",
         {"x": ca.vertcat(nlp["x"], slack), "p": nlp["p"], "f": ca.sum1(slack), "g": ca.vertcat(*kept)},
         QUIET | {"ipopt.max_iter": 500, "ipopt.tol": 1e-6},
-    )  # fmt: skip
+    )
     lower, upper = program.bounds("main")
     best: tuple[float, Array, Array, Parameters] | None = None
     for point, parameters in points:
@@ -213,9 +216,11 @@ def _relax(
 
 def _in_its_unit(problem: PlacementProblem, kind: str, slack: float) -> str:
     """A rule as relaxed."""
-    sizes = {"spacing": ("min_spacing_mm", problem.min_spacing_mm),
-             "projected_spacing": ("min_projected_spacing_px", problem.min_projected_spacing_px),
-             "target_clearance": ("target_clearance_px", problem.target_clearance_px)}  # fmt: skip
+    sizes = {
+        "spacing": ("min_spacing_mm", problem.min_spacing_mm),
+        "projected_spacing": ("min_projected_spacing_px", problem.min_projected_spacing_px),
+        "target_clearance": ("target_clearance_px", problem.target_clearance_px),
+    }
     if kind in sizes:
         field, size = sizes[kind]
         return f"{field} {size * max(1 - slack, 0.0) ** 0.5:.4g} instead of {size:g}"
@@ -294,9 +299,10 @@ def refuse_incurable(problem: PlacementProblem) -> None:
         check_geometry(scatter(problem) if problem.places else system)
     except IllPosedError as error:
         left = [
-            item for item in error.problems
+            item
+            for item in error.problems
             if not problem.places or item.code in TARGET_CODES or item.detail.startswith("target ")
-        ]  # fmt: skip
+        ]
         if left:
             raise IllPosedError(left) from None
 

@@ -149,9 +149,12 @@ def _choose(
     found = choose_grades(prices, worst, start=choice.half_width[list(graded)], stop=stop)
     where = "at this layout" if problem.places else "for this layout"
     bound = Relaxation(
-        "monotone cuts over grades", found.cost, found.lower_bound, found.gap_percent,
+        "monotone cuts over grades",
+        found.cost,
+        found.lower_bound,
+        found.gap_percent,
         f"{found.statement.rstrip('.')} ({where})",
-    )  # fmt: skip
+    )
     return (Purchase(found.half_width, found.names, bound),)
 
 
@@ -176,10 +179,12 @@ def _compare(search: Search, aims: Array, graded: tuple[int, ...], start: Placem
     ladders = [undominated(problem.half_widths[k].price.grades) for k in graded]
     evaluations = [evaluate_demand(problem, term, choice) for term in program.terms]
     own = {term.demand.key: aim for term, aim in zip(search.terms, aims, strict=True)}
-    offsets = np.array([
-        2 * log(item.exact_mm / closed_form_at(problem, term, item, choice)) - 2 * log(own[term.demand.key])
-        for term, item in zip(program.terms, evaluations, strict=True)
-    ])  # fmt: skip
+    offsets = np.array(
+        [
+            2 * log(item.exact_mm / closed_form_at(problem, term, item, choice)) - 2 * log(own[term.demand.key])
+            for term, item in zip(program.terms, evaluations, strict=True)
+        ]
+    )
     small, start_logs = budgets_of(program), np.log(choice.half_width)
     known: dict[tuple[int, ...], float] = {}
 
@@ -301,12 +306,12 @@ class GradeChoice:
     statement: str
 
 
-class _OutOfBudgetError(Exception):
+class _SpentError(Exception):
     """No further evaluation is allowed."""
 
 
 @dataclass(slots=True)
-class _Search:
+class _Descent:
     """What is known so far.  Feasible assignments are closed downwards, infeasible ones upwards."""
 
     ladders: tuple[tuple[Grade, ...], ...]
@@ -341,7 +346,7 @@ def choose_grades(
     ratio = worst_ratio(_half_widths(ladders, tightest))
     if not ratio <= 1:
         raise _refuse_infeasible(ratio)
-    search = _Search(
+    search = _Descent(
         ladders,
         worst_ratio,
         max_evaluations,
@@ -363,7 +368,7 @@ def choose_grades(
                 progress(search.evaluations, search.cost, lower_bound)
             if _explore(search, assignment) and wanted == 0:
                 break  # the master's optimum itself passes
-    except _OutOfBudgetError:
+    except _SpentError:
         pass
     return _answer(search, lower_bound)
 
@@ -392,14 +397,14 @@ def _above(levels: Levels, others: Iterable[Levels]) -> bool:
     return any(all(a >= b for a, b in zip(levels, other, strict=True)) for other in others)
 
 
-def _passes(search: _Search, levels: Levels) -> bool:
+def _passes(search: _Descent, levels: Levels) -> bool:
     """Does an assignment meet the limits: from what is known, or by evaluating it."""
     if _below(levels, search.feasible):
         return True
     if _above(levels, search.infeasible):
         return False
     if search.evaluations >= search.max_evaluations or search.stop():
-        raise _OutOfBudgetError
+        raise _SpentError
     search.evaluations += 1
     if not search.worst_ratio(_half_widths(search.ladders, levels)) <= 1:
         search.infeasible = [other for other in search.infeasible if not _above(other, [levels])] + [levels]
@@ -415,7 +420,7 @@ def _with(levels: Levels, index: int, level: int) -> Levels:
     return (*levels[:index], level, *levels[index + 1 :])
 
 
-def _explore(search: _Search, levels: Levels) -> bool:
+def _explore(search: _Descent, levels: Levels) -> bool:
     """Does it pass; on the way to candidates that cannot be loosened and cuts that cannot be tightened."""
     if _passes(search, levels):
         _loosen(search, levels)
@@ -429,7 +434,7 @@ def _explore(search: _Search, levels: Levels) -> bool:
     return False
 
 
-def _loosen(search: _Search, levels: Levels) -> None:
+def _loosen(search: _Descent, levels: Levels) -> None:
     """Step by step the loosening that saves most, until none passes: candidates are kept as they are evaluated."""
     open_ = {i for i, ladder in enumerate(search.ladders) if levels[i] < len(ladder) - 1}
     while open_:
@@ -444,7 +449,7 @@ def _loosen(search: _Search, levels: Levels) -> None:
             open_.discard(i)
 
 
-def _tighten(search: _Search, levels: Levels, order: Iterable[int]) -> Levels:
+def _tighten(search: _Descent, levels: Levels, order: Iterable[int]) -> Levels:
     """From a failing assignment to one that passes as soon as any grade is tightened; returns a passing one next to it.
 
     Tolerances are tightened in the order given: the first ones tend to leave the cut, which then asks more of the rest.
@@ -464,7 +469,7 @@ def _tighten(search: _Search, levels: Levels, order: Iterable[int]) -> Levels:
     return passing
 
 
-def _master(search: _Search, gap: float) -> tuple[Levels, float]:
+def _master(search: _Descent, gap: float) -> tuple[Levels, float]:
     """(cheapest assignment no cut forbids, to a relative gap, lower bound of the cost).  Raises NotConvergedError."""
     sizes = [len(ladder) for ladder in search.ladders]
     first = np.concatenate([[0], np.cumsum(sizes)])
@@ -507,7 +512,7 @@ def _refuse_infeasible(ratio: float) -> InfeasibleError:
     )
 
 
-def _answer(search: _Search, lower_bound: float) -> GradeChoice:
+def _answer(search: _Descent, lower_bound: float) -> GradeChoice:
     least = search.cost if lower_bound >= search.cost * (1 - _EQUAL) else lower_bound
     proven = least == search.cost
     gap = 0.0 if proven else 100 * (search.cost - least) / search.cost

@@ -8,11 +8,10 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import NotConvergedError, Problem
-from .certificate import kkt_residual
 from .exact_law import Evaluation, correction_at, exact_ratios
 from .explain import explain_infeasible
 from .problem import Choice, PlacementProblem
-from .program import Parameters, Point, Program, solve
+from .program import Parameters, Point, Program, kkt_residual, solve
 from .search import (
     Iterate,
     Progress,

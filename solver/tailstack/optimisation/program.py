@@ -100,9 +100,7 @@ class Parameters:
         ]  # fmt: skip
         least = question == "least" or program.problem.objective == "quantile"
         chosen = [np.eye(count)[int(piece)] for count, piece in zip(program.piece_counts, self.pieces, strict=True)]
-        return np.concatenate([
-            self.log_limits, self.signs.ravel(), *corrected, *chosen, [1.0 if least else 0.0]
-        ])  # fmt: skip
+        return np.concatenate([self.log_limits, self.signs.ravel(), *corrected, *chosen, [1.0 if least else 0.0]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,8 +177,10 @@ class Program:
         free = question == "least" or self.problem.objective == "quantile"
         if question == "least":
             high = low
-        spread = [np.log([free.minimum for free in self.problem.spacings]),
-                  np.log([free.maximum for free in self.problem.spacings])]  # fmt: skip
+        spread = [
+            np.log([free.minimum for free in self.problem.spacings]),
+            np.log([free.maximum for free in self.problem.spacings]),
+        ]
         slack = [SLACK] if free else [0.0]
         return (
             np.concatenate([-extent[:split], low, -extent[split:], spread[0], np.negative(slack)]),
@@ -224,9 +224,11 @@ def build_program(
             points[movable[g], k] = float(centre[g, k]) + float(half[g, k]) * x[3 * g + k]
         for i, copy in zip(place.fiducials[1:], problem.symmetry, strict=True):
             points[i] = move(copy, points[movable[g]])
-    logs = elements(u) if problem.objective != "scaling" else np.array(
-        [float(np.log(value)) + u[0] for value in present.half_width] or [], dtype=object
-    )  # fmt: skip
+    logs = (
+        elements(u)
+        if problem.objective != "scaling"
+        else np.array([float(np.log(value)) + u[0] for value in present.half_width] or [], dtype=object)
+    )
     half_width = np.array([ca.exp(value) for value in logs], dtype=object)
     pivots = plain(centre[count:].ravel())
     for p in range(w.numel()):
@@ -336,6 +338,43 @@ def solve(
         solved=stats["return_status"] in SOLVED and bool(np.isfinite(x).all()),
         iterations=int(stats["iter_count"]),
     )
+
+
+def kkt_residual(program: Program, point: Point, parameters: Parameters) -> float:
+    """Largest violation of the first-order conditions at a point, each in the programme's scaled units.
+
+    Stationarity ``|grad f + J' lambda + mu|`` over the variables that are not held, divided by the largest
+    multiplier when that exceeds one; complementarity ``|multiplier| * slack``; feasibility.  Recomputed here
+    from the returned multipliers, not taken from the solver; with ``parameters`` corrected to the exact law at this
+    point, the conditions are those of the exact law.
+    """
+    p = parameters.vector(program, "main")
+    lower, upper = program.bounds("main")
+    x, rows, bounds = point.x, point.row_multipliers, point.bound_multipliers
+    gradient = program.gradient(x, p)[1].full().ravel()
+    g, jacobian = program.jacobian(x, p)
+    values = g.full().ravel()
+    moving = upper > lower
+    stationarity = (gradient + jacobian.full().T @ rows + bounds)[moving]
+    scale = max(1.0, float(np.abs(rows).max(initial=0.0)), float(np.abs(bounds[moving]).max(initial=0.0)))
+    row_lower = np.array([row.lower for row in program.rows])
+    row_upper = np.array([row.upper for row in program.rows])
+    pieces = [
+        np.abs(stationarity) / scale,
+        _complementarity(rows, values, row_lower, row_upper) / scale,
+        _complementarity(bounds[moving], x[moving], lower[moving], upper[moving]) / scale,
+        np.maximum(row_lower - values, 0),
+        np.maximum(values - row_upper, 0),
+    ]
+    return float(max(piece.max(initial=0.0) for piece in pieces))
+
+
+def _complementarity(multiplier: Array, value: Array, lower: Array, upper: Array) -> Array:
+    """|multiplier| times the distance to the bound its sign speaks of (negative: the lower one)."""
+    distance = np.where(multiplier > 0, upper - value, value - lower)
+    # A multiplier on a side without a bound violates the conditions by itself.
+    distance = np.where(np.isfinite(distance), np.maximum(distance, 0), 1.0)
+    return np.asarray(np.abs(multiplier) * distance)
 
 
 @dataclass(frozen=True, slots=True)

@@ -82,8 +82,9 @@ def distinct(shapes: Iterable[Shape]) -> tuple[tuple[Shape, ...], tuple[int, ...
 
 def corners(low_high_mm: Array) -> Array:
     """(8, 3) corners of a (2, 3) box."""
-    return np.array([[low_high_mm[i, 0], low_high_mm[j, 1], low_high_mm[k, 2]]
-                     for i in (0, 1) for j in (0, 1) for k in (0, 1)])  # fmt: skip
+    return np.array(
+        [[low_high_mm[i, 0], low_high_mm[j, 1], low_high_mm[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+    )
 
 
 def bounding_box(shape: Shape) -> Array:

@@ -25,12 +25,11 @@ from ..results import (
 )
 from ..scoring import vector3
 from ..system import System
-from .certificate import binding, shadow_prices
+from .certificate import bound_cost, name_binding, price_bounds
 from .exact_law import exact_quantile
 from .placement import PlacementSolution
 from .prices import cost_of
 from .problem import Choice, Demand, PlacementProblem, for_people, in_words, label_of, present_choice
-from .relaxation import relaxation_of
 from .request import Request, read_request
 from .task import Task
 from .terms import DemandTerms, mechanics_of
@@ -78,7 +77,9 @@ def report(
         tolerances=_tolerances(task.request, verified, before, now),
         pivots=tuple(
             MovedPivot(
-                free.contributor, label_of(problem, free.contributor), vector3(before.pivots_mm[k]),
+                free.contributor,
+                label_of(problem, free.contributor),
+                vector3(before.pivots_mm[k]),
                 vector3(now.pivots_mm[k]),
             )
             for k, free in enumerate(problem.pivots)
@@ -96,7 +97,7 @@ def report(
             converged_starts=search.converged,
             best_costs=tuple(item.objective for item in search.optima),
             optima=search.optima,
-            relaxation=relaxation_of(search, optimum),
+            relaxation=bound_cost(search, optimum),
             seed=task.seed,
             tightening_rounds=verified.rounds,
             stopped=search.stopped,
@@ -118,7 +119,7 @@ def report(
             if item.name not in {asked.name for asked in problem.requirements}
         ),
         provenance=verified.verification.provenance,
-    )  # fmt: skip
+    )
 
 
 def _in_a_sentence(request: Request, problem: PlacementProblem) -> str:
@@ -157,7 +158,7 @@ def _p95(system: System, demands: tuple[Demand, ...]) -> float:
 def _binding(solution: PlacementSolution | None) -> tuple[str, ...]:
     if solution is None:
         return ()
-    return binding(solution.program, solution.iterate.point, solution.iterate.parameters)
+    return name_binding(solution.program, solution.iterate.point, solution.iterate.parameters)
 
 
 def _shadow_prices(verified: VerifiedOptimum) -> tuple[ShadowPrice, ...]:
@@ -166,13 +167,13 @@ def _shadow_prices(verified: VerifiedOptimum) -> tuple[ShadowPrice, ...]:
     optimum = verified.optimum
     if verified.exact is not None:
         exact = verified.exact
-        return shadow_prices(exact.program, exact.iterate.point, exact.cost)
+        return price_bounds(exact.program, exact.iterate.point, exact.cost)
     if optimum.solution is None:
         return ()
     program, point = optimum.solution.program, optimum.solution.iterate.point
     if optimum.problem.objective == "quantile":
-        return shadow_prices(program, point, _largest_mm(verified))
-    return shadow_prices(program, point, optimum.solution.cost, optimum.cost)
+        return price_bounds(program, point, _largest_mm(verified))
+    return price_bounds(program, point, optimum.solution.cost, optimum.cost)
 
 
 def _largest_mm(verified: VerifiedOptimum) -> float:

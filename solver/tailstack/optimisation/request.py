@@ -124,10 +124,12 @@ def _places(system: System, section: Optimise) -> tuple[FreeFiducial, ...]:
             place
             for index, region in enumerate(section.regions)
             for place in _groups(
-                [labels.index(label) for label in region.fiducials], size, _shape(region.shape),
+                [labels.index(label) for label in region.fiducials],
+                size,
+                _shape(region.shape),
                 f"/optimise/regions/{index}",
             )
-        )  # fmt: skip
+        )
     free = [i for i, label in enumerate(labels) if label not in section.fixed]
     if section.box is not None:
         return _groups(free, size, _shape(section.box), "/optimise/box")
@@ -200,11 +202,13 @@ def _read_listed(free: FreeTolerance, pointer: str) -> FreeHalfWidth:
 def _pivots(section: Optimise) -> tuple[FreePivot, ...]:
     return tuple(
         FreePivot(
-            free.interface, np.array(free.box.min_mm), np.array(free.box.max_mm),
+            free.interface,
+            np.array(free.box.min_mm),
+            np.array(free.box.max_mm),
             f"/optimise/pivots/{index}",
         )
         for index, free in enumerate(section.pivots)
-    )  # fmt: skip
+    )
 
 
 def _spacings(design: Design, system: System, section: Optimise) -> tuple[FreeSpacing, ...]:
@@ -221,10 +225,14 @@ def _spacings(design: Design, system: System, section: Optimise) -> tuple[FreeSp
         turn = twice - once  # the part that goes as 1/s doubles
         found.append(
             FreeSpacing(
-                free.interface, free.min_scale, free.max_scale, once - turn, turn,
+                free.interface,
+                free.min_scale,
+                free.max_scale,
+                once - turn,
+                turn,
                 f"/optimise/locator_spacing/{index}",
             )
-        )  # fmt: skip
+        )
     return tuple(found)
 
 
@@ -253,9 +261,11 @@ def with_count(request: Request, count: int) -> PlacementProblem:
         positions = np.vstack([positions, middle + 0.9 * (rng.uniform(low, high, (new, 3)) - middle)])
         made = np.vstack([made, np.repeat(made[:1], new, axis=0)])
     system = replace(
-        system, fiducial_labels=tuple(labels), fiducials_mm=_freeze(positions),
+        system,
+        fiducial_labels=tuple(labels),
+        fiducials_mm=_freeze(positions),
         manufacturing_half_width_mm=_freeze(made),
-    )  # fmt: skip
+    )
     return replace(problem, system=system, places=_places(system, section))
 
 

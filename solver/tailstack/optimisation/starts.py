@@ -79,9 +79,12 @@ def _keep_rules(
 
 
 def _candidates(
-    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], region: Shape,
+    problem: PlacementProblem,
+    estimator: Estimator,
+    terms: tuple[DemandTerms, ...],
+    region: Shape,
     rng: np.random.Generator,
-) -> Array:  # fmt: skip
+) -> Array:
     """(C, G, 3) told: at most CANDIDATES that keep the rules, or any when a thousand draws hold none."""
     kept: list[Array] = []
     for _ in range(BATCHES):
@@ -94,9 +97,14 @@ def _candidates(
 
 
 def _spread(
-    rng: np.random.Generator, candidates: list[Array], points: Array, groups: NDArray[np.int64], projections: Array,
-    spacing_mm: float, spacing_px: float,
-) -> None:  # fmt: skip
+    rng: np.random.Generator,
+    candidates: list[Array],
+    points: Array,
+    groups: NDArray[np.int64],
+    projections: Array,
+    spacing_mm: float,
+    spacing_px: float,
+) -> None:
     """Put each group on a candidate of its own that keeps its distance, in place; on any when none does."""
     points[groups.ravel()] = 1e6 * (1 + np.arange(groups.size))[:, None]  # out of the way until placed
     for group, own in zip(groups, candidates, strict=True):
@@ -151,11 +159,14 @@ def _for_exchange(
         for term in terms
     ]
     return (
-        np.ascontiguousarray(estimator.projections), np.ascontiguousarray(estimator.told),
+        np.ascontiguousarray(estimator.projections),
+        np.ascontiguousarray(estimator.told),
         np.array([term.reconstructed_mm for term in terms]),
-        np.array([term.to_error for term in terms]) * share[:, None, None], np.array(constant) * share**2,
-        estimator.fiducial_px, estimator.manufacturing_std_mm,
-    )  # fmt: skip
+        np.array([term.to_error for term in terms]) * share[:, None, None],
+        np.array(constant) * share**2,
+        estimator.fiducial_px,
+        estimator.manufacturing_std_mm,
+    )
 
 
 def _clip_to_regions(problem: PlacementProblem, fiducials_mm: Array) -> Array:
@@ -194,9 +205,12 @@ def careless_layouts(
 
 
 def _draw_layout(
-    problem: PlacementProblem, estimator: Estimator, groups: NDArray[np.int64], pools: list[Array],
+    problem: PlacementProblem,
+    estimator: Estimator,
+    groups: NDArray[np.int64],
+    pools: list[Array],
     args: tuple[Array, float, float],
-) -> Array | None:  # fmt: skip
+) -> Array | None:
     """Each group on the first point of its pool (M, G, 3), con, that keeps its spacing; None when a pool runs out."""
     layout = problem.system.fiducials_mm.copy()
     told = _displace(estimator, layout)
@@ -383,9 +397,11 @@ def exchange(
     """
     views, count = projections.shape[0], points.shape[0]
     work = (
-        np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2)), np.zeros((views, count, 3, 3)),
+        np.zeros((views, count, 3, 2)),
+        np.zeros((views, 3, 2)),
+        np.zeros((views, count, 3, 3)),
         np.zeros((views, count, 2)),
-    )  # fmt: skip
+    )
     args = (told, reconstructed, to_error, constant, fiducial_px, manufacturing_std, work)
     best = mean_square(projections, points, *args)
     for _ in range(sweeps):

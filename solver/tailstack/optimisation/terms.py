@@ -125,9 +125,10 @@ class DemandTerms:
     def bounded(self) -> tuple[int, ...]:
         """Indices of the sources that stand at one of their ends: bounded, and free or of some size."""
         return tuple(
-            i for i, source in enumerate(self.sources)
+            i
+            for i, source in enumerate(self.sources)
             if source.law is Law.BOUNDED and (source.free is not None or source.half_width > 0)
-        )  # fmt: skip
+        )
 
     # At the present pivots and spacings, for the starts:
     @property
@@ -303,10 +304,12 @@ def estimator_affine(problem: PlacementProblem) -> tuple[Affine, Affine]:
         positions = here.pivots_mm.copy()
         positions.flat[p] += PIVOT_STEP_MM
         moved = estimator_of(apply_choice(problem, replace(here, pivots_mm=positions)))
-        slopes.append((
-            _clean((moved.projections - base.projections) / PIVOT_STEP_MM),
-            _clean((moved.told_shift_mm - base.told_shift_mm) / PIVOT_STEP_MM),
-        ))  # fmt: skip
+        slopes.append(
+            (
+                _clean((moved.projections - base.projections) / PIVOT_STEP_MM),
+                _clean((moved.told_shift_mm - base.told_shift_mm) / PIVOT_STEP_MM),
+            )
+        )
     count, spacings = here.pivots_mm.size, here.spacing.size
 
     def affine(start: Array, part: int) -> Affine:
