@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -258,6 +259,8 @@ def test_an_optimised_design_fits_the_page_whatever_it_is_called(label: str, gra
     text = tolerances_text(full_result(tolerances=(entry,)))
     assert len(text.splitlines()) >= 4
     assert max(map(columns, text.splitlines())) <= WIDTH
+    printed = Counter("".join(text.split()))
+    assert not Counter("".join(visible(label + grade).split())) - printed
 
 
 def test_the_chapter_of_the_demo_takes_a_layout_that_had_no_price() -> None:

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -101,6 +102,15 @@ def test_text_has_every_cell_of_the_tables(printed: dict) -> None:
                 assert row("S3", f"std {one['row']}")[0] == metres, one
             else:
                 assert row("analytic", "printed, analytic")["xyz".index(one["row"])] == metres, one
+
+
+def test_geometries_of_long_similar_names_are_told_apart(printed: dict) -> None:
+    """Names of 80 letters, a study's text being told by letters A, B, ... that stand beside the whole names."""
+    study = record_of("study-paper", printed["study"])
+    names = [f"C-arm of the left theatre, {'x' * 26}{letter}{'y' * 26}" for letter in "abcdefgh"]
+    named = [replace(geometry, name=name) for geometry, name in zip(study.geometries, names, strict=False)]
+    text = "".join(paper_text(replace(study, geometries=tuple(named))).split())
+    assert all("".join(geometry.name.split()) in text for geometry in named)
 
 
 def test_csv_has_a_line_for_each_cell_and_geometry(printed: dict) -> None:
