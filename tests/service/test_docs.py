@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 from service_scenes import ROOT
@@ -15,6 +16,12 @@ from tailstack_service.settings import schemas
 
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
 HTTP = (ROOT / "docs" / "http.md").read_text(encoding="utf-8")
+PAGES = sorted(
+    page.relative_to(ROOT)
+    for place in (".", "docs", "openapi", "docker", "examples/*", "tests/data/*")
+    for page in ROOT.glob(f"{place}/*.md")
+    if "gate" not in page.parts  # what the gate prints, and no page of ours
+)
 SETTINGS = (ROOT / "docs" / "settings.md").read_text(encoding="utf-8")
 
 
@@ -65,3 +72,19 @@ def test_settings_are_listed_in_their_order_and_no_others() -> None:
     listed = re.findall(r"^\| `(TAILSTACK_\w+)` \|", SETTINGS, re.MULTILINE)
     assert listed[: len(schemas())] == list(schemas())
     assert sorted(listed[len(schemas()) :]) == sorted(OTHERS)
+
+
+def prose_of(text: str) -> list[tuple[int, str]]:
+    """The numbered lines of a page that are neither a table nor inside a block of code."""
+    lines, fence = [], False
+    for number, line in enumerate(text.splitlines(), 1):
+        fence ^= line.lstrip().startswith("```")
+        if not fence and not line.lstrip().startswith("|"):
+            lines.append((number, line))
+    return lines
+
+
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_prose_is_wrapped_at_120_characters(page: Path) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    assert [(number, line) for number, line in prose_of(text) if len(line) > 120] == []
