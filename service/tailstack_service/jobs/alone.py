@@ -8,7 +8,6 @@ import uuid
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass
 from typing import Any
 
 from tailstack.errors import (
@@ -49,13 +48,6 @@ class RefusedJob(TailstackError):
         self.slug, self.title, self.exit_code = document["type"].rpartition("/")[2], document["title"], exit_code
 
 
-@dataclass(slots=True)
-class _Unit:
-    spec: bytes
-    deaths: int = 0
-    attempts: int = 0
-
-
 def compute_job(engine: Engine, kind: str, request: bytes, report: Report | None = None) -> bytes:
     """The answer of a job, as its service would record it.
 
@@ -65,81 +57,68 @@ def compute_job(engine: Engine, kind: str, request: bytes, report: Report | None
     """
     results: list[UnitResult] = []
     while True:
-        outcome = _compute_units(engine, kind, request, [ADVANCE], tuple(results), None)[0]
-        if outcome.problem is not None:
-            raise _read_refusal(outcome.problem)
-        if outcome.answer is not None:
-            return outcome.answer
-        total = len(results) + len(outcome.more) + outcome.remaining
-        done = len(results)
+        (step,) = _compute_units(engine, [Task(kind, request, ADVANCE, tuple(results))], lambda count: None)
+        if step.answer is not None:
+            return step.answer
+        done, expected = len(results), len(results) + len(step.more) + step.remaining
 
-        def one_more(count: int, done: int = done, total: int = total) -> None:
+        def report_units(count: int, done: int = done, expected: int = expected) -> None:
             if report is not None:
-                report(done + count, total)
+                report(done + count, expected)
 
-        for spec, part in zip(
-            outcome.more, _compute_units(engine, kind, request, outcome.more, (), one_more), strict=True
-        ):
-            if part.problem is not None:
-                raise _read_refusal(part.problem)
-            assert part.result is not None
-            results.append(UnitResult(len(results), spec, part.result))
+        outcomes = _compute_units(engine, [Task(kind, request, spec) for spec in step.more], report_units)
+        for spec, outcome in zip(step.more, outcomes, strict=True):
+            assert outcome.result is not None
+            results.append(UnitResult(len(results), spec, outcome.result))
 
 
-def _compute_units(
-    engine: Engine, kind: str, request: bytes, specs: tuple[bytes, ...] | list[bytes], results: tuple[UnitResult, ...],
-    report: Callable[[int], None] | None,
-) -> list[Outcome]:  # fmt: skip
-    """Outcomes of units in their order; twice as many are under way as can be computed side by side."""
+def _compute_units(engine: Engine, tasks: list[Task], report: Callable[[int], None]) -> list[Outcome]:
+    """Outcomes in the order of their tasks; twice as many are under way as can be computed side by side.
+
+    Raises RefusedJob for the first that is a refusal, NotConvergedError, Defect.
+    """
     prefix = uuid.uuid4().hex
-    waiting = deque((place, _Unit(spec)) for place, spec in enumerate(specs))
-    away: dict[Future[Outcome], tuple[int, _Unit]] = {}
-    found: dict[int, Outcome] = {}
-    idle_since = time.monotonic()
+    waiting = deque(range(len(tasks)))
+    attempts, deaths = [0] * len(tasks), [0] * len(tasks)
+    away: dict[Future[Outcome], int] = {}
+    outcomes: dict[int, Outcome] = {}
+    busy_at = time.monotonic()
     try:
-        while len(found) < len(specs):
+        while len(outcomes) < len(tasks):
             while waiting and len(away) < 2 * engine.capacity:
-                place, unit = waiting.popleft()
-                unit.attempts += 1
-                task = Task(kind, request, unit.spec, results)
-                away[engine.submit(task, f"{prefix}-{place}-{unit.attempts}")] = place, unit
+                number = waiting.popleft()
+                attempts[number] += 1
+                away[engine.submit(tasks[number], f"{prefix}-{number}-{attempts[number]}")] = number
             if not away:
-                if time.monotonic() - idle_since > PATIENCE_SECONDS:
-                    raise _stuck_error(
-                        f"engine {engine.name} has had nothing to compute with for {PATIENCE_SECONDS:.0f} s"
-                    )
+                if time.monotonic() - busy_at > PATIENCE_SECONDS:
+                    detail = f"engine {engine.name} has had nothing to compute with for {PATIENCE_SECONDS:.0f} s"
+                    raise _stuck_error(detail)
                 time.sleep(LOOK_SECONDS)
                 continue
-            done, _ = wait(away, timeout=LOOK_SECONDS, return_when=FIRST_COMPLETED)
-            for future in done:
-                place, unit = away.pop(future)
-                idle_since = time.monotonic()
-                outcome = _take_outcome(future, unit)
-                if outcome is None:
-                    waiting.appendleft((place, unit))
+            for future in wait(away, timeout=LOOK_SECONDS, return_when=FIRST_COMPLETED).done:
+                number, busy_at = away.pop(future), time.monotonic()
+                try:
+                    outcomes[number] = future.result()
+                    report(len(outcomes))
                     continue
-                found[place] = outcome
-                if report is not None:
-                    report(len(found))
+                except Died as error:
+                    deaths[number] += 1
+                    if deaths[number] >= MOST_DEATHS:
+                        detail = f"{MOST_DEATHS} processes ended under the same unit: {error}"
+                        raise _stuck_error(detail) from None
+                except GivenBack as error:
+                    if attempts[number] >= MOST_ATTEMPTS:
+                        raise _stuck_error(f"a unit was given back {MOST_ATTEMPTS} times: {error}") from None
+                    time.sleep(LOOK_SECONDS)
+                waiting.appendleft(number)
     finally:
         for future in away:
             engine.kill(future)
-    return [found[place] for place in range(len(specs))]
-
-
-def _take_outcome(future: Future[Outcome], unit: _Unit) -> Outcome | None:
-    """None where it is to be computed again.  Raises NotConvergedError, Defect."""
-    try:
-        return future.result()
-    except Died as error:
-        unit.deaths += 1
-        if unit.deaths >= MOST_DEATHS:
-            raise _stuck_error(f"{unit.deaths} processes ended under the same unit: {error}") from None
-    except GivenBack as error:
-        if unit.attempts >= MOST_ATTEMPTS:
-            raise _stuck_error(f"a unit was given back {unit.attempts} times: {error}") from None
-        time.sleep(LOOK_SECONDS)
-    return None
+    ordered = [outcomes[number] for number in range(len(tasks))]
+    for outcome in ordered:
+        if outcome.problem is not None:
+            raise _read_refusal(outcome.problem)
+    return ordered
 
 
 def _stuck_error(detail: str) -> NotConvergedError:
