@@ -174,10 +174,10 @@ def _worst_case(
     if not keys:
         return WorstCase(mean, {}, ())
     law = law_of(mean, parts_of(model, error) if parts is None else parts)
-    found = worst_vertex(law, _bounded_columns(model, error, keys), quantile)
+    vertex = worst_vertex(law, _bounded_columns(model, error, keys), quantile)
     names = []
-    for (block, j), sign in zip(keys, found.signs, strict=True):
+    for (block, j), sign in zip(keys, vertex.signs, strict=True):
         unit, factor = unit_for_people(block.units[j])
         names.append(f"{block.contributor}.{block.components[j]}={sign * block.half_width[j] * factor:+g} {unit}")
-    signs = {(block.contributor, j): float(sign) for (block, j), sign in zip(keys, found.signs, strict=True)}
-    return WorstCase(found.law.mean, signs, tuple(names))
+    signs = {(block.contributor, j): float(sign) for (block, j), sign in zip(keys, vertex.signs, strict=True)}
+    return WorstCase(vertex.law.mean, signs, tuple(names))

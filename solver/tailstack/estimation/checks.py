@@ -49,10 +49,10 @@ def check_geometry(system: System) -> tuple[Finding, ...]:
 def examine(system: System) -> tuple[tuple[Finding, ...], tuple[ViewCheck, ...]]:
     """:func:`check_geometry` and :func:`check_views` at once."""
     findings = _check_fiducials(system)
-    seen = _look(system)
-    views = tuple(_check_view(system, each) for each in seen)
-    findings += _check_visibility(system, views, seen)
-    findings += _check_resection(system, seen)
+    sights = _look(system)
+    views = tuple(_check_view(system, each) for each in sights)
+    findings += _check_visibility(system, views, sights)
+    findings += _check_resection(system, sights)
     return (*findings, *_check_triangulation(system)), views
 
 
@@ -95,9 +95,9 @@ def sight(view: View, points: Array) -> Sight:
     A margin is the distance of an image from the nearest edge of the image, negative outside: pixel centres are
     integers, the image spans -0.5 ... size - 0.5.
     """
-    seen = homogeneous(points) @ view.projection.T
-    depth = seen[:, 2]
-    images = seen[:, :2] / np.where(depth > 0, depth, np.nan)[:, None]
+    projected = homogeneous(points) @ view.projection.T
+    depth = projected[:, 2]
+    images = projected[:, :2] / np.where(depth > 0, depth, np.nan)[:, None]
     size = np.array(view.image_size_px or (np.nan, np.nan), dtype=np.float64)
     return Sight(view, depth, images, np.minimum(images + 0.5, size - 0.5 - images).min(axis=1))
 
@@ -127,11 +127,11 @@ def _look(system: System) -> list[Sight]:
     return [sight(view, points) for view in system.views]
 
 
-def _check_view(system: System, seen: Sight) -> ViewCheck:
-    labels, view = system.fiducial_labels, seen.view
-    depth, margin = seen.depth[: len(labels)], seen.margin[: len(labels)]
+def _check_view(system: System, sight: Sight) -> ViewCheck:
+    labels, view = system.fiducial_labels, sight.view
+    depth, margin = sight.depth[: len(labels)], sight.margin[: len(labels)]
     outside = ~(depth > 0) | (margin < 0)
-    first, second, distance = closest_two(seen.images[: len(labels)])
+    first, second, distance = closest_two(sight.images[: len(labels)])
     return ViewCheck(
         view=view.name,
         checked=view.image_size_px is not None,
@@ -212,10 +212,10 @@ def _check_fiducials(system: System) -> list[Finding]:
 # --- what each view sees ----------------------------------------------------------------------------
 
 
-def _check_visibility(system: System, checks: tuple[ViewCheck, ...], seen: Sequence[Sight]) -> list[Finding]:
+def _check_visibility(system: System, checks: tuple[ViewCheck, ...], sights: Sequence[Sight]) -> list[Finding]:
     problems: list[Problem] = []
     findings: list[Finding] = []
-    for index, (each, check) in enumerate(zip(seen, checks, strict=True)):
+    for index, (each, check) in enumerate(zip(sights, checks, strict=True)):
         pointer = f"/views/{index}"
         view, depth = each.view, each.depth
         behind = [] if each.clear else [_name_of(system, index) for index in np.flatnonzero(depth <= 0).tolist()]
@@ -260,8 +260,8 @@ def _name_of(system: System, index: int) -> str:
     return f"target {system.targets[index - len(labels)].name}"
 
 
-def _outside(system: System, seen: Sight, size: tuple[int, int], pointer: str) -> list[Problem]:
-    view, images, margin = seen.view, seen.images, seen.margin
+def _outside(system: System, sight: Sight, size: tuple[int, int], pointer: str) -> list[Problem]:
+    view, images, margin = sight.view, sight.images, sight.margin
     return [
         _refuse(
             pointer,
@@ -277,13 +277,13 @@ def _outside(system: System, seen: Sight, size: tuple[int, int], pointer: str) -
 # --- resection --------------------------------------------------------------------------------------
 
 
-def _check_resection(system: System, seen: Sequence[Sight]) -> list[Finding]:
-    told = system.fiducials_mm
+def _check_resection(system: System, sights: Sequence[Sight]) -> list[Finding]:
+    nominal = system.fiducials_mm
     findings = []
-    for each in seen:
-        view, images = each.view, each.images[: len(told)]
-        object_frame = hartley_similarity(told)
-        points = homogeneous(told) @ object_frame.T
+    for each in sights:
+        view, images = each.view, each.images[: len(nominal)]
+        object_frame = hartley_similarity(nominal)
+        points = homogeneous(nominal) @ object_frame.T
         image_frame = hartley_similarity(images)
         rows = design_matrix(points, (homogeneous(images) @ image_frame.T)[:, :2])
         _, singular, right = np.linalg.svd(rows, full_matrices=False)
@@ -301,7 +301,7 @@ def _check_resection(system: System, seen: Sequence[Sight]) -> list[Finding]:
                     f"{_why(system)}: {motion}, its focal length and principal point following, without changing "
                     "the image of any fiducial",
                     "move two or more fiducials off the plane of the others, or add fiducials"
-                    if _odd_one_out(told) is not None
+                    if _odd_one_out(nominal) is not None
                     else "move or add a fiducial off the curve",
                 )
             )

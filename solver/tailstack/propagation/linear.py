@@ -73,12 +73,12 @@ def estimator_geometry(system: System) -> tuple[Array, Array, Array]:
 def _estimator_geometry(system: System, first: Displacement) -> tuple[Array, Array, Array]:
     projections = system.projections
     if system.reading is Reading.PHYSICAL:
-        told, per_error, seen = system.fiducials_mm.copy(), np.eye(3), projections @ first.matrix()
+        nominal, per_error, effective = system.fiducials_mm.copy(), np.eye(3), projections @ first.matrix()
     else:
         per_error = first.rotation.copy()  # writable as the identity is: kernels see one kind
-        told = system.fiducials_mm @ per_error.T + first.shift_mm
-        seen = projections @ np.linalg.inv(first.matrix())
-    return seen / np.linalg.norm(seen[:, 2, :3], axis=1)[:, None, None], told, per_error
+        nominal = system.fiducials_mm @ per_error.T + first.shift_mm
+        effective = projections @ np.linalg.inv(first.matrix())
+    return effective / np.linalg.norm(effective[:, 2, :3], axis=1)[:, None, None], nominal, per_error
 
 
 def _blocks(system: System) -> tuple[Block, ...]:
@@ -103,9 +103,9 @@ def _blocks(system: System) -> tuple[Block, ...]:
         wide = system.manufacturing_half_width_mm.ravel()
         add_group("fiducial_manufacturing", "mm", system.manufacturing_law, wide, std, True)
     mounts = ((mount.name, mount.title, mount.sources, True) for mount in (*system.interfaces, system.hand_eye))
-    for name, title, given, per_unit in (*mounts, ("execution", "execution", system.execution, False)):
-        if given.names:
-            what = given.names, given.laws, given.half_width, given.std, given.units
+    for name, title, sources, per_unit in (*mounts, ("execution", "execution", system.execution, False)):
+        if sources.names:
+            what = sources.names, sources.laws, sources.half_width, sources.std, sources.units
             blocks.append(Block(name, *what, NO_GAIN, NO_GAIN, False, per_unit, title))
     return tuple(blocks)
 
@@ -289,8 +289,8 @@ def covariance_block_diagonal(model: LinearModel, error: str) -> Array:
     total = covariance(model, error)
     for block in model.blocks:
         if block.contributor == "fiducial_manufacturing":
-            kept = block.localisation * block.std
-            change = model.manufacturing_block_diagonal - kept @ kept.T
+            shared = block.localisation * block.std
+            change = model.manufacturing_block_diagonal - shared @ shared.T
             to_frame = model.tcp_from_localisation if error == "tcp" else np.eye(3)
             total += to_frame @ change @ to_frame.T
     return total

@@ -83,26 +83,26 @@ def matrix_gains(projection: Array, points: Array, centre: Array) -> Array:
     _, image, local, d_inv, du, dv, s_inv, _ = eliminate(projection, points, centre)
     out = np.zeros((12, count, 2))
     y = np.empty((3, 4))
-    wanted = np.zeros((3, 4))
+    selected = np.zeros((3, 4))
     for entry in range(11):
-        wanted[entry // 4, entry % 4] = 1.0
-        y[:] = 0.0  # (M'M)^+ wanted, by the elimination of p1 and p2
+        selected[entry // 4, entry % 4] = 1.0
+        y[:] = 0.0  # (M'M)^+ selected, by the elimination of p1 and p2
         for j in range(3):
             for m in range(3):
-                right = wanted[2, m]
+                right = selected[2, m]
                 for k in range(4):
-                    right += du[k, m] * wanted[0, k] + dv[k, m] * wanted[1, k]
+                    right += du[k, m] * selected[0, k] + dv[k, m] * selected[1, k]
                 y[2, j] += s_inv[j, m] * right
         for j in range(4):
             for m in range(3):
                 y[0, j] += du[j, m] * y[2, m]
                 y[1, j] += dv[j, m] * y[2, m]
                 if j < 3:
-                    y[0, j] += d_inv[j, m] * wanted[0, m]
-                    y[1, j] += d_inv[j, m] * wanted[1, m]
-        y[0, 3] += wanted[0, 3] / count
-        y[1, 3] += wanted[1, 3] / count
-        wanted[entry // 4, entry % 4] = 0.0
+                    y[0, j] += d_inv[j, m] * selected[0, m]
+                    y[1, j] += d_inv[j, m] * selected[1, m]
+        y[0, 3] += selected[0, 3] / count
+        y[1, 3] += selected[1, 3] / count
+        selected[entry // 4, entry % 4] = 0.0
         for i in range(count):
             of_row = np.zeros(3)
             for k in range(4):
@@ -115,8 +115,8 @@ def matrix_gains(projection: Array, points: Array, centre: Array) -> Array:
 
 def motion_of_images(projection: Array, points: Array) -> Array:
     """(N, 2, 3) px per mm: how the images of points (N, 3) mm move with them.  projection (3, 4) with |p3| = 1."""
-    seen = points @ projection[:, :3].T + projection[:, 3]
-    images, depths = seen[:, :2] / seen[:, 2:], seen[:, 2]
+    projected = points @ projection[:, :3].T + projection[:, 3]
+    images, depths = projected[:, :2] / projected[:, 2:], projected[:, 2]
     return np.asarray((projection[:2, :3] - images[:, :, None] * projection[2, :3]) / depths[:, None, None])
 
 
@@ -164,10 +164,10 @@ def _aim(projections: Array, centre: Array, target: Array, covariance: Array) ->
     heads[:, :, 3] += projections[:, :, :3] @ centre
     heads[:, :2] -= (heads[:, :2, 3] / heads[:, 2:, 3])[:, :, None] * heads[:, 2:]
     place = np.append(target - centre, 1.0)
-    seen = heads @ place
-    images = seen[:, :2] / seen[:, 2:]
+    projected = heads @ place
+    images = projected[:, :2] / projected[:, 2:]
     rows = heads[:, :2, :3] - images[:, :, None] * heads[:, 2:, :3]
-    return Aim(heads, place, images, seen[:, 2], rows, covariance)
+    return Aim(heads, place, images, projected[:, 2], rows, covariance)
 
 
 def _depth(aim: Aim) -> float:
@@ -194,9 +194,9 @@ def _crossing(aim: Aim) -> float:
         own -= (towards / aim.depths)[:, None] * aim.place
         slopes[:, c, 8:11] -= (aim.images[:, c] / aim.depths)[:, None] * weakest
         slopes[:, c, 8:] += ((towards * aim.images[:, c] - moved[:, c] @ weakest) / aim.depths)[:, None] * aim.place
-    found = aim.functionals(slopes)
+    errors = aim.functionals(slopes)
     across = flat @ axes[:, 1:]  # what the images do across the weakest direction counts nothing
-    variance = np.trace(found) - ((across * (found @ across)).sum(axis=0) / squares[1:]).sum()
+    variance = np.trace(errors) - ((across * (errors @ across)).sum(axis=0) / squares[1:]).sum()
     return float(max(variance, 0.0) / squares[0])
 
 
@@ -215,10 +215,10 @@ def _row_errors(aim: Aim, target_noises: Array) -> Array:
         left[:, 4 * c + 3, 8:] -= image * aim.place
         noise = target_noises[:, None] * np.column_stack([aim.heads[:, 2, :3], aim.depths])
         by_image[:, 4 * c : 4 * c + 4, 4 * c : 4 * c + 4] = noise[:, :, None] * noise[:, None]
-    found = aim.functionals(left)
+    errors = aim.functionals(left)
     for v in range(views):
-        found[8 * v : 8 * v + 8, 8 * v : 8 * v + 8] += by_image[v]
-    return np.asarray(found.reshape(2 * views, 4, 2 * views, 4).transpose(1, 3, 0, 2))
+        errors[8 * v : 8 * v + 8, 8 * v : 8 * v + 8] += by_image[v]
+    return np.asarray(errors.reshape(2 * views, 4, 2 * views, 4).transpose(1, 3, 0, 2))
 
 
 def _disagreement(aim: Aim, target_noises: Array, origin: Array, unit: float) -> tuple[float, float]:

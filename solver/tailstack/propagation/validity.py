@@ -79,7 +79,7 @@ def validity(numbers: Nonlinearity, system: System, rotation_rad: float = 0.0) -
     if rotation_rad > ROTATION_LIMITS_RAD[0]:
         counted += f", random rotations of {degrees(rotation_rad):.3g} deg"
 
-    def said(status: Level | Literal["not valid"], percent: float | None, statement: str) -> Validity:
+    def state(status: Level | Literal["not valid"], percent: float | None, statement: str) -> Validity:
         return Validity(
             nu=numbers.nu,
             status=status,
@@ -94,7 +94,7 @@ def validity(numbers: Nonlinearity, system: System, rotation_rad: float = 0.0) -
         )
 
     if uncalibrated:
-        return said(
+        return state(
             "not valid",
             None,
             f"{counted}; first order was not calibrated for {uncalibrated}: what its P95 is worth is not known, and "
@@ -102,13 +102,13 @@ def validity(numbers: Nonlinearity, system: System, rotation_rad: float = 0.0) -
         )
     for (limit, status, percent), turn in zip(LEVELS, ROTATION_LIMITS_RAD, strict=True):
         if times * numbers.nu <= limit and rotation_rad <= turn:
-            return said(
+            return state(
                 status,
                 percent,
                 f"{counted}: first-order P95 agrees with the full chain within {percent:g} %"
                 + ("" if percent <= 1 else "; where it errs it is mostly optimistic: verify by Monte Carlo"),
             )
-    return said(
+    return state(
         "not valid",
         None,
         f"{counted}, beyond {LEVELS[-1][0]:g} or {degrees(ROTATION_LIMITS_RAD[-1]):.0f} deg: first order may be "

@@ -129,21 +129,21 @@ def _probabilities(law: LinearLaw, means: Array, r: float, p: float) -> tuple[Ar
     The probabilities are (n,).
     """
     out = np.ones(len(means))
-    asked = np.arange(len(means))
+    open_vertices = np.arange(len(means))
     if len(means) > _MANY:
         # |m + xi| <= |m| + |xi|: a vertex nearer to 0 than r by the p-quantile of |xi| keeps p
         own = law_quantile(replace(law, mean=np.zeros(3)), p, fine=False)
-        asked = np.flatnonzero(np.linalg.norm(means, axis=1) + own.quantile_mm + 4 * own.error_mm > r)
-    if asked.size > _FEW or len(means) <= _MANY:
-        found = _on_one_lattice(law, means[asked], r)
-        if found is not None:
-            out[asked] = found
+        open_vertices = np.flatnonzero(np.linalg.norm(means, axis=1) + own.quantile_mm + 4 * own.error_mm > r)
+    if open_vertices.size > _FEW or len(means) <= _MANY:
+        values = _on_one_lattice(law, means[open_vertices], r)
+        if values is not None:
+            out[open_vertices] = values
             return out, 0.0
-    if asked.size <= _FEW:
-        out[asked] = [law_cdf(replace(law, mean=mean), r) for mean in means[asked]]
+    if open_vertices.size <= _FEW:
+        out[open_vertices] = [law_cdf(replace(law, mean=mean), r) for mean in means[open_vertices]]
         return out, 0.0
     points = sample(law.mean, law.covariance, lattice_columns(law)[0], _LOG2_POINTS)
-    out[asked] = [points.moved(mean - law.mean).probability(r) for mean in means[asked]]
+    out[open_vertices] = [points.moved(mean - law.mean).probability(r) for mean in means[open_vertices]]
     return out, _SLACK
 
 

@@ -271,24 +271,24 @@ def unit_risk(
         raise ValueError(f"a limit must be >= 0 mm, got {limit}")
     fraction = probability_iv(fraction)
     units = draw_units(installation, shot, p, log2_units)
-    found = _quantile(units, fraction, law_quantile(installation, fraction, fine=False))
+    quantile = _quantile(units, fraction, law_quantile(installation, fraction, fine=False))
     share, error = None, None
     if limit is not None:
         share, error = _yield(units, installation, limit)
-        share = _agree(share, fraction, found.value_mm <= limit, units.blocks > 1)
+        share = _agree(share, fraction, quantile.value_mm <= limit, units.blocks > 1)
     n = units.distance.size
-    return UnitRisk(units.p, fraction, found.value_mm, found.standard_error_mm, limit, share, error, n)
+    return UnitRisk(units.p, fraction, quantile.value_mm, quantile.standard_error_mm, limit, share, error, n)
 
 
-def _agree(share: float, fraction: float, kept: bool, differ: bool) -> float:
+def _agree(share: float, fraction: float, within: bool, differ: bool) -> float:
     """The yield, on the side of the required fraction on which the quantile is of the limit.
 
     ``F(limit) >= fraction`` is ``Q(fraction) <= limit`` for one law of R.  Quantile and yield are estimated with other
     controls, each the best for its own, so near one another they may disagree by less than their errors.
     """
     if not differ:
-        return 1.0 if kept else 0.0
-    return max(share, fraction) if kept else min(share, float(np.nextafter(fraction, 0.0)))
+        return 1.0 if within else 0.0
+    return max(share, fraction) if within else min(share, float(np.nextafter(fraction, 0.0)))
 
 
 def _yield(units: Units, installation: LinearLaw, limit: float) -> tuple[float, float]:
