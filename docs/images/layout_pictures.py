@@ -13,7 +13,7 @@ from study_scenes import TARGET_MM, Costs, Layouts
 
 from tailstack.arrays import Array
 from tailstack_service.report.scene import RIGHT, UP
-from tailstack_service.report.svg import BLUE, FAINT, INK, MUTED, VERMILION, box, line, rounded, text
+from tailstack_service.report.svg import BLUE, FAINT, INK, MUTED, VERMILION, box, line, text, trim
 
 ON = 1.0  # mm: that near a face is on it
 NEAR, FAR, ELSEWHERE = "face towards the target", "far face", "elsewhere"
@@ -136,12 +136,12 @@ def _optima(left: float, top: float, item: Layouts) -> list[str]:
     for optimum in item.optima:
         x, y = at(optimum.rms_distance_mm, 100 * (optimum.objective / best - 1))
         parts.append(
-            f'<circle cx="{rounded(x)}" cy="{rounded(y)}" r="{rounded(3.4 * sqrt(optimum.starts))}" fill="{BLUE}" '
+            f'<circle cx="{trim(x)}" cy="{trim(y)}" r="{trim(3.4 * sqrt(optimum.starts))}" fill="{BLUE}" '
             'fill-opacity="0.45" stroke="#0072b2"/>'
         )
     parts.append(text(x0 + width / 2, y0 + height + 36, "distance from the best, mm rms", anchor="middle", size=12))
     upright = text(0, 0, "P95 above the best, %", anchor="middle", size=12)
-    parts.append(f'<g transform="translate({rounded(left + 6)} {rounded(y0 + height / 2)}) rotate(-90)">{upright}</g>')
+    parts.append(f'<g transform="translate({trim(left + 6)} {trim(y0 + height / 2)}) rotate(-90)">{upright}</g>')
     return parts
 
 

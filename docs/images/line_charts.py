@@ -11,7 +11,7 @@ from html import escape
 from math import log10
 from typing import Literal
 
-from tailstack_service.report.svg import FAINT, INK, MUTED, PALE, box, line, rounded, text
+from tailstack_service.report.svg import FAINT, INK, MUTED, PALE, box, line, text, trim
 
 WIDTH = 900
 SIZE = 13  # of all text but titles
@@ -130,7 +130,7 @@ def _axes(frame: Frame) -> list[str]:
     parts.append(text(middle, frame.bottom + 41, chart.x_label, anchor="middle", size=SIZE))
     across, down = frame.left - 46, (frame.top + frame.bottom) / 2
     upright = text(0, 0, chart.y_label, anchor="middle", size=SIZE)
-    parts.append(f'<g transform="translate({rounded(across)} {rounded(down)}) rotate(-90)">{upright}</g>')
+    parts.append(f'<g transform="translate({trim(across)} {trim(down)}) rotate(-90)">{upright}</g>')
     return parts
 
 
@@ -138,7 +138,7 @@ def _band(frame: Frame, series: Series) -> list[str]:
     if not series.low:
         return []
     edge = [*zip(series.x, series.high, strict=True), *reversed([*zip(series.x, series.low, strict=True)])]
-    points = " ".join(f"{rounded(frame.x(x))},{rounded(frame.y(y))}" for x, y in edge)
+    points = " ".join(f"{trim(frame.x(x))},{trim(frame.y(y))}" for x, y in edge)
     return [f'<polygon points="{points}" fill="{PALE}" stroke="none"/>']
 
 
@@ -147,7 +147,7 @@ def _line(frame: Frame, series: Series) -> list[str]:
     hollow = series.hollow or [False] * len(at)
     parts = []
     if len(at) > 1:
-        path = "M" + "L".join(f"{rounded(x)} {rounded(y)}" for x, y in at)
+        path = "M" + "L".join(f"{trim(x)} {trim(y)}" for x, y in at)
         look = f' stroke-dasharray="{series.dashes}"' if series.dashes else ""
         parts.append(f'<path d="{path}" stroke="{series.colour}" stroke-width="2" fill="none"{look}/>')
     marks = zip(at, hollow, strict=True)
@@ -160,14 +160,14 @@ def mark(shape: Shape, x: float, y: float, colour: str, size: float = 4.0, *, ho
     if shape == "none":
         return ""
     if shape == "circle":
-        return f'<circle cx="{rounded(x)}" cy="{rounded(y)}" r="{size}" {look}/>'
+        return f'<circle cx="{trim(x)}" cy="{trim(y)}" r="{size}" {look}/>'
     if shape == "square":
         return box(x - size, y - size, x + size, y + size, look)
     corners = {
         "triangle": ((x, y - 1.3 * size), (x - 1.2 * size, y + 0.9 * size), (x + 1.2 * size, y + 0.9 * size)),
         "diamond": ((x, y - 1.4 * size), (x + 1.4 * size, y), (x, y + 1.4 * size), (x - 1.4 * size, y)),
     }[shape]
-    points = " ".join(f"{rounded(across)},{rounded(down)}" for across, down in corners)
+    points = " ".join(f"{trim(across)},{trim(down)}" for across, down in corners)
     return f'<polygon points="{points}" {look}/>'
 
 

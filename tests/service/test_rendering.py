@@ -17,8 +17,8 @@ from optimisation_scenes import bare_result, full_result, tolerance, verificatio
 from tailstack.results import Check, Contributor, CountTried, Finding, Verdict
 from tailstack_service.rendering.demo import before_after_text
 from tailstack_service.rendering.optimisation import moved_text, optimisation_text, tolerances_text
-from tailstack_service.rendering.score import grouped
-from tailstack_service.rendering.tables import WIDTH, columns, fold, number, percent, table, visible, wrapped
+from tailstack_service.rendering.score import group
+from tailstack_service.rendering.tables import WIDTH, columns, fold, number, percent, table, visible, wrap
 from tailstack_service.rendering.verdict import checks_table, findings_text, verdict_text
 
 
@@ -92,7 +92,7 @@ def test_wide_tables_give_way_in_their_texts() -> None:
 
 @given(st.lists(st.text("abcdefgh", min_size=1, max_size=30), min_size=1, max_size=60))
 def test_wrapping_keeps_every_word(words: list[str]) -> None:
-    text = wrapped(" ".join(words), first="note: ", indent="  ")
+    text = wrap(" ".join(words), first="note: ", indent="  ")
     assert text.removeprefix("note: ").split() == words
     assert max(map(columns, text.split("\n"))) <= WIDTH
 
@@ -106,7 +106,7 @@ def test_budget_lines_are_grouped_and_sorted_by_share() -> None:
         line("noise", "all", 0.2), line("seat", "rx", 0.1), line("seat", "ry", 0.3), line("seat", "all", 0.4),
         line("arm", "tx", 0.25),
     )  # fmt: skip
-    found = [(total.name, [part.component for part in parts]) for total, parts in grouped(contributors)]
+    found = [(total.name, [part.component for part in parts]) for total, parts in group(contributors)]
     assert found == [("seat", ["ry", "rx"]), ("arm", []), ("noise", [])]
 
 

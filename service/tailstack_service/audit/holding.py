@@ -30,7 +30,7 @@ _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Held:
+class ReportFile:
     """A file and the result in it."""
 
     form: Form
@@ -38,11 +38,11 @@ class Held:
     result: ReadResult
 
 
-def held(content: bytes, file: str) -> Held:
+def read_report(content: bytes, file: str) -> ReportFile:
     """The result in a report.  Raises RequestError for what is no report of tailstack, or holds a broken record."""
     form = form_of(content)
     if form == "json":
-        return Held(form, content, _read(content, file, 1))
+        return ReportFile(form, content, _read(content, file, 1))
     if form == "html":
         found = list(_HTML_RECORD.finditer(content))
         if len(found) != 1:
@@ -50,7 +50,7 @@ def held(content: bytes, file: str) -> Held:
         text, line = found[0].group(1), content.count(b"\n", 0, found[0].start(1)) + 1
     else:
         text, line = (_from_pdf if form == "pdf" else _from_xlsx)(content, file), 0
-    return Held(form, content, _read(text, file, line))
+    return ReportFile(form, content, _read(text, file, line))
 
 
 def form_of(content: bytes) -> Form:
@@ -72,14 +72,14 @@ def _read(text: bytes, file: str, first_line: int) -> ReadResult:
             raise RequestError(Problem("/schema", "bad-result", detail, "give a report or a result of tailstack"))
         return result_of(source, schema, file)
     except (DesignError, RequestError) as error:
-        raise RequestError([_shifted(_hinted(problem), file, first_line) for problem in error.problems]) from None
+        raise RequestError([_shift_lines(_add_hint(problem), file, first_line) for problem in error.problems]) from None
 
 
-def _hinted(problem: Problem) -> Problem:
+def _add_hint(problem: Problem) -> Problem:
     return problem if problem.hint else replace(problem, hint="give a file that tailstack report wrote, or a result")
 
 
-def _shifted(problem: Problem, file: str, first_line: int) -> Problem:
+def _shift_lines(problem: Problem, file: str, first_line: int) -> Problem:
     line = None if problem.line is None or first_line == 0 else problem.line + first_line - 1
     return replace(problem, file=file, line=line, column=None if line is None else problem.column)
 
@@ -95,12 +95,12 @@ def _from_pdf(content: bytes, file: str) -> bytes:
         raise _no_record(file, "a PDF report holds its record as one attachment", len(found))
     start, length = found[0].end(), int(found[0].group(1))
     try:
-        return _inflated(content[start : start + length])
+        return _inflate(content[start : start + length])
     except zlib.error as error:
         raise RequestError(Problem("", "bad-result", f"the attachment cannot be unpacked: {error}", "", file)) from None
 
 
-def _inflated(packed: bytes) -> bytes:
+def _inflate(packed: bytes) -> bytes:
     unpacking = zlib.decompressobj()
     text = unpacking.decompress(packed, LARGEST_UNPACKED)
     if unpacking.unconsumed_tail or not unpacking.eof:
@@ -109,7 +109,7 @@ def _inflated(packed: bytes) -> bytes:
 
 
 def _from_xlsx(content: bytes, file: str) -> bytes:
-    parts = unpacked(content, file)
+    parts = unpack_streams(content, file)
     cells = sheet_cells(parts, RECORD_SHEET)
     if cells is None:
         raise _no_record(file, f"a spreadsheet of tailstack has one sheet {RECORD_SHEET!r}", 0)
@@ -117,7 +117,7 @@ def _from_xlsx(content: bytes, file: str) -> bytes:
     return "".join(text for _, text in rows).encode()
 
 
-def unpacked(content: bytes, file: str) -> dict[str, bytes]:
+def unpack_streams(content: bytes, file: str) -> dict[str, bytes]:
     """The parts of a spreadsheet by their names.  Raises RequestError."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:

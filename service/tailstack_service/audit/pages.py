@@ -11,7 +11,7 @@ from tailstack import __version__
 from ..operations.rendering import render
 from ..report.errors import PdfUnavailable
 from .findings import DIFFERENT, NOT_COMPARED, SAME, Question
-from .holding import Held, sheet_cells, sheet_names, unpacked
+from .holding import ReportFile, sheet_cells, sheet_names, unpack_streams
 
 MOST = 5  # differences that are told
 LONGEST = 90
@@ -22,7 +22,7 @@ _PACKED = re.compile(rb"/Length \d+|startxref\n\d+")  # what hangs on how stream
 _PRODUCER = re.compile(rb"/Producer \(([^()]*)\)")
 
 
-def pages_question(held: Held, written_by: str, file: str) -> Question:
+def pages_question(held: ReportFile, written_by: str, file: str) -> Question:
     """The file against what its record renders to here."""
     if held.form == "json":
         same = held.content.rstrip(b"\n") == held.result.body
@@ -66,7 +66,7 @@ def _lines(content: bytes, fresh: bytes) -> Question:
 
 
 def _cells(content: bytes, fresh: bytes, file: str) -> Question:
-    there, here = (unpacked(book, file) for book in (content, fresh))
+    there, here = (unpack_streams(book, file) for book in (content, fresh))
     if there == here:
         return Question("pages", SAME, "what the record renders to, part for part (packed by another zlib)")
     details = []

@@ -20,7 +20,7 @@ from ..operations.reading import ReadResult
 from ..operations.registry import OPERATIONS
 from ..problems import RequestError
 from .findings import DIFFERENT, SAME, Audit, Question
-from .holding import held
+from .holding import read_report
 from .pages import pages_question
 
 MOST = 8  # differing numbers that are listed
@@ -45,7 +45,7 @@ def audit(
     most: what computing again may take; default ``Effort()``.  Raises RequestError for what cannot be read or lacks
     its design, LimitError for what asks for more than that, TailstackError where computing fails.
     """
-    found = held(content, file)
+    found = read_report(content, file)
     result = found.result
     operation = OPERATIONS[result.kind]
     holds = operation.hold(result.record)

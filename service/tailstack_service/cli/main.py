@@ -72,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return leaving.code if isinstance(leaving.code, int) else BAD_INPUT
     except BrokenPipeError:
         return _reader_left(PASS)
-    return _guarded(arguments)
+    return _run_verb(arguments)
 
 
 def _leave_quickly() -> None:
@@ -82,7 +82,7 @@ def _leave_quickly() -> None:
     atexit.register(gc.freeze)
 
 
-def _guarded(arguments: argparse.Namespace) -> int:
+def _run_verb(arguments: argparse.Namespace) -> int:
     from tailstack.errors import TailstackError
 
     from ..console.refusals import report_error, report_failure

@@ -39,12 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a design document, or the JSON of a result of tailstack; two designs are compared; - reads stdin",
     )  # fmt: skip
     parser.add_argument(
-        "--format", type=_listed(FORMATS), metavar="LIST",
+        "--format", type=_list_type(FORMATS), metavar="LIST",
         help="html, pdf, xlsx, json, separated by commas (default html)",
     )  # fmt: skip
     parser.add_argument("-o", "--output", metavar="DIR", help="directory for the files (default: this one)")
     parser.add_argument(
-        "--parts", type=_listed(PARTS), metavar="LIST",
+        "--parts", type=_list_type(PARTS), metavar="LIST",
         help="of a design: score, verification, optimisation (default score,verification)",
     )  # fmt: skip
     size = parser.add_mutually_exclusive_group()
@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fast", action="store_true", help="with --verify: without Monte Carlo and optimiser")
 
 
-def _listed(known: Sequence[str]) -> type:
+def _list_type(known: Sequence[str]) -> type:
     """An argparse type: names out of a list, separated by commas, each once."""
 
     def convert(text: str) -> tuple[str, ...]:
@@ -85,23 +85,23 @@ def run(arguments: argparse.Namespace) -> Answer:
         hint = "tailstack report DESIGN, or tailstack report FIRST SECOND"
         _refuse("too-many", f"one or two documents are reported; {len(arguments.sources)} were given", hint)
     if arguments.verify:
-        return _verified(arguments)
+        return _verify(arguments)
     if arguments.fast:
         _refuse("unused-option", "--fast: it is read only with --verify", "leave it out")
 
     output = _directory(arguments.output or ".")
     given = [_read(name) for name in arguments.sources]
     if len(given) == 2:
-        kind, body = "comparison", _compared(arguments, given)
+        kind, body = "comparison", _compare(arguments, given)
     elif not isinstance(given[0], bytes | Path):
         kind, body = given[0].kind, given[0].body
         _no_options(arguments, OF_A_DESIGN, "a result is rendered as it is", "give the design instead")
     else:
-        kind, body = "report", _computed(arguments, given[0])
+        kind, body = "report", _compute(arguments, given[0])
     stem = "-".join("stdin" if name == "-" else _stem(Path(name).name) for name in arguments.sources)
     stem = "report" if stem == "stdin" else stem
     written = []
-    for form, content in _rendered(kind, body, arguments.format or ("html",)):
+    for form, content in _render(kind, body, arguments.format or ("html",)):
         path = output / f"{stem}.{'report.' if form == 'json' else ''}{form}"
         replace_file(path, content)
         written.append(str(path))
@@ -115,7 +115,7 @@ def _stem(name: str) -> str:
     return name.removesuffix(ending)
 
 
-def _rendered(kind: str, body: bytes, forms: Sequence[str]) -> list[tuple[str, bytes]]:
+def _render(kind: str, body: bytes, forms: Sequence[str]) -> list[tuple[str, bytes]]:
     from ..operations.rendering import render_all
 
     with Progress("report"):
@@ -124,14 +124,14 @@ def _rendered(kind: str, body: bytes, forms: Sequence[str]) -> list[tuple[str, b
 
 def _read(name: str) -> ReadResult | bytes | Path:
     """A result, or where a design is to be loaded from.  Raises RequestError, LimitError."""
-    from ..audit.holding import held
+    from ..audit.holding import read_report
     from ..gate.reading import LIMITS
     from ..operations.reading import ReadResult, read_document
 
     given = sys.stdin.buffer.read(LIMITS.document_bytes + 1) if name == "-" else Path(name)
     file = "<stdin>" if name == "-" else name
     if (page := _page(given)) is not None:
-        return held(page, file).result
+        return read_report(page, file).result
     found = read_document(given, file)
     return found if isinstance(found, ReadResult) else given
 
@@ -162,7 +162,7 @@ def _design(given: bytes | Path) -> Design:
     return load_design(given, base_directory=Path.cwd() if isinstance(given, bytes) else None)
 
 
-def _computed(arguments: argparse.Namespace, given: bytes | Path) -> bytes:
+def _compute(arguments: argparse.Namespace, given: bytes | Path) -> bytes:
     """The report of a design, computed here."""
     from ..documents import to_json
     from ..report.assembling import compute_report
@@ -172,7 +172,7 @@ def _computed(arguments: argparse.Namespace, given: bytes | Path) -> bytes:
         return to_json(compute_report(design, options, progress=progress.report))
 
 
-def _compared(arguments: argparse.Namespace, given: Sequence[ReadResult | bytes | Path]) -> bytes:
+def _compare(arguments: argparse.Namespace, given: Sequence[ReadResult | bytes | Path]) -> bytes:
     """The comparison of two designs, computed here; a result that holds its design stands for that."""
     from ..documents import to_json
     from ..report.comparing import compute_comparison
@@ -195,7 +195,7 @@ def _held_design(result: ReadResult, file: str) -> Design:
     return load_design(result.record.design, allow_files=False)
 
 
-def _verified(arguments: argparse.Namespace) -> Answer:
+def _verify(arguments: argparse.Namespace) -> Answer:
     """Exit code 0 when everything is the same, 1 when something differs, 3 when it could not be compared."""
     from ..audit import Effort, audit
     from ..audit.findings import audit_text

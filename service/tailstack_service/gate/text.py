@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 
-from ..rendering.tables import coloured, fixed, number, percent, signed, table, visible, wrapped
+from ..rendering.tables import decimal, number, paint, percent, signed_decimal, table, visible, wrap
 from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord, counts, find_largest_p95, split_findings
 
 _MARKUP = re.compile(r"([\\`*_{}\[\]<>()#+!|~$@&])")
@@ -26,7 +26,7 @@ def render_text(record: GateRecord, *, colour: bool = False) -> str:
         if findings:
             parts.append("\n".join([*heading, *(_write_finding(finding, colour) for finding in findings)]))
     parts.append(
-        coloured(f"verdict: {record.verdict}", _ROLE.get(record.verdict, "fail"), colour)
+        paint(f"verdict: {record.verdict}", _ROLE.get(record.verdict, "fail"), colour)
         + f" (exit code {record.exit_code}; mode {record.mode}, seed {record.seed}, policy "
         + f"{visible(record.provenance.policy_name)}, waivers judged by {record.provenance.today}"
         + f"{count_not_judged(record)})"
@@ -72,7 +72,7 @@ def _list_designs(record: GateRecord, colour: bool) -> str:
         basis = "" if design.basis == "none" else f"{design.basis}"
         basis += f", {design.trials:,} trials" if design.trials is not None else ""
         kind = f" [{design.design_class}]" if design.design_class else ""
-        verdict = coloured(design.verdict, _ROLE.get(design.verdict, "fail"), colour)
+        verdict = paint(design.verdict, _ROLE.get(design.verdict, "fail"), colour)
         name = f" ({visible(design.name)})" if design.name else ""
         rates = [number.error_rate for number in design.numbers if number.error_rate is not None]
         basis += f"; each status wrong with a probability of at most {100 * max(rates):.3g} %" if rates else ""
@@ -110,20 +110,20 @@ def _write_row(entry: GateNumber, target: str) -> dict[str, str]:
         "target": target,
         "rule": entry.rule,
         "value\nmm": number(entry.value_mm),
-        "interval\nmm": "-" if entry.interval_mm is None else f"{fixed(low_mm, 3)} .. {fixed(high_mm, 3)}",
+        "interval\nmm": "-" if entry.interval_mm is None else f"{decimal(low_mm, 3)} .. {decimal(high_mm, 3)}",
         "limit\nmm": number(entry.limit_mm),
-        "margin\nmm": signed(entry.margin_mm),
+        "margin\nmm": signed_decimal(entry.margin_mm),
         "yield\n%": percent(entry.value) if entry.unit == "fraction" else "-",
         "status": entry.status,
     }
 
 
 def _write_finding(finding: GateFinding, colour: bool) -> str:
-    severity = coloured(finding.severity, _ROLE.get(finding.severity, "none"), colour)
+    severity = paint(finding.severity, _ROLE.get(finding.severity, "none"), colour)
     text = f"{finding.message} [{finding.rule}]"
-    lines = wrapped(text, first=f"{visible(name_place(finding))}: {severity}: ", indent="  ")
+    lines = wrap(text, first=f"{visible(name_place(finding))}: {severity}: ", indent="  ")
     if finding.suppressed_by is not None:
-        lines += "\n" + wrapped(finding.suppressed_by, first="  accepted by ", indent="  ")
+        lines += "\n" + wrap(finding.suppressed_by, first="  accepted by ", indent="  ")
     return lines
 
 
@@ -173,7 +173,7 @@ def _write_markdown_numbers(record: GateRecord) -> list[str]:
     rows = [(design, *entry) for design in record.designs for entry in choose_numbers(design.numbers)]
     for design, entry, target in rows[:MOST_ROWS]:
         texts = " | ".join(escape_markdown(text) for text in (design.file, entry.requirement, target, entry.headline))
-        values = " | ".join((number(entry.value_mm), number(entry.limit_mm), signed(entry.margin_mm)))
+        values = " | ".join((number(entry.value_mm), number(entry.limit_mm), signed_decimal(entry.margin_mm)))
         lines.append(f"| {texts} | {values} | {_MARK[entry.status]} {entry.status} |")
     if len(rows) > MOST_ROWS:
         lines.append(f"| | | | {len(rows) - MOST_ROWS} more are in the record | | | | |")

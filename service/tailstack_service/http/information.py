@@ -79,7 +79,7 @@ DESCRIBED = (Health, Readiness, SchemaList, Version, ProblemType)  # what is ans
 READINESS = media_types(JSON, reference("schemas", "Readiness"))
 
 
-def _named(name: str, words: str, example: str) -> dict[str, Any]:
+def _path_parameter(name: str, words: str, example: str) -> dict[str, Any]:
     """A parameter of the path."""
     return {
         "name": name, "in": "path", "required": True, "description": words, "schema": {"type": "string"},
@@ -196,7 +196,7 @@ async def schemas() -> Response:
     responses={
         200: response_of("One JSON Schema (draft 2020-12).", media_types("application/schema+json", {"type": "object"}))
     },
-    openapi_extra=extra(_named("name", "Name of a published schema.", "design"), problems=(404,)),
+    openapi_extra=extra(_path_parameter("name", "Name of a published schema.", "design"), problems=(404,)),
 )
 async def schema(request: Request) -> Response:
     name = request.path_params["name"]
@@ -216,7 +216,9 @@ async def schema(request: Request) -> Response:
             "What a class of problems means and what cures it.", media_types(JSON, reference("schemas", "ProblemType"))
         )
     },
-    openapi_extra=extra(_named("slug", "Last part of the type of a problem.", "invalid-design"), problems=(404,)),
+    openapi_extra=extra(
+        _path_parameter("slug", "Last part of the type of a problem.", "invalid-design"), problems=(404,)
+    ),
 )
 async def problem_type(request: Request) -> Response:
     slug = request.path_params["slug"]

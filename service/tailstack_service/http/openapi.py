@@ -381,23 +381,23 @@ class _Schemas:
             key: key if key != name and self._free(key, definitions[key]) else f"{name}{key}" for key in definitions
         } | {key: PUBLISHED[key] for key in definitions if key in PUBLISHED}
         for key, definition in definitions.items():
-            self.found[names[key]] = _renamed(definition, names)
-        self.found[name] = _renamed(body, names)
+            self.found[names[key]] = _rename_references(definition, names)
+        self.found[name] = _rename_references(body, names)
 
     def _free(self, key: str, definition: Any) -> bool:
-        return key not in self.found or self.found[key] == _renamed(definition, {})
+        return key not in self.found or self.found[key] == _rename_references(definition, {})
 
 
-def _renamed(node: Any, names: dict[str, str]) -> Any:
+def _rename_references(node: Any, names: dict[str, str]) -> Any:
     """The same schema with its references led to the components."""
     if isinstance(node, list):
-        return [_renamed(item, names) for item in node]
+        return [_rename_references(item, names) for item in node]
     if not isinstance(node, dict):
         return node
     return {
         key: "#/components/schemas/" + names.get(value[8:], value[8:])
         if key == "$ref" and isinstance(value, str) and value.startswith("#/$defs/")
-        else _renamed(value, names)
+        else _rename_references(value, names)
         for key, value in node.items()
     }
 

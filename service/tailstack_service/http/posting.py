@@ -53,7 +53,7 @@ def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
         if found.terms is not None:
             await note_policy(request, dict(found.terms))
         if found.job is not None:
-            return await submitted(request, found.job, key)
+            return await submit(request, found.job, key)
         return Response(found.answer, media_type=JSON)
 
     return create
@@ -76,7 +76,7 @@ for _operation in OPERATIONS.values():
     )
 
 
-async def submitted(request: Request, posted: JobRequest, key: str | None) -> Response:
+async def submit(request: Request, posted: JobRequest, key: str | None) -> Response:
     """The answer to a request that was checked: its job, or with Prefer: wait perhaps already its result.
 
     Raises TransportError (cpu-budget), QueueFull, IdempotencyConflict, StoreUnavailable.
@@ -99,7 +99,7 @@ async def submitted(request: Request, posted: JobRequest, key: str | None) -> Re
     if wait is None:
         return accepted_response(job, **headers)
     headers["Preference-Applied"] = f"wait={wait}"
-    job = await _awaited(request, service, job, wait)
+    job = await _await_end(request, service, job, wait)
     if job.state == "succeeded":
         result = await service.storage.run(results.read_result, tenant, str(job.result_sha256))
         if result is not None:  # otherwise its time to be kept ended while we looked
@@ -126,7 +126,7 @@ async def _hold_to_budget(service: Service, tenant: str) -> None:
         )
 
 
-async def _awaited(request: Request, service: Service, job: Job, seconds: float) -> Job:
+async def _await_end(request: Request, service: Service, job: Job, seconds: float) -> Job:
     """The job when it has ended, or as it is after so many seconds.
 
     Waiting is a wish: it ends early when too many wait already, the service stops, or the caller has left.

@@ -140,16 +140,16 @@ def _run(arguments: argparse.Namespace) -> Answer:
                 seed=arguments.seed,
                 starts=arguments.starts,
                 progress=reporter(progress, wanted.goal),
-                stop=stop.wanted,
+                stop=stop.ask,
             )
-            stop.wanted()  # a second signal may have come since the last poll
+            stop.ask()  # a second signal may have come since the last poll
         except NotConvergedError as error:
             if error.problems[0].code != "stopped":
                 raise
             report_error(error, arguments)
             return Answer("", INTERRUPTED)
     write_results(design, result, output, picture)
-    code = INTERRUPTED if stop.wanted() else exit_code_of(result.certificate.verification.verdict)
+    code = INTERRUPTED if stop.ask() else exit_code_of(result.certificate.verification.verdict)
     if output is None:
         following = f"next: {program()} optimise {arguments.design} -o NEW.yaml   (keeps the new design)"
     else:
@@ -192,7 +192,7 @@ class Signals:
 
     count: int = 0
 
-    def wanted(self) -> bool:
+    def ask(self) -> bool:
         """Whether to stop.  Raises KeyboardInterrupt after a second signal: one that comes while a solver is inside
         its own code is swallowed there, so it is raised again at every poll."""
         if self.count > 1:

@@ -21,7 +21,7 @@ from ..documents import from_plain, plain, to_json
 from ..gate.reading import LIMITS
 from ..problems import RequestError
 from .registry import OPERATIONS
-from .rendering import reported
+from .rendering import list_reported_names
 
 SCHEMA = "tailstack/"
 DESIGN = "tailstack/design/1"
@@ -54,12 +54,12 @@ def read_document(given: bytes | Path | Mapping[str, Any], file: str) -> ReadRes
 def result_of(source: Source, schema: str, file: str, limits: Limits = LIMITS) -> ReadResult:
     """The result in plain data.  Raises RequestError that says at which field, and in which line if that is known."""
     kind = schema.removeprefix(SCHEMA).partition("/")[0]
-    if kind not in reported() or schema != f"{SCHEMA}{kind}/1":
+    if kind not in list_reported_names() or schema != f"{SCHEMA}{kind}/1":
         problem = Problem(
             "/schema",
             "unsupported-schema",
             f"no report is made of {show(schema)}",
-            f"results: {', '.join(reported())}",
+            f"results: {', '.join(list_reported_names())}",
         )
         raise RequestError(_in_file(place(problem, source), file))
     data = in_words_of_today(source.data)

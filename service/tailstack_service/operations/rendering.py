@@ -54,10 +54,10 @@ def document_of(name: str, body: bytes) -> Document:
     """The chapters of a result.  Raises ValueError for a name without chapters, or a body that is not its record."""
     make = OPERATIONS[name].document if name in OPERATIONS else None
     if make is None:
-        raise ValueError(f"no report is made of {name!r}; there are {', '.join(reported())}")
+        raise ValueError(f"no report is made of {name!r}; there are {', '.join(list_reported_names())}")
     return make(from_json(OPERATIONS[name].record(), body), hashlib.sha256(body).hexdigest())
 
 
-def reported() -> tuple[str, ...]:
+def list_reported_names() -> tuple[str, ...]:
     """Names of the records that reports are made of."""
     return tuple(name for name, operation in OPERATIONS.items() if operation.document is not None)

@@ -11,7 +11,7 @@ from tailstack.results import Finding, ViewCheck
 
 from ..console.answer import PASS, Answer
 from ..console.arguments import read_design
-from ..rendering.tables import visible, wrapped
+from ..rendering.tables import visible, wrap
 from .effort import reading_seconds
 from .operation import Command, Operation
 from .options import Options
@@ -71,21 +71,21 @@ def validate(design: Design) -> Validation:
 def validation_text(file: str, validation: Validation) -> str:
     """``file: valid`` and what the design holds."""
     counts = (
-        f"{validation.fiducials} fiducials; views {_listed(validation.views)}; targets {_listed(validation.targets)}; "
-        f"requirements {_listed(validation.requirements)}"
+        f"{validation.fiducials} fiducials; views {_list_names(validation.views)}; targets "
+        f"{_list_names(validation.targets)}; requirements {_list_names(validation.requirements)}"
     )
-    lines = [wrapped(f"{file}: valid, {visible(validation.name)}"), wrapped(counts, first="  ", indent="  ")]
-    lines += [wrapped(f.message, first=f"  {f.severity}: ", indent="    ") for f in validation.findings]
+    lines = [wrap(f"{file}: valid, {visible(validation.name)}"), wrap(counts, first="  ", indent="  ")]
+    lines += [wrap(f.message, first=f"  {f.severity}: ", indent="    ") for f in validation.findings]
     lines += [
-        wrapped(f"view {view.view}: outside the image: {', '.join(view.outside)}", first="  warning: ", indent="    ")
+        wrap(f"view {view.view}: outside the image: {', '.join(view.outside)}", first="  warning: ", indent="    ")
         for view in validation.visibility
         if view.outside
     ]
-    lines += [wrapped(note, first="  note: ", indent="    ") for note in validation.notes]
+    lines += [wrap(note, first="  note: ", indent="    ") for note in validation.notes]
     return "\n".join(lines) + "\n"
 
 
-def _listed(names: tuple[str, ...]) -> str:
+def _list_names(names: tuple[str, ...]) -> str:
     shown = ", ".join(visible(name) for name in names[:6])
     return (shown + (f" and {len(names) - 6} more" if len(names) > 6 else "")) or "none"
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from tailstack.results import Optimisation, Score, Verification
 
-from .tables import WIDTH, coloured, fixed, number, percent, table
+from .tables import WIDTH, decimal, number, paint, percent, table
 from .verdict import verdict_line
 
 
 def chapter(title: str, colour: bool) -> str:
     """A heading across the page."""
-    return "\n" + coloured(f"━━ {title} ".ljust(WIDTH, "━"), "bold", colour) + "\n\n"
+    return "\n" + paint(f"━━ {title} ".ljust(WIDTH, "━"), "bold", colour) + "\n\n"
 
 
 def before_after_text(
@@ -23,11 +23,11 @@ def before_after_text(
     ):
         beyond = [percent(side.exceedance.probability if side.exceedance else None, 2) for side in (old, new)]
         rows += [
-            (f"{old.name}: P95, first order", "mm", fixed(first_old.p95_mm, 4), fixed(first_new.p95_mm, 4)),
-            (f"{old.name}: P95, Monte Carlo", "mm", fixed(old.p95_mm, 4), fixed(new.p95_mm, 4)),
+            (f"{old.name}: P95, first order", "mm", decimal(first_old.p95_mm, 4), decimal(first_new.p95_mm, 4)),
+            (f"{old.name}: P95, Monte Carlo", "mm", decimal(old.p95_mm, 4), decimal(new.p95_mm, 4)),
             (f"{old.name}: its interval", "mm", *(f"{low:.3f} .. {high:.3f}" for low, high in
                                                   (old.p95_interval_mm, new.p95_interval_mm))),
-            (f"{old.name}: mean error, Monte Carlo", "mm", fixed(old.mean_norm_mm, 4), fixed(new.mean_norm_mm, 4)),
+            (f"{old.name}: mean error, Monte Carlo", "mm", decimal(old.mean_norm_mm, 4), decimal(new.mean_norm_mm, 4)),
             (f"{old.name}: shots beyond the limit", "%", *beyond),
         ]  # fmt: skip
     rows.append(("cost of what was free", "", number(result.cost_before), number(result.cost_after)))

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from tailstack.results import Optimisation, Vector3
 
-from .tables import fixed, number, percent, table, wrapped
-from .verdict import checks_table, decided_by, findings_text, heading, joined, provenance_text, verdict_line
+from .tables import decimal, number, percent, table, wrap
+from .verdict import checks_table, decided_by, findings_text, heading, join_blocks, provenance_text, verdict_line
 
 MOST_OPTIMA = 5
 
@@ -15,7 +15,7 @@ MOST_OPTIMA = 5
 def optimisation_text(result: Optimisation, *, colour: bool = False) -> str:
     """The whole result; the verdict at the end is that of the Monte Carlo check with a fresh seed."""
     check = result.certificate.verification
-    return joined(
+    return join_blocks(
         heading(result.provenance, f"optimised: {result.objective}"),
         findings_text(result.influence, colour),
         before_after_text(result),
@@ -42,7 +42,7 @@ def others_text(result: Optimisation) -> str:
         f"{worst.requirement}, target {worst.target}: {worst.status}" for worst, _ in decided_by(result.others)
     )
     words = f"{listed}. The design was optimised without these (optimise.requirement); the verdict is of all."
-    return wrapped(words, first="not asked for: ", indent="  ")
+    return wrap(words, first="not asked for: ", indent="  ")
 
 
 def before_after_text(result: Optimisation) -> str:
@@ -50,7 +50,7 @@ def before_after_text(result: Optimisation) -> str:
     worst = result.worst_target
     low, high = worst.p95_interval_mm
     rows = [
-        ("P95, first order", "mm", fixed(result.p95_before_mm, 4), fixed(result.p95_after_mm, 4),
+        ("P95, first order", "mm", decimal(result.p95_before_mm, 4), decimal(result.p95_after_mm, 4),
          _change(result.p95_before_mm, result.p95_after_mm)),
         ("P95, Monte Carlo check", "mm", "-", f"{worst.p95_mm:.4f}", f"[{low:.3f}, {high:.3f}]"),
     ]  # fmt: skip
@@ -59,11 +59,11 @@ def before_after_text(result: Optimisation) -> str:
         rows.append(("cost", "", before, after, _change(result.cost_before, result.cost_after)))
     lines = [table(("", "unit", "before", "after", "change"), rows, left=2), ""]
     if made_of := _cost_in_words(result):
-        lines.append(wrapped(made_of, first="cost: ", indent="  "))
+        lines.append(wrap(made_of, first="cost: ", indent="  "))
     if result.scaling is not None:
-        lines.append(wrapped(f"all free half-widths times {number(result.scaling)}", first="scaling: ", indent="  "))
+        lines.append(wrap(f"all free half-widths times {number(result.scaling)}", first="scaling: ", indent="  "))
     if result.placement_value is not None:
-        lines.append(wrapped(result.placement_value.sentence, first="placement: ", indent="  "))
+        lines.append(wrap(result.placement_value.sentence, first="placement: ", indent="  "))
     return "\n".join(lines).rstrip("\n")
 
 
@@ -81,7 +81,7 @@ def _cost_in_words(result: Optimisation) -> str:
         names.setdefault(entry.contributor, entry.label.removesuffix(f" {entry.component}"))
         widths.setdefault(entry.contributor, []).append(entry.cost_after)
     parts = [
-        f"{number(sum(costs))} ({names[name]}, {_counted(len(costs), 'half-width')})" for name, costs in widths.items()
+        f"{number(sum(costs))} ({names[name]}, {_count(len(costs), 'half-width')})" for name, costs in widths.items()
     ]
     of_widths = sum(map(sum, widths.values()))
     fiducials = result.cost_after - of_widths
@@ -90,7 +90,7 @@ def _cost_in_words(result: Optimisation) -> str:
     return f"{' + '.join(parts)} = {number(result.cost_after)}"
 
 
-def _counted(count: int, what: str) -> str:
+def _count(count: int, what: str) -> str:
     return f"{count} {what}" + ("" if count == 1 else "s")
 
 
@@ -106,7 +106,7 @@ def mounts_text(result: Optimisation) -> str:
     lines = [_positions("pivot\n(con frame)", changed)]
     for entry in result.spacings:
         spread = f"{entry.label}, locators {number(entry.scale)} times as far from their centre"
-        lines.append(wrapped(spread, first="spacing: ", indent="  "))
+        lines.append(wrap(spread, first="spacing: ", indent="  "))
     return "\n".join(line for line in lines if line)
 
 
@@ -130,7 +130,7 @@ def _way(before: Vector3 | None, after: Vector3 | None) -> str:
         return "new"
     if after is None:
         return "left out"
-    return fixed(sum((a - b) ** 2 for a, b in zip(after, before, strict=True)) ** 0.5, 2)
+    return decimal(sum((a - b) ** 2 for a, b in zip(after, before, strict=True)) ** 0.5, 2)
 
 
 def tolerances_text(result: Optimisation) -> str:
@@ -162,8 +162,8 @@ def tolerances_text(result: Optimisation) -> str:
 
 def prices_text(result: Optimisation) -> str:
     """What binds, and what giving way there would save."""
-    lines = [wrapped("; ".join(result.binding), first="binding: ", indent="  ")] if result.binding else []
-    lines += [wrapped(price.sentence, first="worth: ", indent="  ") for price in result.shadow_prices]
+    lines = [wrap("; ".join(result.binding), first="binding: ", indent="  ")] if result.binding else []
+    lines += [wrap(price.sentence, first="worth: ", indent="  ") for price in result.shadow_prices]
     return "\n".join(lines)
 
 
@@ -185,8 +185,8 @@ def front_text(result: Optimisation) -> str:
         return ""
     rows = [
         (
-            number(point.limit_mm), number(point.cost), fixed(point.quantile_mm, 4), fixed(point.verified_upper_mm, 4),
-            point.status,
+            number(point.limit_mm), number(point.cost), decimal(point.quantile_mm, 4),
+            decimal(point.verified_upper_mm, 4), point.status,
         )
         for point in result.front
     ]  # fmt: skip
@@ -200,8 +200,8 @@ def front_text(result: Optimisation) -> str:
     if result.not_asked:
         note += f"; its points are not judged by what was not asked for ({', '.join(result.not_asked)})"
     refused = [f"{number(point.limit_mm)} mm: {point.note}" for point in result.front if point.note]
-    lines = [table(header, rows, left=0), wrapped(note, first="front: ", indent="  ")]
-    return "\n".join([*lines, *(wrapped(line, first="front: ", indent="  ") for line in refused)])
+    lines = [table(header, rows, left=0), wrap(note, first="front: ", indent="  ")]
+    return "\n".join([*lines, *(wrap(line, first="front: ", indent="  ") for line in refused)])
 
 
 def certificate_text(result: Optimisation) -> str:
@@ -233,12 +233,17 @@ def certificate_text(result: Optimisation) -> str:
         ("search: ", certificate.stopped),
         ("check: ", checked),
     )
-    return "\n".join(wrapped(text, first=name, indent="  ") if name else text for name, text in paragraphs)
+    return "\n".join(wrap(text, first=name, indent="  ") if name else text for name, text in paragraphs)
 
 
 def _optima_table(result: Optimisation) -> str:
     rows = [
-        (number(optimum.objective, 5), str(optimum.starts), str(optimum.first_start), fixed(optimum.rms_distance_mm, 2))
+        (
+            number(optimum.objective, 5),
+            str(optimum.starts),
+            str(optimum.first_start),
+            decimal(optimum.rms_distance_mm, 2),
+        )
         for optimum in result.certificate.optima[:MOST_OPTIMA]
     ]
     header = ("objective", "starts", "first\nstart", "fiducials from\nthe best, rms mm")

@@ -6,7 +6,7 @@ import csv
 import io
 from collections.abc import Iterable, Sequence
 
-from .tables import wrapped
+from .tables import wrap
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 
@@ -43,7 +43,7 @@ def reasons_text(reasons: Sequence[str | None], most: int, *, numbered: bool) ->
         if numbered:
             which = f"point{'s' if len(held) > 1 else ''} {', '.join(map(str, held[:8]))}"
             which += ", ..." if len(held) > 8 else ""
-        lines.append(wrapped(f"{which}: {reason}", first="refused: ", indent="  "))
+        lines.append(wrap(f"{which}: {reason}", first="refused: ", indent="  "))
     if len(places) > most:
         lines.append(f"refused: {len(places) - most} more reasons (--json and --csv list them all)")
     return "\n".join(lines)

@@ -8,8 +8,8 @@ from typing import Protocol
 from tailstack.results import Contributor, MetricScore, Score, TargetScore, ViewCheck
 from tailstack.system import INTERFACES
 
-from .tables import WIDTH, coloured, fixed, number, percent, table, visible, wrapped
-from .verdict import heading, joined, provenance_text, verdict_text
+from .tables import WIDTH, decimal, number, paint, percent, table, visible, wrap
+from .verdict import heading, join_blocks, provenance_text, verdict_text
 
 SMALL_SHARE = 5e-4  # components below 0.05 % of the variance are summed into one line of the table
 
@@ -33,14 +33,14 @@ def source_name(line: Line) -> str:
 def score_text(score: Score, *, target: str | None = None, colour: bool = False) -> str:
     """The whole score.  ``target`` names the target whose budget is shown; default the one with the largest P95."""
     chosen = worst_target(score) if target is None else next(t for t in score.targets if t.name == target)
-    return joined(
+    return join_blocks(
         heading(score.provenance, "first order"),
         targets_text(score.targets),
         views_text(score.views),
         budget_text(chosen, len(score.targets), colour),
         risk_text(chosen),
         second_order_text(chosen),
-        wrapped(score.validity.statement, first=f"linearisation: {score.validity.status}. ", indent="  "),
+        wrap(score.validity.statement, first=f"linearisation: {score.validity.status}. ", indent="  "),
         provenance_text(score.provenance),
         verdict_text(score.verdict, colour),
     )
@@ -68,11 +68,11 @@ def _metric_row(name: str, metric: TargetScore | MetricScore) -> tuple[str, ...]
     return (
         name,
         metric.frame,
-        fixed(bias, 3),
-        *(fixed(value, 3) for value in metric.std_mm),
-        fixed(metric.mean_norm_mm, 3),
-        fixed(metric.p95_mm, 4),
-        fixed(metric.cvar95_mm, 3),
+        decimal(bias, 3),
+        *(decimal(value, 3) for value in metric.std_mm),
+        decimal(metric.mean_norm_mm, 3),
+        decimal(metric.p95_mm, 4),
+        decimal(metric.cvar95_mm, 3),
         number(metric.limit_mm, 3),
         percent(metric.exceedance_probability, 2),
     )
@@ -89,7 +89,7 @@ def views_text(views: Sequence[ViewCheck]) -> str:
             seen = "image size not stated"
         pair = " - ".join(view.closest_pair)
         rows.append(
-            (view.view, seen, pair, fixed(view.closest_pair_px, 1), fixed(view.smallest_margin_px, 1),
+            (view.view, seen, pair, decimal(view.closest_pair_px, 1), decimal(view.smallest_margin_px, 1),
              f"{near:.0f} .. {far:.0f}")
         )  # fmt: skip
     header = (
@@ -102,11 +102,9 @@ def budget_text(target: TargetScore, targets: int = 1, colour: bool = False) -> 
     """The budget of one target, largest share of the variance first, components below their contributor."""
     note = f" (of {targets} targets; --target NAME shows another)" if targets > 1 else ""
     named = f"Budget at target {visible(target.name)}"
-    title = wrapped(f"{named}, P95 {target.p95_mm:.4f} mm{note}", indent="  ").replace(
-        named, coloured(named, "bold", colour)
-    )
+    title = wrap(f"{named}, P95 {target.p95_mm:.4f} mm{note}", indent="  ").replace(named, paint(named, "bold", colour))
     rows: list[tuple[str, ...]] = []
-    for total, components in grouped(target.contributors):
+    for total, components in group(target.contributors):
         rows.append(_line(total, heading_of(total, len(components))))
         kept = [entry for entry in components if entry.variance_share >= SMALL_SHARE or _moves(entry)]
         rows += [_line(entry, f"  {entry.component}") for entry in kept]
@@ -120,7 +118,7 @@ def budget_text(target: TargetScore, targets: int = 1, colour: bool = False) -> 
     )  # fmt: skip
     parts = [title + "\n" + table(header, rows, left=2, widest=32)]
     if target.worst_vertex:
-        parts.append(wrapped(", ".join(target.worst_vertex), first="bounded, at their worst: ", indent="  "))
+        parts.append(wrap(", ".join(target.worst_vertex), first="bounded, at their worst: ", indent="  "))
     return "\n".join(parts)
 
 
@@ -136,7 +134,7 @@ def _moves(entry: Contributor) -> bool:
     return entry.law == "bounded"
 
 
-def grouped(contributors: Sequence[Contributor]) -> list[tuple[Contributor, list[Contributor]]]:
+def group(contributors: Sequence[Contributor]) -> list[tuple[Contributor, list[Contributor]]]:
     """(line of the whole contributor, its components), both by falling share of the variance."""
     names = list(dict.fromkeys(entry.name for entry in contributors))
     groups = []
@@ -184,7 +182,7 @@ def _line(entry: Contributor, label: str) -> tuple[str, ...]:
         number(entry.sensitivity_mm_per_unit, 3),
         percent(entry.variance_share),
         number(entry.dp95_per_unit, 3),
-        fixed(entry.p95_without_mm, 4),
+        decimal(entry.p95_without_mm, 4),
     )
 
 
@@ -192,18 +190,18 @@ def risk_text(target: TargetScore) -> str:
     """Bounds of the quantile and the per-unit reading, in sentences."""
     bounds = target.bounds_mm
     lines = [
-        wrapped(
+        wrap(
             f"{target.law}. The same mean and covariance allow a P95 of {bounds.gaussian:.3f} mm if Gaussian, at most "
             f"{bounds.unimodal:.3f} mm for any symmetric unimodal law, {bounds.moments:.3f} mm for any law.",
             first="law: ",
             indent="  ",
         )
     ]
-    lines.append(wrapped(units_in_words(target), first="per unit: ", indent="  "))
+    lines.append(wrap(units_in_words(target), first="per unit: ", indent="  "))
     whole = target.bounds_mm.gaussian
     if abs(target.block_diagonal_p95_mm / whole - 1) > 1e-4 if whole else False:
         lines.append(
-            wrapped(
+            wrap(
                 f"as a Gaussian law, P95 would be {target.block_diagonal_p95_mm:.4f} mm with the covariance between "
                 f"views left out (Eq 16) and is {whole:.4f} mm with it.",
                 first="for comparison: ",
@@ -234,14 +232,14 @@ def second_order_text(target: TargetScore) -> str:
     if second.status == "not requested":
         return ""
     if second.status == "refused":
-        return wrapped(second.reason, first="second order: refused. ", indent="  ")
-    return wrapped(f"P95 {fixed(second.p95_mm, 4)} mm. {second.reason}", first="second order: ", indent="  ")
+        return wrap(second.reason, first="second order: refused. ", indent="  ")
+    return wrap(f"P95 {decimal(second.p95_mm, 4)} mm. {second.reason}", first="second order: ", indent="  ")
 
 
 __all__ = [
     "WIDTH",
     "budget_text",
-    "grouped",
+    "group",
     "score_text",
     "single_lines",
     "targets_text",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from tailstack.results.sweep import Sweep, SweepAxis
 
 from .rows import csv_text, plain_text, reasons_text
-from .tables import coloured, fixed, table, wrapped
-from .verdict import heading, joined, provenance_text
+from .tables import decimal, paint, table, wrap
+from .verdict import heading, join_blocks, provenance_text
 
 MOST_REASONS = 12
 
@@ -15,7 +15,7 @@ def sweep_text(sweep: Sweep, *, colour: bool = False) -> str:
     """Axes, one row for every point at its worst target, and why points were refused."""
     count = f"{len(sweep.points):,} point{'s' if len(sweep.points) > 1 else ''}"
     how = "first order" if sweep.check == "score" else f"Monte Carlo, seed {sweep.seed} at every point"
-    return joined(
+    return join_blocks(
         heading(sweep.provenance, f"sweep of {count}, {how}"),
         _axes_text(sweep.axes),
         _points_table(sweep, colour),
@@ -30,7 +30,7 @@ def _axes_text(axes: tuple[SweepAxis, ...]) -> str:
         unit = f" {axis.unit}" if axis.unit else ""
         now = "varies" if axis.base is None else f"{axis.base:g}{unit}"
         count = f"{len(axis.values)} value{'s' if len(axis.values) > 1 else ''}"
-        lines.append(wrapped(f"{axis.pointer}: {count}; now {now}", first=f"{letter}: ", indent="   "))
+        lines.append(wrap(f"{axis.pointer}: {count}; now {now}", first=f"{letter}: ", indent="   "))
     return "\n".join(lines)
 
 
@@ -47,11 +47,15 @@ def _points_table(sweep: Sweep, colour: bool) -> str:
         row = [str(place + 1), *(f"{value:g}" for value in point.values)]
         if point.targets:
             worst = max(point.targets, key=lambda target: target.p95_mm)
-            row.append(fixed(worst.p95_mm, 4))
+            row.append(decimal(worst.p95_mm, 4))
             if checked:
                 low, high = worst.p95_interval_mm or (worst.p95_mm, worst.p95_mm)
                 row.append(f"{low:.3f} .. {high:.3f}")
-            row += [fixed(worst.mean_norm_mm, 4), fixed(worst.bias_norm_mm, 4), fixed(worst.localisation_p95_mm, 4)]
+            row += [
+                decimal(worst.mean_norm_mm, 4),
+                decimal(worst.bias_norm_mm, 4),
+                decimal(worst.localisation_p95_mm, 4),
+            ]
             row += [worst.name] if several else []
         else:
             row += ["-"] * (4 + checked + several)
@@ -60,7 +64,7 @@ def _points_table(sweep: Sweep, colour: bool) -> str:
     header = ["point", *units, "P95\nmm", *(["interval\nmm"] if checked else []), "mean\nmm", "|bias|\nmm"]
     header += ["localised P95\nmm", *(["worst target"] if several else []), "verdict"]
     lines = table(header, rows, names=(len(header) - 2,) if several else ()).split("\n")
-    return "\n".join(coloured(line, "fail", colour and line.endswith("  fail")) for line in lines)
+    return "\n".join(paint(line, "fail", colour and line.endswith("  fail")) for line in lines)
 
 
 def sweep_csv(sweep: Sweep) -> str:

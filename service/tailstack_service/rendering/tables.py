@@ -21,11 +21,11 @@ def number(value: float | None, digits: int = 4) -> str:
     return text.rstrip(".")
 
 
-def fixed(value: float | None, decimals: int) -> str:
+def decimal(value: float | None, decimals: int) -> str:
     return "-" if value is None else f"{value:.{decimals}f}"
 
 
-def signed(value: float | None, decimals: int = 3) -> str:
+def signed_decimal(value: float | None, decimals: int = 3) -> str:
     """A number with its sign; one that is not zero never looks like zero, for its sign is what is asked for."""
     if value is None:
         return "-"
@@ -48,7 +48,7 @@ def visible(text: str) -> str:
     return "".join("?" if unicodedata.category(c) in ("Cc", "Cf", "Zl", "Zp") else c for c in text)
 
 
-def shortened(text: str, width: int) -> str:
+def shorten(text: str, width: int) -> str:
     """Text cut to a width, for labels in pictures."""
     clean = visible(text)
     if columns(clean) <= width:
@@ -73,7 +73,7 @@ def fold(text: str, width: int, hanging: int = 0) -> list[str]:
         return [clean]
     indent = " " * min(len(clean) - len(clean.lstrip(" ")), width // 2)
     deeper = " " * min(len(indent) + hanging, width // 2)
-    return wrapped(clean, first=indent, indent=deeper, width=width).split("\n")
+    return wrap(clean, first=indent, indent=deeper, width=width).split("\n")
 
 
 def _pieces(word: str, width: int) -> list[str]:
@@ -88,7 +88,7 @@ def _pieces(word: str, width: int) -> list[str]:
     return parts
 
 
-def _padded(text: str, width: int, left: bool) -> str:
+def _pad(text: str, width: int, left: bool) -> str:
     space = " " * max(0, width - columns(text))
     return text + space if left else space + text
 
@@ -132,12 +132,11 @@ def table(
         height = max(map(len, cells))
         lines += [[cell[line] if line < len(cell) else "" for cell in cells] for line in range(height)]
     return "\n".join(
-        "  ".join(_padded(cell, widths[k], k < left or k in names) for k, cell in enumerate(row)).rstrip()
-        for row in lines
+        "  ".join(_pad(cell, widths[k], k < left or k in names) for k, cell in enumerate(row)).rstrip() for row in lines
     )
 
 
-def wrapped(text: str, *, indent: str = "", first: str | None = None, width: int = WIDTH) -> str:
+def wrap(text: str, *, indent: str = "", first: str | None = None, width: int = WIDTH) -> str:
     """Words wrapped at the width; ``first`` opens the first line, ``indent`` the others."""
     lines, line = [], indent if first is None else first
     empty = True
@@ -156,6 +155,6 @@ def wrapped(text: str, *, indent: str = "", first: str | None = None, width: int
 _COLOURS = {"pass": "32", "fail": "31", "inconclusive": "33", "no requirement": "2", "bold": "1", "warning": "33"}
 
 
-def coloured(text: str, role: str, colour: bool) -> str:
+def paint(text: str, role: str, colour: bool) -> str:
     """Text in the colour of its role, or as it stands."""
     return f"\x1b[{_COLOURS[role]}m{text}\x1b[0m" if colour and role in _COLOURS else text

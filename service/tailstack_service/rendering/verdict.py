@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from tailstack.results import Check, Finding, Provenance, Verdict
 
-from .tables import WIDTH, coloured, columns, fixed, fold, number, percent, signed, table, wrapped
+from .tables import WIDTH, columns, decimal, fold, number, paint, percent, signed_decimal, table, wrap
 
 
 def heading(provenance: Provenance, basis: str) -> str:
@@ -15,7 +15,7 @@ def heading(provenance: Provenance, basis: str) -> str:
         f"{basis} · {provenance.reading} reading · {provenance.rotation_form.replace('_', ' ')} rotation · "
         f"{provenance.triangulation} triangulation · tailstack {provenance.tailstack_version}"
     )
-    return design_line(provenance) + "\n" + wrapped(how)
+    return design_line(provenance) + "\n" + wrap(how)
 
 
 def design_line(provenance: Provenance) -> str:
@@ -57,9 +57,9 @@ def checks_table(checks: tuple[Check, ...]) -> str:
                 check.target + (f" (worst of {count})" if count > 1 else ""),
                 f"P{100 * check.quantile:.6g}{error}, {units}",
                 number(check.value_mm),
-                f"{fixed(low, 3)} .. {fixed(high, 3)}",
+                f"{decimal(low, 3)} .. {decimal(high, 3)}",
                 number(check.limit_mm),
-                signed(check.margin_mm),
+                signed_decimal(check.margin_mm),
                 percent(check.yield_fraction),
                 check.status,
             )
@@ -76,14 +76,14 @@ def checks_table(checks: tuple[Check, ...]) -> str:
 def findings_text(findings: tuple[Finding, ...], colour: bool) -> str:
     lines = []
     for finding in findings:
-        mark = coloured(finding.severity, "fail" if finding.severity == "error" else "warning", colour)
-        lines.append(wrapped(f"[{finding.rule}] {finding.message}", first=f"{mark}: ", indent="  "))
+        mark = paint(finding.severity, "fail" if finding.severity == "error" else "warning", colour)
+        lines.append(wrap(f"[{finding.rule}] {finding.message}", first=f"{mark}: ", indent="  "))
     return "\n".join(lines)
 
 
 def verdict_line(verdict: Verdict, colour: bool) -> str:
     """The last line of every answer."""
-    return coloured(f"verdict: {verdict.status}", verdict.status, colour) + f" ({verdict.basis})"
+    return paint(f"verdict: {verdict.status}", verdict.status, colour) + f" ({verdict.basis})"
 
 
 def verdict_text(verdict: Verdict, colour: bool) -> str:
@@ -94,12 +94,12 @@ def verdict_text(verdict: Verdict, colour: bool) -> str:
 
 def provenance_text(provenance: Provenance) -> str:
     """Assumptions made on the way, and what no number here includes."""
-    lines = [wrapped(note, first="note: ", indent="  ") for note in provenance.notes]
+    lines = [wrap(note, first="note: ", indent="  ") for note in provenance.notes]
     if provenance.not_included:
-        lines.append(wrapped("; ".join(provenance.not_included), first="not included: ", indent="  "))
+        lines.append(wrap("; ".join(provenance.not_included), first="not included: ", indent="  "))
     return "\n".join(lines)
 
 
-def joined(*parts: str) -> str:
+def join_blocks(*parts: str) -> str:
     """Paragraphs, empty ones left out."""
     return "\n\n".join(part for part in parts if part) + "\n"

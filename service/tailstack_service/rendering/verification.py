@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from tailstack.results import MetricEstimate, TargetEstimate, Verification
 
-from .tables import fixed, number, percent, table, wrapped
-from .verdict import heading, joined, provenance_text, verdict_text
+from .tables import decimal, number, percent, table, wrap
+from .verdict import heading, join_blocks, provenance_text, verdict_text
 
 
 def verification_text(verification: Verification, *, colour: bool = False) -> str:
     """The whole check: estimates with intervals, against first order, verdict."""
-    return joined(
+    return join_blocks(
         heading(verification.provenance, f"Monte Carlo, {verification.method}"),
         estimates_text(verification),
         sampling_text(verification),
@@ -37,14 +37,14 @@ def _row(name: str, metric: TargetEstimate | MetricEstimate) -> tuple[str, ...]:
     low, high = metric.p95_interval_mm
     return (
         name,
-        fixed(bias, 3),
-        *(fixed(value, 3) for value in metric.std_mm),
-        fixed(metric.mean_norm_mm, 3),
-        fixed(metric.p95_mm, 4),
+        decimal(bias, 3),
+        *(decimal(value, 3) for value in metric.std_mm),
+        decimal(metric.mean_norm_mm, 3),
+        decimal(metric.p95_mm, 4),
         f"{low:.3f} .. {high:.3f}",
-        fixed(metric.cvar95_mm, 3),
+        decimal(metric.cvar95_mm, 3),
         percent(metric.exceedance.probability if metric.exceedance else None, 2),
-        fixed(metric.first_order_ratio, 4),
+        decimal(metric.first_order_ratio, 4),
     )
 
 
@@ -54,13 +54,13 @@ def sampling_text(verification: Verification) -> str:
     worst = max((target.worst_mm for target in verification.targets), default=0.0)
     shots = verification.reprojection
     lines = [
-        wrapped(
+        wrap(
             f"{verification.trials:,} trials, seed {verification.seed}, {verification.engine}; precision reached "
             f"{percent(verification.precision_reached, 2)} %. {verification.stopping}",
             first="sampling: ",
             indent="  ",
         ),
-        wrapped(
+        wrap(
             f"worst error met {worst:.3f} mm; {flagged:,} trial(s) redone by SVD; reprojection error mean "
             f"{number(shots.mean_px, 3)} px, P95 {number(shots.p95_px, 3)} px over {shots.trials:,} trials; first "
             f"order over Monte Carlo P95 {verification.first_order_ratio:.4f}.",

@@ -80,8 +80,8 @@ def assemble(
     """The report of what was computed; a pure function.  Raises DesignError, IllPosedError."""
     scored = score_design(design)
     ready = prepare(design)
-    pictured = _pictured(scored)
-    distributions, convergence = _drawn(ready, pictured, verification, options)
+    pictured = _choose_targets(scored)
+    distributions, convergence = _draw(ready, pictured, verification, options)
     return Report(
         schema="tailstack/report/1",
         title=design.name,
@@ -102,11 +102,11 @@ def assemble(
     )
 
 
-def _pictured(scored: Score) -> list[TargetScore]:
+def _choose_targets(scored: Score) -> list[TargetScore]:
     return sorted(scored.targets, key=lambda target: target.p95_mm, reverse=True)[:PICTURED]
 
 
-def _drawn(
+def _draw(
     ready: PreparedDesign, pictured: list[TargetScore], verification: Verification | None, options: ReportOptions
 ) -> tuple[tuple[ErrorDistribution, ...], tuple[Convergence, ...]]:
     """What the pictures of the largest targets show: shares by bins, and how P95 settled."""

@@ -25,7 +25,7 @@ def changes_of(first: Any, second: Any) -> tuple[tuple[Change, ...], int]:
 def _changes(first: Any, second: Any, old: str, new: str, name: str) -> Iterator[Change]:
     if isinstance(first, dict) and isinstance(second, dict):
         yield from _of_mappings(first, second, old, new, name)
-    elif _listed(first) and _listed(second):
+    elif _list_values(first) and _list_values(second):
         yield from _of_lists(first, second, old, new, name)
     elif first != second:
         yield Change(new, name.strip(), _unit(new), "changed", _value(first), _value(second))
@@ -35,19 +35,19 @@ def _of_mappings(first: dict[str, Any], second: dict[str, Any], old: str, new: s
     for key, value in second.items():
         if new == "" and key in APART:
             continue
-        ways = (f"{old}/{_escaped(key)}", f"{new}/{_escaped(key)}", f"{name} {key}")
+        ways = (f"{old}/{_escape(key)}", f"{new}/{_escape(key)}", f"{name} {key}")
         if key in first:
             yield from _changes(first[key], value, *ways)
         elif value is not None:
             yield Change(ways[1], ways[2].strip(), _unit(ways[1]), "added", None, _value(value))
     for key, value in first.items():
         if key not in second and value is not None:
-            at = f"{old}/{_escaped(key)}"
+            at = f"{old}/{_escape(key)}"
             yield Change(at, f"{name} {key}".strip(), _unit(at), "removed", _value(value), None)
 
 
 def _of_lists(first: list[Any], second: list[Any], old: str, new: str, name: str) -> Iterator[Change]:
-    before, after = _told(first), _told(second)
+    before, after = _describe(first), _describe(second)
     for key, place in after.items():
         ways = (f"{old}/{before.get(key, 0)}", f"{new}/{place}", f"{name} {key}")
         if key in before:
@@ -59,12 +59,12 @@ def _of_lists(first: list[Any], second: list[Any], old: str, new: str, name: str
             yield Change(f"{old}/{place}", f"{name} {key}".strip(), "", "removed", _value(first[place]), None)
 
 
-def _listed(node: Any) -> bool:
+def _list_values(node: Any) -> bool:
     """A list of mappings: a position, a matrix are values."""
     return isinstance(node, list) and all(isinstance(item, dict) for item in node)
 
 
-def _told(items: list[Any]) -> dict[str, int]:
+def _describe(items: list[Any]) -> dict[str, int]:
     """Places by what tells an element: its name, if all have one and no two the same, or else its number."""
     for saying in SAYINGS:
         names = [item.get(saying) for item in items]
@@ -82,5 +82,5 @@ def _unit(pointer: str) -> str:
     return next((unit for ending, unit in UNITS.items() if pointer.endswith(ending)), "")
 
 
-def _escaped(step: str) -> str:
+def _escape(step: str) -> str:
     return step.replace("~", "~0").replace("/", "~1")

@@ -13,7 +13,7 @@ from tailstack.results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
 
 from ..problems import RequestError
 from ..rendering.score import single_lines, source_name
-from ..rendering.tables import columns, fixed, number, percent
+from ..rendering.tables import columns, decimal, number, percent
 from .half_widths import ToleranceCurve, ToleranceCurves
 from .headline import budget_line
 from .page import (
@@ -104,7 +104,7 @@ def draw_without(
         for middle, entry in zip(rows.middles, lines, strict=False):
             axes.barh(middle, p95_mm, height=ROW - 6, color=BAR_PALE)
             axes.barh(middle, entry.p95_without_mm, height=ROW - 6, color=BAR)
-            beside(axes, (0.0, middle), fixed(entry.p95_without_mm, 3), (6, -4))
+            beside(axes, (0.0, middle), decimal(entry.p95_without_mm, 3), (6, -4))
         ours, theirs = sides(p95_mm, limit_mm)
         upright(axes, p95_mm, millimetres(p95_mm, "P95"), VALUE_COLOUR, ours)
         if limit_mm is not None:
@@ -437,7 +437,7 @@ def _spreads(target: TargetScore) -> dict[tuple[str, str], float]:
 
 
 def _spread(value: float | None) -> str:
-    return "not there" if value is None else fixed(value, 3)
+    return "not there" if value is None else decimal(value, 3)
 
 
 def draw_errors(

@@ -32,7 +32,7 @@ def compute_comparison(
 ) -> Comparison:
     """Both designs reported with the same options, and their differences.  Raises TailstackError."""
     check_parts(options)
-    _shared([[target.name for target in compile_design(design).targets] for design in (first, second)])
+    _list_common_targets([[target.name for target in compile_design(design).targets] for design in (first, second)])
     ready = (prepare(first), prepare(second))
     checks: tuple[Verification | None, Verification | None] = (None, None)
     if "verification" in options.parts:
@@ -83,11 +83,11 @@ def compare(first: Report, second: Report, options: ReportOptions) -> Comparison
     """
     named = [{target.name for target in report.score.targets} for report in (first, second)]
     worst = sorted(second.score.targets, key=lambda target: target.p95_mm, reverse=True)
-    shared = _shared([sorted(named[0]), [target.name for target in worst]])[:MOST_TARGETS]
+    shared = _list_common_targets([sorted(named[0]), [target.name for target in worst]])[:MOST_TARGETS]
     count = _common_trials(first.verification, second.verification)
     differences = tuple(_first_order(first, second, name) for name in shared)
     if count:
-        differences = _drawn(first, second, shared, options.seed, count)
+        differences = _draw_both(first, second, shared, options.seed, count)
     changes, left_out = changes_of(first.design, second.design)
     return Comparison(
         schema="tailstack/comparison/1",
@@ -105,7 +105,7 @@ def compare(first: Report, second: Report, options: ReportOptions) -> Comparison
     )
 
 
-def _shared(names: list[list[str]]) -> list[str]:
+def _list_common_targets(names: list[list[str]]) -> list[str]:
     """Targets of the second design that the first has as well, in the second's order.  Raises RequestError."""
     shared = [name for name in names[1] if name in names[0]]
     if not shared:
@@ -137,7 +137,7 @@ def _first_order(first: Report, second: Report, name: str) -> Difference:
     return Difference(name, "first order", a, b, b - a, None, None, "computed")
 
 
-def _drawn(first: Report, second: Report, names: list[str], seed: int, count: int) -> tuple[Difference, ...]:
+def _draw_both(first: Report, second: Report, names: list[str], seed: int, count: int) -> tuple[Difference, ...]:
     ready = [prepare(load_design(report.design, allow_files=False)) for report in (first, second)]
     found = []
     for name in names:
@@ -162,8 +162,8 @@ def _checked_p95(report: Report, name: str) -> float:
 
 def _headline(first: Report, second: Report, differences: tuple[Difference, ...]) -> ComparisonHeadline:
     """What the second design comes to, named, then what sets it apart from the first."""
-    judged, difference = _judged("The second design", second), difference_sentence(differences[0])
-    also = [judged_first] if (judged_first := _judged("The first design", first)) else []
+    judged, difference = _describe_verdict("The second design", second), difference_sentence(differences[0])
+    also = [judged_first] if (judged_first := _describe_verdict("The first design", first)) else []
     return ComparisonHeadline(
         status=second.headline.status,
         sentence=f"{judged} {difference}".strip(),
@@ -171,7 +171,7 @@ def _headline(first: Report, second: Report, differences: tuple[Difference, ...]
     )
 
 
-def _judged(which: str, report: Report) -> str:
+def _describe_verdict(which: str, report: Report) -> str:
     """What fails, or is open; of a design that passes, what is nearest to its limit.  "" without a requirement."""
     checks = (report.verification or report.score).verdict.checks
     decisive = decisive_check(checks)

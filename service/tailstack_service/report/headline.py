@@ -18,7 +18,7 @@ STATED = ("requirement-failed", "requirement-inconclusive")  # findings that rep
 
 def headline_of(score: Score, verification: Verification | None, optimisation: Optimisation | None = None) -> Headline:
     """What the report opens with; Monte Carlo speaks where it was drawn."""
-    found = _decided(score.verdict, _first_order(score)) if verification is None else checked_headline(verification)
+    found = _decide(score.verdict, _first_order(score)) if verification is None else checked_headline(verification)
     decisive = decisive_check((score if verification is None else verification).verdict.checks)
     return replace(found, matters=tuple(what_matters(score, verification, optimisation, found.target, decisive)))
 
@@ -26,10 +26,10 @@ def headline_of(score: Score, verification: Verification | None, optimisation: O
 def checked_headline(verification: Verification) -> Headline:
     """What a check by itself opens with."""
     worst = max(verification.targets, key=lambda target: target.p95_mm)
-    return _decided(verification.verdict, (worst.name, worst.p95_mm, worst.p95_interval_mm))
+    return _decide(verification.verdict, (worst.name, worst.p95_mm, worst.p95_interval_mm))
 
 
-def _decided(verdict: Verdict, largest: tuple[str, float, tuple[float, float | None]]) -> Headline:
+def _decide(verdict: Verdict, largest: tuple[str, float, tuple[float, float | None]]) -> Headline:
     """The check that decides; without a requirement the ``largest`` P95: target, value, interval."""
     decisive = decisive_check(verdict.checks)
     if decisive is None:
@@ -110,7 +110,7 @@ def what_matters(
     if decisive is not None:
         sentences.append(_margin(decisive, [line for line, _ in shares]))
     if optimisation is not None:
-        sentences.append(_optimised(optimisation))
+        sentences.append(_describe_optimum(optimisation))
     sentences.append(_caution(score, verification))
     return sentences[:3]
 
@@ -153,7 +153,7 @@ def _margin(check: Check, lines: Sequence[Contributor]) -> str:
     return f"{first}; a tenth less of {budget_line(line)} is worth {gain:.3f} mm of P95{pooled}."
 
 
-def _optimised(found: Optimisation) -> str:
+def _describe_optimum(found: Optimisation) -> str:
     cost = (
         "" if found.cost_before is None else f" at a cost of {found.cost_after:.4g} instead of {found.cost_before:.4g}"
     )

@@ -16,7 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from tailstack import __version__
 
-from ..rendering.tables import number, signed
+from ..rendering.tables import number, signed_decimal
 from .blocks import Block, Cell, Column, Document, Figure
 
 
@@ -112,7 +112,7 @@ def shown(cell: Cell, column: Column) -> str:
     if isinstance(cell, str) or not column.numeric:
         return str(cell)
     if column.kind == "signed":
-        return signed(float(cell), column.digits).replace("-", "−")
+        return signed_decimal(float(cell), column.digits).replace("-", "−")
     if column.kind == "fixed":
         return f"{cell + 0.0:.{column.digits}f}".replace("-", "−")
     if column.kind == "percent":

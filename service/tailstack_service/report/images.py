@@ -35,9 +35,9 @@ from .svg import (
     picture,
     printable,
     round_step,
-    rounded,
     shape,
     text,
+    trim,
 )
 
 CELL, LEFT, PLOT = WIDTH // 2, 44, 296  # width of a column; room for tick labels; side of a plot
@@ -264,7 +264,7 @@ def _marks(
 
 def _ring(x: float, y: float, radius: float, colour: str, width: float, fill: str = "#ffffff") -> str:
     look = f'fill="{fill}" stroke="{colour}" stroke-width="{width:g}"'
-    return f'<circle cx="{rounded(x)}" cy="{rounded(y)}" r="{rounded(radius)}" {look}/>'
+    return f'<circle cx="{trim(x)}" cy="{trim(y)}" r="{trim(radius)}" {look}/>'
 
 
 def _scale_bar(beam: Beam, frame: tuple[float, float, float, float], scale: float) -> list[str]:

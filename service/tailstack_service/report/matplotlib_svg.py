@@ -34,7 +34,7 @@ from matplotlib.transforms import Transform
 from tailstack.arrays import Array
 
 from ..rendering.tables import columns
-from .svg import CHARACTER, COLOURS, FAINT, FONT, GRID, INK, MUTED, picture, rounded
+from .svg import CHARACTER, COLOURS, FAINT, FONT, GRID, INK, MUTED, picture, trim
 
 STYLE: dict[Any, Any] = {
     "font.family": ["DejaVu Sans"],  # comes with matplotlib: the heights of lines are its own
@@ -214,7 +214,7 @@ class SvgRenderer(RendererBase):
         width, _, _ = self.get_text_width_height_descent(s, prop, ismath)
         align = "left" if mtext is None else mtext.get_horizontalalignment()
         anchor, part = {"left": ("start", 0.0), "center": ("middle", 0.5), "right": ("end", 1.0)}[align]
-        look = [f'x="{rounded(x + part * width)}" y="{rounded(y)}"']
+        look = [f'x="{trim(x + part * width)}" y="{trim(y)}"']
         size, colour = prop.get_size_in_points(), to_hex(gc.get_rgb())
         look += [f'font-size="{size:g}"'] if size != FONT else []
         look += ['font-weight="bold"'] if prop.get_weight() == "bold" else []
@@ -233,7 +233,7 @@ class SvgRenderer(RendererBase):
         corners = (*low, *(high - low))
         if corners not in self._clips:
             self._clips[corners] = f"{self.name}-clip-{len(self._clips) + 1}"
-            x, y, width, height = map(rounded, corners)
+            x, y, width, height = map(trim, corners)
             self.parts.append(
                 f'<clipPath id="{self._clips[corners]}"><rect x="{x}" y="{y}" width="{width}" height="{height}"/>'
                 "</clipPath>"
@@ -269,13 +269,13 @@ def _element(codes: Array, points: Array, look: str) -> str:
     closed = codes[-1] == Path.CLOSEPOLY
     if closed and (codes[1:-1] == Path.CURVE4).all():
         x, y = (low + high) / 2
-        return f'<circle cx="{rounded(x)}" cy="{rounded(y)}" r="{rounded((high[0] - low[0]) / 2)}" {look}/>'
+        return f'<circle cx="{trim(x)}" cy="{trim(y)}" r="{trim((high[0] - low[0]) / 2)}" {look}/>'
     if closed and len(corners) == 4 and ((corners == low) | (corners == high)).all():
-        x, y, width, height = map(rounded, (*low, *(high - low)))
+        x, y, width, height = map(trim, (*low, *(high - low)))
         return f'<rect x="{x}" y="{y}" width="{width}" height="{height}" {look}/>'
     words = {Path.MOVETO: "M", Path.LINETO: "L", Path.CURVE4: " "}
     path = "".join(
-        "Z" if code == Path.CLOSEPOLY else f"{words[code]}{rounded(x)} {rounded(y)}"
+        "Z" if code == Path.CLOSEPOLY else f"{words[code]}{trim(x)} {trim(y)}"
         for code, (x, y) in zip(codes, points, strict=True)
     )
     return f'<path d="{path}" {look}/>'

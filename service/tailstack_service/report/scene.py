@@ -125,7 +125,7 @@ Lines = list[Array]  # each (n, 3), mm
 
 def box_lines(low: Array, high: Array) -> Lines:
     """The twelve edges of an axis-parallel box between two corners (3,)."""
-    corners = {signs: np.where(signs, high, low) for signs in product((0, 1), repeat=3)}
+    corners = {signed_decimal: np.where(signed_decimal, high, low) for signed_decimal in product((0, 1), repeat=3)}
     return [
         np.array([corners[a], corners[b]])
         for a in corners

@@ -36,9 +36,9 @@ from .svg import (
     picture,
     printable,
     round_step,
-    rounded,
     shape,
     text,
+    trim,
 )
 
 NEAR, FAR = (8, 26, 436, 400), (460, 26, 252, 212)  # left, top, width, height of the two panels
@@ -176,7 +176,7 @@ def _draw_item(sight: Sight, item: Item) -> list[str]:
         drawn = mark(item.look, float(x), float(y))
         if sight.size != 1.0 and item.look != "image":
             x, y, size = float(x), float(y), sight.size
-            move = f"translate({rounded((1 - size) * x)} {rounded((1 - size) * y)}) scale({size:g})"
+            move = f"translate({trim((1 - size) * x)} {trim((1 - size) * y)}) scale({size:g})"
             return [f'<g transform="{move}">{drawn}{tip}</g>']
         return [f"<g>{drawn}{tip}</g>"]
     look = LOOKS[item.look]
@@ -193,7 +193,7 @@ def mark(look: str, x: float, y: float) -> str:
     """A mark of the scene on the page."""
     if look in ("fiducial", "new", "target", "pivot 1", "pivot 2"):
         return shape(look, x, y)  # type: ignore[arg-type]
-    at = f'cx="{rounded(x)}" cy="{rounded(y)}"'
+    at = f'cx="{trim(x)}" cy="{trim(y)}"'
     if look == "old":
         return f'<circle {at} r="3.2" fill="#ffffff" stroke="#8a8a8a" stroke-width="1.2"/>'
     if look == "image":
@@ -202,7 +202,7 @@ def mark(look: str, x: float, y: float) -> str:
 
 
 def _path(page: Array) -> str:
-    return "M" + "L".join(f"{rounded(float(x))} {rounded(float(y))}" for x, y in page)
+    return "M" + "L".join(f"{trim(float(x))} {trim(float(y))}" for x, y in page)
 
 
 def _stroke(look: dict[str, Any]) -> str:
@@ -224,7 +224,7 @@ def _head(page: Array, look: dict[str, Any]) -> str:
     unit = along / length
     side = np.array([-unit[1], unit[0]])
     corners = [page[1], page[1] - size * unit + 0.42 * size * side, page[1] - size * unit - 0.42 * size * side]
-    points = " ".join(f"{rounded(float(x))},{rounded(float(y))}" for x, y in corners)
+    points = " ".join(f"{trim(float(x))},{trim(float(y))}" for x, y in corners)
     return f'<polygon points="{points}" fill="{look["stroke"]}"/>'
 
 
@@ -236,8 +236,8 @@ def _ellipsoid(sight: Sight, points: Array, look: dict[str, Any]) -> str:
     form = flat.T @ flat
     major, minor, turn = _ellipse(form)
     parts = [
-        f'<ellipse cx="{rounded(centre[0])}" cy="{rounded(centre[1])}" rx="{rounded(major)}" ry="{rounded(minor)}" '
-        f'transform="rotate({rounded(turn)} {rounded(centre[0])} {rounded(centre[1])})" {_fill(look)} {_stroke(look)}/>'
+        f'<ellipse cx="{trim(centre[0])}" cy="{trim(centre[1])}" rx="{trim(major)}" ry="{trim(minor)}" '
+        f'transform="rotate({trim(turn)} {trim(centre[0])} {trim(centre[1])})" {_fill(look)} {_stroke(look)}/>'
     ]
     angles = np.linspace(0.0, 2 * np.pi, CIRCLE + 1)[:, None]
     for i, j in ((0, 1), (1, 2), (2, 0)):
@@ -351,7 +351,7 @@ def _legend(scene: Scene, items: Sequence[Item], x: float, y: float) -> tuple[li
 def _sample(look: str, x: float, y: float) -> str:
     style = LOOKS[look]
     if "fill" in style:
-        return f'<ellipse cx="{rounded(x)}" cy="{rounded(y)}" rx="8" ry="5" {_fill(style)} {_stroke(style)}/>'
+        return f'<ellipse cx="{trim(x)}" cy="{trim(y)}" rx="8" ry="5" {_fill(style)} {_stroke(style)}/>'
     ends = np.array([[x - 8, y], [x + 8, y]])
     head = _head(ends, style) if look in ("bias", "bias-before", "locator", "beam") else ""
     return f'<path d="{_path(ends)}" fill="none" {_stroke(style)}/>{head}'

@@ -17,7 +17,7 @@ import numpy as np
 
 from tailstack.arrays import Array
 
-from ..rendering.tables import columns, shortened
+from ..rendering.tables import columns, shorten
 
 Kind = Literal["fiducial", "new", "target", "pivot 1", "pivot 2"]
 
@@ -52,7 +52,7 @@ def picture(
 
 def printable(text: str, width: int) -> str:
     """Text that XML can hold, cut to a width."""
-    return shortened("".join(c if c.isprintable() else "?" for c in text), width)
+    return shorten("".join(c if c.isprintable() else "?" for c in text), width)
 
 
 def round_step(about: float) -> float:
@@ -71,7 +71,7 @@ def in_lines(name: str, letters: int) -> str:
     return "\n".join(broken(name, letters))
 
 
-def rounded(value: float) -> str:
+def trim(value: float) -> str:
     """One decimal, and no negative zero."""
     return f"{round(value, 1) + 0.0:.1f}"
 
@@ -83,12 +83,12 @@ def line(x0: float, y0: float, x1: float, y1: float, colour: str, width: float =
 
 
 def _segment(x0: float, y0: float, x1: float, y1: float) -> str:
-    return f"M{rounded(x0)} {rounded(y0)}L{rounded(x1)} {rounded(y1)}"
+    return f"M{trim(x0)} {trim(y0)}L{trim(x1)} {trim(y1)}"
 
 
 def box(x0: float, y0: float, x1: float, y1: float, look: str) -> str:
     """A rectangle; ``look`` is its attributes for stroke and fill."""
-    return f'<rect x="{rounded(x0)}" y="{rounded(y0)}" width="{rounded(x1 - x0)}" height="{rounded(y1 - y0)}" {look}/>'
+    return f'<rect x="{trim(x0)}" y="{trim(y0)}" width="{trim(x1 - x0)}" height="{trim(y1 - y0)}" {look}/>'
 
 
 def text(
@@ -106,7 +106,7 @@ def text(
     look += f' font-weight="{weight}"' if weight != "normal" else ""
     look += f' text-anchor="{anchor}"' if anchor != "start" else ""
     look += f' fill="{colour}"' if colour != INK else ""
-    return f'<text x="{rounded(x)}" y="{rounded(y)}"{" " if look else ""}{look.strip()}>{escape(words)}</text>'
+    return f'<text x="{trim(x)}" y="{trim(y)}"{" " if look else ""}{look.strip()}>{escape(words)}</text>'
 
 
 def label_lines(x: float, y: float, words: str, colour: str) -> list[str]:
@@ -121,14 +121,14 @@ def shape(kind: Kind, x: float, y: float) -> str:
     """The mark of a kind, centred on (x, y)."""
     if kind in ("fiducial", "new"):
         look = f'fill="{BLUE}"' if kind == "fiducial" else f'fill="#ffffff" stroke="{BLUE}" stroke-width="1.6"'
-        return f'<circle cx="{rounded(x)}" cy="{rounded(y)}" r="{3.6 if kind == "fiducial" else 3.4}" {look}/>'
+        return f'<circle cx="{trim(x)}" cy="{trim(y)}" r="{3.6 if kind == "fiducial" else 3.4}" {look}/>'
     if kind == "target":
         path = _segment(x - 5, y - 5, x + 5, y + 5) + _segment(x - 5, y + 5, x + 5, y - 5)
         return f'<path d="{path}" stroke="{VERMILION}" stroke-width="2" fill="none"/>'
     tip = -1 if kind == "pivot 1" else 1
     base = y - 4.5 * tip
     corners = ((x, y + 6 * tip), (x - 5.5, base), (x + 5.5, base))
-    points = " ".join(f"{rounded(across)},{rounded(down)}" for across, down in corners)
+    points = " ".join(f"{trim(across)},{trim(down)}" for across, down in corners)
     return f'<polygon points="{points}" fill="{LABEL_COLOUR[kind]}"/>'
 
 

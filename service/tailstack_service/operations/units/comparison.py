@@ -36,7 +36,7 @@ def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
     if "verification" in options.parts:
         ready = (_ready(request, "first"), _ready(request, "second"))
         try:
-            checks = drawn_alike(ready, options, partial(_drawn, request, results))
+            checks = drawn_alike(ready, options, partial(_check_both, request, results))
         except _NotYet as missing:
             return missing.step
     reports = []
@@ -53,7 +53,7 @@ def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
 
 def _ready(request: dict[str, Any], side: str) -> PreparedDesign:
     try:
-        return verification.prepared(canonical(request[side]))
+        return verification.prepare_model(canonical(request[side]))
     except TailstackError as error:
         raise Refused(error, f"/{side}") from None
 
@@ -66,7 +66,7 @@ class _NotYet(Exception):
         self.step = step
 
 
-def _drawn(
+def _check_both(
     request: dict[str, Any], results: tuple[UnitResult, ...], sampling: Sampling
 ) -> tuple[Verification, Verification]:
     """Both checks from what is recorded.  Raises _NotYet with the parts that both need, Refused."""

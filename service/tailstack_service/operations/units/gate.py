@@ -27,7 +27,7 @@ FOUND, REFUSED = b"+", b"-"
 
 def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
     """More units for the designs whose checks are not finished, or the record."""
-    gate, scored = _scored(canonical(request))
+    gate, scored = _score(canonical(request))
     checks: list[Verification | TailstackError | None] = []
     specs: list[bytes] = []
     remaining = 0
@@ -90,7 +90,7 @@ def _gate(request: bytes) -> Gate:
 
 
 @lru_cache(maxsize=2)
-def _scored(request: bytes) -> tuple[Gate, tuple[ScoredDesign, ...]]:
+def _score(request: bytes) -> tuple[Gate, tuple[ScoredDesign, ...]]:
     gate = _gate(request)
     return gate, score_designs(gate)
 

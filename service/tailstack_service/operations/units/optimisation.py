@@ -51,9 +51,9 @@ def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
     task = _task(*_key(request))
     held = {unit.spec: unit.result for unit in results}
     try:
-        ends = {position: _ends(task, held, position) for position in _searched(task)}
+        ends = {position: _ends(task, held, position) for position in _list_searches(task)}
     except Pending as pending:
-        starts = task.starts * len(_searched(task))
+        starts = task.starts * len(_list_searches(task))
         return More(pending.wanted, 0, f"solving from {starts} starts, then the best is settled and verified")
     try:
         return Done(to_json(optimise_task(task, Recorded(_key(request), task, ends, held), ONE_THREAD)))
@@ -71,7 +71,7 @@ class Recorded:
     held: Mapping[bytes, bytes]
 
     def search(self, position: int) -> Search:
-        prepared = _prepared(*self.key, position)
+        prepared = _prepare(*self.key, position)
         if isinstance(prepared, TailstackError):
             raise type(prepared)(prepared.problems)
         points = self.ends.get(position)
@@ -80,7 +80,7 @@ class Recorded:
         return conclude_search(prepared, (point for point in points), ONE_THREAD)
 
     def trace_front(self, position: int, search: Search) -> tuple[FrontPoint, ...]:
-        prepared = _prepared(*self.key, position)
+        prepared = _prepare(*self.key, position)
         assert isinstance(prepared, PreparedSearch)  # or it had not been searched
         specs = _front_specs(self.task, position, search, prepared)
         _all_there(specs, self.held)
@@ -92,11 +92,13 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
 
     Nothing where the search is refused before it begins: the last look says why.
     """
-    prepared = _prepared(*_key(request), spec["position"])
+    prepared = _prepare(*_key(request), spec["position"])
     if isinstance(prepared, TailstackError):
         return _bytes([])
     if spec["what"] == "front":
-        search = Search(prepared.program, _found(prepared, spec), prepared.terms, prepared.estimator, 0, 0, (), "")
+        search = Search(
+            prepared.program, _read_iterates(prepared, spec), prepared.terms, prepared.estimator, 0, 0, (), ""
+        )
         point = front_point(_task(*_key(request)), search, spec["number"], spec["factor"], ONE_THREAD)
         return canonical(_FRONT_POINT.dump_python(point))
     numbers = range(spec["first"], min(spec["first"] + spec["count"], len(prepared.starts)))
@@ -111,7 +113,7 @@ def _all_there(specs: list[bytes], held: Mapping[bytes, bytes]) -> None:
 
 def _ends(task: Task, held: Mapping[bytes, bytes], position: int) -> list[Point]:
     """Where the starts at one number of fiducials ended.  Raises Pending for those at all numbers."""
-    _all_there([_spec(place, first) for place in _searched(task) for first in _groups(task)], held)
+    _all_there([_spec(place, first) for place in _list_searches(task) for first in _groups(task)], held)
     return [point for first in _groups(task) for point in _points(held[_spec(position, first)])]
 
 
@@ -130,7 +132,7 @@ def _front_specs(task: Task, position: int, search: Search, prepared: PreparedSe
     ]
 
 
-def _found(prepared: PreparedSearch, spec: dict[str, Any]) -> tuple[Iterate, ...]:
+def _read_iterates(prepared: PreparedSearch, spec: dict[str, Any]) -> tuple[Iterate, ...]:
     return tuple(
         Iterate(
             _points(b64decode(item["point"]))[0],
@@ -140,7 +142,7 @@ def _found(prepared: PreparedSearch, spec: dict[str, Any]) -> tuple[Iterate, ...
     )
 
 
-def _searched(task: Task) -> list[int]:
+def _list_searches(task: Task) -> list[int]:
     """Numbers of fiducials, by position, whose starts are units of their own: where a layout may change."""
     return [position for position, problem in enumerate(task.problems) if problem.places]
 
@@ -163,7 +165,7 @@ def _task(design: bytes, seed: int | None, starts: int | None) -> Task:
 
 
 @lru_cache(maxsize=2)  # a large programme holds hundreds of megabytes
-def _prepared(design: bytes, seed: int | None, starts: int | None, position: int) -> PreparedSearch | TailstackError:
+def _prepare(design: bytes, seed: int | None, starts: int | None, position: int) -> PreparedSearch | TailstackError:
     """A search before its starts are solved, or its refusal: that takes a search of its own to find."""
     task = _task(design, seed, starts)
     try:

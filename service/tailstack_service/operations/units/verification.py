@@ -57,7 +57,7 @@ def plan_check(design: dict[str, Any], sampling: Sampling, results: Iterable[Uni
     held = {unit.spec: unit.result for unit in results}
     sampler = Recorded(held)
     try:
-        answer = verify_prepared(prepared(canonical(design)), sampling, threads=1, sampler=sampler)
+        answer = verify_prepared(prepare_model(canonical(design)), sampling, threads=1, sampler=sampler)
     except Pending as pending:
         specs = tuple(dict.fromkeys(pending.wanted))
         return More(specs, pending.remaining, f"Monte Carlo: {len(held)} parts sampled, {len(specs)} more to come")
@@ -94,18 +94,18 @@ def sampling_of(request: dict[str, Any]) -> Sampling:
 
 
 def _ready(request: dict[str, Any]) -> PreparedDesign:
-    return prepared(canonical(request["design"]))
+    return prepare_model(canonical(request["design"]))
 
 
 @lru_cache(maxsize=4)
-def prepared(design: bytes) -> PreparedDesign:
+def prepare_model(design: bytes) -> PreparedDesign:
     """The linear model of a design in canonical JSON; the last few are kept.  Raises DesignError, IllPosedError."""
     return prepare(loaded_design(design))
 
 
 @lru_cache(maxsize=8)
 def _plan(design: bytes, vertex: tuple[float, ...], shots_per_unit: int) -> ChainPlan:
-    return compile_plan(prepared(design).system, vertex=np.array(vertex), shots_per_unit=shots_per_unit)
+    return compile_plan(prepare_model(design).system, vertex=np.array(vertex), shots_per_unit=shots_per_unit)
 
 
 @dataclass(frozen=True, slots=True)

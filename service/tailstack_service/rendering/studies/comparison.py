@@ -10,8 +10,8 @@ from tailstack.studies.bench.explain import Explanation
 from tailstack.studies.bench.levels import LevelCompared, QuantilePoint
 
 from ..score import source_name
-from ..tables import coloured, number, percent, table, visible, wrapped
-from ..verdict import design_line, findings_text, joined, provenance_text
+from ..tables import number, paint, percent, table, visible, wrap
+from ..verdict import design_line, findings_text, join_blocks, provenance_text
 
 TAIL_ROWS, MOST_TAILS = 6, 4
 VERDICT_COLOUR = {"agrees": "pass", "differs": "fail", "not testable": "inconclusive"}
@@ -19,7 +19,7 @@ VERDICT_COLOUR = {"agrees": "pass", "differs": "fail", "not testable": "inconclu
 
 def comparison_text(study: StudyComparison, *, colour: bool = False) -> str:
     """Bias and spread with intervals, every test, the tail, what would explain a difference, and what all that says."""
-    return joined(
+    return join_blocks(
         _heading(study),
         _means(study),
         _biases(study.levels),
@@ -27,11 +27,11 @@ def comparison_text(study: StudyComparison, *, colour: bool = False) -> str:
         _tails(study.levels),
         _factors(study.explanations),
         _values(study),
-        "\n".join(wrapped(said, first="* ", indent="  ") for said in study.conclusions),
+        "\n".join(wrap(said, first="* ", indent="  ") for said in study.conclusions),
         findings_text(study.findings, colour),
-        wrapped(f"validity of first order: {study.validity.statement}"),
+        wrap(f"validity of first order: {study.validity.statement}"),
         provenance_text(study.provenance),
-        coloured(f"measurements and prediction: {study.verdict}", VERDICT_COLOUR[study.verdict], colour),
+        paint(f"measurements and prediction: {study.verdict}", VERDICT_COLOUR[study.verdict], colour),
     )
 
 
@@ -44,8 +44,8 @@ def _heading(study: StudyComparison) -> str:
         f"{study.error} error, frame {study.frame} · {held} · {made.reading} reading · tailstack "
         f"{made.tailstack_version}"
     )
-    notes = "".join("\n" + wrapped(note, first="note: ", indent="  ") for note in file.notes)
-    return design_line(made) + "\n" + wrapped(how) + notes
+    notes = "".join("\n" + wrap(note, first="note: ", indent="  ") for note in file.notes)
+    return design_line(made) + "\n" + wrap(how) + notes
 
 
 def _between(interval: Interval | None, digits: int = 3) -> str:
@@ -77,7 +77,7 @@ def _means(study: StudyComparison) -> str:
     of = {level.spread.of for level in study.levels if level.spread is not None}
     what = "root of the trace of the covariance" if of == {"vectors"} else "standard deviation of the error norm"
     title = f"mean error norm, and spread from trial to trial over the predicted one ({what}); "
-    return wrapped(title + f"{percent(study.confidence, 0)} % each") + "\n" + table(header, rows, widest=22)
+    return wrap(title + f"{percent(study.confidence, 0)} % each") + "\n" + table(header, rows, widest=22)
 
 
 def _biases(levels: Sequence[LevelCompared]) -> str:
@@ -132,7 +132,7 @@ def _tails(levels: Sequence[LevelCompared]) -> str:
         f"largest errors against the same places in simulated benches{more}; neighbours move together, so the test "
         "called tail is what judges"
     )
-    return wrapped(title) + "\n" + table(header, rows)
+    return wrap(title) + "\n" + table(header, rows)
 
 
 def _tail_row(label: str, point: QuantilePoint) -> tuple[str, ...]:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 from tailstack.studies.coupling import CouplingCase, Ratio, StudyCoupling, choose_decimals, write_percent
 
-from ..tables import number, percent, table, wrapped
-from ..verdict import design_line, joined, provenance_text
+from ..tables import number, percent, table, wrap
+from ..verdict import design_line, join_blocks, provenance_text
 
 MOST_DECIMALS = 3  # in a table; --json has all
 READINGS = {
@@ -33,18 +33,18 @@ def coupling_text(study: StudyCoupling, target: str | None = None) -> str:
     others = len({case.target for case in study.cases}) - 1
     more = f" ({others} more with --json)" if others else ""
     confidence = percent(study.confidence, 0)
-    return joined(
+    return join_blocks(
         _heading(study),
-        wrapped(f"installation: {study.installation}") + "\n" + wrapped(f"noise: {study.noise}"),
-        wrapped(
+        wrap(f"installation: {study.installation}") + "\n" + wrap(f"noise: {study.noise}"),
+        wrap(
             f"P95 of the {study.error} error at {shown[0].target}{more}, mm; ratios as per cent above or below one, ± "
             f"half of the {confidence} % interval (each by itself)"
         ),
         *(_reading(name, [case for case in shown if case.reading == name]) for name in READINGS),
-        wrapped(f"intervals: {study.interval_method}."),
-        "\n".join(wrapped(case.sentence, first="· ", indent="  ") for case in shown),
-        "\n".join(wrapped(said, first="* ", indent="  ") for said in study.conclusions),
-        wrapped(f"validity of first order: {study.validity.statement}"),
+        wrap(f"intervals: {study.interval_method}."),
+        "\n".join(wrap(case.sentence, first="· ", indent="  ") for case in shown),
+        "\n".join(wrap(said, first="* ", indent="  ") for said in study.conclusions),
+        wrap(f"validity of first order: {study.validity.statement}"),
         provenance_text(study.provenance),
     )
 
@@ -56,7 +56,7 @@ def _heading(study: StudyCoupling) -> str:
         f"{study.seed} · both readings · {made.rotation_form.replace('_', ' ')} rotation · {made.triangulation} "
         f"triangulation · tailstack {made.tailstack_version}"
     )
-    return design_line(made) + "\n" + wrapped(how)
+    return design_line(made) + "\n" + wrap(how)
 
 
 def cases_of(study: StudyCoupling, target: str | None) -> tuple[CouplingCase, ...]:
@@ -97,7 +97,7 @@ def _ratios(cases: Sequence[CouplingCase]) -> str:
     for case in cases:
         ratios = [which(case) for _, _, which in COMPARISONS]
         rows.append((case.installation, *(_with_half_width(ratio) for ratio in ratios)))
-        rows.append(("  first order", *(_predicted(ratio) for ratio in ratios)))
+        rows.append(("  first order", *(_format_prediction(ratio) for ratio in ratios)))
     header = ("installation\nerror", *(name.replace(" over ", " over\n", 1) for name, _, _ in COMPARISONS))
     return table(header, rows)
 
@@ -109,5 +109,5 @@ def _with_half_width(ratio: Ratio | None) -> str:
     return f"{write_percent(ratio, decimals)[:-2]} ± {50 * (ratio.interval[1] - ratio.interval[0]):.{decimals}f}"
 
 
-def _predicted(ratio: Ratio | None) -> str:
+def _format_prediction(ratio: Ratio | None) -> str:
     return "" if ratio is None or ratio.first_order is None else f"{round(100 * (ratio.first_order - 1), 2) + 0.0:+.2f}"

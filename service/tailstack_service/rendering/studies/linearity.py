@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from tailstack.studies.linearity import LinearityPoint, StudyLinearity, Within
 
 from ..rows import csv_text, reasons_text
-from ..tables import number, percent, table, visible, wrapped
-from ..verdict import design_line, joined, provenance_text
+from ..tables import number, percent, table, visible, wrap
+from ..verdict import design_line, join_blocks, provenance_text
 
 MARK: dict[Within, str] = {"1 %": " ", "5 %": "~", "20 %": "+", "beyond": "#"}
 MOST_REASONS = 8
@@ -23,15 +23,15 @@ def linearity_text(study: StudyLinearity) -> str:
         f"{study.trials:,} trials a point, seed {study.seed} · {made.reading} reading · tailstack "
         f"{made.tailstack_version}"
     )
-    return joined(
-        design_line(made) + "\n" + wrapped(how),
-        wrapped(study.varied),
+    return join_blocks(
+        design_line(made) + "\n" + wrap(how),
+        wrap(study.varied),
         "first order over Monte Carlo, less one, in %:   within 1 %   ~ within 5 %   + within 20 %   # beyond\n"
         f"? the {percent(study.confidence, 0)} % interval leaves the class open   - refused",
         *(_count_tables(study, count) for count in study.counts),
-        "\n".join(wrapped(said, first="* ", indent="  ") for said in study.sentences),
+        "\n".join(wrap(said, first="* ", indent="  ") for said in study.sentences),
         _calibration_table(study),
-        wrapped(f"intervals: {study.interval_method}."),
+        wrap(f"intervals: {study.interval_method}."),
         reasons_text([point.reason for point in study.points], MOST_REASONS, numbered=False),
         provenance_text(made),
     )

@@ -5,8 +5,8 @@ from __future__ import annotations
 from tailstack.studies.paper.reproduce import Geometry, PaperCell, StudyPaper
 
 from ..rows import csv_text, plain_text
-from ..tables import number, table, visible, wrapped
-from ..verdict import joined
+from ..tables import number, table, visible, wrap
+from ..verdict import join_blocks
 
 LETTERS = "ABCDEFGH"
 QUANTITY = {"mean": "mean", "p95": "P95", "std_x": "std x", "std_y": "std y", "std_z": "std z"}
@@ -15,7 +15,7 @@ EXACT = 1e-9
 
 def paper_text(study: StudyPaper) -> str:
     """Every table, printed cells beside ours, what is outside and why."""
-    return joined(
+    return join_blocks(
         _heading(study),
         *(_table_text(study, name, words) for name, words in (
             ("S1", "S1: installation error at 1 px"),
@@ -26,14 +26,14 @@ def paper_text(study: StudyPaper) -> str:
         _means_text(study),
         _bench_text(study),
         *(_geometry_text(letter, geometry) for letter, geometry in zip(LETTERS, study.geometries, strict=False)),
-        *(wrapped(f"{one.about}: {one.sentence}", indent="  ") for one in study.statements),
+        *(wrap(f"{one.about}: {one.sentence}", indent="  ") for one in study.statements),
     )  # fmt: skip
 
 
 def _heading(study: StudyPaper) -> str:
     lines = [
-        wrapped(study.source),
-        wrapped(
+        wrap(study.source),
+        wrap(
             f"ours: Monte Carlo on the full chain, {study.trials:,} trials a cell, seed {study.seed}; all numbers in "
             f"mm. z: printed less ours, over the standard deviation that the cell has in experiments of "
             f"{study.published_trials:,} trials, with the rounding of what is printed and our own error. * beyond the "
@@ -43,7 +43,7 @@ def _heading(study: StudyPaper) -> str:
     for letter, geometry in zip(LETTERS, study.geometries, strict=False):
         origin = "fitted to these tables, which print none" if geometry.compared else "not compared"
         lines.append(
-            wrapped(
+            wrap(
                 f"{visible(geometry.name)}; {origin}; {geometry.reading} reading, pivot to target "
                 f"{geometry.lever_mm:.0f} mm, nu = {geometry.nu:.2g} at 5 px",
                 first=f"{letter}: ", indent="   ",
@@ -107,7 +107,7 @@ def _means_text(study: StudyPaper) -> str:
         "S3: means, as printed", "Monte\nCarlo", "analytic\n", "Monte Carlo\nless analytic, mm", *letters,
     ]  # fmt: skip
     remark = next(one.remark for one in study.printed if (one.table, one.column) == ("S3", "mc_mean"))
-    return table(header, rows) + "\n" + wrapped(f"Means: {remark}. Ours: mean of Monte Carlo less that of first order.")
+    return table(header, rows) + "\n" + wrap(f"Means: {remark}. Ours: mean of Monte Carlo less that of first order.")
 
 
 def _bench_text(study: StudyPaper) -> str:
@@ -132,7 +132,7 @@ def _bench_text(study: StudyPaper) -> str:
     ]  # fmt: skip
     remarks = dict.fromkeys(one.remark for one in cells)
     words = f"{'; '.join(remarks)}. Ours at these levels without noise stand below; (P95 - mean) / std is at 2 px."
-    return table(header, rows) + "\n" + wrapped(words[0].upper() + words[1:])
+    return table(header, rows) + "\n" + wrap(words[0].upper() + words[1:])
 
 
 def _tool_text(study: StudyPaper) -> str:
@@ -140,8 +140,8 @@ def _tool_text(study: StudyPaper) -> str:
     cells = [cell for geometry in study.geometries for cell in geometry.cells if cell.table != "S3"]
     apart = max(abs(cell.tcp_mm - cell.value_mm) / max(cell.value_mm, 1.0) for cell in cells)
     if apart > EXACT:
-        return wrapped("Error at the tool: --json and --csv have it for every cell (tcp_mm).")
-    return wrapped(
+        return wrap("Error at the tool: --json and --csv have it for every cell (tcp_mm).")
+    return wrap(
         "Error at the tool: sampled in the same trials, mean and P95 of S1 and S2 are the same numbers in either "
         "reading, to rounding, as S1 prints them; S1's P95 and S2 are printed of the tool alone. P95 over translation "
         "is not printed. At 2 px, L0 and L2, z is of the text's 90.39 and 108.56 mm. What maps the point to the "
@@ -152,7 +152,7 @@ def _tool_text(study: StudyPaper) -> str:
 
 
 def _geometry_text(letter: str, geometry: Geometry) -> str:
-    return joined(
+    return join_blocks(
         _verdict(letter, geometry), _additivity_text(letter, geometry), _factor_text(letter, geometry),
         _levels_text(letter, geometry),
     ).rstrip("\n")  # fmt: skip
@@ -163,7 +163,7 @@ def _verdict(letter: str, geometry: Geometry) -> str:
         return ""
     outside = [cell for cell in geometry.cells if cell.outside]
     listed = "; ".join(f"{cell.table} {cell.row}, {QUANTITY[cell.quantity]} (z = {cell.z:+.1f})" for cell in outside)
-    return wrapped(
+    return wrap(
         f"{geometry.compared_cells} cells compared, {geometry.outside_cells} outside the 99 % band"
         + (f": {listed}. " if listed else ". ")
         + f"Sum of z squared {geometry.chi_square or 0.0:.1f}; the geometry was chosen for these cells, so a small sum "
@@ -202,7 +202,7 @@ def _factor_text(letter: str, geometry: Geometry) -> str:
     ]  # fmt: skip
     if not geometry.compared:
         header, rows = header[:-1], [row[:-1] for row in rows]
-    return table(header, rows) + "\n" + wrapped(found.sentence)
+    return table(header, rows) + "\n" + wrap(found.sentence)
 
 
 def _levels_text(letter: str, geometry: Geometry) -> str:

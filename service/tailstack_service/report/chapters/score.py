@@ -9,7 +9,7 @@ from tailstack.results import headline_of as headline_words
 from tailstack.scoring import P95
 
 from ...rendering.score import source_name, units_in_words, worst_target
-from ...rendering.tables import signed
+from ...rendering.tables import signed_decimal
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
 from ..charts import Scaled, draw_scale, draw_shares, draw_without
 from ..headline import headline_of
@@ -74,7 +74,7 @@ def key_numbers(headline: Headline) -> tuple[KeyNumber, ...]:
         return (*numbers, KeyNumber("Margin", "not known", "the interval has no upper end"))
     share = f"{abs(margin) / headline.limit_mm:.0%}"
     detail = f"{share} of the limit is left above the interval" if margin >= 0 else f"the interval ends {share} beyond"
-    return (*numbers, KeyNumber("Margin", f"{signed(margin)} mm".replace("-", "−"), detail))
+    return (*numbers, KeyNumber("Margin", f"{signed_decimal(margin)} mm".replace("-", "−"), detail))
 
 
 def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEstimate]) -> Figure:

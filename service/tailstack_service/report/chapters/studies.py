@@ -69,12 +69,12 @@ def linearity_document(study: StudyLinearity, sha256: str) -> Document:
     )
     caption = "First-order P95 over that of Monte Carlo: where it is within 1, 5 and 20 %."
     axes = (
-        f"Noises {_listed(study.noises_px)} px; rotations {_listed(study.rotations_deg)} deg; spreads "
-        f"{_listed(study.spreads)}; {_listed(study.counts)} fiducials"
+        f"Noises {_list_numbers(study.noises_px)} px; rotations {_list_numbers(study.rotations_deg)} deg; spreads "
+        f"{_list_numbers(study.spreads)}; {_list_numbers(study.counts)} fiducials"
     )
     options = (
-        f"--noise {_typed(study.noises_px)} --rotation {_typed(study.rotations_deg)} --spread {_typed(study.spreads)} "
-        f"--count {_typed(study.counts)} --error {study.error}"
+        f"--noise {_join(study.noises_px)} --rotation {_join(study.rotations_deg)} --spread {_join(study.spreads)} "
+        f"--count {_join(study.counts)} --error {study.error}"
     )
     return Document(
         kind="Study: where first order holds",
@@ -101,11 +101,11 @@ def linearity_document(study: StudyLinearity, sha256: str) -> Document:
     )
 
 
-def _listed(values: tuple[float, ...]) -> str:
+def _list_numbers(values: tuple[float, ...]) -> str:
     return ", ".join(f"{value:g}" for value in values)
 
 
-def _typed(values: tuple[float, ...]) -> str:
+def _join(values: tuple[float, ...]) -> str:
     return ",".join(f"{value:g}" for value in values)
 
 

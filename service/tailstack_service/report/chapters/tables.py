@@ -20,7 +20,7 @@ from tailstack.results import (
 )
 from tailstack.results import headline_of as words
 
-from ...rendering.score import grouped, heading_of
+from ...rendering.score import group, heading_of
 from ...rendering.verdict import decided_by, urgency
 from ..blocks import Bullets, Cell, Column, Facts, Row, Table
 from ..records import Allowance
@@ -161,7 +161,7 @@ def budget_table(target: TargetScore, name: str = "Budget", allowances: Sequence
     """Every contributor and component: tolerance, sensitivity, share, marginal P95, P95 without; slack and cost."""
     rows = []
     known = {(entry.contributor, entry.component): entry for entry in allowances if entry.target == target.name}
-    for total, components in grouped(target.contributors):
+    for total, components in group(target.contributors):
         for depth, entry in ((0, total), *((1, part) for part in components)):
             label = heading_of(entry) if depth == 0 else entry.component
             own = known.get((entry.name, entry.component))
