@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,14 +114,6 @@ class ChainPlan:
         return np.array([1.0 if law is Law.NORMAL else STD_PER_HALF_WIDTH[law] for law in self.laws])
 
 
-def read_only(values: Array) -> Array:
-    array = np.ascontiguousarray(values, dtype=np.float64)
-    if array is values:
-        array = array.copy()
-    array.setflags(write=False)
-    return array
-
-
 def _random(sources: Sources) -> tuple[Array, tuple[Law, ...]]:
     """Directions scaled to standardised deviates, and laws, of the sources that have a law."""
     keep = [j for j, law in enumerate(sources.laws) if law is not Law.BOUNDED]
@@ -133,9 +125,12 @@ def _bounded(sources: Sources) -> list[int]:
     return [j for j, law in enumerate(sources.laws) if law is Law.BOUNDED]
 
 
+def _mounts(system: System) -> tuple[Mount, ...]:
+    return (*system.interfaces, system.hand_eye)
+
+
 def _named_sources(system: System) -> list[tuple[str, Sources]]:
-    mounts: list[Mount] = [*system.interfaces, system.hand_eye]
-    return [(m.name, m.sources) for m in mounts] + [("execution", system.execution)]
+    return [(mount.name, mount.sources) for mount in _mounts(system)] + [("execution", system.execution)]
 
 
 def bounded_names(system: System) -> tuple[str, ...]:
@@ -191,13 +186,22 @@ def principal_axes(moment: Array) -> Array:
     return axes
 
 
-def object_frame(points: Array) -> tuple[Array, Array, Array, Array]:
-    """(E, E^-1, centroid, y): ``X = E y + centroid``, y (N, 3) centred, RMS sqrt(3), on principal axes."""
+class ObjectFrame(NamedTuple):
+    """``X = E y + centroid``: the fiducials' Hartley frame, turned to their principal axes."""
+
+    out: Array  # (3, 3) E
+    into: Array  # (3, 3) its inverse
+    centroid: Array  # (3,) mm, con
+    points: Array  # (N, 3) y of the fiducials: centred, RMS distance sqrt(3)
+
+
+def object_frame(points: Array) -> ObjectFrame:
+    """The object frame of fiducials (N, 3), mm."""
     centroid = points.mean(axis=0)
     centred = points - centroid
     scale = sqrt(3) / sqrt((centred**2).sum(axis=1).mean())
     into = scale * principal_axes(product(centred.T, centred))
-    return into.T / scale**2, into, centroid, product(centred, into.T)
+    return ObjectFrame(into.T / scale**2, into, centroid, product(centred, into.T))
 
 
 def compile_plan(
@@ -212,94 +216,139 @@ def compile_plan(
     """
     if shots_per_unit < 1:
         raise OutOfRangeError(Problem("", "shots-per-unit", f"shots_per_unit must be at least 1, got {shots_per_unit}"))
-    points = system.fiducials_mm
-    count, views, targets = len(points), len(system.views), len(system.targets)
-    out, into, centroid, y = object_frame(points)
-    y1 = homogeneous(y)
-    upper = np.triu_indices(4)
-    diagonal: Array = np.asarray((y1**2).sum(axis=0), dtype=np.float64)
-
-    cameras, fixed, images = [], [], []
-    positions = np.array([t.position_mm for t in system.targets])
-    frame = np.block([[out, centroid[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
-    for view in system.views:
-        origin = images_of(view.projection, points).mean(axis=0)
-        shifted = view.projection - np.array([*origin, 0.0])[:, None] * view.projection[2]
-        cameras.append(shifted.ravel())
-        fixed.append(product(shifted, frame).ravel())
-        images.append(images_of(shifted, positions))
-
     values = _vertex_values(system, vertex)
-    taken = 0
-    gains, gain_starts, shifts, offset = [], [], [], 0
-    source_laws: list[tuple[Law, ...]] = []
-    for _, sources in _named_sources(system):
-        gain, laws = _random(sources)
-        gains.append(gain.ravel())
-        gain_starts.append((offset, len(laws)))
-        offset += gain.size
-        source_laws.append(laws)
-        held = _bounded(sources)
-        at = np.array(values[taken : taken + len(held)])
-        taken += len(held)
-        shifts.append((sources.direction[:, held] * (sources.half_width[held] * at)).sum(axis=1))
-    mounts = (*system.interfaces, system.hand_eye)
-    torsors = np.array([m.bias + s for m, s in zip(mounts, shifts[:3], strict=True)])
-
-    standard = system.manufacturing_half_width_mm / (
-        system.manufacturing_coverage_factor if system.manufacturing_law is Law.NORMAL else 1.0
-    )
-    manufactured = bool(np.any(standard != 0))
-    blocks: list[Block] = []
-
-    def add(name: str, laws: tuple[Law, ...], stream: int) -> int:
-        start = blocks[-1].stop if blocks else 0
-        blocks.append(Block(name, start, start + len(laws), laws, stream))
-        return start
-
-    for view in system.views:
-        add(f"fiducial_noise:{view.name}", (Law.NORMAL,) * (2 * count), SHOT)
-        add(f"target_noise:{view.name}", (Law.NORMAL,) * (2 * targets), SHOT)
-    starts = [add("fiducial_manufacturing", (system.manufacturing_law,) * (3 * count * manufactured), INSTALLATION)]
-    starts += [add(m.name, source_laws[k], INSTALLATION) for k, m in enumerate(mounts)]
-    starts.append(add("execution", source_laws[3], SHOT))
-    kept = tuple(block for block in blocks if block.stop > block.start)
-
-    scale2 = float((into**2).sum()) / 3
-    published = system.triangulation is Triangulation.PUBLISHED
-    small = system.rotation_form is RotationForm.SMALL_ANGLE
-    eq18 = system.reading is Reading.EQ18
-    active = sum(1 << k for k in range(3) if source_laws[k] or np.any(torsors[k] != 0))
-    tcp_con = product(system.T_tcp_flange, system.T_flange_con)
+    sources = _compile_sources(system, values)
+    blocks, starts = _lay_out(system, sources)
     tables = Tables(
-        segments=_segments(kept),
-        counts=np.array([count, views, targets, manufactured, eq18, small, blocks[-1].stop, active, published]),
-        starts=np.array(starts),
-        nominal=read_only(y),
-        products=read_only(y1[:, upper[0]] * y1[:, upper[1]]),
-        diagonal=read_only(np.array([*diagonal, *(1 / diagonal)])),
-        spread=read_only(np.asarray(standard, dtype=np.float64)),
-        into_frame=read_only(into.ravel()),
-        out_of_frame=read_only(out.ravel()),
-        object_scale=read_only(np.array([sqrt(scale2), 1 / scale2])),
-        cameras=read_only(np.array(cameras)),
-        fixed_images=read_only(np.array(fixed)),
-        target_images=read_only(np.swapaxes(np.array(images), 0, 1)),
-        noise=read_only(np.array([(v.fiducial_noise_px, v.target_noise_px) for v in system.views])),
-        gains=read_only(np.concatenate(gains)),
-        gain_starts=np.array(gain_starts),
-        torsors=read_only(torsors),
-        centre=read_only(centroid),
-        pivots=read_only(np.array([m.pivot_mm for m in mounts])),
-        targets=read_only(positions),
-        targets_frame=read_only(product(positions - centroid, into.T)),
-        targets_tcp=read_only(product(positions, tcp_con[:3, :3].T) + tcp_con[:3, 3]),
-        to_tcp=read_only(tcp_con[:3, :3].ravel()),
-        execution_bias=read_only(system.execution_bias_mm + shifts[3]),
+        segments=_segments(blocks),
+        counts=_counts(system, sources, blocks[-1].stop if blocks else 0),
+        starts=starts,
+        **_compile_geometry(system),
+        spread=_spread(system),
+        noise=np.array([(v.fiducial_noise_px, v.target_noise_px) for v in system.views]),
+        gains=np.concatenate([gain.ravel() for gain in sources.gains]),
+        gain_starts=sources.gain_starts,
+        torsors=sources.torsors,
+        pivots=np.array([mount.pivot_mm for mount in _mounts(system)]),
+        execution_bias=sources.execution_bias,
     )
-    for table in tables:
-        table.setflags(write=False)
-    return ChainPlan(system, tables, kept, bounded_names(system), values, shots_per_unit)
+    tables = Tables(*(_freeze(table) for table in tables))
+    return ChainPlan(system, tables, blocks, bounded_names(system), values, shots_per_unit)
+
+
+def _freeze(table: NDArray[Any]) -> NDArray[Any]:
+    """A C-contiguous copy that is read-only."""
+    table = np.array(table, order="C")
+    table.setflags(write=False)
+    return table
+
+
+def _compile_geometry(system: System) -> dict[str, Array]:
+    """The tables of fiducials, views and targets."""
+    frame = object_frame(system.fiducials_mm)
+    y1, upper = homogeneous(frame.points), np.triu_indices(4)
+    diagonal = (y1**2).sum(axis=0)
+    scale2 = float((frame.into**2).sum()) / 3
+    positions = np.array([t.position_mm for t in system.targets])
+    tcp_con = product(system.T_tcp_flange, system.T_flange_con)
+    out = np.block([[frame.out, frame.centroid[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
+    cameras = []
+    for view in system.views:
+        origin = images_of(view.projection, system.fiducials_mm).mean(axis=0)
+        cameras.append(view.projection - np.array([*origin, 0.0])[:, None] * view.projection[2])
+    return {
+        "nominal": frame.points,
+        "products": y1[:, upper[0]] * y1[:, upper[1]],
+        "diagonal": np.array([*diagonal, *(1 / diagonal)]),
+        "into_frame": frame.into.ravel(),
+        "out_of_frame": frame.out.ravel(),
+        "object_scale": np.array([sqrt(scale2), 1 / scale2]),
+        "cameras": np.array([camera.ravel() for camera in cameras]),
+        "fixed_images": np.array([product(camera, out).ravel() for camera in cameras]),
+        "target_images": np.swapaxes(np.array([images_of(camera, positions) for camera in cameras]), 0, 1),
+        "centre": frame.centroid,
+        "targets": positions,
+        "targets_frame": product(positions - frame.centroid, frame.into.T),
+        "targets_tcp": product(positions, tcp_con[:3, :3].T) + tcp_con[:3, 3],
+        "to_tcp": tcp_con[:3, :3].ravel(),
+    }
+
+
+def _spread(system: System) -> Array:
+    """(N, 3) mm: scale of one manufacturing deviate."""
+    normal = system.manufacturing_law is Law.NORMAL
+    coverage = system.manufacturing_coverage_factor if normal else 1.0
+    return np.asarray(system.manufacturing_half_width_mm / coverage, dtype=np.float64)
+
+
+class _SourceTables(NamedTuple):
+    """The mounts' and the execution's sources, in that order: the bounded ones at their vertex."""
+
+    gains: list[Array]  # (6, k) or (3, k) of those that have a law
+    gain_starts: NDArray[np.int64]  # (4, 2): offset of each among all, k
+    laws: list[tuple[Law, ...]]
+    torsors: Array  # (3, 6)
+    execution_bias: Array  # (3,) mm
+
+    @property
+    def active(self) -> list[bool]:
+        """Whether each mount moves anything."""
+        return [bool(laws) or bool(np.any(torsor != 0)) for laws, torsor in zip(self.laws, self.torsors, strict=False)]
+
+
+def _compile_sources(system: System, vertex: tuple[float, ...]) -> _SourceTables:
+    gains, laws, shifts, taken = [], [], [], 0
+    for _, sources in _named_sources(system):
+        gain, own = _random(sources)
+        gains.append(gain)
+        laws.append(own)
+        bounded = _bounded(sources)
+        at = np.array(vertex[taken : taken + len(bounded)])
+        taken += len(bounded)
+        shifts.append((sources.direction[:, bounded] * (sources.half_width[bounded] * at)).sum(axis=1))
+    offsets = np.cumsum([0, *(gain.size for gain in gains[:-1])])
+    return _SourceTables(
+        gains=gains,
+        gain_starts=np.array([(offset, len(own)) for offset, own in zip(offsets, laws, strict=True)]),
+        laws=laws,
+        torsors=np.array([mount.bias + shift for mount, shift in zip(_mounts(system), shifts[:3], strict=True)]),
+        execution_bias=system.execution_bias_mm + shifts[3],
+    )
+
+
+def _lay_out(system: System, sources: _SourceTables) -> tuple[tuple[Block, ...], NDArray[np.int64]]:
+    """The blocks that have columns, and the first column of manufacturing, the three mounts and execution."""
+    count, targets = len(system.fiducials_mm), len(system.targets)
+    manufactured = bool(np.any(_spread(system) != 0))
+    every: list[tuple[str, tuple[Law, ...], int]] = []
+    for view in system.views:
+        every.append((f"fiducial_noise:{view.name}", (Law.NORMAL,) * (2 * count), SHOT))
+        every.append((f"target_noise:{view.name}", (Law.NORMAL,) * (2 * targets), SHOT))
+    every.append(("fiducial_manufacturing", (system.manufacturing_law,) * (3 * count * manufactured), INSTALLATION))
+    for (name, _), laws in zip(_named_sources(system), sources.laws, strict=True):
+        every.append((name, laws, SHOT if name == "execution" else INSTALLATION))
+    ends = np.cumsum([0, *(len(laws) for _, laws, _ in every)])
+    blocks = (
+        Block(name, int(start), int(start) + len(laws), laws, stream)
+        for start, (name, laws, stream) in zip(ends, every, strict=False)
+    )
+    return tuple(block for block in blocks if block.stop > block.start), ends[2 * len(system.views) : -1]
+
+
+def _counts(system: System, sources: _SourceTables, dimension: int) -> NDArray[np.int64]:
+    return np.array(
+        [
+            len(system.fiducials_mm),
+            len(system.views),
+            len(system.targets),
+            bool(np.any(_spread(system) != 0)),
+            system.reading is Reading.EQ18,
+            system.rotation_form is RotationForm.SMALL_ANGLE,
+            dimension,
+            sum(1 << k for k, active in enumerate(sources.active) if active),
+            system.triangulation is Triangulation.PUBLISHED,
+        ]
+    )
 
 
 def _segments(blocks: tuple[Block, ...]) -> NDArray[np.int64]:

@@ -53,9 +53,9 @@ from scipy.special import gammaincinv, lambertw
 from ..arrays import Array
 from ..errors import InfeasibleError, NotConvergedError, Problem
 from .exact_law import Evaluation, error_moments, squared_quantile
-from .prices import Price, smooth_cost
+from .prices import Price
 from .problem import Choice
-from .program import QUIET, SOLVED, Program
+from .program import QUIET, SOLVED, Program, log_cost, log_half_widths
 from .symbols import elements
 from .terms import Mechanics, mechanics_of
 
@@ -487,9 +487,7 @@ def budgets_of(program: Program) -> Budgets:
     """Build it once; :func:`best_budget` solves it at a layout."""
     problem = program.problem
     u, s = ca.SX.sym("u", program.width_variables), ca.SX.sym("s")
-    logs = elements(u)
-    if problem.objective == "scaling":
-        logs = np.array([float(np.log(width)) + u[0] for width in program.present_width], dtype=object)
+    logs = log_half_widths(problem, program.present_width, u)
     half_width = np.array([ca.exp(value) for value in logs], dtype=object)
     pivots, spacings = ca.SX.sym("w", 3 * len(problem.pivots)), ca.SX.sym("d", len(problem.spacings))
     mechanics = Mechanics(elements(pivots), elements(spacings))
@@ -504,9 +502,7 @@ def budgets_of(program: Program) -> Budgets:
         limit = 2 * float(np.log(term.demand.requirement.limit_mm))
         rows.append(ca.log(squared_quantile(term.demand, law)) + given[12] - limit - s)
         parameters.append(given)
-    cost = ca.log(
-        sum(smooth_cost(free.price, value, ca.exp) for free, value in zip(problem.half_widths, logs, strict=True))
-    )
+    cost = log_cost(problem, logs)
     if problem.cost_limit is not None:
         rows.append(cost - float(np.log(problem.cost_limit)))
     nlp = {

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations
-from typing import Any, Literal
+from itertools import combinations, product
+from typing import Any, Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -205,74 +205,26 @@ def build_program(
     low_high = np.array(boxes).reshape(-1, 2, 3)
     centre, half = low_high.mean(axis=1), (low_high[:, 1] - low_high[:, 0]) / 2
     present = present_choice(problem)
-    widths_count, count = len(problem.half_widths), len(movable)
-    x = ca.SX.sym("x", 3 * count)
-    u = ca.SX.sym("u", min(widths_count, 1) if problem.objective == "scaling" else widths_count)
-    w = ca.SX.sym("w", 3 * len(problem.pivots))
-    tau = ca.SX.sym("tau", len(problem.spacings))
-    s = ca.SX.sym("s")
-    bounded = len(terms[0].bounded)
-    size = 13 + widths_count + w.numel() + tau.numel()
-    limits = ca.SX.sym("limits", len(terms))
-    signs = ca.SX.sym("signs", bounded, len(terms))
-    corrections = ca.SX.sym("corrections", size, len(terms))
-    least = ca.SX.sym("least")
 
-    points = plain(problem.system.fiducials_mm)
-    for g, place in enumerate(problem.places):
-        for k in range(3):
-            points[movable[g], k] = float(centre[g, k]) + float(half[g, k]) * x[3 * g + k]
-        for i, copy in zip(place.fiducials[1:], problem.symmetry, strict=True):
-            points[i] = move(copy, points[movable[g]])
-    logs = (
-        elements(u)
-        if problem.objective != "scaling"
-        else np.array([float(np.log(value)) + u[0] for value in present.half_width] or [], dtype=object)
+    symbols = _make_symbols(problem, terms)
+    design = _express_design(problem, symbols, centre, half)
+    cost = log_cost(problem, design.logs) if problem.half_widths else ca.SX(0)
+    choosers = [
+        ca.SX.sym(f"piece_{k}", len(outside_pieces(zone, problem.system.fiducials_mm[i])))
+        for k, (zone, i) in enumerate(product(problem.keep_out, problem.free_fiducials))
+    ]
+    rows, expressions = zip(
+        *_quantile_rows(problem, estimator, terms, symbols, design),
+        *_cost_row(problem, cost),
+        *geometric_rows(problem, estimator, terms, design.points),
+        *_keep_out_rows(problem, design.points, choosers),
+        strict=True,
     )
-    half_width = np.array([ca.exp(value) for value in logs], dtype=object)
-    pivots = plain(centre[count:].ravel())
-    for p in range(w.numel()):
-        pivots[p] = pivots[p] + float(half[count:].flat[p]) * w[p]
-    shift = pivots - plain(present.pivots_mm.ravel())
-    mechanics = Mechanics(shift, np.array([ca.exp(-tau[i]) - 1 for i in range(tau.numel())], dtype=object))
-    projections, told_shift = (_duck(part.at(mechanics)) for part in estimator_affine(problem))
-
-    rows: list[Row] = []
-    g_all: list[Any] = []
-    for t, term in enumerate(terms):
-        noise, made = image_covariances(
-            estimator, term, points, projections, told_shift, _duck(term.reconstructed.at(mechanics))
-        )
-        law = error_moments(term, noise, made, half_width, mechanics, elements(signs[:, t]))
-        seen = [1.0, *noise[np.triu_indices(3)], *made[np.triu_indices(3)], *logs, *shift, *elements(tau)]
-        correction = sum(corrections[i, t] * value for i, value in enumerate(seen))
-        g_all.append(ca.log(squared_quantile(term.demand, law)) + correction - 2 * limits[t] - s)
-        rows.append(Row("quantile", term.demand.text, -np.inf, 0.0))
-    cost = ca.SX(0)
-    if widths_count:
-        priced = [smooth_cost(free.price, value, ca.exp) for free, value in zip(problem.half_widths, logs, strict=True)]
-        cost = ca.log(sum(priced))
-    if problem.cost_limit is not None:
-        g_all.append(cost - float(np.log(problem.cost_limit * (1 - ROUNDED))))
-        rows.append(Row("cost", "cost", -np.inf, 0.0))
-    for row, expression in geometric_rows(problem, estimator, terms, points):
-        rows.append(row)
-        g_all.append(expression)
-    choosers: list[Any] = []
-    piece_counts: list[int] = []
-    for zone in problem.keep_out:
-        for i in problem.free_fiducials:
-            pieces = outside_pieces(zone, points[i])
-            chosen = ca.SX.sym(f"piece_{len(choosers)}", len(pieces))
-            g_all.append(sum(chosen[j] * value for j, (_, value) in enumerate(pieces)))
-            label = problem.system.fiducial_labels[i]
-            rows.append(Row("keep_out", f"{label} outside keep-out zone {zone.name!r}", 0.0, np.inf, (i,)))
-            choosers.append(chosen)
-            piece_counts.append(len(pieces))
-
-    variables = ca.vertcat(x, u, w, tau, s)
-    parameters = ca.vertcat(limits, ca.vec(signs), ca.vec(corrections), *choosers, least)
-    objective, constraints = ca.cse([least * s + (1 - least) * cost, ca.vertcat(*g_all)])
+    variables = ca.vertcat(symbols.x, symbols.u, symbols.w, symbols.tau, symbols.s)
+    parameters = ca.vertcat(
+        symbols.limits, ca.vec(symbols.signs), ca.vec(symbols.corrections), *choosers, symbols.least
+    )
+    objective, constraints = ca.cse([symbols.least * symbols.s + (1 - symbols.least) * cost, ca.vertcat(*expressions)])
     nlp = {"x": variables, "p": parameters, "f": objective, "g": constraints}
     learnt = LEARNT if len(movable) > EXACT_HESSIAN else {}
     explore = ca.nlpsol("explore", "ipopt", nlp, EXPLORE | learnt)
@@ -282,12 +234,12 @@ def build_program(
     return Program(
         problem=problem,
         terms=terms,
-        rows=tuple(rows),
+        rows=rows,
         movable=movable,
         centre=centre,
         half=half,
         present_width=present.half_width,
-        piece_counts=tuple(piece_counts),
+        piece_counts=tuple(chosen.numel() for chosen in choosers),
         explore=(explore, *(ca.nlpsol("explore", "ipopt", nlp, EXPLORE | shared) for _ in range(threads - 1))),
         polish=ca.nlpsol("polish", "ipopt", nlp, POLISH | shared),
         constraints=ca.Function("constraints", [variables, parameters], [objective, constraints]),
@@ -295,6 +247,107 @@ def build_program(
         gradient=shared["grad_f"],
         expressions=nlp,
     )
+
+
+class _Symbols(NamedTuple):
+    """Variables and parameters of the programme, CasADi columns (or matrices)."""
+
+    x: Any  # (3G,) free positions, scaled
+    u: Any  # (U,) logarithms of half-widths, or that of their common factor
+    w: Any  # (3P,) free pivots, scaled
+    tau: Any  # (L,) logarithms of locator spacings
+    s: Any  # the slack
+    limits: Any  # (T,) logarithm of each limit
+    signs: Any  # (B, T) ends of the bounded sources
+    corrections: Any  # (13 + K + 3P + L, T) to the exact law
+    least: Any  # 1 where the slack is minimised, 0 where the cost is
+
+
+def _make_symbols(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> _Symbols:
+    widths, pivots, spacings = len(problem.half_widths), 3 * len(problem.pivots), len(problem.spacings)
+    return _Symbols(
+        x=ca.SX.sym("x", 3 * len(problem.places)),
+        u=ca.SX.sym("u", min(widths, 1) if problem.objective == "scaling" else widths),
+        w=ca.SX.sym("w", pivots),
+        tau=ca.SX.sym("tau", spacings),
+        s=ca.SX.sym("s"),
+        limits=ca.SX.sym("limits", len(terms)),
+        signs=ca.SX.sym("signs", len(terms[0].bounded), len(terms)),
+        corrections=ca.SX.sym("corrections", 13 + widths + pivots + spacings, len(terms)),
+        least=ca.SX.sym("least"),
+    )
+
+
+class _Design(NamedTuple):
+    """A design in symbols."""
+
+    points: Duck  # (N, 3) mm
+    logs: Duck  # (K,) of the half-widths, native units
+    mechanics: Mechanics
+
+
+def _express_design(problem: PlacementProblem, symbols: _Symbols, centre: Array, half: Array) -> _Design:
+    points = plain(problem.system.fiducials_mm)
+    for g, place in enumerate(problem.places):
+        first = place.fiducials[0]
+        for k in range(3):
+            points[first, k] = float(centre[g, k]) + float(half[g, k]) * symbols.x[3 * g + k]
+        for i, copy in zip(place.fiducials[1:], problem.symmetry, strict=True):
+            points[i] = move(copy, points[first])
+    present, count = present_choice(problem), len(problem.places)
+    pivots = plain(centre[count:].ravel())
+    for p in range(symbols.w.numel()):
+        pivots[p] = pivots[p] + float(half[count:].flat[p]) * symbols.w[p]
+    mechanics = Mechanics(
+        pivots - plain(present.pivots_mm.ravel()),
+        np.array([ca.exp(-value) - 1 for value in elements(symbols.tau)], dtype=object),
+    )
+    return _Design(points, log_half_widths(problem, present.half_width, symbols.u), mechanics)
+
+
+def log_half_widths(problem: PlacementProblem, present: Array, u: Any) -> Duck:
+    """(K,) logarithms of all free half-widths from the variables that stand for them; present (K,) native units."""
+    if problem.objective != "scaling":
+        return elements(u)
+    return np.array([float(np.log(value)) + u[0] for value in present], dtype=object)
+
+
+def log_cost(problem: PlacementProblem, logs: Duck) -> Any:
+    """Logarithm of the cost of half-widths given by theirs."""
+    return ca.log(sum(smooth_cost(f.price, value, ca.exp) for f, value in zip(problem.half_widths, logs, strict=True)))
+
+
+def _quantile_rows(
+    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], symbols: _Symbols, design: _Design
+) -> Iterator[tuple[Row, Any]]:
+    """``log r^2 + correction - 2 log limit - s <= 0`` of every quantile in the programme."""
+    half_width = np.array([ca.exp(value) for value in design.logs], dtype=object)
+    mechanics, triangle = design.mechanics, np.triu_indices(3)
+    projections, told_shift = (_duck(part.at(mechanics)) for part in estimator_affine(problem))
+    for t, term in enumerate(terms):
+        reconstructed = _duck(term.reconstructed.at(mechanics))
+        noise, made = image_covariances(estimator, term, design.points, projections, told_shift, reconstructed)
+        law = error_moments(term, noise, made, half_width, mechanics, elements(symbols.signs[:, t]))
+        seen = [1.0, *noise[triangle], *made[triangle], *design.logs, *mechanics.pivot_shift, *elements(symbols.tau)]
+        correction = sum(symbols.corrections[i, t] * value for i, value in enumerate(seen))
+        form = ca.log(squared_quantile(term.demand, law))
+        yield Row("quantile", term.demand.text, -np.inf, 0.0), form + correction - 2 * symbols.limits[t] - symbols.s
+
+
+def _cost_row(problem: PlacementProblem, cost: Any) -> Iterator[tuple[Row, Any]]:
+    if problem.cost_limit is not None:
+        yield Row("cost", "cost", -np.inf, 0.0), cost - float(np.log(problem.cost_limit * (1 - ROUNDED)))
+
+
+def _keep_out_rows(problem: PlacementProblem, points: Duck, choosers: list[Any]) -> Iterator[tuple[Row, Any]]:
+    """Every free fiducial in the piece of the outside of each zone that its parameter chooses."""
+    for chosen, (zone, i) in zip(choosers, product(problem.keep_out, problem.free_fiducials), strict=True):
+        text = f"{problem.system.fiducial_labels[i]} outside keep-out zone {zone.name!r}"
+        pieces = outside_pieces(zone, points[i])
+        yield (
+            Row("keep_out", text, 0.0, np.inf, (i,)),
+            sum(chosen[j] * value for j, (_, value) in enumerate(pieces)),
+        )
 
 
 def _duck(value: Any) -> Any:

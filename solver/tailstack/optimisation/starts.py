@@ -10,6 +10,7 @@ their smallest; it costs about 5 ms and runs on the same compiled gains as the s
 from __future__ import annotations
 
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
@@ -73,8 +74,7 @@ def _keep_rules(
     for m in range(1, count):
         kept &= contains(region, drawn[:, m])
     if count > 1:
-        spacing = (problem.min_spacing_mm, problem.min_projected_spacing_px)
-        kept &= apart_from_copies(told, np.ascontiguousarray(estimator.projections), *spacing)
+        kept &= apart_from_copies(told, np.ascontiguousarray(estimator.projections), _spacing(problem))
     return np.asarray(kept)
 
 
@@ -102,14 +102,13 @@ def _spread(
     points: Array,
     groups: NDArray[np.int64],
     projections: Array,
-    spacing_mm: float,
-    spacing_px: float,
+    spacing: Spacing,
 ) -> None:
     """Put each group on a candidate of its own that keeps its distance, in place; on any when none does."""
     points[groups.ravel()] = 1e6 * (1 + np.arange(groups.size))[:, None]  # out of the way until placed
     for group, own in zip(groups, candidates, strict=True):
         order = rng.permutation(len(own))
-        free = (c for c in order if keeps_distance(points, group, own[c], projections, spacing_mm, spacing_px))
+        free = (c for c in order if keeps_distance(points, group, own[c], projections, spacing))
         points[group] = own[next(free, order[0])]
 
 
@@ -125,10 +124,10 @@ def starting_layouts(
         return [present]
     groups = np.array([place.fiducials for place in problem.places], dtype=np.int64)
     regions, which = distinct(place.region for place in problem.places)
-    fixed = _for_exchange(problem, estimator, terms)
+    model = _exchange_model(problem, estimator, terms)
     # Fiducials that may coincide must not start so: with six of them the layout would be singular.
     least_gap = APART * max(diameter_mm(region) for region in regions)
-    spacing = (max(problem.min_spacing_mm, least_gap), problem.min_projected_spacing_px)
+    spacing = Spacing(max(float(problem.min_spacing_mm), least_gap), float(problem.min_projected_spacing_px))
     layouts = [present]
     inverse = np.linalg.inv(estimator.told)
     for k in range(1, starts):
@@ -138,8 +137,8 @@ def starting_layouts(
         last = ends[list(which)]
         first = last - np.array([len(pools[r]) for r in which])
         points = _displace(estimator, problem.system.fiducials_mm)
-        _spread(rng, [pools[r] for r in which], points, groups, fixed[0], *spacing)
-        exchange(points, groups, np.concatenate(pools), first, last, SWEEPS, *spacing, *fixed)
+        _spread(rng, [pools[r] for r in which], points, groups, model.projections, spacing)
+        exchange(points, groups, Candidates(np.concatenate(pools), first, last), spacing, model, SWEEPS)
         layout = present.copy()
         free = list(problem.free_fiducials)
         layout[free] = ((points - estimator.told_shift_mm) @ inverse.T)[free]
@@ -147,10 +146,12 @@ def starting_layouts(
     return layouts
 
 
-def _for_exchange(
-    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...]
-) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
-    """What the exchange looks at: errors relative to their limits, free half-widths at their smallest."""
+def _spacing(problem: PlacementProblem) -> Spacing:
+    return Spacing(float(problem.min_spacing_mm), float(problem.min_projected_spacing_px))
+
+
+def _exchange_model(problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...]) -> ExchangeModel:
+    """Errors relative to their limits, free half-widths at their smallest."""
     smallest = problem.lower * [per for _, per in free_laws(problem)]
     limits = np.array([term.demand.requirement.limit_mm for term in terms])
     share = limits.min() / limits
@@ -158,14 +159,14 @@ def _for_exchange(
         term.bias_mm @ term.bias_mm + np.trace(term.covariance) + ((term.free_gain * smallest) ** 2).sum()
         for term in terms
     ]
-    return (
-        np.ascontiguousarray(estimator.projections),
-        np.ascontiguousarray(estimator.told),
-        np.array([term.reconstructed_mm for term in terms]),
-        np.array([term.to_error for term in terms]) * share[:, None, None],
-        np.array(constant) * share**2,
-        estimator.fiducial_px,
-        estimator.manufacturing_std_mm,
+    return ExchangeModel(
+        projections=np.ascontiguousarray(estimator.projections),
+        told=np.ascontiguousarray(estimator.told),
+        reconstructed=np.array([term.reconstructed_mm for term in terms]),
+        to_error=np.array([term.to_error for term in terms]) * share[:, None, None],
+        constant=np.array(constant) * share**2,
+        fiducial_px=estimator.fiducial_px,
+        manufacturing_std_mm=estimator.manufacturing_std_mm,
     )
 
 
@@ -188,7 +189,6 @@ def careless_layouts(
     """
     groups = np.array([place.fiducials for place in problem.places], dtype=np.int64)
     regions, which = distinct(place.region for place in problem.places)
-    args = (np.ascontiguousarray(estimator.projections), problem.min_spacing_mm, problem.min_projected_spacing_px)
     layouts = []
     for k in range(count):
         rng = np.random.default_rng([seed, CARELESS, k])
@@ -197,7 +197,7 @@ def careless_layouts(
             for region in regions:
                 drawn = with_copies(problem, sample(region, rng, 4 * CANDIDATES, 0.0))
                 pools.append(drawn[_keep_rules(problem, estimator, terms, region, drawn)])
-            layout = _draw_layout(problem, estimator, groups, [pools[r] for r in which], args)
+            layout = _draw_layout(problem, estimator, groups, [pools[r] for r in which])
             if layout is not None:
                 layouts.append(layout)
                 break
@@ -205,19 +205,16 @@ def careless_layouts(
 
 
 def _draw_layout(
-    problem: PlacementProblem,
-    estimator: Estimator,
-    groups: NDArray[np.int64],
-    pools: list[Array],
-    args: tuple[Array, float, float],
+    problem: PlacementProblem, estimator: Estimator, groups: NDArray[np.int64], pools: list[Array]
 ) -> Array | None:
     """Each group on the first point of its pool (M, G, 3), con, that keeps its spacing; None when a pool runs out."""
+    projections, spacing = np.ascontiguousarray(estimator.projections), _spacing(problem)
     layout = problem.system.fiducials_mm.copy()
     told = _displace(estimator, layout)
     told[groups.ravel()] = 1e6 * (1 + np.arange(groups.size))[:, None]
     for group, pool in zip(groups, pools, strict=True):
         tried = _displace(estimator, pool)
-        free = (c for c in range(len(pool)) if keeps_distance(told, group, tried[c], *args))
+        free = (c for c in range(len(pool)) if keeps_distance(told, group, tried[c], projections, spacing))
         chosen = next(free, None)
         if chosen is None:
             return None
@@ -287,12 +284,39 @@ def _keeps_every_rule(
     problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], region: Shape, layout: Array
 ) -> bool:
     """Whether the free fiducials of a layout without symmetry keep every rule."""
-    args = (np.ascontiguousarray(estimator.projections), problem.min_spacing_mm, problem.min_projected_spacing_px)
+    projections, spacing = np.ascontiguousarray(estimator.projections), _spacing(problem)
     free = np.array(problem.free_fiducials, dtype=np.int64)
     told = _displace(estimator, layout)
     return bool(_keep_rules(problem, estimator, terms, region, layout[free, None]).all()) and all(
-        keeps_distance(told, free[m : m + 1], told[free[m : m + 1]], *args) for m in range(len(free))
+        keeps_distance(told, free[m : m + 1], told[free[m : m + 1]], projections, spacing) for m in range(len(free))
     )
+
+
+class Spacing(NamedTuple):
+    """What two fiducials must be apart: in space, and in every image."""
+
+    mm: float
+    px: float
+
+
+class Candidates(NamedTuple):
+    """Where groups of G fiducials (a fiducial and its copies) may go, as the estimator is told them."""
+
+    points: Array  # (C, G, 3) mm
+    first: NDArray[np.int64]  # (P,) the candidates of group p are those from first[p]
+    last: NDArray[np.int64]  # (P,) up to last[p]
+
+
+class ExchangeModel(NamedTuple):
+    """What the mean square of the error at T demands depends on, but for the layout."""
+
+    projections: Array  # (V, 3, 4) of told mm, |p3| = 1
+    told: Array  # (3, 3) displacement of a fiducial to that of its told position
+    reconstructed: Array  # (T, 3) mm: targets as the estimator sees them
+    to_error: Array  # (T, 3, 3) displacement of the triangulated point to the limited error, over its limit
+    constant: Array  # (T,) mm^2: what no fiducial changes, likewise
+    fiducial_px: Array  # (V,) standard deviations
+    manufacturing_std_mm: Array  # (N, 3)
 
 
 # Inlined into the kernels below it takes their error model: coplanar candidates get infinite gains, not an exception.
@@ -300,31 +324,35 @@ gains_or_infinity = register_jitable(noise_gains)
 
 
 @kernel(nogil=True)
-def mean_square(
-    projections: Array, points: Array, told: Array, reconstructed: Array, to_error: Array, constant: Array,
-    fiducial_px: Array, manufacturing_std: Array, work: tuple[Array, Array, Array, Array],
-) -> float:  # fmt: skip
-    """Largest over the demands of E|e|^2, mm^2; inf where the layout is singular.  points as the estimator is told."""
+def mean_square(points: Array, model: ExchangeModel, work: tuple[Array, Array, Array, Array]) -> float:
+    """Largest over the demands of E|e|^2, mm^2; inf where the layout is singular.
+
+    points: (N, 3) mm as the estimator is told them; work: arrays for the gains (V, N, 3, 2), (V, 3, 2), (V, N, 3, 3),
+    (V, N, 2), overwritten.
+    """
     fiducial, target_gain, manufacturing, perspective = work
+    views = model.projections.shape[0]
     worst = 0.0
-    for t in range(reconstructed.shape[0]):
-        gains_or_infinity(projections, points, reconstructed[t], fiducial, target_gain, manufacturing, perspective)
-        total = constant[t]
+    for t in range(model.reconstructed.shape[0]):
+        gains_or_infinity(
+            model.projections, points, model.reconstructed[t], fiducial, target_gain, manufacturing, perspective
+        )
+        total = model.constant[t]
         for i in range(points.shape[0]):
             for r in range(3):
-                for v in range(projections.shape[0]):
+                for v in range(views):
                     for c in range(2):
                         g = 0.0
                         for k in range(3):
-                            g += to_error[t, r, k] * fiducial[v, i, k, c]
-                        total += (g * fiducial_px[v]) ** 2
+                            g += model.to_error[t, r, k] * fiducial[v, i, k, c]
+                        total += (g * model.fiducial_px[v]) ** 2
                 for c in range(3):
                     g = 0.0
-                    for v in range(projections.shape[0]):
+                    for v in range(views):
                         for k in range(3):
                             for m in range(3):
-                                g += to_error[t, r, k] * manufacturing[v, i, k, m] * told[m, c]
-                    total += (g * manufacturing_std[i, c]) ** 2
+                                g += model.to_error[t, r, k] * manufacturing[v, i, k, m] * model.told[m, c]
+                    total += (g * model.manufacturing_std_mm[i, c]) ** 2
         if not total < np.inf:
             return np.inf
         worst = max(worst, total)
@@ -332,12 +360,12 @@ def mean_square(
 
 
 @kernel(nogil=True)
-def far_enough(a: Array, b: Array, projections: Array, spacing_mm: float, spacing_px: float) -> bool:
-    """Whether two told points (3,) keep the 3-D spacing, and that of their images in every view."""
+def far_enough(a: Array, b: Array, projections: Array, spacing: Spacing) -> bool:
+    """Whether two told points a, b (3,) mm are far enough apart, and their images under projections (V, 3, 4) are."""
     apart = 0.0
     for k in range(3):
         apart += (a[k] - b[k]) ** 2
-    if apart < spacing_mm * spacing_mm:
+    if apart < spacing.mm * spacing.mm:
         return False
     for v in range(projections.shape[0]):
         depth_a = projections[v, 2, 3]
@@ -353,70 +381,73 @@ def far_enough(a: Array, b: Array, projections: Array, spacing_mm: float, spacin
                 along_a += projections[v, r, k] * a[k]
                 along_b += projections[v, r, k] * b[k]
             apart += (along_a / depth_a - along_b / depth_b) ** 2
-        if apart < spacing_px * spacing_px:
+        if apart < spacing.px * spacing.px:
             return False
     return True
 
 
 @kernel(nogil=True)
 def keeps_distance(
-    points: Array, group: NDArray[np.int64], candidate: Array, projections: Array, spacing_mm: float, spacing_px: float
+    points: Array, group: NDArray[np.int64], candidate: Array, projections: Array, spacing: Spacing
 ) -> bool:
-    """Whether the fiducials of a group (G,), put at ``candidate`` (G, 3), keep their spacing to all others."""
+    """Whether a group (G,) of the points (N, 3), put at a candidate (G, 3), is far enough from all others; mm, told.
+
+    projections: (V, 3, 4).
+    """
     for j in range(points.shape[0]):
         if j in group:
             continue
         for m in range(group.shape[0]):
-            if not far_enough(points[j], candidate[m], projections, spacing_mm, spacing_px):
+            if not far_enough(points[j], candidate[m], projections, spacing):
                 return False
     return True
 
 
 @kernel(nogil=True)
-def apart_from_copies(candidates: Array, projections: Array, spacing_mm: float, spacing_px: float) -> NDArray[np.bool_]:
-    """(C,) whether the points of each candidate (C, G, 3) keep their spacing among themselves."""
+def apart_from_copies(candidates: Array, projections: Array, spacing: Spacing) -> NDArray[np.bool_]:
+    """(C,) whether the points of each candidate (C, G, 3), mm, told, are far enough apart; projections: (V, 3, 4)."""
     kept = np.ones(candidates.shape[0], np.bool_)
     for c in range(candidates.shape[0]):
         for m in range(candidates.shape[1]):
             for n in range(m):
-                if not far_enough(candidates[c, n], candidates[c, m], projections, spacing_mm, spacing_px):
+                if not far_enough(candidates[c, n], candidates[c, m], projections, spacing):
                     kept[c] = False
     return kept
 
 
 @kernel(nogil=True)
 def exchange(
-    points: Array, groups: NDArray[np.int64], candidates: Array, first: NDArray[np.int64], last: NDArray[np.int64],
-    sweeps: int, spacing_mm: float, spacing_px: float,
-    projections: Array, told: Array, reconstructed: Array, to_error: Array, constant: Array, fiducial_px: Array,
-    manufacturing_std: Array,
-) -> float:  # fmt: skip
-    """Move each group (P, G) as a whole to its best candidate (C, G, 3) in place; returns the mean square reached.
-
-    The candidates of group p are those from ``first[p]`` up to ``last[p]``.
+    points: Array,
+    groups: NDArray[np.int64],
+    candidates: Candidates,
+    spacing: Spacing,
+    model: ExchangeModel,
+    sweeps: int,
+) -> float:
+    """Move each group (P, G) of the points (N, 3), mm, told, to its best candidate in place; returns the mean square
+    reached, mm^2.  At most so many sweeps over all groups.
     """
-    views, count = projections.shape[0], points.shape[0]
+    views, count = model.projections.shape[0], points.shape[0]
     work = (
         np.zeros((views, count, 3, 2)),
         np.zeros((views, 3, 2)),
         np.zeros((views, count, 3, 3)),
         np.zeros((views, count, 2)),
     )
-    args = (told, reconstructed, to_error, constant, fiducial_px, manufacturing_std, work)
-    best = mean_square(projections, points, *args)
+    best = mean_square(points, model, work)
     for _ in range(sweeps):
         improved = False
         for p in range(groups.shape[0]):
             group = groups[p]
             kept = points[group].copy()
-            for c in range(first[p], last[p]):
-                if not keeps_distance(points, group, candidates[c], projections, spacing_mm, spacing_px):
+            for c in range(candidates.first[p], candidates.last[p]):
+                if not keeps_distance(points, group, candidates.points[c], model.projections, spacing):
                     continue
-                points[group] = candidates[c]
-                value = mean_square(projections, points, *args)
+                points[group] = candidates.points[c]
+                value = mean_square(points, model, work)
                 if value < best * (1 - 1e-9):
                     best = value
-                    kept = candidates[c].copy()
+                    kept = candidates.points[c].copy()
                     improved = True
             points[group] = kept
         if not improved:
