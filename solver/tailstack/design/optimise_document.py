@@ -29,7 +29,7 @@ class Count(Record):
     )
 
     @model_validator(mode="after")
-    def _ordered(self) -> Count:
+    def _check_order(self) -> Count:
         if self.min > self.max:
             raise refusal("out-of-range", f"min {self.min} is above max {self.max}", at="min")
         return self
@@ -94,7 +94,7 @@ class RotationBounds(Record):
     cost: CostCurve | None = Field(default=None, description="Another cost curve, instead of cost_weight.")
 
     @model_validator(mode="after")
-    def _ordered(self) -> RotationBounds:
+    def _check_order(self) -> RotationBounds:
         if self.min_deg > self.max_deg:
             raise refusal("out-of-range", f"min_deg {self.min_deg} is above max_deg {self.max_deg}", at="min_deg")
         _one_cost(self, self.cost, "deg")
@@ -112,7 +112,7 @@ class TranslationBounds(Record):
     cost: CostCurve | None = Field(default=None, description="Another cost curve, instead of cost_weight.")
 
     @model_validator(mode="after")
-    def _ordered(self) -> TranslationBounds:
+    def _check_order(self) -> TranslationBounds:
         if self.min_mm > self.max_mm:
             raise refusal("out-of-range", f"min_mm {self.min_mm} is above max_mm {self.max_mm}", at="min_mm")
         _one_cost(self, self.cost, "mm")
@@ -207,7 +207,7 @@ class LocatorSpacing(Record):
     max_scale: Annotated[float, Field(ge=0.01, le=100)] = Field(description="Largest factor.", examples=[1.5])
 
     @model_validator(mode="after")
-    def _ordered(self) -> LocatorSpacing:
+    def _check_order(self) -> LocatorSpacing:
         if self.min_scale > self.max_scale:
             message = f"min_scale {self.min_scale} is above max_scale {self.max_scale}"
             raise refusal("out-of-range", message, at="min_scale")
@@ -226,7 +226,7 @@ class Front(Record):
     )
 
     @model_validator(mode="after")
-    def _ordered(self) -> Front:
+    def _check_order(self) -> Front:
         if self.min_limit_mm and self.max_limit_mm and self.min_limit_mm >= self.max_limit_mm:
             message = f"min_limit_mm {self.min_limit_mm} is not below max_limit_mm {self.max_limit_mm}"
             raise refusal("out-of-range", message, at="min_limit_mm")
@@ -369,7 +369,7 @@ class SearchBox(Record):
     max_mm: Point = Field(description="Highest corner, con, mm.", examples=[[50.0, 50.0, 10.0]])
 
     @model_validator(mode="after")
-    def _ordered(self) -> SearchBox:
+    def _check_order(self) -> SearchBox:
         for axis, low, high in zip("xyz", self.min_mm, self.max_mm, strict=True):
             if low > high:
                 raise refusal("empty-box", f"min_mm is above max_mm along {axis}: {low} > {high}", at="min_mm")
