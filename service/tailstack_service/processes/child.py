@@ -123,8 +123,8 @@ def check_once() -> None:
     from ..operations.example import EXAMPLE_DESIGN
     from ..operations.perform import perform
 
-    asked = {"trials": 1_000, "precision": None, "seed": 0, "method": "plain", "max_trials": 1_000}
-    request = canonical({"design": EXAMPLE_DESIGN, **asked})
+    options = {"trials": 1_000, "precision": None, "seed": 0, "method": "plain", "max_trials": 1_000}
+    request = canonical({"design": EXAMPLE_DESIGN, **options})
     units: tuple[UnitResult, ...] = ()
     while more := perform(Task("verification", request, ADVANCE, units)).more:
         results = [(spec, perform(Task("verification", request, spec)).result or b"") for spec in more]
@@ -134,8 +134,8 @@ def check_once() -> None:
 def load_function(name: str) -> Callable[[Task], Outcome]:
     """``"package.module:function"``.  Raises ImportError, AttributeError."""
     module, _, function = name.partition(":")
-    found: Callable[[Task], Outcome] = getattr(import_module(module), function)
-    return found
+    compute: Callable[[Task], Outcome] = getattr(import_module(module), function)
+    return compute
 
 
 if __name__ == "__main__":

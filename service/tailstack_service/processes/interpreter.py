@@ -29,12 +29,12 @@ def refuse_unusable_kernels() -> None:
 
     Before it serves, so that nobody waits for an answer that cannot come; without such settings it costs nothing.
     """
-    given = {name: os.environ.get(f"NUMBA_{name}") for name in ("DISABLE_JIT", "CPU_NAME", "CPU_FEATURES")}
-    if any(value is not None for value in given.values()):
+    values = {name: os.environ.get(f"NUMBA_{name}") for name in ("DISABLE_JIT", "CPU_NAME", "CPU_FEATURES")}
+    if any(value is not None for value in values.values()):
         from tailstack.processor import refuse_unusable
 
-        disabled = given["DISABLE_JIT"] not in (None, "", "0")
-        refuse_unusable(disabled=disabled, name=given["CPU_NAME"], features=given["CPU_FEATURES"])
+        disabled = values["DISABLE_JIT"] not in (None, "", "0")
+        refuse_unusable(disabled=disabled, name=values["CPU_NAME"], features=values["CPU_FEATURES"])
 
 
 @cache

@@ -122,8 +122,8 @@ def note_policy(db: Database, actor: str, tenant: str, terms: dict[str, Any]) ->
 
 def _read_last_terms(connection: Connection, tenant: str) -> dict[str, Any] | None:
     query = sa.select(_AUDIT.detail).where(_AUDIT.tenant == tenant, _AUDIT.action == POLICY, _AUDIT.subject != "")
-    found = connection.execute(query.order_by(_AUDIT.id.desc()).limit(1)).scalar_one_or_none()
-    return None if found is None else json.loads(found)["terms"]
+    detail = connection.execute(query.order_by(_AUDIT.id.desc()).limit(1)).scalar_one_or_none()
+    return None if detail is None else json.loads(detail)["terms"]
 
 
 def _write_bounded(

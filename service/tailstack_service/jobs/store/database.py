@@ -84,15 +84,15 @@ class DatabaseFile:
 
 def _require_same_inode(path: Path, seen: tuple[int, int] | None) -> tuple[int, int]:
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except FileNotFoundError:
-        found = None
+        status = None
     except OSError as error:
         hint = "the log of the system says what became of the disk"
         raise StoreError(Problem("", "unusable-database", f"{path}: {error.strerror or error}", hint)) from None
-    if found is not None and (seen is None or seen == (found.st_dev, found.st_ino)):
-        return found.st_dev, found.st_ino
-    what = "was deleted" if found is None else "is another file than the one that was opened"
+    if status is not None and (seen is None or seen == (status.st_dev, status.st_ino)):
+        return status.st_dev, status.st_ino
+    what = "was deleted" if status is None else "is another file than the one that was opened"
     hint = (
         "put the very file back; docs/deploy.md says how to save what is in one that was deleted, "
         "before tailstack is stopped and started again with what is there then"

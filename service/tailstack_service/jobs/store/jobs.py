@@ -88,11 +88,11 @@ def submit_job(
     with writing(db) as connection:
         _lock_tenant(db, connection, tenant)
         if idempotency_key is not None:
-            known = _find_by_key(connection, tenant, idempotency_key)
-            if known is not None:
-                if (known.kind, known.request_sha256) != (kind, digest):
-                    raise _conflict_error(known)
-                return known, False
+            earlier = _find_by_key(connection, tenant, idempotency_key)
+            if earlier is not None:
+                if (earlier.kind, earlier.request_sha256) != (kind, digest):
+                    raise _conflict_error(earlier)
+                return earlier, False
         if _count_unfinished(connection, tenant) >= max_queued:
             raise _queue_error(max_queued)
         at = now(db, connection)
@@ -143,8 +143,8 @@ def _count_unfinished(connection: Connection, tenant: str) -> int:
     return int(connection.execute(query).scalar_one())
 
 
-def _conflict_error(known: Job) -> IdempotencyConflict:
-    detail = f"this key made job {known.id} ({known.kind}) from a request with another content"
+def _conflict_error(earlier: Job) -> IdempotencyConflict:
+    detail = f"this key made job {earlier.id} ({earlier.kind}) from a request with another content"
     return IdempotencyConflict(Problem("", "idempotency-conflict", detail, "send a new key with a new request"))
 
 

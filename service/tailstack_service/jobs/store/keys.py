@@ -120,8 +120,8 @@ def list_keys(db: Database, tenant: str | None = None) -> list[tuple[Key, str]]:
         query = query.where(tables.keys.c.tenant == tenant)
     with reading(db) as connection:
         at = now(db, connection)
-        found = [_make_key(row) for row in connection.execute(query)]
-    return [(key, key.state(at)) for key in found]
+        keys = [_make_key(row) for row in connection.execute(query)]
+    return [(key, key.state(at)) for key in keys]
 
 
 def revoke_key(db: Database, key_id: str) -> Key | None:

@@ -185,10 +185,10 @@ def _find_claimable(
     """Units that may be taken, in the order of the queue; on PostgreSQL their rows are locked."""
     values: dict[str, Any] = {"at_most": limit} | ({"others": sorted(others)} if others else {})
     ready, expired = (_READY_OF_SOME, _EXPIRED_OF_SOME) if others else (_READY, _EXPIRED)
-    found = [*connection.execute(ready, values)]
+    rows = [*connection.execute(ready, values)]
     if run_out is not None:
-        found += connection.execute(expired, values | run_out)
-    return sorted(found, key=lambda row: (row.place, row.job_id, row.number))[:limit]
+        rows += connection.execute(expired, values | run_out)
+    return sorted(rows, key=lambda row: (row.place, row.job_id, row.number))[:limit]
 
 
 def _settle_jobs(
@@ -207,13 +207,13 @@ def _settle_jobs(
     ready = [row for row in rows if row.job_id not in changing]
     for job in [job for job in locked if job.state in tables.UNFINISHED]:
         of_job = [row for row in rows if row.job_id == job.id]
-        lost = next((row for row in of_job if spent(row)), None)
+        last = next((row for row in of_job if spent(row)), None)
         if job.solver_version != version:
             _restart_job(connection, job, at, version)
             again = _CANDIDATE.where(_UNIT.job_id == job.id, _UNIT.number == 0)
             ready.append(connection.execute(again).one())
-        elif lost is not None:
-            end_job(connection, job, at, "failed", problem=render_lost_unit(lost.attempts, lost.deaths))
+        elif last is not None:
+            end_job(connection, job, at, "failed", problem=render_lost_unit(last.attempts, last.deaths))
         else:
             if job.state == "queued":
                 change_job(connection, job, at, _RUNNING, state="running", started_at=at)
@@ -295,8 +295,8 @@ _BODIES = sa.select(tables.requests).where(tables.requests.c.job_id.in_(sa.bindp
 
 
 def _read_recorded(connection: Connection, job_id: str) -> _Recorded:
-    found = connection.execute(_RESULTS, {"of_job": job_id})
-    return tuple((UnitResult(row.number, row.spec, row.result), row.result_sha256) for row in found)
+    rows = connection.execute(_RESULTS, {"of_job": job_id})
+    return tuple((UnitResult(row.number, row.spec, row.result), row.result_sha256) for row in rows)
 
 
 _RESULTS = (
@@ -385,9 +385,9 @@ def record(db: Database, claim: Claim, outcome: Outcome, *, max_job_seconds: flo
 
 
 def _require_fitting(claim: Claim, outcome: Outcome) -> None:
-    given = [outcome.result is not None, bool(outcome.more), outcome.answer is not None, outcome.problem is not None]
+    parts = [outcome.result is not None, bool(outcome.more), outcome.answer is not None, outcome.problem is not None]
     fits = (False, True, True, True) if claim.spec == ADVANCE else (True, False, False, True)
-    if sum(given) != 1 or not fits[given.index(True)]:
+    if sum(parts) != 1 or not fits[parts.index(True)]:
         raise ValueError(f"an outcome that unit {claim.index} of job {claim.job_id} cannot have")
 
 

@@ -172,8 +172,8 @@ def _purge_jobs(connection: Connection, before: float) -> int:
 def _purge_results(connection: Connection) -> int:
     r = tables.results.c
     unowned = ~sa.exists().where(_J.result_sha256 == r.sha256)
-    found = sa.select(r.sha256).where(unowned).limit(JOBS_AT_A_TIME).with_for_update(skip_locked=True)
-    names = connection.execute(found).scalars().all()
+    query = sa.select(r.sha256).where(unowned).limit(JOBS_AT_A_TIME).with_for_update(skip_locked=True)
+    names = connection.execute(query).scalars().all()
     # Looked at again now that the rows are held: a job may have come to one of them in between
     return connection.execute(sa.delete(tables.results).where(r.sha256.in_(names), unowned)).rowcount
 
@@ -253,12 +253,14 @@ def _copy_file(source: Path, target: Path) -> None:
         with closing(sqlite3.connect(source, timeout=30)) as from_, closing(sqlite3.connect(target)) as to:
             from_.backup(to)
             to.execute("PRAGMA journal_mode=DELETE").fetchone()  # one file, without a -wal beside it
-            found = [row[0] for row in to.execute("PRAGMA integrity_check")]
-            found += ["a row refers to one that is missing" for _ in to.execute("PRAGMA foreign_key_check")]
+            complaints = [row[0] for row in to.execute("PRAGMA integrity_check")]
+            complaints += ["a row refers to one that is missing" for _ in to.execute("PRAGMA foreign_key_check")]
     except sqlite3.Error as error:
         raise _backup_error("backup-failed", f"{source}: {error}", "tailstack db check") from None
-    if found != ["ok"]:
-        raise _backup_error("backup-failed", f"the copy is not sound: {'; '.join(found[:3])}", "tailstack db check")
+    if complaints != ["ok"]:
+        raise _backup_error(
+            "backup-failed", f"the copy is not sound: {'; '.join(complaints[:3])}", "tailstack db check"
+        )
 
 
 def _dump(url: URL, target: Path) -> None:
@@ -295,9 +297,9 @@ def _run_program(command: list[str], environment: dict[str, str]) -> None:
 
 def find_program(name: str) -> str | None:
     """A program of PostgreSQL: on PATH, or where ``pg_config`` says, or where Debian keeps it."""
-    found = shutil.which(name)
-    if found:
-        return found
+    path = shutil.which(name)
+    if path:
+        return path
     configured = shutil.which("pg_config")
     if configured:
         done = subprocess.run([configured, "--bindir"], capture_output=True, text=True, timeout=30)
