@@ -121,7 +121,7 @@ def _random(sources: Sources) -> tuple[Array, tuple[Law, ...]]:
     return sources.direction[:, keep] * np.array(scale, dtype=float), tuple(sources.laws[j] for j in keep)
 
 
-def _bounded(sources: Sources) -> list[int]:
+def _list_bounded(sources: Sources) -> list[int]:
     return [j for j, law in enumerate(sources.laws) if law is Law.BOUNDED]
 
 
@@ -135,7 +135,7 @@ def _named_sources(system: System) -> list[tuple[str, Sources]]:
 
 def bounded_names(system: System) -> tuple[str, ...]:
     """Names of the sources that have no law, "contributor.component", in the order of a vertex array."""
-    return tuple(f"{name}.{sources.names[j]}" for name, sources in _named_sources(system) for j in _bounded(sources))
+    return tuple(f"{name}.{sources.names[j]}" for name, sources in _named_sources(system) for j in _list_bounded(sources))
 
 
 def _vertex_values(system: System, vertex: Mapping[str, float] | Array | None) -> tuple[float, ...]:
@@ -302,7 +302,7 @@ def _compile_sources(system: System, vertex: tuple[float, ...]) -> _SourceTables
         gain, own = _random(sources)
         gains.append(gain)
         laws.append(own)
-        bounded = _bounded(sources)
+        bounded = _list_bounded(sources)
         at = np.array(vertex[taken : taken + len(bounded)])
         taken += len(bounded)
         shifts.append((sources.direction[:, bounded] * (sources.half_width[bounded] * at)).sum(axis=1))

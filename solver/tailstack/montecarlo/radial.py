@@ -142,7 +142,7 @@ class _Rays:
     uniform: NDArray[np.int64]  # columns of that law
     triangular: NDArray[np.int64]
 
-    def standardised(self, rho: Array, kept: NDArray[np.int64]) -> Array:
+    def standardise(self, rho: Array, kept: NDArray[np.int64]) -> Array:
         x: Array = self.offset[kept] + rho[:, None] * self.direction[kept]
         if len(self.uniform):
             x[:, self.uniform] = 2 * ndtr(x[:, self.uniform]) - 1
@@ -151,7 +151,7 @@ class _Rays:
         return x
 
     def chain(self, rho: Array, kept: NDArray[np.int64]) -> Array:
-        errors = evaluate(self.plan, self.standardised(rho, kept))[:, self.target, self.metric]
+        errors = evaluate(self.plan, self.standardise(rho, kept))[:, self.target, self.metric]
         return np.asarray(np.sqrt((errors**2).sum(axis=1)))
 
     def linear_crossing(self, r: float, start: Array) -> tuple[Array, Array]:
@@ -173,7 +173,7 @@ class _Rays:
         return np.clip(rho, 1e-6, FARTHEST), np.maximum(root / r, 1e-12)
 
     def first_order(self, rho: Array, kept: NDArray[np.int64]) -> Array:
-        errors = self.linear.mean + self.standardised(rho, kept) @ self.linear.gain.T
+        errors = self.linear.mean + self.standardise(rho, kept) @ self.linear.gain.T
         return np.asarray(np.sqrt((errors**2).sum(axis=1)))
 
 
