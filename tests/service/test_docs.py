@@ -1,8 +1,11 @@
-"""The pages name what there is: every verb, path, problem and setting, with its default."""
+"""The pages name what there is: every verb, path, problem and setting, with its default; files, and walks."""
 
 from __future__ import annotations
 
+import importlib.util
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -88,3 +91,43 @@ def prose_of(text: str) -> list[tuple[int, str]]:
 def test_prose_is_wrapped_at_120_characters(page: Path) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
     assert [(number, line) for number, line in prose_of(text) if len(line) > 120] == []
+
+
+HISTORY = ("CHANGELOG.md", "decisions.md")  # they name what is gone, too
+A_USERS_OWN = ("designs/", "out/demo/")
+ROOMS = ("", "solver/tailstack", "service/tailstack_service", "solver", "service", "tests", "tests/service")
+
+
+def exists(name: str, page: Path) -> bool:
+    """Whether there is such a file or folder, from the root, the page or one of the packages."""
+    return any((ROOT / room / name).exists() for room in (*ROOMS, page.parent))
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.name not in HISTORY], ids=str)
+def test_every_file_and_module_that_a_page_names_is_there(page: Path) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    spans = [span for _, line in prose_of(text) for span in re.findall(r"`([^`]+)`", line)]
+    paths = [span for span in spans if re.fullmatch(r"[\w-][\w./-]*(\.py|/)", span)]
+    modules = [span for span in spans if re.fullmatch(r"tailstack(_service)?(\.[a-z_]+)+", span)]
+    assert [path for path in paths if path not in A_USERS_OWN and not exists(path, page)] == []
+    assert [name for name in modules if find_spec_of(name) is None] == []
+
+
+def find_spec_of(name: str) -> object:
+    """The module of that name, or what is called so in the module before the last dot."""
+    try:
+        if (found := importlib.util.find_spec(name)) is not None:
+            return found
+    except ModuleNotFoundError:
+        pass
+    module, _, word = name.rpartition(".")
+    return getattr(importlib.import_module(module), word, None)
+
+
+@pytest.mark.parametrize("name", ["score", "optimise"])
+def test_architecture_draws_the_walk_that_the_code_takes(name: str) -> None:
+    done = subprocess.run(
+        [sys.executable, ROOT / "docs" / "walks.py", "--check", name],
+        capture_output=True, text=True, check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr

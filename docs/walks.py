@@ -1,0 +1,267 @@
+"""Two walks through the code, drawn from a run: ``python docs/walks.py`` writes them into docs/architecture.md.
+
+Each walk is run for real, a request to the application and a command, under a profile function that notes a module
+when one of its functions is first called, and the module that called it.  What a compiled function calls is found in
+its globals, because no profile function sees it.  Importing a module is not entering it.  ``--check [NAME]``
+writes nothing and fails when the page differs.
+"""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import inspect
+import os
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from collections import Counter
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import FrameType
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "architecture.md"
+DEMO = ROOT / "examples" / "demo.yaml"
+NOTES = "WALK_NOTES"  # environment variable: the file that every process of a walk appends to
+REMEDY = "run docs/walks.py with the environment's Python, look at what changed, and commit it"
+WIDTH = 120
+FILES = {
+    str(file): ".".join(file.relative_to(ROOT / part).with_suffix("").parts).removesuffix(".__init__")
+    for part in ("solver", "service")
+    for file in sorted((ROOT / part).rglob("*.py"))
+}
+KERNELS = "tailstack.kernels"
+SENDER, RECEIVER = "tailstack_service.http.places", "tailstack_service.processes.child"
+# Function whose return is the end of a walk: P95 is known; the new design is on the disk
+ENDS = {
+    "score": ("tailstack.tail.declared", "law_summary"),
+    "optimise": ("tailstack_service.console.files", "replace_file"),
+}
+
+# --- noting -----------------------------------------------------------------------------------------------
+
+
+class Walker(threading.local):
+    """A profile function that notes each module once, until the function returns that ends the walk."""
+
+    def __init__(self, end: tuple[str, str]) -> None:
+        self.end = end
+        self.passing = 0  # depth of imports, and of the store of kernels, which are passed without looking inside
+
+    def __call__(self, frame: FrameType, event: str, _: Any) -> None:
+        code = frame.f_code
+        module = FILES.get(code.co_filename)
+        if event == "call" and not self.passing and module and code.co_name != "<module>":
+            note(module, caller_of(frame))
+            if code.co_name == "load_overload" and module == KERNELS:
+                note_kernel(frame.f_locals["self"]._name, caller_of(frame))  # noqa: SLF001 (our own)
+        elif event == "return" and not self.passing and (module, code.co_name) == self.end:
+            note("end", "")
+        if code.co_name == "<module>" or module == KERNELS:
+            self.passing += (event == "call") - (event == "return")
+
+
+MET: set[str] = set()
+
+
+def note(module: str, caller: str) -> None:
+    """Write down a module that is met for the first time in this process."""
+    if module not in MET:
+        MET.add(module)
+        with open(os.environ[NOTES], "a", encoding="utf-8") as notes:
+            notes.write(f"{time.monotonic_ns()} {module} {caller}\n")
+
+
+def caller_of(frame: FrameType | None) -> str:
+    """The module of ours that called, over whatever libraries and threads lie between."""
+    own = None if frame is None else frame.f_code.co_filename
+    while frame is not None and (frame.f_code.co_filename == own or frame.f_code.co_filename not in FILES):
+        frame = frame.f_back
+    return STARTERS.get(threading.get_ident(), "") if frame is None else FILES[frame.f_code.co_filename]
+
+
+STARTERS: dict[int | None, str] = {}  # by thread: the module of ours that started it
+
+
+class Thread(threading.Thread):
+    """A thread that knows who started it, before it does anything."""
+
+    def start(self) -> None:
+        starter, run = caller_of(inspect.currentframe()), self.run
+
+        def run_as_started() -> None:
+            STARTERS[threading.get_ident()] = starter
+            run()
+
+        self.run = run_as_started  # type: ignore[method-assign]
+        super().start()
+
+
+def note_kernel(name: str, caller: str) -> None:
+    """Write down the modules of a compiled function and of the compiled functions that it calls."""
+    from tailstack import kernels
+
+    waiting, met = [(kernels.KERNELS[name].py_func, caller)], set()
+    while waiting:
+        function, caller = waiting.pop(0)
+        if function not in met:
+            met.add(function)
+            note(function.__module__, caller)
+            words = (function.__globals__.get(word) for word in function.__code__.co_names)
+            waiting += [(each.py_func, function.__module__) for each in words if hasattr(each, "py_func")]
+
+
+def begin(walk: str) -> None:
+    """Note what is called from now on, in this thread and in new ones."""
+    walker = Walker(ENDS[walk])
+    threading.Thread = Thread  # type: ignore[misc]
+    threading.setprofile(walker)
+    sys.setprofile(walker)
+
+
+# --- walking ----------------------------------------------------------------------------------------------
+
+
+def score() -> None:
+    """POST /v1/scores to the application here, and a computing process of its own."""
+    import httpx
+
+    from tailstack_service.http import places
+    from tailstack_service.http.app import create_app
+    from tailstack_service.settings import Settings
+
+    places.PERFORM = "walks:perform"
+    app = create_app(Settings(database="sqlite://"), warm_up=False)
+
+    async def post() -> httpx.Response:
+        yaml = {"content-type": "application/yaml"}
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://localhost") as client:
+            begin("score")
+            answer = await client.post("/v1/scores", content=DEMO.read_bytes(), headers=yaml)
+            sys.setprofile(None)
+            await app.state.service.places.close()
+            return answer
+
+    answer = asyncio.run(post())
+    assert answer.status_code == 200, answer.text
+
+
+def perform(call: Any) -> Any:
+    """What the computing process calls in place of ``computations.perform``."""
+    from tailstack_service.http import computations
+
+    note(RECEIVER, SENDER)
+    begin("score")
+    try:
+        return computations.perform(call)
+    finally:
+        sys.setprofile(None)
+
+
+def optimise() -> None:
+    """tailstack optimise DESIGN -o NEW."""
+    from tailstack_service.cli.main import main
+
+    with TemporaryDirectory() as folder:
+        begin("optimise")
+        code = main(["optimise", str(DEMO), "--starts", "1", "-o", f"{folder}/new.yaml", "--json"])
+        sys.setprofile(None)
+    assert code == 0, code
+
+
+def walk(name: str) -> list[tuple[str, str]]:
+    """The modules of a walk with their callers, in the order in which they were met."""
+    with TemporaryDirectory() as folder:
+        notes = Path(folder) / "notes"
+        done = subprocess.run(
+            [sys.executable, __file__, "--walk", name],
+            env={**os.environ, NOTES: str(notes)},
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stderr
+        lines = sorted(notes.read_text(encoding="utf-8").splitlines())
+    callers: dict[str, str] = {}
+    for _, module, caller in (line.split(" ") for line in lines):
+        if module == "end":
+            return list(callers.items())
+        callers.setdefault(module, caller)
+    raise AssertionError(f"{'.'.join(ENDS[name])} never returned: where does this walk end now?")
+
+
+# --- drawing ----------------------------------------------------------------------------------------------
+
+
+def draw(steps: list[tuple[str, str]]) -> str:
+    """The modules as a tree: each stands once, below the one that first called it."""
+    below: dict[str, list[str]] = {}
+    for module, caller in steps:
+        below.setdefault(caller, []).append(module)
+    places: list[tuple[str, str]] = []  # indented, and the module
+
+    def add(module: str, depth: int) -> None:
+        places.append((f"{'  ' * depth}{path_of(module)}", module))
+        for each in below.get(module, ()):
+            add(each, depth + 1)
+
+    for module in below[""]:
+        add(module, 0)
+    assert len(places) == len(steps), "a module was called by one that is not in the walk"
+    width = max(len(place) for place, _ in places)
+    lines = []
+    for number, (place, module) in enumerate(places, 1):
+        said = textwrap.shorten(first_line(module), WIDTH - 6 - width, placeholder=" ...")
+        lines.append(f"{number:2}  {place:<{width}}  {said}".rstrip())
+    passed = len(below) - 1
+    rooms = Counter(path_of(module).rpartition("/")[0] or "(root)" for _, module in places)
+    counts = (
+        f"{len(places)} modules, each once: {passed} hand the work on to others, {len(places) - passed} answer alone. "
+        f"By rooms: {', '.join(f'{room} {count}' for room, count in rooms.items())}."
+    )
+    return "```\n" + "\n".join(lines) + "\n```\n\n" + "\n".join(textwrap.wrap(counts, 120)) + "\n"
+
+
+def path_of(module: str) -> str:
+    """The place of a module below its package, with slashes."""
+    return module.partition(".")[2].replace(".", "/") or module
+
+
+def first_line(module: str) -> str:
+    """What a module says of itself."""
+    file = next(file for file, name in FILES.items() if name == module)
+    said = ast.get_docstring(ast.parse(Path(file).read_text(encoding="utf-8"))) or ""
+    return said.split("\n\n")[0].replace("\n", " ")
+
+
+def drawn(page: str, name: str) -> str:
+    """The page with a walk as it is now."""
+    first, last = f"<!-- walk: {name} -->\n", "<!-- end of the walk -->\n"
+    before, _, rest = page.partition(first)
+    _, found, after = rest.partition(last)
+    assert found, f"docs/architecture.md has no place for the walk {name!r}"
+    return f"{before}{first}\n{draw(walk(name))}\n{last}{after}"
+
+
+def main(arguments: list[str]) -> str | None:
+    """Draw; what was found to differ, if that was the question."""
+    page = PAGE.read_text(encoding="utf-8")
+    if arguments[:1] == ["--check"]:
+        stale = [name for name in arguments[1:] or ENDS if drawn(page, name) != page]
+        return (
+            f"the code no longer walks as docs/architecture.md says ({', '.join(stale)}): {REMEDY}" if stale else None
+        )
+    for name in ENDS:
+        page = drawn(page, name)
+    PAGE.write_text(page, encoding="utf-8")
+    return None
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--walk"]:
+        {"score": score, "optimise": optimise}[sys.argv[2]]()
+    else:
+        sys.exit(main(sys.argv[1:]))
