@@ -135,7 +135,9 @@ def _named_sources(system: System) -> list[tuple[str, Sources]]:
 
 def bounded_names(system: System) -> tuple[str, ...]:
     """Names of the sources that have no law, "contributor.component", in the order of a vertex array."""
-    return tuple(f"{name}.{sources.names[j]}" for name, sources in _named_sources(system) for j in _list_bounded(sources))
+    return tuple(
+        f"{name}.{sources.names[j]}" for name, sources in _named_sources(system) for j in _list_bounded(sources)
+    )
 
 
 def _vertex_values(system: System, vertex: Mapping[str, float] | Array | None) -> tuple[float, ...]:

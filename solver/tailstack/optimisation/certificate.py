@@ -297,7 +297,7 @@ def _no_bound(search: Search, problem: PlacementProblem) -> str | None:
         return "the convex bound is of one quantile, and several are limited: KKT certifies a local optimum"
     sources = [source for term in search.terms for source in term.sources]
     sized = [source for source in sources if source.free is not None or source.half_width > 0]
-    if any(source.law is not Law.NORMAL for source in sized) or _manufactured(problem):
+    if any(source.law is not Law.NORMAL for source in sized) or _varies_unlike_normal(problem):
         return (
             "the convex bound is that of normal laws, and tolerances that are uniform, triangular or bounded have "
             "lighter tails: KKT certifies a local optimum"
@@ -307,7 +307,7 @@ def _no_bound(search: Search, problem: PlacementProblem) -> str | None:
     return None
 
 
-def _manufactured(problem: PlacementProblem) -> bool:
+def _varies_unlike_normal(problem: PlacementProblem) -> bool:
     return bool(problem.system.manufacturing_half_width_mm.any()) and (
         problem.system.manufacturing_law is not Law.NORMAL
     )

@@ -402,7 +402,7 @@ def _packing(problem: PlacementProblem, estimator: Estimator, place: FreeFiducia
     d = problem.min_spacing_mm
     box = bounding_box(region)
     if d > diameter_mm(region) + 1e-9 or _too_many(count, d, box[1] - box[0]):
-        return [_crowded("/optimise/min_spacing_mm", count, f"{d:g} mm", f"the {word}", word)]
+        return [_refuse_crowd("/optimise/min_spacing_mm", count, f"{d:g} mm", f"the {word}", word)]
     told = corners(box) @ estimator.told.T + estimator.told_shift_mm
     d = problem.min_projected_spacing_px
     for view, projection in zip(problem.system.views, estimator.projections, strict=True):
@@ -417,7 +417,7 @@ def _packing(problem: PlacementProblem, estimator: Estimator, place: FreeFiducia
         size = np.maximum(high - low, 0.0)
         if d > float(np.linalg.norm(size)) + 1e-6 or _too_many(count, d, size):
             where = f"what view {view.name} sees of the {word} ({size[0]:.0f} x {size[1]:.0f} px)"
-            return [_crowded("/optimise/min_projected_spacing_px", count, f"{d:g} px", where, word)]
+            return [_refuse_crowd("/optimise/min_projected_spacing_px", count, f"{d:g} px", where, word)]
     return []
 
 
@@ -427,7 +427,7 @@ def _too_many(count: int, apart: float, sides: Array) -> bool:
     return bool(count * ball * apart ** len(sides) > densest * float(np.prod(sides + apart)))
 
 
-def _crowded(pointer: str, count: int, apart: str, where: str, word: str) -> Problem:
+def _refuse_crowd(pointer: str, count: int, apart: str, where: str, word: str) -> Problem:
     return Problem(
         pointer,
         "does-not-fit",

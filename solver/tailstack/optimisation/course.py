@@ -93,13 +93,13 @@ class LocalSearcher:
 
     def search(self, position: int) -> Search:
         task, control = self.task, self.control
-        shifted = control.shifted(position, len(task.counts))
+        own = control.for_part(position, len(task.counts))
         return search(
             task.problems[position],
             starts=task.starts,
             seed=task.seed,
             threads=control.threads,
-            progress=shifted.progress,
+            progress=own.progress,
             stop=control.stop,
         )
 

@@ -35,7 +35,7 @@ from ..results import Relaxation
 from .allocation import best_budget, budgets_of
 from .exact_law import closed_form_at, evaluate_demand, exact_ratios
 from .placement import PlacementSolution, settle
-from .prices import Grade, Price, cost_of, undominated
+from .prices import Grade, Price, cost_of, drop_dominated
 from .problem import Choice, PlacementProblem, apply_choice, present_choice
 from .program import build_program, solve
 from .search import Iterate, Search, Stop, start_at
@@ -176,7 +176,7 @@ def _compare(search: Search, aims: Array, graded: tuple[int, ...], start: Placem
     """The best assignments beside continuous budgets at the layout of a settled relaxation, cheapest first."""
     program, choice = start.program, start.choice
     problem = program.problem
-    ladders = [undominated(problem.half_widths[k].price.grades) for k in graded]
+    ladders = [drop_dominated(problem.half_widths[k].price.grades) for k in graded]
     evaluations = [evaluate_demand(problem, term, choice) for term in program.terms]
     own = {term.demand.key: aim for term, aim in zip(search.terms, aims, strict=True)}
     offsets = np.array(
@@ -341,7 +341,7 @@ def choose_grades(
     after max_evaluations, or when ``stop()`` is true; progress is told (evaluations, cost, lower bound).  Raises
     InfeasibleError when the tightest grades are over a limit.
     """
-    ladders = tuple(undominated(price.grades) for price in prices)
+    ladders = tuple(drop_dominated(price.grades) for price in prices)
     tightest, loosest = tuple(0 for _ in ladders), tuple(len(ladder) - 1 for ladder in ladders)
     ratio = worst_ratio(_half_widths(ladders, tightest))
     if not ratio <= 1:

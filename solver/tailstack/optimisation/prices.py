@@ -44,7 +44,7 @@ def reciprocal(weight: float = 1.0) -> Price:
 def of_grades(grades: tuple[Grade, ...]) -> Price:
     """A table; its power law is the least-squares line through the logarithms of its useful grades."""
     ordered = tuple(sorted(grades, key=lambda grade: (grade.half_width, grade.price)))
-    useful = [grade for grade in undominated(ordered) if grade.price > 0]
+    useful = [grade for grade in drop_dominated(ordered) if grade.price > 0]
     widths, prices = np.log([g.half_width for g in useful]), np.log([g.price for g in useful])
     if len(useful) > 1 and np.ptp(widths) > 0:
         slope, offset = np.polyfit(widths, prices, 1)
@@ -53,7 +53,7 @@ def of_grades(grades: tuple[Grade, ...]) -> Price:
     return Price("grades", weight, grades=ordered)
 
 
-def undominated(grades: tuple[Grade, ...]) -> tuple[Grade, ...]:
+def drop_dominated(grades: tuple[Grade, ...]) -> tuple[Grade, ...]:
     """Grades without those that a looser and not dearer one, or a tighter and cheaper one, makes pointless.
 
     A tighter grade is always acceptable, so one that costs no more than a looser one replaces it; equal prices

@@ -73,7 +73,7 @@ def report(
         cost_exact_law=None if verified.exact is None else verified.exact.cost,
         p95_before_mm=p95_before,
         p95_after_mm=_p95(after_system, after.demands),
-        moved=_moved(request.problem.system, after_system, problem),
+        moved=_list_moves(request.problem.system, after_system, problem),
         tolerances=_tolerances(task.request, verified, before, now),
         pivots=tuple(
             MovedPivot(
@@ -181,7 +181,7 @@ def _largest_mm(verified: VerifiedOptimum) -> float:
     return max(ratio * term.demand.requirement.limit_mm for ratio, term in sized)
 
 
-def _moved(before: System, after: System, problem: PlacementProblem) -> tuple[MovedFiducial, ...]:
+def _list_moves(before: System, after: System, problem: PlacementProblem) -> tuple[MovedFiducial, ...]:
     """Free fiducials in the order of the new design, then those left out."""
     old = dict(zip(before.fiducial_labels, before.fiducials_mm, strict=True))
     free = [problem.system.fiducial_labels[i] for i in problem.free_fiducials]

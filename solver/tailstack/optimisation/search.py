@@ -64,7 +64,7 @@ class Control:
     def stops(self) -> bool:
         return self.stop is not None and self.stop()
 
-    def shifted(self, position: int, searches: int) -> Control:
+    def for_part(self, position: int, searches: int) -> Control:
         """For one of several searches: its progress as part of theirs."""
         return replace(
             self,
