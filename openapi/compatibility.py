@@ -153,6 +153,8 @@ class _Pair:
             if any(not list(self._plain(*pair, direction)) for pair in pairs.values()):
                 continue
             alike = [other for other in known if _alike(form, other)]
+            if not alike and direction == "response" and isinstance(new, dict) and new.get(MORE_VALUES):
+                continue
             if len(alike) == 1:
                 yield from self._plain(*pairs[id(alike[0])], direction)
             else:
@@ -293,8 +295,14 @@ def _named(form: dict[str, Any]) -> str:
     return str(form.get("title") or (json.dumps(form["enum"]) if "enum" in form else form.get("type", "anything")))
 
 
+MORE_VALUES = "x-more-values"  # of a property in answers: values that are not listed yet may come
+
+
 def _values(old: Any, new: Any, asked: bool) -> Iterator[Change]:
-    """Listed values: none may go; in a response none may come, for a reader has no word for it."""
+    """Listed values: none may go; in a response none may come, for a reader has no word for it.
+
+    Except where the schema says that more may come.
+    """
     before, after = old.get("enum"), new.get("enum")
     if before is None and after is not None and asked:
         yield "", f"is now one of {json.dumps(after)}"
@@ -302,7 +310,7 @@ def _values(old: Any, new: Any, asked: bool) -> Iterator[Change]:
         yield "", f"is no longer one of {json.dumps(before)}"
     elif before is not None and after is not None:
         yield from (("", f"{json.dumps(value)} is gone") for value in before if value not in after)
-        if not asked:
+        if not asked and not new.get(MORE_VALUES):
             yield from (("", f"may now be {json.dumps(value)}") for value in after if value not in before)
 
 

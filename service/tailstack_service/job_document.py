@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 KINDS = tuple(operation.name for operation in OPERATIONS.values() if not operation.immediate)
-JobKind = Annotated[str, Field(json_schema_extra={"enum": list(KINDS)})]
+JobKind = Annotated[str, Field(json_schema_extra={"enum": list(KINDS), "x-more-values": True})]
 FIRST_GENERATION = 1
 
 

@@ -294,7 +294,7 @@ def result_response(request: Request, result: Result, headers: dict[str, str] | 
     description="It is named by the SHA-256 of its bytes and may be kept for ever. Its field schema says which record "
     "it is.",
     responses={
-        200: response_of("The result.", media_types(JSON, {"oneOf": ANY_RECORD}), **UNCHANGING),
+        200: response_of("The result.", media_types(JSON, {"oneOf": ANY_RECORD, "x-more-values": True}), **UNCHANGING),
         304: response_of("The client has it.", None, **UNCHANGING),
     },
     openapi_extra=extra(parameter("Sha256"), parameter("IfNoneMatch"), problems=(404, 422, 503)),
