@@ -332,6 +332,9 @@ HARMLESS: dict[str, Mutation] = {
         "Design", "shape", lambda s: s["oneOf"].append({"type": "object", "properties": {"cone": {"type": "number"}}})
     ),
     "request forms in another order": field("Design", "shape", lambda s: s["oneOf"].reverse()),
+    "a value more of a field that says so": field(
+        "Job", "state", lambda s: s.update({"enum": ["queued", "running", "done", "lost"], "x-more-values": True})
+    ),
     "a response property more": schema(
         "Job", lambda s: (s["properties"].update(note={"type": "string"}), s["required"].append("note"))
     ),
