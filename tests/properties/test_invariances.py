@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,7 +88,9 @@ def in_other_units(system: System, factor: float) -> System:
 
 
 def noise_only(system: System) -> System:
-    bare = {n: mount(n, getattr(system, n).pivot_mm) for n in ("structure_connector", "connector_flange", "hand_eye")}
+    bare: dict[str, Any] = {
+        n: mount(n, getattr(system, n).pivot_mm) for n in ("structure_connector", "connector_flange", "hand_eye")
+    }
     return replace(
         system, **bare, manufacturing_half_width_mm=read_only(np.zeros_like(system.fiducials_mm)),
         execution_bias_mm=read_only(np.zeros(3)), execution=execution_sources(0.0),
@@ -122,8 +125,8 @@ def test_units_change_nothing_but_the_unit(seed, factor):
     other = in_other_units(system, factor)
     one, two = score(system).targets[0], score(other).targets[0]
     assert two.p95_mm == pytest.approx(factor * one.p95_mm, rel=1e-6)
-    one, two = (verify(s, trials=3000, seed=1).targets[0] for s in (system, other))
-    assert two.p95_mm == pytest.approx(factor * one.p95_mm, rel=1e-7)
+    drawn, other_drawn = (verify(s, trials=3000, seed=1).targets[0] for s in (system, other))
+    assert other_drawn.p95_mm == pytest.approx(factor * drawn.p95_mm, rel=1e-7)
 
 
 @few

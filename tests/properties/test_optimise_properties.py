@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -65,7 +66,7 @@ def test_the_currency_does_not_matter() -> None:
 def _with_translations(problem: PlacementProblem) -> PlacementProblem:
     """The interfaces may also shift, by free amounts in mm."""
     half = (np.deg2rad(0.05),) * 3 + (0.05,) * 3
-    mounts = {
+    mounts: dict[str, Any] = {
         name: mount(name, getattr(problem.system, name).pivot_mm, half_width=half, law=Law.UNIFORM)
         for name in ("structure_connector", "connector_flange")
     }

@@ -114,7 +114,7 @@ def requests(count: int) -> tuple[Request, ...]:
     demo = design_to_data(load_design(EXAMPLES / "demo.yaml"))
     axes = [{"pointer": "/views/*/fiducial_noise_px", "start": 0.1, "stop": 0.5, "count": 9}]
     further = [{"pointer": "/interfaces/structure_connector/tolerances/rz/half_width_deg", "values": [0.1, 0.2, -1.0]}]
-    free = {"box": BOX, "rotation_bounds": {"min_deg": 0.01, "max_deg": 0.5}}
+    free: dict[str, Any] = {"box": BOX, "rotation_bounds": {"min_deg": 0.01, "max_deg": 0.5}}
     asked: list[tuple[str, dict[str, Any]]] = [
         ("verification", {"design": demo, "precision": 0.003, "seed": 1, "max_trials": 2**19}),
         ("sweep", {"design": demo, "axes": axes, "check": "verification", "trials": 60_000, "seed": 1}),

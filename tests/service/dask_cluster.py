@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 from postgres import required
@@ -106,7 +107,7 @@ class Cluster:
         return f"tls://127.0.0.1:{self.port}"
 
     @property
-    def settings(self) -> dict[str, str]:
+    def settings(self) -> dict[str, Any]:
         """What a worker of ours is told, as environment variables."""
         return {
             "TAILSTACK_ENGINE": "dask",

@@ -32,7 +32,7 @@ FORMATS = {
 }  # fmt: skip
 TODAY = date(2026, 11, 21)
 PASSING, NEAR, FAILING = 1.4, 0.65, 0.3  # limits in mm; P95 of the small design is about 0.65 mm
-STRICT = {"schema": "tailstack/policy/1", "name": "guides", "rules": {"overlap": {"severity": "off"}}}
+STRICT: dict[str, Any] = {"schema": "tailstack/policy/1", "name": "guides", "rules": {"overlap": {"severity": "off"}}}
 _DIGITS = re.compile(r"-?\d+\.\d{6,}(?:[eE][-+]?\d+)?")
 _HASH = re.compile(r'("\w*[sS]ha256": )"[0-9a-f]{64}"')
 

@@ -22,6 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import psutil
 import psycopg
@@ -121,7 +122,7 @@ class Server:
         if self.account is not None:
             for path in (self.directory, password_file):
                 os.chown(path, self.account.pw_uid, self.account.pw_gid)
-        command = [
+        command: list[str | Path] = [
             self.binaries / "initdb", "--pgdata", self.directory / "data", "--username", USER, "--no-sync",
             "--auth", "scram-sha-256", "--pwfile", password_file, "--encoding", "UTF8", "--locale", "C.UTF-8",
         ]  # fmt: skip
@@ -130,22 +131,22 @@ class Server:
             raise RuntimeError(f"initdb failed: {done.stderr or done.stdout}")
         password_file.unlink()
 
-    def _identity(self) -> dict[str, object]:
+    def _identity(self) -> dict[str, Any]:
         """PostgreSQL refuses to run as root."""
         if self.account is None:
             return {}
         return {"user": self.account.pw_uid, "group": self.account.pw_gid, "extra_groups": [], "cwd": "/"}
 
     def _launch(self) -> None:
-        command = [
+        command: list[str | Path] = [
             self.binaries / "postgres", "-D", self.directory / "data", "-p", str(self.port),
             "-c", "listen_addresses=127.0.0.1", "-c", f"unix_socket_directories={self.directory}",
             "-c", "fsync=on", "-c", "shared_buffers=32MB", "-c", "max_connections=200",
         ]  # fmt: skip
         with self._log.open("ab") as log:
-            self._process = subprocess.Popen(
+            self._process = subprocess.Popen[bytes](
                 command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
-                preexec_fn=partial(die_with_parent, signal.SIGQUIT), **self._identity(),  # type: ignore[call-overload]
+                preexec_fn=partial(die_with_parent, signal.SIGQUIT), **self._identity(),
             )  # fmt: skip
 
     def _start_on_free_port(self) -> int:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import psutil
 import pytest
@@ -37,7 +37,7 @@ def until(condition: Callable[[], object], seconds: float = LONG) -> None:
 
 
 def children(cluster: Cluster) -> list[psutil.Process]:
-    found = []
+    found: list[psutil.Process] = []
     for worker in cluster.workers:
         with suppress(psutil.NoSuchProcess):
             found += psutil.Process(worker.pid).children() if worker else []
@@ -176,7 +176,9 @@ def test_settings_that_cannot_work_are_refused(change: dict[str, str], said: str
 
     pytest.importorskip("distributed")
     (tmp_path / "file.pem").touch()
-    files = dict.fromkeys(("dask_ca_file", "dask_cert_file", "dask_key_file"), str(tmp_path / "file.pem"))
+    files: dict[str, Any] = dict.fromkeys(
+        ("dask_ca_file", "dask_cert_file", "dask_key_file"), str(tmp_path / "file.pem")
+    )
     settings = Settings(engine="dask", **({"dask_scheduler": "tls://127.0.0.1:8786"} | files | change))
     with pytest.raises(RequestError, match=said):
         start_engine(settings)

@@ -20,7 +20,7 @@ from tailstack_service.schemas import record_of
 
 TODAY = date(2026, 11, 21)
 SEED, CASES = 7, 250
-VALUES = (
+VALUES: tuple[Any, ...] = (
     None, True, 0, -1, 1e300, -0.0, 0.5, 10**30, 1e-320, "", "x" * 500, "\x00", "é\u202e", "p95", "error", "2026-11-21",
     [], {}, [[]], {"a": 1},
 )  # fmt: skip

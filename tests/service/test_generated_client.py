@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import cast
 
 import generate
 import httpx
@@ -73,16 +74,16 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 
 
 @pytest.fixture(scope="module")
-def client(service: Served) -> Iterator[Client]:
+def client(service: Served) -> Iterator[AuthenticatedClient]:
     with Client(base_url=service.url, raise_on_unexpected_status=True, timeout=60) as client:  # type: ignore[arg-type]
-        yield client
+        yield cast(AuthenticatedClient, client)  # nobody is asked for a key here
 
 
 def design(**changes: object) -> Design:
     return Design.from_dict(small_design(**changes))
 
 
-def awaited(client: Client, job: object) -> Job:
+def awaited(client: AuthenticatedClient, job: object) -> Job:
     """The job when it has ended."""
     assert isinstance(job, Job)
     deadline = time.monotonic() + SECONDS
@@ -177,13 +178,13 @@ def test_wrong_typescript_programs_are_refused(tmp_path: Path) -> None:
 # --- the main job -------------------------------------------------------------------------------------
 
 
-def test_service_is_ready(client: Client) -> None:
+def test_service_is_ready(client: AuthenticatedClient) -> None:
     readiness = get_readiness.sync(client=client)
     assert isinstance(readiness, Readiness)
     assert readiness.status == "ready"
 
 
-def test_main_job(client: Client) -> None:
+def test_main_job(client: AuthenticatedClient) -> None:
     """Validate, score, submit a check, poll, fetch the result and its report."""
     validation = create_validation.sync(client=client, body=ValidationRequest(design()))
     assert isinstance(validation, Validation)
@@ -209,7 +210,7 @@ def test_main_job(client: Client) -> None:
     assert report.content.lstrip().lower().startswith(b"<!doctype html")
 
 
-def test_a_report_arrives_whole_in_every_format(service: Served, client: Client) -> None:
+def test_a_report_arrives_whole_in_every_format(service: Served, client: AuthenticatedClient) -> None:
     """As it was sent, byte for byte, and other programs can open it."""
     body = VerificationRequest(design(), trials=2000, seed=8)
     job = awaited(client, create_verification.sync(client=client, body=body))
@@ -250,14 +251,14 @@ def record_in_page(html: bytes) -> object:
     return json.loads("".join(texts))
 
 
-def test_waiting_gives_the_result_at_once(client: Client) -> None:
+def test_waiting_gives_the_result_at_once(client: AuthenticatedClient) -> None:
     body = VerificationRequest(design(), trials=5000, seed=3)
     answer = create_verification.sync(client=client, body=body, prefer="wait=60")
     assert isinstance(answer, Verification)
     assert (answer.seed, answer.trials) == (3, 5000)
 
 
-def test_a_key_makes_one_job(client: Client) -> None:
+def test_a_key_makes_one_job(client: AuthenticatedClient) -> None:
     body = VerificationRequest(design(), trials=5000, seed=4)
     first, second = (create_verification.sync(client=client, body=body, idempotency_key="once") for _ in range(2))
     assert isinstance(first, Job)
@@ -269,7 +270,7 @@ def test_a_key_makes_one_job(client: Client) -> None:
     assert refused.status == 422
 
 
-def test_sweep_and_gate(client: Client) -> None:
+def test_sweep_and_gate(client: AuthenticatedClient) -> None:
     axis = Axis(pointer="/views/0/fiducial_noise_px", values=[0.1, 0.2, 0.4])
     job = awaited(client, create_sweep.sync(client=client, body=SweepRequest(design(), [axis])))
     assert job.result_sha256 is not None
@@ -280,7 +281,7 @@ def test_sweep_and_gate(client: Client) -> None:
     assert gate.exit_code == 0
 
 
-def test_jobs_are_listed_and_cancelled(client: Client) -> None:
+def test_jobs_are_listed_and_cancelled(client: AuthenticatedClient) -> None:
     job = create_optimisation.sync(client=client, body=OptimisationRequest(design(), seed=1, starts=4))
     assert isinstance(job, Job)
     cancelled = cancel_job.sync(job.id, client=client)
@@ -294,7 +295,7 @@ def test_jobs_are_listed_and_cancelled(client: Client) -> None:
     assert again.status == 404
 
 
-def test_a_refused_design_is_a_typed_problem(client: Client) -> None:
+def test_a_refused_design_is_a_typed_problem(client: AuthenticatedClient) -> None:
     broken = small_design()
     broken["views"][0]["fiducial_noise_px"] = -1
     problem = create_score.sync(client=client, body=ScoreRequest(Design.from_dict(broken)))
@@ -306,7 +307,7 @@ def test_a_refused_design_is_a_typed_problem(client: Client) -> None:
     assert meaning.status == problem.status
 
 
-def test_what_only_computing_finds_is_a_typed_problem_too(client: Client) -> None:
+def test_what_only_computing_finds_is_a_typed_problem_too(client: AuthenticatedClient) -> None:
     """Eight fiducials in one plane fit the schema and determine no projection."""
     body = VerificationRequest(Design.from_dict(coplanar_design()))
     problem = create_verification.sync(client=client, body=body)
@@ -315,7 +316,7 @@ def test_what_only_computing_finds_is_a_typed_problem_too(client: Client) -> Non
     assert problem.errors[0].hint
 
 
-def test_a_job_that_fails_carries_its_problem(client: Client) -> None:
+def test_a_job_that_fails_carries_its_problem(client: AuthenticatedClient) -> None:
     """No design within this box can meet a limit of a nanometre."""
     hopeless = design(requirements=[{"name": "tip-accuracy", "limit_mm": 1e-6}])
     job = awaited(client, create_optimisation.sync(client=client, body=OptimisationRequest(hopeless, seed=1, starts=1)))
@@ -330,7 +331,7 @@ def test_a_client_with_a_key_is_told_who_is_missing(tmp_path: Path) -> None:
         with closing(open_database(settings.database_url)) as db:
             _, key = create_key(db, tenant="a", name="test", scopes=("read",), days=1.0)
         with Client(base_url=str(guarded.base_url)) as nobody:
-            refused = list_jobs.sync(client=nobody)
+            refused = list_jobs.sync(client=nobody)  # type: ignore[arg-type]
             assert isinstance(refused, Problem)
             assert refused.status == 401
         with AuthenticatedClient(base_url=str(guarded.base_url), token=key) as somebody:

@@ -258,7 +258,7 @@ def test_only_the_one_algorithm_and_the_one_key(guarded: Guarded, tmp_path: Path
         check_problem(guarded.client.get("/v1/jobs", headers=bearer(token)), 401, "unauthenticated")
 
 
-def tokens_with(tmp_path: Path, content: bytes, algorithm: str, **changes: str) -> Tokens:
+def tokens_with(tmp_path: Path, content: bytes, algorithm: Any, **changes: str) -> Tokens:
     path = tmp_path / "key"
     path.write_bytes(content)
     settings = Settings(auth="required", jwt_key_file=str(path), jwt_issuer=ISSUER, jwt_algorithm=algorithm)

@@ -23,7 +23,7 @@ from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
 
 ENDLESS = {"design": small_design(), "trials": 1_000_000_000}  # minutes of computing
-QUICK = {"design": small_design(), "trials": 3000, "seed": 5}
+QUICK: dict[str, Any] = {"design": small_design(), "trials": 3000, "seed": 5}
 UNKNOWN = "01k4z8t5r2w7x3y9v6n1m0q8pc"
 
 

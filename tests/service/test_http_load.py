@@ -112,7 +112,7 @@ def test_a_small_score_beside_sixty_of_the_largest(place: Place) -> None:
             with suppress(httpx.HTTPError):
                 place.post("greedy", "/v1/scores", body, timeout=5)
 
-    seen = []
+    seen: list[float] = []
     with ThreadPoolExecutor(CONNECTIONS) as pool:
         for _ in range(CONNECTIONS):
             pool.submit(flood)

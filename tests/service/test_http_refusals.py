@@ -191,7 +191,23 @@ def test_lists_and_texts_of_a_wrong_length_are_told_in_our_words(
 
 def test_no_words_of_the_library_that_checks_reach_anybody(client: httpx.Client) -> None:
     """Every way in which an option can be of the wrong type or size, by every value of a wrong kind."""
-    wrong = (None, True, -1, 0, 1.5, 2**63, "", "x" * 5000, [], ["x"] * 50, [[]], {}, {"a": 1}, [{}], [{"pointer": 3}])
+    wrong: tuple[Any, ...] = (
+        None,
+        True,
+        -1,
+        0,
+        1.5,
+        2**63,
+        "",
+        "x" * 5000,
+        [],
+        ["x"] * 50,
+        [[]],
+        {},
+        {"a": 1},
+        [{}],
+        [{"pointer": 3}],
+    )
     names = ("second_order", "trials", "precision", "seed", "method", "starts", "axes", "check", "parts")
     for path in POSTS:
         for name in names:

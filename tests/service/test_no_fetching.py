@@ -116,7 +116,7 @@ def _in_parameters(client: httpx.Client, bird: Canary, path: str, method: str, o
     example = path
     for parameter in parameters(path, operation, "path"):
         example = example.replace("{" + parameter["name"] + "}", parameter["example"])
-    tries = [{"params": {p["name"]: address}} for p in parameters(path, operation, "query")]
+    tries: list[dict[str, Any]] = [{"params": {p["name"]: address}} for p in parameters(path, operation, "query")]
     tries += [{"headers": {p["name"]: address}} for p in parameters(path, operation, "header")]
     tries += [{"headers": {name: address}} for name in ("Origin", "Referer", "X-Forwarded-Host", "From", "Link")]
     for changes in tries:

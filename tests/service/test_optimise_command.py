@@ -253,7 +253,8 @@ def test_starts_that_were_cut_short_do_not_hold_up_the_fraction() -> None:
 
 def test_a_log_gets_its_lines_at_growing_distances() -> None:
     """A log, unlike a terminal, keeps every line."""
-    progress, waits = Progress("optimise", io.StringIO()), []
+    stream = io.StringIO()
+    progress, waits = Progress("optimise", stream), []
 
     def wait(seconds: float) -> bool:
         waits.append(seconds)
@@ -262,7 +263,7 @@ def test_a_log_gets_its_lines_at_growing_distances() -> None:
     progress._done = SimpleNamespace(wait=wait)  # type: ignore[assignment]
     progress._tick()
     assert waits == [1, 2, 4, 8, 10, 10, 10]
-    assert progress.stream.getvalue().count("\n") == 6  # type: ignore[attr-defined]
+    assert stream.getvalue().count("\n") == 6
 
 
 # --- real processes -------------------------------------------------------------------------------

@@ -168,7 +168,7 @@ def test_the_magnification_is_round_and_lets_errors_be_seen(name: str) -> None:
     across = float(np.linalg.norm(np.ptp(near, axis=0)))
     largest = max(
         [float(np.linalg.norm(entry.points[1])) for entry in of(found, "ellipsoid", "tcp")]
-        + [float(np.linalg.norm(np.subtract(*entry.points))) for entry in of(found, "arrow", "bias")]
+        + [float(np.linalg.norm(np.subtract(entry.points[0], entry.points[1]))) for entry in of(found, "arrow", "bias")]
     )
     assert 0.02 * across < largest < 0.2 * across
     said = "to scale" if found.magnification == 1 else f"magnified {found.magnification:g} times"

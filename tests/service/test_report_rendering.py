@@ -201,8 +201,8 @@ def test_html_asks_nothing_of_any_network(body: bytes) -> None:
     assert policy.startswith("default-src 'none'")
     assert "unsafe" not in policy
     (script,) = [text for text, how in zip(page.scripts, page.of("script"), strict=True) if "type" not in how]
-    for directive, content in (("script-src", script), ("style-src", page.style)):
-        digest = base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()
+    for directive, text in (("script-src", script), ("style-src", page.style)):
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
         assert f"{directive} 'sha256-{digest}'" in policy
 
 

@@ -51,7 +51,7 @@ def details(found: Audit) -> str:
     return "\n".join(detail for question in found.questions for detail in (question.words, *question.details))
 
 
-def changed(body: bytes, change: Callable[[Any], None]) -> bytes:
+def changed(body: bytes, change: Callable[[Any], object]) -> bytes:
     """The record with something else in it, as canonical JSON."""
     data = json.loads(body)
     change(data)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import random
 from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 from store_scenes import LEASE, Clock, claim, find, record, submit
@@ -187,7 +188,7 @@ class Play:
             self.model[job_id].end("cancelled")
 
     def step(self) -> None:
-        moves = {self.submit: 2, self.claim: 6, self.record: 9, self.release: 1, self.renew: 1}
+        moves: dict[Any, float] = {self.submit: 2, self.claim: 6, self.record: 9, self.release: 1, self.renew: 1}
         if len(self.jobs) > 4:
             moves[self.cancel] = 0.25
         if not self.claims:

@@ -6,6 +6,7 @@ import hashlib
 import re
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
+from typing import Any
 
 import pytest
 from store_scenes import PROBLEM, Clock, claim_one, find, finish, record, split, submit
@@ -107,7 +108,7 @@ def test_the_same_key_and_request_is_the_same_job(store: Database) -> None:
 
 
 @pytest.mark.parametrize("changes", [{"request": b'{"design":{"a":1}}'}, {"kind": "optimisation"}])
-def test_the_same_key_with_another_request_is_refused(store: Database, changes: dict[str, object]) -> None:
+def test_the_same_key_with_another_request_is_refused(store: Database, changes: dict[str, Any]) -> None:
     first = submit(store, idempotency_key="k")
     with pytest.raises(IdempotencyConflict, match=first.id):
         submit(store, idempotency_key="k", **changes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from typing import Any
 
 import pytest
 import sqlalchemy as sa
@@ -116,7 +117,7 @@ def test_the_last_of_many_recorded_side_by_side_makes_exactly_one_advance(store:
     ],
 )
 def test_an_outcome_that_the_unit_cannot_have_is_a_defect(
-    store: Database, advance: bool, outcome: dict[str, object]
+    store: Database, advance: bool, outcome: dict[str, Any]
 ) -> None:
     job = submit(store) if advance else split(store, 1)
     held = claim_one(store)
@@ -187,7 +188,7 @@ def test_renewed_leases_hold_and_lost_ones_are_named(store: Database, clock: Clo
 def test_recording_again_after_an_unknown_commit_says_that_it_is_recorded(store: Database) -> None:
     job = submit(store)
     first = claim_one(store)
-    steps = [(first, {"more": specs(1)})]
+    steps: list[tuple[Any, dict[str, Any]]] = [(first, {"more": specs(1)})]
     assert record(store, first, more=specs(1))
     unit = claim_one(store)
     assert record(store, unit, result=b"x")

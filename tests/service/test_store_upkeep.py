@@ -9,6 +9,7 @@ import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pytest
 import sqlalchemy as sa
@@ -306,7 +307,8 @@ def check_restored(url: str, made: dict[str, jobs.Job], clock: Clock) -> None:
         clock.advance(1_000)  # and it goes on where it was
         while held := claim(db, limit=9):
             for one in held:
-                assert record(db, one, **({"result": b"z"} if b"unit" in one.spec else {"answer": b"{}"}))
+                told: dict[str, Any] = {"result": b"z"} if b"unit" in one.spec else {"answer": b"{}"}
+                assert record(db, one, **told)
         assert find(db, made["half"]).state == "succeeded"
     finally:
         db.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from service_scenes import EXAMPLES
@@ -15,7 +16,7 @@ from tailstack_service.report.chapters import studies
 from tailstack_service.schemas import record_of
 
 ANSWERS = Path(studies.__file__).parents[2] / "http" / "example_answers"  # as a service answered
-STUDIES = {
+STUDIES: dict[str, Any] = {
     "study-paper": ("paper", studies.paper_document),
     "study-linearity": ("linearity", studies.linearity_document),
     "study-coupling": ("coupling", studies.coupling_document),

@@ -215,9 +215,10 @@ def pdf_text(content: bytes) -> str:
     fonts = {}
     for name, own in re.findall(rb"/([A-Z]{6}) (\d+) 0 R", b"".join(bodies.values())):
         if target := re.search(rb"/ToUnicode (\d+) 0 R", bodies[int(own)]):
-            pairs = re.findall(rb"<([0-9a-f]{4})>\s*<([0-9a-f]+)>", streams[int(target[1])])
-            fonts[name] = {glyph: bytes.fromhex(text.decode()).decode("utf-16-be") for glyph, text in pairs}
-    words, font = [], {}
+            maps: list[Any] = re.findall(rb"<([0-9a-f]{4})>\s*<([0-9a-f]+)>", streams[int(target[1])])
+            fonts[name] = {pair[0]: bytes.fromhex(pair[1].decode()).decode("utf-16-be") for pair in maps}
+    font: dict[Any, Any] = {}
+    words = []
     for stream in streams.values():
         if b" Tf" not in stream:
             continue

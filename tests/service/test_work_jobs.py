@@ -129,7 +129,7 @@ def test_an_infeasible_optimisation_is_refused_as_in_process() -> None:
 
 # --- sweep ----------------------------------------------------------------------------------------
 
-AXES = [
+AXES: list[dict[str, Any]] = [
     {"pointer": "/views/*/fiducial_noise_px", "start": 0.1, "stop": 0.5, "count": 9},
     {"pointer": "/interfaces/structure_connector/tolerances/rz/half_width_deg", "values": [0.1, 0.2, -1.0]},
 ]

@@ -99,7 +99,7 @@ def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
             worker.terminate()
             time.sleep(1.5)
             assert worker.poll() is None
-            until(lambda: worker.send_signal(signal.SIGTERM) or time.sleep(0.2) or worker.poll() is not None, 5.0)
+            until(lambda: worker.send_signal(signal.SIGTERM) or time.sleep(0.2) or worker.poll() is not None, 5.0)  # type: ignore[func-returns-value]
             assert worker.returncode == 128 + signal.SIGTERM
         finally:
             raw.cursor().execute("ROLLBACK")

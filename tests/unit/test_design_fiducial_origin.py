@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import numpy as np
@@ -14,7 +15,7 @@ import yaml
 from plain_data import replaced
 from tailstack.design import compile_design, convert, convert_file, design_json_schema, design_to_yaml, load_design
 from tailstack.design.write import Revision, revise_design
-from tailstack.errors import DesignError
+from tailstack.errors import DesignError, TailstackError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DESIGNS = sorted(path for path in EXAMPLES.rglob("*.yaml") if "schema: tailstack/design/1" in path.read_text())
@@ -34,7 +35,7 @@ def table(header, scale=1.0, mark=","):
 
 
 # name: (content, what the origin says besides file and hash, how many notes)
-FILES = {
+FILES: dict[str, tuple[str, dict[str, Any], int]] = {
     "plain.csv": (table("label,x_mm,y_mm,z_mm"), {"coordinate_system": "LPS"}, 0),
     "ras.csv": (table("# CoordinateSystem = RAS\nlabel,x_mm,y_mm,z_mm"), {"coordinate_system": "RAS"}, 1),
     "metres.csv": (
@@ -139,7 +140,7 @@ def test_what_was_moved_is_no_longer_called_what_is_in_the_file():
     ],
 )  # fmt: skip
 def test_an_origin_that_cannot_be_is_refused(section, pointer, code):
-    with pytest.raises(Exception) as caught:  # noqa: PT011 - DesignError or LimitError
+    with pytest.raises(TailstackError) as caught:  # DesignError or LimitError
         load_design(replaced(DEMO, ("fiducials",), section))
     problem = caught.value.problems[0]
     assert problem.pointer.startswith(pointer)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -14,7 +15,7 @@ from tailstack.errors import DesignError
 ROOT = Path(__file__).parents[2]
 DEMO = yaml.safe_load((ROOT / "examples" / "demo.yaml").read_text())
 PAGE = (ROOT / "docs" / "design.md").read_text()
-STATED = {"source_isocentre_mm": 700, "pixel_mm": 0.3, "image_size_px": [1024, 1024]}
+STATED: dict[str, Any] = {"source_isocentre_mm": 700, "pixel_mm": 0.3, "image_size_px": [1024, 1024]}
 PRESETS = list_presets()
 
 # published: source-detector, source-isocentre, pixel, image side; None where the source does not say

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -155,7 +156,7 @@ def test_plain_data_refuses_what_json_has_not():
     for value in ({1: 2}, {"a": object()}, {"a": {1, 2}}, {"a": b"x"}, {"a": "\ud800"}):
         with pytest.raises(DesignError):
             plain_data(value, DEFAULT_LIMITS)
-    loop = {}
+    loop: dict[str, Any] = {}
     loop["a"] = loop
     with pytest.raises(LimitError):
         plain_data(loop, DEFAULT_LIMITS)

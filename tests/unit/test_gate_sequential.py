@@ -15,7 +15,7 @@ from scipy.stats import beta
 
 from scenes import cios_system, target
 from tailstack.errors import OutOfRangeError
-from tailstack.montecarlo import Simulation, compile_plan, simulate
+from tailstack.montecarlo import ChainPlan, Simulation, compile_plan, simulate
 from tailstack.montecarlo.estimators import cvar_interval, interval_ranks, repeated_interval, repeated_ranks
 from tailstack.montecarlo.stopping import Question, decision_looks, simulate_to_decision
 
@@ -149,7 +149,7 @@ def test_the_interval_of_the_tails_mean_holds() -> None:
     held = 0
     for _ in range(400):
         low, high = cvar_interval(*tail(20_000), 20_000, 0.95, looks=8)
-        held += low <= truth <= high
+        held += bool(low <= truth <= high)
     assert exact_interval(held, 400)[1] >= 0.95
 
 
@@ -168,7 +168,7 @@ CAP, RUNS, CONFIDENCE = 2**15, 300, 0.8
 
 
 @pytest.fixture(scope="module")
-def chain() -> tuple[object, float]:
+def chain() -> tuple[ChainPlan, float]:
     """A compiled chain with two targets, and P95 of the first from 2^23 trials of another seed: the error of that is a
     sixteenth of what a run of ``CAP`` trials can tell."""
     plan = compile_plan(cios_system(targets=(target((0, 0, 70), "tip"), target((10, 0, 60), "shaft"))))
@@ -177,7 +177,7 @@ def chain() -> tuple[object, float]:
     return plan, float(tail[len(tail) - (2**23 - int(2**23 * 0.95))])
 
 
-def decisions(chain: tuple[object, float], factor: float, runs: int) -> dict[str, int]:
+def decisions(chain: tuple[ChainPlan, float], factor: float, runs: int) -> dict[str, int]:
     plan, p95 = chain
     found = {"kept": 0, "missed": 0, "open": 0, "trials": 0}
     for seed in range(runs):
@@ -194,7 +194,7 @@ def decisions(chain: tuple[object, float], factor: float, runs: int) -> dict[str
     return found
 
 
-def test_a_design_on_its_limit_stays_open_at_the_cap(chain: tuple[object, float]) -> None:
+def test_a_design_on_its_limit_stays_open_at_the_cap(chain: tuple[ChainPlan, float]) -> None:
     """sampled: 300 seeds, stated 10 % on either side, 95 % intervals.
 
     The limit is a sampled P95 itself: two of its standard errors, an eighth of one of a run at the cap, move the rate
@@ -211,7 +211,7 @@ def test_a_design_on_its_limit_stays_open_at_the_cap(chain: tuple[object, float]
 
 
 @pytest.mark.parametrize(("factor", "right"), [(1.03, "kept"), (0.97, "missed")])
-def test_a_design_beyond_its_limit_is_decided(chain: tuple[object, float], factor: float, right: str) -> None:
+def test_a_design_beyond_its_limit_is_decided(chain: tuple[ChainPlan, float], factor: float, right: str) -> None:
     """sampled: 3 % from the limit, where P95 is known to 0.5 % at the cap."""
     found = decisions(chain, factor, 100)
     assert found[right] == 100

@@ -7,6 +7,7 @@ from dataclasses import replace
 from hashlib import sha256
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -134,15 +135,15 @@ def test_without_image_noise_agrees_with_svd() -> None:
 def test_one_trial_of_a_random_scene_by_the_plain_chain(seed: int) -> None:
     """Independent: the chain written out with 4x4 matrices, one trial at a time, inputs in native units."""
     rng = np.random.default_rng(seed)
-    changes = {
+    variants: dict[int, dict[str, Any]] = {
         0: {},
         1: {"reading": Reading.EQ18},
         2: {"rotation_form": RotationForm.SMALL_ANGLE},
         3: {"reading": Reading.EQ18, "rotation_form": RotationForm.SMALL_ANGLE},
         4: {"triangulation": Triangulation.PUBLISHED},
         5: {},
-    }[seed]
-    system = random_system(rng, 7 + seed, 2 + seed % 2, targets=2, **changes)
+    }
+    system = random_system(rng, 7 + seed, 2 + seed % 2, targets=2, **variants[seed])
     plan = compile_plan(system)
     z = draw(plan, 11, np.arange(3))
     errors = evaluate(plan, z)

@@ -23,7 +23,8 @@ ORACLE = Path(__file__).parents[1] / "data" / "oracles" / "noise_covariance_cube
 def test_principal_axes_against_lapack(seed: int) -> None:
     rng = np.random.default_rng(seed)
     basis = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    moment = basis @ np.diag([[3, 2, 1], [5, 5, 1], [1, 1, 1], [4, 1e-9, 0], [1e6, 1, 1e-6]][seed]) @ basis.T
+    spectra = np.array([[3, 2, 1], [5, 5, 1], [1, 1, 1], [4, 1e-9, 0], [1e6, 1, 1e-6]])
+    moment = basis @ np.diag(spectra[seed]) @ basis.T
     axes = principal_axes((moment + moment.T) / 2)
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-14)
     assert np.linalg.det(axes) > 0

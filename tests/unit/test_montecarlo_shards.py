@@ -115,7 +115,7 @@ def test_memory_of_a_long_run_is_that_of_its_tail() -> None:
     draw, blocks = np.random.default_rng(3), 250
 
     def sampler(_: TrialsTask) -> Iterator[Shard]:
-        for _ in range(blocks):
+        for _block in range(blocks):
             yield replace(block, tails=tuple(draw.rayleigh(size=(2, BLOCK))), floors=(-inf, -inf))
 
     tracemalloc.start()

@@ -7,6 +7,7 @@ import json
 from concurrent.futures import ThreadPoolExecutor
 from math import exp, sqrt
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ CASE = json.loads((Path(__file__).parents[1] / "data" / "oracles" / "convex_allo
 NOISE, GAINS, COST = (np.array(CASE[key]) for key in ("Sigma_noise", "G_rows", "cost_coeff"))
 PRICES = [reciprocal(weight) for weight in COST]
 UNIFORM = np.full(COST.size, 1 / sqrt(3))
-BOUNDS = ["fro", "trace", "lmax"]
+BOUNDS: list[Any] = ["fro", "trace", "lmax"]
 ONE, THREE = 3.841458820694124, 7.814727903251179  # 95 % points of chi-square with 1 and 3 degrees of freedom
 
 
@@ -48,7 +49,7 @@ def random_problem(rng, k, targets, curves=("power", "exponential")):
     size = 1 / np.sqrt((gains**2).sum(axis=(0, 2)))
     prices = [
         Price(
-            curve := str(rng.choice(curves)),
+            curve := rng.choice(curves).item(),
             rng.uniform(0.5, 5) * (s ** (n := rng.uniform(0.5, 2.5)) if curve == "power" else 1),
             n if curve == "power" else 1.0,
             s * rng.uniform(0.2, 3),
@@ -142,7 +143,8 @@ def test_one_tolerance_by_hand(bound):
 
 def test_three_equal_tolerances_by_symmetry():
     """closed form: equal tolerances on three axes stay equal, so S = (noise + v) I, where lmax is exact."""
-    for bound, constant in (("fro", 3 + (ONE - 1) * sqrt(3)), ("trace", 3 * ONE), ("lmax", THREE)):
+    cases: list[tuple[Any, float]] = [("fro", 3 + (ONE - 1) * sqrt(3)), ("trace", 3 * ONE), ("lmax", THREE)]
+    for bound, constant in cases:
         found = allocate(
             0.01 * np.eye(3), 20 * np.eye(3), [reciprocal()] * 3, np.full(3, 0.5), 1.0, lower=0, upper=1, bound=bound
         )

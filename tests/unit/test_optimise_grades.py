@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -93,8 +94,8 @@ def test_stopped_early_the_bracket_is_honest():
         if best is None:
             continue
         for most in (1, 2, 5, 10, 20, 40):
-            calls = []
-            found = choose_grades(prices, lambda h, r=ratio, c=calls: c.append(h) or r(h), max_evaluations=most)
+            calls: list[Any] = []
+            found = choose_grades(prices, lambda h, r=ratio, c=calls: c.append(h) or r(h), max_evaluations=most)  # type: ignore[misc]
             assert len(calls) == found.evaluations <= most
             assert found.lower_bound <= best * (1 + 1e-9)
             assert best <= found.cost * (1 + 1e-9)
@@ -115,7 +116,7 @@ def test_stop_and_progress():
         if cheapest(prices, ratio) is None:
             continue
         assert choose_grades(prices, ratio, stop=lambda: True).evaluations == 1
-        seen = []
+        seen: list[Any] = []
         found = choose_grades(prices, ratio, progress=lambda *state, s=seen: s.append(state))
         for before, after in itertools.pairwise(seen):
             assert after[0] >= before[0]

@@ -69,7 +69,7 @@ def _cured(system: System, what: str, factor: float) -> System:
         system = replace(system, views=views)
     for name in ("structure_connector", "connector_flange"):
         if name in what or what == "every random contributor":
-            system = replace(system, **{name: _scaled(getattr(system, name), factor)})
+            system = replace(system, **{name: _scaled(getattr(system, name), factor)})  # type: ignore[arg-type]
     return system
 
 

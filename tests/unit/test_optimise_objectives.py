@@ -21,8 +21,8 @@ from tailstack.verification import verify
 
 SEAT, FLANGE = "structure_connector", "connector_flange"
 ROTATIONS = [(SEAT, "rx"), (SEAT, "ry"), (FLANGE, "rx"), (FLANGE, "ry")]
-DEG = {"min_deg": 0.01, "max_deg": 0.5}
-MM = {"min_mm": 0.002, "max_mm": 0.3}
+DEG: dict[str, Any] = {"min_deg": 0.01, "max_deg": 0.5}
+MM: dict[str, Any] = {"min_mm": 0.002, "max_mm": 0.3}
 MARGIN = 0.99  # the aim is at most that far below a limit that binds: room for the interval of the check
 
 
@@ -178,10 +178,10 @@ def test_grades_beside_continuous_budgets() -> None:
 def test_least_quantile_within_a_cost_limit() -> None:
     """brute force: every other split of the same money between the two half-widths, by the score."""
     pairs = [(SEAT, "rx"), (FLANGE, "rx")]
-    bounds = {(SEAT, "rx"): {"cost_weight": 1.0}, (FLANGE, "rx"): {"cost_weight": 4.0}}
-    section = {"objective": "quantile", "cost_limit": 2500.0}
+    bounds: dict[Any, dict[str, Any]] = {(SEAT, "rx"): {"cost_weight": 1.0}, (FLANGE, "rx"): {"cost_weight": 4.0}}
+    section: dict[str, Any] = {"objective": "quantile", "cost_limit": 2500.0}
     result = optimised(
-        document(tolerances=[free(*pair, **DEG, **bounds[pair]) for pair in pairs], **section)
+        document(tolerances=[free(*pair, **{**DEG, **bounds[pair]}) for pair in pairs], **section)
     )  # fmt: skip
     widths = widths_of(result.design, pairs)
     spent = sum(fields["cost_weight"] / radians(widths[pair]) for pair, fields in bounds.items())

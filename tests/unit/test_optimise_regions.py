@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -31,7 +32,7 @@ SOLID = [name for name in SHAPES if name in ("box", "cylinder", "tube", "ball", 
 FIVE_SIGMA = 5.0  # a correct sampler fails a check about once in two million
 
 
-def brute_inside(shape: Shape, points: Array, grown_mm: float = 0.0) -> Array:
+def brute_inside(shape: Shape, points: Array, grown_mm: float = 0.0) -> Any:
     """(M,) by coordinates, cross products and distances; grown outwards (and into a hollow) by a distance per face."""
     if isinstance(shape, Box):
         return ((points >= shape.low_mm - grown_mm) & (points <= shape.high_mm + grown_mm)).all(axis=1)
@@ -270,7 +271,7 @@ def test_turns_are_the_roots_of_unity(order: int) -> None:
 def test_regions_are_the_same_when_their_numbers_are() -> None:
     """closed form: four regions, of which the first and the third are equal."""
     box = Box(np.zeros(3), np.ones(3))
-    shapes = [box, Ball(np.zeros(3), 1.0), Box(np.zeros(3), np.ones(3)), Ball(np.zeros(3), 1.0, 0.5)]
+    shapes: list[Shape] = [box, Ball(np.zeros(3), 1.0), Box(np.zeros(3), np.ones(3)), Ball(np.zeros(3), 1.0, 0.5)]
     found, which = regions.distinct(shapes)
     assert which == (0, 1, 0, 2)
     assert [type(shape) for shape in found] == [Box, Ball, Ball]

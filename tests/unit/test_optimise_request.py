@@ -207,7 +207,7 @@ def test_fewer_fiducials_where_each_has_its_price() -> None:
 
 
 def test_counts_go_by_the_symmetry_and_by_the_quantile_where_no_cost_is_asked_for() -> None:
-    section = {"box": BOX, "min_spacing_mm": 12.0, "symmetry": {"mirror": {"normal": [1, 1, 0]}}}
+    section: dict[str, Any] = {"box": BOX, "min_spacing_mm": 12.0, "symmetry": {"mirror": {"normal": [1, 1, 0]}}}
     result = optimised(document(7, count={"min": 6, "max": 9}, fixed=["F7"], **section))
     assert [tried.fiducials for tried in result.counts] == [7, 9]  # F7 and whole pairs
     assert [tried.cost for tried in result.counts] == [None, None]
@@ -353,7 +353,9 @@ def test_a_pivot_goes_where_two_targets_balance() -> None:
 def test_a_pivot_and_its_tolerances_together() -> None:
     """closed form: lever from the new pivot to the tip, half-width times distance."""
     box = {"min_mm": [0, 0, -145], "max_mm": [0, 0, -60]}
-    section = {"tolerances": [free("connector_flange", axis, min_deg=0.01, max_deg=0.5) for axis in ("rx", "ry")]}
+    section: dict[str, Any] = {
+        "tolerances": [free("connector_flange", axis, min_deg=0.01, max_deg=0.5) for axis in ("rx", "ry")]
+    }
     fixed = optimised(document(**section))
     result = optimised(document(**section, pivots=[{"interface": "connector_flange", "box": box}]))
     assert result.pivots[0].after_mm == (0.0, 0.0, -60.0)

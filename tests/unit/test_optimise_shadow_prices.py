@@ -202,7 +202,7 @@ def test_the_price_of_a_per_unit_limit_is_the_slope_of_the_optimum(law: Law) -> 
     def problem(limit_mm: float) -> PlacementProblem:
         found = _per_unit(limit_mm)
         system = found.system
-        mounts = {
+        mounts: dict[str, Any] = {
             name: replace(part, sources=replace(part.sources, laws=(law,) * part.sources.count))
             for name, part in (
                 ("structure_connector", system.structure_connector),

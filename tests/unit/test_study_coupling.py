@@ -165,7 +165,8 @@ def test_intervals_cover() -> None:
         x, y = rng.standard_normal((2, trials))
         a, b = np.abs(2 * x), np.abs(x + y)
         found = estimate_by_sections(
-            lambda part, a=a, b=b: take_quantile(a[part], 0.95) / take_quantile(b[part], 0.95), trials
+            lambda part, a=a, b=b: take_quantile(a[part], 0.95) / take_quantile(b[part], 0.95),  # type: ignore[misc]
+            trials,
         )
         missed += not found.interval[0] <= truth <= found.interval[1]
     assert 4 <= missed <= 30
@@ -179,7 +180,7 @@ def test_intervals_cover_differences_smaller_than_the_gaps_between_trials() -> N
         x, u = rng.standard_normal((2, SECTIONS * 256))
         a, b = np.abs(x) * (1 + 1e-5 * u), np.abs(x)
         for found, by in ((average_near, "window"), (lambda values, p: take_quantile(values, p), "quantile")):
-            ratio = estimate_by_sections(lambda part, f=found, a=a, b=b: f(a[part], 0.95) / f(b[part], 0.95), len(x))
+            ratio = estimate_by_sections(lambda part, f=found, a=a, b=b: f(a[part], 0.95) / f(b[part], 0.95), len(x))  # type: ignore[misc]
             out = not ratio.interval[0] <= 1 <= ratio.interval[1]
             missed, alone = missed + (out and by == "window"), alone + (out and by == "quantile")
     assert 4 <= missed <= 30

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import radians
+from typing import Any
 
 import numpy as np
 import pytest
@@ -160,7 +161,12 @@ def test_fiducials_that_are_kept_are_far_apart():
 
 
 def test_the_grid_is_whole_and_repeatable():
-    axes = {"noises_px": (0.5, 2.0), "rotations_deg": (0.0, 1.0), "spreads": (1.0, 0.3), "counts": (8, 6)}
+    axes: dict[str, Any] = {
+        "noises_px": (0.5, 2.0),
+        "rotations_deg": (0.0, 1.0),
+        "spreads": (1.0, 0.3),
+        "counts": (8, 6),
+    }
     first = study_linearity(cube8_system(), Grid(**axes), trials=2**13, seed=4, threads=1)
     assert study_linearity(cube8_system(), Grid(**axes), trials=2**13, seed=4, threads=2) == first
     assert [(p.fiducials, p.spread, p.noise_px, p.rotation_deg) for p in first.points[:5]] == [

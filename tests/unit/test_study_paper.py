@@ -376,7 +376,7 @@ def test_the_means_of_s3_differ_by_less_than_noise_can_tell():
         here = apply_setting(oracle_system(name), Setting(0.0, 0.0, 2.0))
         plan = compile_plan(here)
         gains = [block.localisation * block.std for block in linearise(here, here.targets[0]).blocks]
-        shift, _ = second_order_moments(lambda z, p=plan: evaluate(p, z)[:, 0, 1], plan.standard_std, np.hstack(gains))
+        shift, _ = second_order_moments(lambda z, p=plan: evaluate(p, z)[:, 0, 1], plan.standard_std, np.hstack(gains))  # type: ignore[misc]
         for k in range(3):
             tolerance = 4.5 * factor.mean_standard_error_mm[k]
             assert factor.mean_error_mm[k] == pytest.approx(shift[k], abs=tolerance)

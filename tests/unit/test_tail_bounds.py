@@ -83,7 +83,7 @@ def test_moment_bound_against_a_semidefinite_solver(seed):
 def test_closed_forms_on_one_axis_and_without_mean():
     eps = 0.02
     cantelli = 3 + 2 * sqrt(1 / eps - 1)
-    assert bounds(1 - eps, [3, 0, 0], np.diag([4, 0, 0])).moments == pytest.approx(cantelli, rel=1e-12)
+    assert bounds(1 - eps, np.array([3, 0, 0]), np.diag([4, 0, 0])).moments == pytest.approx(cantelli, rel=1e-12)
     S = np.diag([1.0, 0.5, 0.2])
     assert bounds(1 - eps, np.zeros(3), S).moments == pytest.approx(sqrt(1.7 / eps), rel=1e-14)
     gauss = sqrt(0.4 ** (2 / 3) * 1.7 / eps)  # Gauss-Camp-Meidell with alpha = 3

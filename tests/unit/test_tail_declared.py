@@ -235,7 +235,7 @@ def test_derivatives_of_laws_off_the_lattice():
     slope = (law_quantile(longer, 0.9).quantile_mm - law_quantile(shorter, 0.9).quantile_mm) / 0.004
     assert slopes.by_log_column[0] == pytest.approx(slope, rel=1e-3)
     plain = slopes_of(linear_law([0.1, 0, 0], NOISE), 0.9)
-    _, dm, ds = norm_quantile_gradient(0.9, [0.1, 0, 0], NOISE)
+    _, dm, ds = norm_quantile_gradient(0.9, np.array([0.1, 0, 0]), NOISE)
     np.testing.assert_allclose(plain.by_mean, dm)
     np.testing.assert_allclose(plain.by_covariance, ds)
 

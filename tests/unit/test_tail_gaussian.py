@@ -319,4 +319,5 @@ def test_noise_lost_in_the_digits_of_the_mean(sigma: float) -> None:
         slope = stats.norm.ppf(0.95) / (2 * along)
         np.testing.assert_allclose(direction @ dS @ direction, slope, rtol=1e-5)
     if sigma > 1e-13:
-        assert norm_sf(size + along, m, S) == pytest.approx(stats.norm.sf(1.0), rel=1e-14 * size / along + 1e-5)
+        near = float(1e-14 * size / along + 1e-5)
+        assert norm_sf(float(size + along), m, S) == pytest.approx(stats.norm.sf(1.0), rel=near)

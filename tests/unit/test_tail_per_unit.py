@@ -191,8 +191,10 @@ def test_quantile_does_not_see_the_frame():
     """Another frame is another sample of the same units: within 4 joint standard errors."""
     turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
     unit, shot = linear_law([0.2, 0, 0.1], NOISE * 5, COLUMNS), linear_law(np.zeros(3), NOISE * 3)
-    turned = (linear_law(turn @ law.mean, turn @ law.covariance @ turn.T, turn @ law.columns) for law in (unit, shot))
-    a, b = unit_quantile(unit, shot, 0.95, 0.9), unit_quantile(*turned, 0.95, 0.9)
+    other, another = (
+        linear_law(turn @ law.mean, turn @ law.covariance @ turn.T, turn @ law.columns) for law in (unit, shot)
+    )
+    a, b = unit_quantile(unit, shot, 0.95, 0.9), unit_quantile(other, another, 0.95, 0.9)
     assert abs(a.value_mm - b.value_mm) < 4 * sqrt(a.standard_error_mm**2 + b.standard_error_mm**2)
 
 

@@ -43,21 +43,23 @@ from typing import Any
 from numba.extending import register_jitable
 from scipy.special import ndtri
 
+from ..arrays import Array
+
 THIRD_OF_ROOT_2 = sqrt(2) / 3
 
 # Cumulants of one unit of half-width.
 KAPPA4_UNIFORM, KAPPA6_UNIFORM = -2 / 15, 16 / 63
 KAPPA4_TRIANGULAR, KAPPA6_TRIANGULAR = -1 / 60, 1 / 126  # the sum of two uniforms of half the width
 
-Vector = Sequence[Any]
-Matrix = Sequence[Vector]
+Vector = Sequence[Any] | Array
+Matrix = Sequence[Vector] | Array
 
 # Of the sum of all second moments, added to every variance: no root of 0, and the value moves by under 1e-5.
 _TINY = 1e-12
 
 
 def square_cumulants(
-    mean: Vector, covariance: Sequence[Vector], uniform: Sequence[Vector] = (), triangular: Sequence[Vector] = ()
+    mean: Vector, covariance: Matrix, uniform: Matrix = (), triangular: Matrix = ()
 ) -> tuple[Any, Any, Any]:
     """(c1, c2, c3) of |e|^2.  mean: 3 scalars, mm; covariance: 3 rows of 3, mm^2.
 
@@ -131,8 +133,8 @@ def _moment_at_quantile(
     metric: Matrix,
     mean: Vector,
     covariance: Matrix,
-    uniform: Sequence[Vector],
-    triangular: Sequence[Vector],
+    uniform: Matrix,
+    triangular: Matrix,
 ) -> list[list[Any]]:
     """D (3, 3) mm^2 = E[dd' | d'Qd is at its fraction-quantile], Q the metric: the module's K_n, symmetric."""
     axes = range(3)
@@ -172,8 +174,8 @@ def unit_quantile_squared(
     mean: Vector,
     installation_covariance: Matrix,
     shot_covariance: Matrix,
-    uniform: Sequence[Vector],
-    triangular: Sequence[Vector],
+    uniform: Matrix,
+    triangular: Matrix,
 ) -> Any:
     """Square, mm^2, of the approximate fraction-quantile over units of a unit's own p-quantile over shots.
 

@@ -17,7 +17,7 @@ from math import log, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
 from ..errors import NotConvergedError, Problem
@@ -87,7 +87,7 @@ class LinearLaw:
 
 
 def linear_law(
-    mean: Array, covariance: Array, columns: Array | None = None, kinds: Sequence[int] | None = None
+    mean: ArrayLike, covariance: ArrayLike, columns: ArrayLike | None = None, kinds: ArrayLike | None = None
 ) -> LinearLaw:
     """A checked :class:`LinearLaw`; columns (3, k) mm and kinds (k,) default to none and to uniform.
 

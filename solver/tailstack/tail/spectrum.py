@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import fabs, isfinite, sqrt
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..geometry.symmetric import eigen_symmetric
@@ -54,7 +55,7 @@ def _law_fault(mean: Array, covariance: Array) -> int:
     return 0
 
 
-def law_iv(mean: Array, covariance: Array) -> tuple[Array, Array]:
+def law_iv(mean: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
     """Check a mean (3,) mm and a covariance (3, 3) mm^2 and return them as contiguous float arrays.
 
     Raises ValueError naming the rule that is broken and what arrived.
