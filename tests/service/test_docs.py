@@ -131,3 +131,18 @@ def test_architecture_draws_the_walk_that_the_code_takes(name: str) -> None:
         capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+
+
+def words_of(text: str) -> str:
+    """The text in small letters with single spaces; names with underscores and hyphens as words."""
+    return re.sub(r"[\s_-]+", " ", text.lower())
+
+
+def test_every_term_of_the_glossary_is_used_and_stands_once() -> None:
+    glossary = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
+    terms = re.findall(r"^- \*\*(.+?)\*\*: ", glossary, re.MULTILINE)
+    assert len(terms) == len(re.findall(r"^- ", glossary, re.MULTILINE)) == len(set(terms)) >= 60
+    pages = [ROOT / page for page in PAGES if page.name != "glossary.md"]
+    sources = [*(ROOT / "solver").rglob("*.py"), *(ROOT / "service").rglob("*.py")]
+    everything = words_of(" ".join(file.read_text(encoding="utf-8") for file in (*pages, *sources)))
+    assert [term for term in terms if not re.search(rf"\b{re.escape(words_of(term))}", everything)] == []
