@@ -177,11 +177,15 @@ def walk(name: str) -> list[tuple[str, str]]:
     """The modules of a walk with their callers, in the order in which they were met."""
     with TemporaryDirectory() as folder:
         notes = Path(folder) / "notes"
+        path = os.pathsep.join(
+            str(ROOT / part) for part in ("solver", "service")
+        )  # these sources, whatever is installed
         done = subprocess.run(
             [sys.executable, __file__, "--walk", name],
-            env={**os.environ, NOTES: str(notes)},
+            env={**os.environ, NOTES: str(notes), "PYTHONPATH": path},
             capture_output=True,
             text=True,
+            check=False,
         )
         assert done.returncode == 0, done.stderr
         lines = sorted(notes.read_text(encoding="utf-8").splitlines())
