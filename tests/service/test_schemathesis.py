@@ -23,7 +23,7 @@ SEED = 20_260_131
 SECONDS = 900  # on a machine that has other things to do
 LIMITS = {
     "TAILSTACK_AUTH": "required",
-    "TAILSTACK_MAX_TRIALS": "2000",
+    "TAILSTACK_MAX_TRIALS": "40000",  # the fewest that the study of the paper takes
     "TAILSTACK_MAX_STARTS": "1",
     "TAILSTACK_MAX_SWEEP_POINTS": "5",
     "TAILSTACK_MAX_SECONDS": "10",
