@@ -1,0 +1,69 @@
+"""The table of targets in its order: what is measured by which function, how far it must and should go."""
+
+from __future__ import annotations
+
+import commands
+import engine
+import optimiser
+import scores
+import service
+from bench import Findings, Measurement, Target
+
+
+def not_built() -> Findings:
+    """A sweep computes point by point: nothing scores many designs at once."""
+    return Findings([None])
+
+
+MEASUREMENTS: dict[str, Measurement] = {
+    "trials": Measurement(engine.trials, (
+        Target("exact nonlinear trials, one core: share of the bound of this machine", 60, 85, "%"),
+        Target("the same against batched numpy.linalg.svd", 150, 300),
+    )),
+    "agreement": Measurement(engine.agreement, (
+        Target("largest relative difference from SVD on unflagged trials", 1e-9, 5e-12, "", "<"),
+    ), timed=False),
+    "threads": Measurement(engine.threads, (Target("two threads against one", 1.7, 1.9),)),
+    "precision": Measurement(engine.precision, (
+        Target("P95 ± 1 % with its interval: plain Monte Carlo against radial conditional", 8, 40),
+    )),
+    "first-order": Measurement(scores.first_order, (
+        Target("first-order covariance + exact P95, one target: against a trial of batched SVD", 1, 0.1, "×", "<"),
+    )),
+    "designs": Measurement(not_built, (
+        Target("a million designs scored: designs a second against a loop over score()", 100, 1000),
+    )),
+    "memory": Measurement(engine.memory, (
+        Target("memory of a run of 10^7 trials", 300, 150, "MB", "<"),
+    ), timed=False),
+    "designs-memory": Measurement(not_built, (
+        Target("memory of a million scored designs, streamed", 300, 150, "MB", "<"),
+    ), timed=False),
+    "fiducials": Measurement(engine.fiducials, (
+        Target("N = 100 fiducials against N = 12, cost per trial", 6, 4, "×", "<"),
+    )),
+    "optimiser": Measurement(optimiser.optimiser, (
+        Target("optimise 12 fiducials + 6 budgets, 16 starts: above any peer's cost in that time", 0.2, 0, "%", "<"),
+    )),
+    "post": Measurement(service.post, (
+        Target("POST of a score, p50 on one connection, against the same score() in process", 2, 1.3, "×", "<"),
+    )),
+    "api-processes": Measurement(service.api_processes, (
+        Target("requests a second, two API processes against one, on two cores", 1.5, 1.8),
+    )),
+    "unit": Measurement(service.unit, (
+        Target("a durable unit beyond its computing, against one fsync of a 4 kB file there", 10, 3, "×", "<"),
+    )),
+    "first-score": Measurement(commands.first_score, (
+        Target("first score after pip install of the built wheel, against the second", 3, 1.5, "×", "<"),
+    )),
+    "gate": Measurement(commands.gate, (
+        Target("gate of ten designs, whole command, against importing numpy, scipy.linalg, numba", 4, 2, "×", "<"),
+    )),
+    "growth": Measurement(scores.growth, (
+        Target("exponent of the time of a score, linear or less: 1 to 200 targets", 1.1, None, "", "<"),
+        Target("exponent of the time of a score, linear or less: 8 to 100 fiducials", 1.1, None, "", "<"),
+        Target("exponent of the time of a score, linear or less: 2 to 16 views", 1.1, None, "", "<"),
+    )),
+    "report": Measurement(commands.report),
+}  # fmt: skip

@@ -1,0 +1,106 @@
+"""The score: one target to first order against one trial, and how its time grows with the design."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from statistics import median
+
+import numpy as np
+
+from bench import ROOT, Figure, Findings, Rounds, interleave
+from engine import peer_job
+from scenes import cios_system, read_only, target, with_noise
+from tailstack import load_design, score
+from tailstack.design import Design
+from tailstack.propagation.linear import linearise
+from tailstack.propagation.noise import noise_gains_jit
+from tailstack.system import System
+from tailstack.tail.gaussian import norm_quantile_jit
+
+DEMO = ROOT / "examples" / "demo.yaml"
+TARGETS, FIDUCIALS, VIEWS = (1, 10, 50, 200), (8, 25, 50, 100), (2, 4, 8, 16)
+
+
+def score_job(design: Design | System) -> Callable[[], int]:
+    """Scores of one design, whose kernels are loaded."""
+    score(design)
+
+    def run() -> int:
+        score(design)
+        return 1
+
+    return run
+
+
+def first_order() -> Findings:
+    """The kernels of the linear model and of P95, compiled, against one trial of batched SVD."""
+    system = cios_system()
+    projections = np.stack([view.projection for view in system.views])
+    points, aim, mean = system.fiducials_mm, system.targets[0].position_mm, np.zeros(3)
+    count = len(points)
+    arrays = [np.zeros(s) for s in ((2, count, 3, 2), (2, 3, 2), (2, count, 3, 3), (2, count, 2))]
+    model = linearise(system, system.targets[0])
+    mounts = sum(((b.tcp * b.std) @ (b.tcp * b.std).T for b in model.blocks if not b.grouped), np.zeros((3, 3)))
+
+    def kernels() -> int:
+        for _ in range(500):
+            noise_gains_jit(projections, points, aim, *arrays)
+            fiducial = arrays[0].transpose(2, 0, 1, 3).reshape(3, -1)
+            seen = arrays[1].transpose(1, 0, 2).reshape(3, -1)
+            covariance = 0.25 * (fiducial @ fiducial.T + seen @ seen.T) + mounts
+            norm_quantile_jit(mean, covariance, 0.95)
+        return 500
+
+    kernels()
+    svd = "batched numpy.linalg.svd"
+    rounds = interleave({"kernels": kernels, svd: peer_job(svd, system), "demo": score_job(load_design(DEMO))})
+    return Findings(
+        [rounds.ratio("kernels", svd)], rounds.foreign,
+        [
+            Figure("first-order covariance + exact P95, CPU", 1e6 * median(rounds.cpu["kernels"]), "µs"),
+            Figure("score() of the demo: declared laws, bounds, 30 budget lines, CPU",
+                   1e3 * median(rounds.cpu["demo"]), "ms"),
+        ],
+    )  # fmt: skip
+
+
+def of_targets(count: int) -> System:
+    """So many targets on a spiral around the first."""
+    turns = np.linspace(0, 20, count)
+    places = np.column_stack([turns * np.cos(turns), turns * np.sin(turns), 70 + 0 * turns])
+    return replace(cios_system(), targets=tuple(target(place, f"target {k}") for k, place in enumerate(places)))
+
+
+def of_fiducials(count: int) -> System:
+    """So many fiducials in the box."""
+    places = np.random.default_rng(4).uniform(-50, 50, (count, 3)) + np.array([0, 0, -40.0])
+    return replace(
+        cios_system(), fiducial_labels=tuple(f"F{i}" for i in range(count)), fiducials_mm=read_only(places),
+        manufacturing_half_width_mm=read_only(np.zeros((count, 3))),
+    )  # fmt: skip
+
+
+def of_views(count: int) -> System:
+    """So many views over half a turn."""
+    return replace(cios_system(), views=with_noise(0.5, azimuths_rad=tuple(np.linspace(0, np.pi / 2, count))))
+
+
+def exponent(rounds: Rounds, sizes: Iterable[int]) -> float:
+    """Slope of the logarithm of the time over that of the size, by least squares."""
+    points = [(size, median(rounds.cpu[str(size)])) for size in sizes]
+    return float(np.polyfit(*np.log(np.array(points).T), 1)[0])
+
+
+def growth() -> Findings:
+    """Score time against targets, fiducials and views, the sizes of one kind in turn."""
+    found = Findings([])
+    for what, sizes, make in (
+        ("targets", TARGETS, of_targets), ("fiducials", FIDUCIALS, of_fiducials), ("views", VIEWS, of_views),
+    ):  # fmt: skip
+        rounds = interleave({str(size): score_job(make(size)) for size in sizes}, 5)
+        found.values.append(exponent(rounds, sizes))
+        found.foreign = max(found.foreign, rounds.foreign)
+        for size in sizes:
+            found.figures.append(Figure(f"score of {size} {what}, CPU", 1e3 * median(rounds.cpu[str(size)]), "ms"))
+    return found
