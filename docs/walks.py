@@ -50,18 +50,16 @@ class Walker(threading.local):
 
     def __init__(self, end: tuple[str, str]) -> None:
         self.end = end
-        self.passing = 0  # depth of imports, and of the store of kernels, which are passed without looking inside
+        self.passing = 0  # depth of imports, which are passed without looking inside
 
     def __call__(self, frame: FrameType, event: str, _: Any) -> None:
         code = frame.f_code
         module = FILES.get(code.co_filename)
         if event == "call" and not self.passing and module and code.co_name != "<module>":
             note(module, caller_of(frame))
-            if code.co_name == "load_overload" and module == KERNELS:
-                note_kernel(frame.f_locals["self"]._name, caller_of(frame))  # noqa: SLF001 (our own)
         elif event == "return" and not self.passing and (module, code.co_name) == self.end:
             note("end", "")
-        if code.co_name == "<module>" or module == KERNELS:
+        if code.co_name == "<module>":
             self.passing += (event == "call") - (event == "return")
 
 
@@ -101,11 +99,34 @@ class Thread(threading.Thread):
         super().start()
 
 
-def note_kernel(name: str, caller: str) -> None:
-    """Write down the modules of a compiled function and of the compiled functions that it calls."""
-    from tailstack import kernels
+def note_kernels() -> None:
+    """Have numba tell which compiled functions are called: each asks for its machine code at its first call.
 
-    waiting, met = [(kernels.KERNELS[name].py_func, caller)], set()
+    Nothing is noted while it is compiled or loaded, which may take a minute and would take several under a profile.
+    """
+    from numba.core.dispatcher import Dispatcher
+
+    compile_function = Dispatcher.compile
+
+    def compile_unnoticed(dispatcher: Any, signature: Any) -> Any:
+        profile = sys.getprofile()
+        if profile is None:
+            return compile_function(dispatcher, signature)
+        caller = caller_of(inspect.currentframe())
+        note(KERNELS, caller)
+        note_kernel(dispatcher.py_func, caller)
+        sys.setprofile(None)
+        try:
+            return compile_function(dispatcher, signature)
+        finally:
+            sys.setprofile(profile)
+
+    Dispatcher.compile = compile_unnoticed
+
+
+def note_kernel(function: Any, caller: str) -> None:
+    """Write down the modules of a compiled function and of the compiled functions that it calls."""
+    waiting, met = [(function, caller)], set()
     while waiting:
         function, caller = waiting.pop(0)
         if function not in met:
@@ -135,7 +156,7 @@ def score() -> None:
     from tailstack_service.settings import Settings
 
     places.PERFORM = "walks:perform"
-    app = create_app(Settings(database="sqlite://"), warm_up=False)
+    app = create_app(Settings(database="sqlite://", max_seconds=600), warm_up=False)
 
     async def post() -> httpx.Response:
         yaml = {"content-type": "application/yaml"}
@@ -155,6 +176,7 @@ def perform(call: Any) -> Any:
     from tailstack_service.http import computations
 
     note(RECEIVER, SENDER)
+    note_kernels()
     begin("score")
     try:
         return computations.perform(call)
@@ -166,6 +188,7 @@ def optimise() -> None:
     """tailstack optimise DESIGN -o NEW."""
     from tailstack_service.cli.main import main
 
+    note_kernels()
     with TemporaryDirectory() as folder:
         begin("optimise")
         code = main(["optimise", str(DEMO), "--starts", "1", "-o", f"{folder}/new.yaml", "--json"])
@@ -266,6 +289,8 @@ def main(arguments: list[str]) -> str | None:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--walk"]:
+        if hasattr(os, "sched_setaffinity"):  # one thread at a time, so that it is the same one who comes first
+            os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
         {"score": score, "optimise": optimise}[sys.argv[2]]()
     else:
         sys.exit(main(sys.argv[1:]))

@@ -128,7 +128,7 @@ def find_spec_of(name: str) -> object:
 def test_architecture_draws_the_walk_that_the_code_takes(name: str) -> None:
     done = subprocess.run(
         [sys.executable, ROOT / "docs" / "walks.py", "--check", name],
-        capture_output=True, text=True, check=False, timeout=300,
+        capture_output=True, text=True, check=False, timeout=600,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
 
