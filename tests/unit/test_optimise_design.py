@@ -120,17 +120,20 @@ def test_the_price_of_the_limit_is_the_slope_of_the_cost() -> None:
     assert (costs[1.02] - costs[0.98]) / 0.04 == pytest.approx(price, rel=0.08)
 
 
-def test_the_price_of_a_per_unit_limit_is_the_slope_of_the_cost_at_the_limit() -> None:
+@pytest.mark.parametrize("min_yield", [0.9, 0.99])
+def test_the_price_of_a_per_unit_limit_is_the_slope_of_the_cost_at_the_limit(min_yield: float) -> None:
     """independent: two limits, and the mean of the slopes at both.  A yield of 2,048 units is checked to a per cent, so
-    the check's margin costs some per cent; what a limit is worth is said without it, as ``cost_exact_law`` is."""
+    the check's margin costs some per cent; what a limit is worth is said without it, as ``cost_exact_law`` is.  The
+    quantile over units is smooth enough for the optimiser to settle: its first-order conditions hold."""
     found = []
     for limit in (0.995, 1.005):
         data = document(limit_mm=limit, **moving(box=None, starts=1))
-        data["requirements"][0] |= {"risk": "per_unit", "min_yield": 0.9}
+        data["requirements"][0] |= {"risk": "per_unit", "min_yield": min_yield}
         found.append(optimised(data))
     slope = (found[1].cost_exact_law - found[0].cost_exact_law) / 0.01
-    assert np.mean([result.shadow_prices[0].cost_per_unit for result in found]) == pytest.approx(slope, rel=0.01)
+    assert np.mean([result.shadow_prices[0].cost_per_unit for result in found]) == pytest.approx(slope, rel=2e-3)
     assert all(result.cost_after > 1.01 * result.cost_exact_law for result in found)
+    assert all(result.certificate.kkt_residual < 1e-3 for result in found)
 
 
 def test_same_seed_same_document_whatever_the_threads() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import cvxpy
 import numpy as np
 import pytest
-from scipy.optimize import minimize_scalar
+from scipy.optimize import brentq
 
 from tailstack.tail.bounds import bounds
 from tailstack.tail.gaussian import norm_quantile
@@ -37,33 +37,29 @@ def _random_law(seed):
 @pytest.mark.parametrize("seed", range(15))
 @pytest.mark.parametrize("p", [0.5, 0.95, 0.999])
 def test_dual_point_proves_the_bound(seed, p):
-    """independent: a point of the dual programme made from eigenvectors and a scan of kappa, its feasibility checked by
-    LAPACK, and its value 1 - p at our r: nothing larger is possible, and the scan finds nothing smaller."""
+    """independent: a point of the dual programme from eigenvectors and SciPy's root of the slope, its feasibility at
+    our r checked by LAPACK and its value 1 - p there: nothing larger is possible.  Lengths are in units of r."""
     m, S = _random_law(seed)
     r = bounds(p, m, S).moments
-    values, axes = np.linalg.eigh(S)
+    values, axes = np.linalg.eigh(S / r**2)
     values = np.where(values > 1e-13 * values.max(), values, 0.0)
-    along, eps = axes.T @ m, 1 - p
+    along, eps = axes.T @ m / r, 1 - p
+    weights = (1 / eps - 1) * values * along**2
 
-    def square(kappa):
-        share = values / np.maximum(values + kappa, 1e-300)
-        return (values + share * along**2).sum() / eps + kappa + ((1 - share) * along**2).sum()
+    def slope(kappa):
+        return 1 - sum(w / (value + kappa) ** 2 for w, value in zip(weights, values, strict=True) if value > 0)
 
-    scale = values.sum() / eps + m @ m
-    best = minimize_scalar(
-        lambda x: square(scale * np.exp(x)), bounds=(-60, 3), method="bounded", options={"xatol": 1e-9}
-    )
-    assert r**2 == pytest.approx(min(best.fun, square(0.0)), rel=1e-8)
-    kappa = scale * np.exp(best.x)
-    share = values / (values + kappa)
-    t = eps / (values + share * along**2).sum()
-    free = 1 / (values + kappa)
+    kappa = brentq(slope, 0, sqrt(weights.sum()), xtol=1e-300, rtol=1e-15) if slope(0) < 0 else 0.0
+    free = np.array([1 / (value + kappa) if value + kappa > 0 else 0.0 for value in values])
+    t = eps / (values + values * free * along**2).sum()
     w = np.append(-along * free, 1 + (along**2 * free).sum()) / sqrt(1 + (values * (along * free) ** 2).sum())
-    indicator = np.diag([t, t, t, 1 - t * square(kappa)])
+    indicator = np.diag([t, t, t, 1 - t])
     M = indicator + kappa * t * np.outer(w, w)
     second = np.block([[np.diag(values) + np.outer(along, along), along[:, None]], [along[None, :], np.ones((1, 1))]])
-    assert np.linalg.eigvalsh(M)[0] >= -1e-9 * np.abs(M).max()
-    assert (M * second).sum() == pytest.approx(eps, rel=1e-6)
+    scale = np.abs(M).max()
+    assert np.linalg.eigvalsh(M)[0] >= -1e-12 * scale
+    assert np.linalg.eigvalsh(M - indicator)[0] >= -1e-12 * scale
+    assert (M * second).sum() == pytest.approx(eps, rel=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(5))
