@@ -214,6 +214,8 @@ def dask_cluster() -> Iterator[Cluster]:
         if required("dask"):
             pytest.fail(f"{words}; TAILSTACK_TESTS_REQUIRE lists dask")
         pytest.skip(f"NOT TESTED: {words}")
+    import tailstack_service.jobs.engines.dask  # noqa: F401  # silences Dask's log once, for whatever test comes first
+
     cluster = Cluster(module_path=os.pathsep.join([*(p for p in sys.path if p), str(Path(__file__).parent)]))
     try:
         yield cluster

@@ -71,8 +71,8 @@ def fold(text: str, width: int, hanging: int = 0) -> list[str]:
     clean = visible(text)
     if columns(clean) <= width:
         return [clean]
-    indent = " " * min(len(clean) - len(clean.lstrip(" ")), width // 2)
-    deeper = " " * min(len(indent) + hanging, width // 2)
+    indent = " " * min(len(clean) - len(clean.lstrip(" ")), (width - 1) // 2)
+    deeper = " " * min(len(indent) + hanging, (width - 1) // 2)
     return wrap(clean, first=indent, indent=deeper, width=width).split("\n")
 
 

@@ -97,7 +97,8 @@ def sight(view: View, points: Array) -> Sight:
     """
     projected = homogeneous(points) @ view.projection.T
     depth = projected[:, 2]
-    images = projected[:, :2] / np.where(depth > 0, depth, np.nan)[:, None]
+    with np.errstate(over="ignore"):  # a point almost in the plane of the source is imaged beyond any edge
+        images = projected[:, :2] / np.where(depth > 0, depth, np.nan)[:, None]
     size = np.array(view.image_size_px or (np.nan, np.nan), dtype=np.float64)
     return Sight(view, depth, images, np.minimum(images + 0.5, size - 0.5 - images).min(axis=1))
 
