@@ -12,6 +12,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from family import die_with_parent
 from scenes import system_of
 from tailstack.montecarlo import compile_plan, run_indices
 
@@ -40,7 +41,9 @@ def test_a_clock_that_ticks_late_is_no_negative_load(bench: ModuleType) -> None:
 
 def test_what_a_child_computes_is_ours_while_it_runs_and_after_it_has_ended(bench: ModuleType) -> None:
     before = bench.read_processors()
-    with subprocess.Popen([sys.executable, "-c", BURN], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+    with subprocess.Popen(
+        [sys.executable, "-c", BURN], stdin=subprocess.PIPE, stdout=subprocess.PIPE, preexec_fn=die_with_parent
+    ) as child:
         assert child.stdout is not None
         child.stdout.readline()
         running = bench.read_processors()

@@ -61,6 +61,7 @@ class Checkout:
     def run(self, program: str, **variables: str) -> subprocess.CompletedProcess[str]:
         given = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_CACHE")}
         given |= {"PYTHONPATH": str(self.root), "NUMBA_CACHE_DIR": str(self.store), **variables}
+        given["PYTHONDONTWRITEBYTECODE"] = "1"  # Python takes a change within a second and of one length for none
         command = [sys.executable, "-c", program]
         return subprocess.run(
             command, cwd=self.root, env=given, capture_output=True, text=True, timeout=300, check=False
