@@ -16,9 +16,10 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from itertools import cycle
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from statistics import median
 from threading import Thread
 from typing import Any
@@ -137,18 +138,25 @@ def post() -> Findings:
 
 
 def burst(host: str, port: int, asked: list[bytes]) -> int:
-    """Scores over eight connections that are kept, as fast as they are answered."""
-    failed: list[Exception] = []
+    """Scores over eight connections that are kept: each sends the next body as soon as it was answered.
 
-    def send(part: list[bytes]) -> None:
+    Not a fixed share for each connection: which API process accepts a connection is chance, and the burst would last
+    as long as the process with most of them is busy, while the other had long been idle.
+    """
+    failed: list[Exception] = []
+    left = SimpleQueue[bytes]()
+    for body in asked:
+        left.put(body)
+
+    def send() -> None:
         try:
-            with closing(http.client.HTTPConnection(host, port, timeout=120)) as connection:
-                for body in part:
-                    post_score(connection, body)
+            with closing(http.client.HTTPConnection(host, port, timeout=120)) as connection, suppress(Empty):
+                while True:
+                    post_score(connection, left.get_nowait())
         except Exception as error:  # a thread's exception would be printed and forgotten
             failed.append(error)
 
-    senders = [Thread(target=send, args=(asked[k::CONNECTIONS],)) for k in range(CONNECTIONS)]
+    senders = [Thread(target=send) for _ in range(CONNECTIONS)]
     for sender in senders:
         sender.start()
     for sender in senders:

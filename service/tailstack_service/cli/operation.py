@@ -11,7 +11,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
 from ..console.answer import Answer
-from ..console.arguments import coloured_output, read_design, whole
+from ..console.arguments import coloured_output, number, read_design, whole
 from ..console.progress import Progress
 from ..operations.operation import Call, Operation
 from ..operations.registry import FAMILIES, OPERATIONS
@@ -118,24 +118,6 @@ def _kind(field: FieldInfo) -> tuple[Any, dict[str, Any]]:
         annotation = annotation.__origin__
     names = {Ge: "ge", Gt: "gt", Le: "le", Lt: "lt"}
     return annotation, {names[type(b)]: getattr(b, names[type(b)]) for b in metadata if type(b) in names}
-
-
-def number(bounds: dict[str, Any]) -> Any:
-    """An argparse type: a number within bounds."""
-
-    def convert(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"expected a number; got {text!r}") from None
-        tests = {"ge": value.__ge__, "gt": value.__gt__, "le": value.__le__, "lt": value.__lt__}
-        words = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
-        if not all(tests[name](float(bound)) for name, bound in bounds.items()):
-            wanted = " and ".join(f"{words[name]} {bound:g}" for name, bound in bounds.items())
-            raise argparse.ArgumentTypeError(f"expected a number {wanted}; got {text}")
-        return value
-
-    return convert
 
 
 def run(operation: Operation, arguments: argparse.Namespace) -> Answer:

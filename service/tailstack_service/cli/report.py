@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, NoReturn
 from tailstack.precision import FINEST_PRECISION
 
 from ..console.answer import EXIT_CODE, FAIL, NOT_EVALUATED, PASS, Answer
-from ..console.arguments import whole
+from ..console.arguments import number, whole
 from ..console.files import replace_file
 from ..console.progress import Progress
-from .operation import LIMITS, number
+from .operation import LIMITS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

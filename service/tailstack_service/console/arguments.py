@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tailstack.design import Design
@@ -56,6 +56,24 @@ def whole(low: int, high: int | None = None) -> type:
         return value
 
     return convert  # type: ignore[return-value]
+
+
+def number(bounds: dict[str, Any]) -> Any:
+    """An argparse type: a number within bounds."""
+
+    def convert(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"expected a number; got {text!r}") from None
+        tests = {"ge": value.__ge__, "gt": value.__gt__, "le": value.__le__, "lt": value.__lt__}
+        words = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
+        if not all(tests[name](float(bound)) for name, bound in bounds.items()):
+            wanted = " and ".join(f"{words[name]} {bound:g}" for name, bound in bounds.items())
+            raise argparse.ArgumentTypeError(f"expected a number {wanted}; got {text}")
+        return value
+
+    return convert
 
 
 def add_form(parser: argparse.ArgumentParser, record: str, line: str) -> None:

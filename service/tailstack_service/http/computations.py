@@ -16,7 +16,6 @@ from ..documents import to_json
 from ..operations.content import canonical
 from ..operations.operation import Call, JobRequest, Reception
 from ..operations.registry import OPERATIONS
-from ..operations.rendering import render
 from ..operations.sent import Placed, Sent, read_request
 from ..settings import Settings
 
@@ -47,7 +46,6 @@ def warm_up() -> None:
     from tailstack.optimisation import influence
     from tailstack.scoring import score
 
-    from ..documents import to_json
     from ..operations.example import EXAMPLE_DESIGN, variants
 
     design = load_design(EXAMPLE_DESIGN)
@@ -77,8 +75,3 @@ def receive(name: str, sent: Sent, settings: Settings) -> Reception:
     titles = " against ".join(design.name for design in reversed(request.designs)) or operation.summary
     content = canonical({**request.data, **options, **limits})
     return Reception(job=JobRequest(name, content, titles, request.bare_design))
-
-
-def report(schema_name: str, body: bytes, form: str) -> tuple[bytes, str]:
-    """A result as a document, and its media type.  Raises PdfUnavailable."""
-    return render(schema_name, body, form)

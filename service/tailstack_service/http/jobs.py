@@ -26,10 +26,9 @@ from ..jobs.store.jobs import Job
 from ..jobs.store.results import Result
 from ..jobs.store.tables import STATES
 from ..operations.effort import LONG
-from ..operations.rendering import FORMATS, MEDIA_TYPES
+from ..operations.rendering import FORMATS, MEDIA_TYPES, render
 from ..operations.sent import single
 from ..problems import RequestError, TransportError
-from . import computations
 from .answers import JSON, path_of, record_response, tagged_response
 from .dependencies import Needs, TheService, query
 from .openapi import (
@@ -328,7 +327,7 @@ async def get_report(request: Request, service: TheService) -> Response:
         detail = f"format is one of {', '.join(FORMATS)}; got {form[:40]!r}"
         raise RequestError(Problem("/format", "unknown-value", detail))
     result = await find_result(request)
-    call = partial(computations.report, result.schema_name, result.body, form)
+    call = partial(render, result.schema_name, result.body, form)
     body, media_type = await service.places.run(request, call, LONG if form != "json" else 0.0)
     headers = {
         "Cache-Control": "private, no-cache",

@@ -201,7 +201,7 @@ def describe(operation: Operation) -> dict[str, Any]:
     problems = BODY_PROBLEMS if operation.immediate else (*BODY_PROBLEMS, 429)
     return {
         "summary": operation.summary,
-        "description": operation.description + ("" if operation.immediate or operation.receive else BECOMES_A_JOB),
+        "description": operation.description + ("" if operation.immediate or operation.at_once else BECOMES_A_JOB),
         "responses": answers,
         "openapi_extra": extra(*own, *_query_parameters(operation), body=_body(operation), problems=problems),
     }
@@ -235,14 +235,14 @@ def _answers_at_once(operation: Operation) -> dict[int | str, Any]:
 
 
 def _job_answers(operation: Operation) -> dict[int | str, Any]:
-    sometimes = operation.receive is not None  # it may be answered at once, too
-    in_time = "mode analytic, or with Prefer: wait in time" if sometimes else "with Prefer: wait, in time"
+    at_once = operation.at_once
+    in_time = f"{at_once}, or with Prefer: wait in time" if at_once else "with Prefer: wait, in time"
     done = response_of(
         f"{operation.summary}: {in_time}.", media_types(JSON, reference("schemas", component(operation.name))),
         ETag="ETag", Cache_Control="CacheControl", Vary="Vary", Location="Location", Content_Location="ResultLocation",
         Preference_Applied="PreferenceApplied", Idempotency_Replayed="IdempotencyReplayed",
     )  # fmt: skip
-    if sometimes:
+    if at_once:
         done["headers"] = only_with("when it was a job", done["headers"])
     accepted = response_of(
         "Accepted: the job.", media_types(JSON, reference("schemas", "Job"), "Job"), Location="Location",

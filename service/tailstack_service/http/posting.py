@@ -42,7 +42,7 @@ router = APIRouter(tags=["computations"], dependencies=[Depends(Needs("compute")
 
 def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
     """The endpoint of an operation: its answer at once, or a job."""
-    body = Depends(strict_body(yaml=operation.yaml, raw=operation.media, hint=_hint(operation)))
+    body = Depends(strict_body(yaml=operation.yaml, raw=operation.media, hint=operation.hint))
 
     async def create(request: Request, service: TheService, sent: Sent = body) -> Response:
         key = None if operation.immediate else idempotency_key(request)
@@ -57,13 +57,6 @@ def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
         return Response(found.answer, media_type=JSON)
 
     return create
-
-
-def _hint(operation: Operation) -> str:
-    """What to do about a query beside a JSON body."""
-    if operation.name == "conversion":
-        return "format and to go into the body, beside the content"
-    return f"options go into the body, beside the design{'' if tuple(operation.designs) == ('design',) else 's'}"
 
 
 for _operation in OPERATIONS.values():

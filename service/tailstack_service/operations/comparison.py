@@ -47,9 +47,8 @@ def _check(request: Request, settings: Settings) -> None:
 
     within(request.options.trials, "max_trials", settings, "/trials")
     names = []
-    for which, design in enumerate(request.designs):
-        request.refuse_by(check_design, which)
-        system, _, _ = check_design(design)
+    for which in range(len(SIDES)):
+        system, _, _ = request.refuse_by(check_design, which)
         names.append({target.name for target in system.targets})
     if not names[0] & names[1]:
         detail = "the two designs have no target of the same name: there is nothing to compare"
@@ -107,8 +106,9 @@ OPERATION = Operation(
     record=lambda: Comparison,
     run=_compare,
     limits=("max_trials",),
-    units="comparison",
+    cut=True,
     yaml=False,
+    hint="options go into the body, beside the designs",
     check=_check,
     document=_document,
     exit_code=lambda record: EXIT_CODE[record.headline.status],

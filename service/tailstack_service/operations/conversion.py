@@ -177,6 +177,7 @@ OPERATION = Operation(
     immediate=True,
     seconds=reading_seconds,
     receive=receive,
+    hint="format and to go into the body, beside the content",
     media=("text/csv", "text/plain"),
     query=("from", "to"),
     query_schemas=lambda: QUERY,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from ..console.answer import PASS
 from .effort import admission_seconds
@@ -112,7 +112,6 @@ class HeldDesign:
     name: str
     data: dict[str, Any]
     stated_sha256: str | None
-    computed: bool = True  # the record's numbers are computed from it
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +171,7 @@ class Operation:
     needs_design: bool = True
     limits: tuple[str, ...] = ()  # settings that shape the answer: they become part of a job's content
     immediate: bool = False  # answered at once over HTTP: it takes milliseconds
-    units: str | None = None  # module with plan() and compute(); None: a job is one unit, ``run``
+    cut: bool = False  # its job is cut into units, by plan() and compute() of units/NAME.py; or is one unit, ``run``
 
     # How it is received over HTTP
     check: Callable[[Request, Settings], None] = check_nothing  # raises Placed, RequestError, LimitError
@@ -183,6 +182,8 @@ class Operation:
     yaml: bool = True  # a design as YAML, with options in the query
     query: tuple[str, ...] = ()  # what such a body takes from the query
     query_schemas: Callable[[], Mapping[str, Any]] | None = None  # by name; with ``query``
+    hint: str = "options go into the body, beside the design"  # about a query beside a JSON body
+    at_once: str = ""  # when it is answered at once, although it can become a job
     kernels: bool = True  # it needs compiled kernels
     seconds: Callable[[Sent], float] = admission_seconds  # expected, of its reception
 
@@ -197,8 +198,3 @@ class Operation:
     # How it is typed
     command: Command | None = None  # None: DESIGN and a flag for each option
     threads: bool = False  # --threads
-
-    @property
-    def at(self) -> Literal["at once", "as a job"]:
-        """How it is answered over HTTP."""
-        return "at once" if self.immediate else "as a job"

@@ -11,11 +11,9 @@ from tailstack.errors import LimitError, Problem
 from tailstack.precision import FINEST_PRECISION
 
 from ..names import variable
-from ..problems import RequestError
 
 if TYPE_CHECKING:
     from ..settings import Settings
-    from .sent import Request
 
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 
@@ -75,14 +73,3 @@ def within(value: int | None, setting: str, settings: Settings, pointer: str) ->
                 f"ask for fewer, or start the service with a higher {variable(setting)}",
             )
         )
-
-
-def check_target(request: Request) -> None:
-    """A design that determines an answer, and the target that is asked for.  Raises Placed, RequestError."""
-    from tailstack.design import check_design, compile_design
-
-    request.refuse_by(check_design)
-    names = [target.name for target in compile_design(request.design).targets]
-    if request.options.target is not None and request.options.target not in names:
-        detail = f"no target is called {request.options.target!r}; there are {', '.join(names[:20])}"
-        raise RequestError(Problem("/target", "unknown-target", detail))

@@ -28,7 +28,7 @@ def plan(kind: str, request: dict[str, Any], results: tuple[UnitResult, ...]) ->
 
 def compute(kind: str, request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     """The result of a unit that ``plan`` asked for; a pure function, which raises what ``plan`` raises."""
-    if OPERATIONS[kind].units is None:
+    if not OPERATIONS[kind].cut:
         from .units.whole import compute_whole
 
         return compute_whole(OPERATIONS[kind], request)
@@ -38,7 +38,7 @@ def compute(kind: str, request: dict[str, Any], spec: dict[str, Any]) -> bytes:
 
 def _units(kind: str) -> Any:
     """The module that cuts an operation into units."""
-    return import_module(f"{__package__}.units.{OPERATIONS[kind].units or 'whole'}")
+    return import_module(f"{__package__}.units.{kind if OPERATIONS[kind].cut else 'whole'}")
 
 
 def perform(task: Task) -> Outcome:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from .operation import Operation
 
 O = TypeVar("O", bound=Options)  # noqa: E741
+T = TypeVar("T")
 Query = Sequence[tuple[str, str]]  # names and values, in the order in which they were sent
 
 
@@ -57,10 +58,10 @@ class Request:
         (design,) = self.designs
         return design
 
-    def refuse_by(self, check: Callable[[Design], object], which: int = 0) -> None:
-        """Let a function check a design; what it refuses is placed in what was sent.  Raises Placed."""
+    def refuse_by(self, check: Callable[[Design], T], which: int = 0) -> T:
+        """What a function finds of a design; what it refuses is placed in what was sent.  Raises Placed."""
         try:
-            check(self.designs[which])
+            return check(self.designs[which])
         except TailstackError as error:
             raise Placed(error, self.prefixes[which]) from None
 

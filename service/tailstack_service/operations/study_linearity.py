@@ -16,7 +16,7 @@ from ..console.arguments import add_design, add_figure, add_form, read_design, w
 from ..console.files import writable_figure, write_figure
 from ..console.progress import Progress
 from .operation import Again, Call, Command, Demand, Operation, Repetition
-from .options import Options, Seed, check_target, within
+from .options import Options, Seed, within
 
 if TYPE_CHECKING:
     from tailstack.studies.linearity import StudyLinearity
@@ -72,8 +72,18 @@ def _study(call: Call) -> StudyLinearity:
 
 def _check(request: Request, settings: Settings) -> None:
     """A design that determines an answer, and a target that it has.  Raises Placed, RequestError, LimitError."""
+    from tailstack.design import check_design
+    from tailstack.errors import Problem
+
+    from ..problems import RequestError
+
     within(request.options.trials, "max_trials", settings, "/trials")
-    check_target(request)
+    system, _, _ = request.refuse_by(check_design)
+    names = [target.name for target in system.targets]
+    wanted = request.options.target
+    if wanted is not None and wanted not in names:
+        detail = f"no target is called {wanted!r}; there are {', '.join(names[:20])}"
+        raise RequestError(Problem("/target", "unknown-target", detail))
 
 
 def _text(record: StudyLinearity, colour: bool) -> str:

@@ -95,16 +95,22 @@ class SweepOptions(Options):
         return [_axis_of_query(text) for text in given]
 
 
+def _parse_axis(text: str) -> tuple[str, dict[str, Any]]:
+    """The path, and its values as they stand in a request.  Raises ValueError."""
+    path, found, said = text.rpartition("=")
+    if not found or not path:
+        raise ValueError(text)
+    if ":" in said:
+        start, stop, count = said.split(":")
+        return path, {"start": float(start), "stop": float(stop), "count": int(count)}
+    return path, {"values": [float(value) for value in said.split(",")]}
+
+
 def _axis_of_query(text: str) -> dict[str, Any]:
     """``PATH=START:STOP:COUNT`` or ``PATH=VALUE,VALUE,...`` as in ``tailstack sweep --set``."""
-    pointer, found, said = text.rpartition("=")
     try:
-        if not found or not pointer:
-            raise ValueError
-        if ":" in said:
-            start, stop, count = said.split(":")
-            return {"pointer": pointer, "start": float(start), "stop": float(stop), "count": int(count)}
-        return {"pointer": pointer, "values": [float(value) for value in said.split(",")]}
+        pointer, values = _parse_axis(text)
+        return {"pointer": pointer, **values}
     except ValueError:
         detail = f"set is PATH=START:STOP:COUNT or PATH=VALUE,VALUE,...; got {text[:80]!r}"
         hint = "for example set=/views/0/fiducial_noise_px=0.1:0.5:5"
@@ -230,14 +236,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _axis_of_flag(text: str) -> tuple[str, dict[str, Any]]:
     """The path, and its values as they stand in a request."""
-    path, found, said = text.rpartition("=")
     try:
-        if not found or not path:
-            raise ValueError
-        if ":" in said:
-            start, stop, count = said.split(":")
-            return path, {"start": float(start), "stop": float(stop), "count": int(count)}
-        return path, {"values": [float(value) for value in said.split(",")]}
+        return _parse_axis(text)
     except ValueError:
         raise argparse.ArgumentTypeError(
             f"expected PATH=START:STOP:COUNT or PATH=V1,V2,... like views.*.fiducial_noise_px=0.1:0.5:5; got {text!r}"
@@ -348,7 +348,7 @@ OPERATION = Operation(
     record=lambda: Sweep,
     run=_sweep,
     limits=("max_trials",),
-    units="sweep",
+    cut=True,
     check=_check,
     prepare=_prepare,
     text=_text,
