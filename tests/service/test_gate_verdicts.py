@@ -7,16 +7,18 @@ import json
 from datetime import date
 from itertools import combinations
 from math import cos, dist, sin
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from service_scenes import clear, small_design
 from work_driver import run_job
 
 from tailstack import load_design, score, verify
+from tailstack.design.plausibility import PLAUSIBILITY
 from tailstack.design.write import data_to_yaml
 from tailstack.errors import DesignError, LimitError, TailstackError
 from tailstack_service.documents import to_json
+from tailstack_service.gate.policy import Implausible
 from tailstack_service.gate.reading import GateError
 from tailstack_service.gate.records import GateFinding, GateRecord
 from tailstack_service.gate.request import admit_gate, judge_designs
@@ -306,6 +308,53 @@ def test_a_tolerance_that_is_left_out_is_the_tightest() -> None:
     assert "not stated, so it does not vary" in seat.message
     del interface["tolerances"]
     assert of_rule(gate(design, policy=rules), "process-capability")[0].pointer == f"/interfaces/{name}"
+
+
+def test_an_interface_that_is_left_out_is_named_where_a_process_is_to_hold_it() -> None:
+    """A design passed by leaving out a whole interface: none of its tolerances was there to be judged."""
+    design = limited(2 * P95)
+    spigot = {"name": "spigot", "tolerances": ["connector_flange.r?"], "min_half_width_deg": 1e-6}
+    robot = {"name": "robot", "tolerances": ["hand_eye.tx"], "min_half_width_mm": 1e-6}
+    design["interfaces"].pop("connector_flange", None)
+    design.get("execution", {}).pop("hand_eye", None)
+    record = gate(design, policy=policy({"process-capability": {"processes": [spigot]}}))
+    found = of_rule(record, "process-capability")
+    assert [(one.pointer, one.value) for one in found] == [("/interfaces", 0)] * 3
+    assert "connector_flange.rx: not stated" in found[0].message
+    assert (record.verdict, record.exit_code) == ("fail", 1)
+    (eye,) = of_rule(gate(design, policy=policy({"process-capability": {"processes": [robot]}})), "process-capability")
+    assert (eye.pointer, eye.value) == ("/execution", 0)
+    del design["interfaces"], design["optimise"]
+    seat = {"name": "seat", "tolerances": ["structure_connector.tz"], "min_half_width_mm": 1e-6}
+    (bare_one,) = of_rule(
+        gate(design, policy=policy({"process-capability": {"processes": [seat]}})), "process-capability"
+    )
+    assert bare_one.message.startswith("structure_connector.tz: not stated")
+
+
+def test_an_implausible_value_is_a_warning_that_a_policy_can_make_an_error() -> None:
+    design = limited(9 * P95)
+    design["views"][0] |= {"fiducial_noise_px": 0.0}
+    name = next(k for k, v in design["interfaces"].items() if v.get("tolerances"))
+    design["interfaces"][name]["tolerances"]["tx"] = {"half_width_mm": 20.0, "distribution": "bounded"}
+    quiet = {"overlap": {"severity": "off"}, "p95": {"severity": "note"}, "inconclusive": {"severity": "warning"}}
+
+    def found(**rule: Any) -> tuple[int, list[tuple[str, str]]]:
+        record = gate(design, policy=policy({**quiet, "plausibility": rule}))
+        return record.exit_code, [(f.severity, f.pointer) for f in of_rule(record, "plausibility")]
+
+    wide = f"/interfaces/{name}/tolerances/tx/half_width_mm"
+    noise = "/views/0/fiducial_noise_px"
+    assert found() == (0, [("warning", wide), ("warning", noise)])
+    assert found(severity="error") == (1, [("error", wide), ("error", noise)])
+    only = {"severity": "error", "remarks": ["noise-too-small"]}
+    assert found(**only) == (1, [("note", wide), ("error", noise)])
+    assert found(severity="error", remarks=[]) == (0, [("note", wide), ("note", noise)])
+    assert found(severity="off") == (0, [])
+
+
+def test_the_remarks_that_a_policy_can_name_are_those_of_the_solver() -> None:
+    assert set(get_args(Implausible)) == set(PLAUSIBILITY)
 
 
 def test_the_first_class_that_matches_changes_single_fields() -> None:

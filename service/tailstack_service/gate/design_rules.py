@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from math import dist
+from typing import get_args
 
 from tailstack.design import Design
 from tailstack.design.document import Interface, Tolerances
@@ -15,10 +16,11 @@ from tailstack.system import INTERFACES
 
 from ..rendering.score import shares_of
 from .case import Case, Comparison, bound_yield
-from .policy import GatePolicy, Process
+from .policy import GatePolicy, Implausible, Process
 from .reading import Remark
 
 WEAKNESSES = ("flat-structure", "weak-resection", "small-parallax")  # findings of a score
+IMPLAUSIBLE = get_args(Implausible)
 MOST_PAIRS = 10
 _COMPONENTS = ("rx", "ry", "rz", "tx", "ty", "tz")
 
@@ -139,6 +141,20 @@ def find_weaknesses(case: Case) -> list[Remark]:
     ]
 
 
+def find_implausible_values(case: Case) -> list[Remark]:
+    """Rule plausibility: what a score remarks as hardly ever meant."""
+    rule = case.rules.plausibility
+    return [
+        Remark(
+            finding.pointer,
+            f"{finding.rule}: {finding.message}",
+            note=rule.remarks is not None and finding.rule not in rule.remarks,
+        )
+        for finding in case.score.verdict.findings
+        if finding.rule in IMPLAUSIBLE
+    ]
+
+
 def find_close_fiducials(case: Case) -> list[Remark]:
     """Rule fiducial-spacing: the closest pairs of fiducials, and how many more there are."""
     least = case.rules.fiducial_spacing.min_mm
@@ -250,6 +266,7 @@ def list_tolerances(design: Design) -> list[Tolerance]:
     for name in INTERFACES:
         interface: Interface | None = getattr(document.interfaces, name)
         if interface is None:
+            tolerances += _list_components(Tolerances(), name, "/interfaces")
             continue
         at = f"/interfaces/{name}"
         if interface.tolerances is not None:
@@ -260,10 +277,10 @@ def list_tolerances(design: Design) -> list[Tolerance]:
             Tolerance(f"{name}.{locator.name}", f"{at}/locators/{k}/half_width_mm", locator.half_width_mm, "mm")
             for k, locator in enumerate(interface.locators or ())
         ]
-    if document.execution.hand_eye is not None:
-        at = "/execution/hand_eye/tolerances"
-        tolerances += _list_components(document.execution.hand_eye.tolerances, "hand_eye", at)
-    return tolerances
+    if document.execution.hand_eye is None:
+        return [*tolerances, *_list_components(Tolerances(), "hand_eye", "/execution")]
+    at = "/execution/hand_eye/tolerances"
+    return [*tolerances, *_list_components(document.execution.hand_eye.tolerances, "hand_eye", at)]
 
 
 def _list_components(tolerances: Tolerances, name: str, at: str) -> Iterator[Tolerance]:

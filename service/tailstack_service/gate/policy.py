@@ -116,6 +116,27 @@ class ConditioningRule(_WarningRule):
     """How well the layout determines the projections and the target."""
 
 
+Implausible = Literal[
+    "structure-size",
+    "source-distance",
+    "angle-in-radians",
+    "half-width-too-fine",
+    "half-width-too-wide",
+    "noise-too-small",
+    "no-lever-arm",
+]
+
+
+class PlausibilityRule(_WarningRule):
+    """Values that are allowed and hardly ever meant."""
+
+    remarks: Annotated[list[Implausible], Field(max_length=100)] | None = Field(
+        default=None,
+        description="Remarks that count with the severity; the others are noted. Default all.",
+        examples=[["noise-too-small", "half-width-too-fine"]],
+    )
+
+
 class SpacingRule(_ErrorRule):
     """Distance between fiducials."""
 
@@ -244,6 +265,7 @@ class Rules(Record):
     per_unit_yield: YieldRule = Field(default_factory=YieldRule)
     first_order_gap: GapRule = Field(default_factory=GapRule)
     conditioning: ConditioningRule = Field(default_factory=ConditioningRule)
+    plausibility: PlausibilityRule = Field(default_factory=PlausibilityRule)
     fiducial_spacing: SpacingRule = Field(default_factory=SpacingRule)
     visibility: VisibilityRule = Field(default_factory=VisibilityRule)
     overlap: OverlapRule = Field(default_factory=OverlapRule)

@@ -16,6 +16,7 @@ from .design_rules import (
     find_close_images,
     find_failures,
     find_first_order_gaps,
+    find_implausible_values,
     find_narrow_margins,
     find_open_questions,
     find_tight_tolerances,
@@ -64,6 +65,7 @@ _RULES = (
     _limit("per-unit-yield", "Too few installed units are good", "less", "fraction"),
     Rule("first-order-gap", "First order and Monte Carlo disagree", find_first_order_gaps, "more", "%"),
     Rule("conditioning", "The layout barely determines the answer", find_weaknesses, "less"),
+    Rule("plausibility", "A value is allowed and hardly ever meant", find_implausible_values),
     Rule("fiducial-spacing", "Two fiducials are too close", find_close_fiducials, "less", "mm"),
     Rule("visibility", "A fiducial is imaged too near the border", find_narrow_margins, "less", "px"),
     Rule("overlap", "Two images may not be told apart", find_close_images, "less", "px"),
@@ -168,6 +170,17 @@ does not determine the answer at all is not judged: see not-evaluated.
 What to do: the message names the direction that is weak; lift fiducials out of the plane, or turn a view.
 
 Policy: severity. Waiver: min_value in the unit of the finding (mm, ratio or degrees).""",
+    "plausibility": """\
+A value of the design looks like a slip: radians or metres where degrees or millimetres are asked for, a half-width
+finer than a kinematic coupling repeats or wider than a clip-on seat plays, noise below the best that was measured, a
+structure that is too small for its beads or too large for a detector, a target at the pivot of a seat. The message
+begins with the remark's own name; docs/design.md lists them with the sources of their numbers. Where such a slip makes
+the geometry undetermined, the refusal says it: see not-evaluated.
+
+What to do: correct the unit. If the value is meant, list in `remarks` the remarks that are to count: the others are
+noted and fail nothing.
+
+Policy: severity, remarks. No waiver covers it: a value that is meant once is meant always.""",
     "fiducial-spacing": """\
 Two fiducials are closer than `min_mm`, centre to centre. Judged only if the policy sets it: how much wall a bead needs
 is a matter of manufacturing. The ten closest pairs are findings of their own, a note says how many more there are.
@@ -190,7 +203,8 @@ What to do: move one of the two across the ray that joins them.
 Policy: severity, min_px. Waiver: min_value in px.""",
     "process-capability": """\
 A half-width of the design is below what the policy says its process can hold. Such a tolerance makes the budget look
-good and the part reject. One that is left out does not vary and counts as 0, except at an interface with locators.
+good and the part reject. One that is left out does not vary and counts as 0, and so does each of an interface or a
+hand-eye calibration that is left out as a whole, where a pattern names it; not at an interface with locators.
 
 What to do: widen it, or name a better process in the policy.
 

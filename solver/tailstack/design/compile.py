@@ -45,6 +45,7 @@ from .document import (
     Tolerances,
 )
 from .loading import Design
+from .plausibility import explain_refusal, find_implausible
 from .presets import PRESETS
 from .refusals import place
 
@@ -61,7 +62,8 @@ def compile_design(design: Design) -> System:
         return _compile(design)
     except (DesignError, IllPosedError) as error:
         source = design.source.placed()
-        raise type(error)([place(problem, source) for problem in error.problems]) from None
+        slips = explain_refusal(design) if isinstance(error, IllPosedError) else []
+        raise type(error)([place(problem, source) for problem in (*error.problems, *slips)]) from None
 
 
 def _compile(design: Design) -> System:
@@ -408,7 +410,7 @@ def _refuse_not_rigid(pointer: str, detail: str) -> DesignError:
 
 
 def check_design(design: Design) -> tuple[System, tuple[Finding, ...], tuple[ViewCheck, ...]]:
-    """Compile and check: the system, remarks on its geometry, and what each view sees.
+    """Compile and check: the system, remarks on its geometry and on implausible values, and what each view sees.
 
     Raises DesignError and IllPosedError with the file, line and column of the section they are about.
     """
@@ -417,8 +419,9 @@ def check_design(design: Design) -> tuple[System, tuple[Finding, ...], tuple[Vie
         findings, views = examine(system)
     except IllPosedError as error:
         source = design.source.placed()
-        raise IllPosedError([place(problem, source) for problem in error.problems]) from None
-    return system, findings, views
+        problems = [*error.problems, *explain_refusal(design, system)]
+        raise IllPosedError([place(problem, source) for problem in problems]) from None
+    return system, (*findings, *find_implausible(design, system)), views
 
 
 SINGULAR = 1e-9  # smallest over largest singular value, rotations measured at the contacts' own radius

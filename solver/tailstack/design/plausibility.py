@@ -1,0 +1,364 @@
+"""Remarks on values that are allowed and hardly ever meant: a slip of unit, a seat nobody can make, no noise at all.
+
+A design document accepts a wide range, so that no honest design is refused.  The rules here are narrower and refuse
+nothing: each says what it met, why it doubts that, and what to do.  Their numbers are published ones where there are
+any, and each rule states where its numbers come from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import dist, hypot, pi
+
+import numpy as np
+
+from ..arrays import Array
+from ..errors import Problem
+from ..geometry.camera import camera_centre
+from ..results import Finding
+from ..system import INTERFACES, System
+from .document import (
+    Bias,
+    DesignDocument,
+    DistanceView,
+    Interface,
+    PinholeView,
+    Pose,
+    PresetView,
+    Region,
+    TargetDocument,
+    Tolerances,
+)
+from .loading import Design
+
+BEAD_MM = 3.0  # diameter of the beads that localisation noise is quoted for
+FINEST_DEG, FINEST_MM = 0.002, 1e-4
+WIDEST_DEG, WIDEST_MM = 1.0, 1.0
+BEST_NOISE_PX = 0.015
+SMALLEST_STRUCTURE_MM, LARGEST_STRUCTURE_MM = 5 * BEAD_MM, 750.0
+SHORTEST_DETECTOR_MM, SHORTEST_ISOCENTRE_MM = 200.0, 100.0
+LONGEST_SOURCE_MM = 5000.0
+# A multiple of 30 or 45 degrees, in radians, written with three digits or more: 1.57, 0.785, 3.1416.
+TURNS = sorted({k * pi / n for n in (4, 6) for k in range(1, 2 * n + 1)})
+SAME_TURN = 6e-4  # relative: 1.57 is nearer to a quarter turn
+
+_UNITS = (("centimetres", 10.0), ("metres", 1000.0), ("micrometres", 1e-3))
+_ROTATIONS = ("rx", "ry", "rz")
+_COMPONENTS = (*_ROTATIONS, "tx", "ty", "tz")
+
+
+@dataclass(frozen=True, slots=True)
+class _Met:
+    """A value that a rule doubts."""
+
+    pointer: str
+    message: str
+    value: float
+    limit: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Subject:
+    """What the rules look at."""
+
+    document: DesignDocument
+    fiducials_mm: Array  # (N, 3) con
+    system: System | None  # None: its views could not be compiled
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One rule: what it doubts, and where its numbers come from."""
+
+    id: str  # stable, the rule of its findings
+    title: str
+    numbers: str  # the bounds and their source
+    find: Callable[[_Subject], Iterator[_Met]]
+    slip: bool = False  # a slip of unit, which may be why a geometry is refused
+
+
+def find_implausible(design: Design, system: System) -> tuple[Finding, ...]:
+    """A warning for each value that a rule doubts, in the order of :data:`PLAUSIBILITY`."""
+    subject = _Subject(design.document, system.fiducials_mm, system)
+    return tuple(
+        Finding(rule.id, "warning", met.message, met.pointer, met.value, met.limit)
+        for rule in PLAUSIBILITY.values()
+        for met in rule.find(subject)
+    )
+
+
+def explain_refusal(design: Design, system: System | None = None) -> list[Problem]:
+    """Slips of unit, as further problems of a geometry that is refused: they may be why."""
+    subject = _Subject(design.document, np.array(design.fiducials.positions_mm), system)
+    return [
+        Problem(met.pointer, rule.id, met.message)
+        for rule in PLAUSIBILITY.values()
+        if rule.slip
+        for met in rule.find(subject)
+    ]
+
+
+def _guess_unit(value: float, low: float, high: float) -> str:
+    """In which unit a length would be plausible, as a sentence; empty if in none."""
+    for unit, factor in _UNITS:
+        if low <= value * factor <= high:
+            return f" It looks like {unit}: write {value * factor:.6g}."
+    return ""
+
+
+# --- lengths of the whole ------------------------------------------------------------------------------
+
+
+def _doubt_structure_size(subject: _Subject) -> Iterator[_Met]:
+    points = subject.fiducials_mm - subject.fiducials_mm.mean(axis=0)
+    square = (points**2).sum(axis=1)
+    width = float(np.sqrt(max(0.0, (square[:, None] + square - 2 * points @ points.T).max())))
+    limit = SMALLEST_STRUCTURE_MM if width < SMALLEST_STRUCTURE_MM else LARGEST_STRUCTURE_MM
+    if SMALLEST_STRUCTURE_MM <= width <= LARGEST_STRUCTURE_MM:
+        return
+    why = (
+        f"six beads of {BEAD_MM:g} mm need {limit:g} mm"
+        if width < limit
+        else f"no detector of a C-arm images more than {limit:g} mm at once"
+    )
+    unit = _guess_unit(width, 2 * SMALLEST_STRUCTURE_MM, LARGEST_STRUCTURE_MM / 2)
+    message = f"the two fiducials farthest apart are {width:.4g} mm apart; {why}.{unit} Check the unit of the positions"
+    if subject.document.fiducials.points is None:
+        yield _Met("/fiducials/file", f"{message}, which the file states (x_mm, coordinateUnits)", width, limit)
+    else:
+        yield _Met("/fiducials/points", message, width, limit)
+
+
+def _doubt_source_distances(subject: _Subject) -> Iterator[_Met]:
+    middle = subject.fiducials_mm.mean(axis=0)
+    for index, view in enumerate(subject.document.views):
+        at = f"/views/{index}"
+        if isinstance(view, PresetView | DistanceView):
+            for field, least in (
+                ("source_detector_mm", SHORTEST_DETECTOR_MM),
+                ("source_isocentre_mm", SHORTEST_ISOCENTRE_MM),
+            ):
+                length = getattr(view, field)
+                if length is not None and length < least:
+                    yield _Met(f"{at}/{field}", _describe_distance(field, length, least), length, least)
+        elif subject.system is not None:
+            field = "pose" if isinstance(view, PinholeView) else "projection"
+            length = float(np.linalg.norm(camera_centre(subject.system.views[index].projection) - middle))
+            if length < SHORTEST_ISOCENTRE_MM:
+                what = "the distance of the source from the middle of the fiducials"
+                message = _describe_distance(what, length, SHORTEST_ISOCENTRE_MM)
+                yield _Met(f"{at}/{field}", message, length, SHORTEST_ISOCENTRE_MM)
+
+
+def _describe_distance(what: str, length: float, least: float) -> str:
+    unit = _guess_unit(length, 2 * least, LONGEST_SOURCE_MM) or " Check its unit, which is mm."
+    return f"{what} is {length:.4g} mm, less than {least:g} mm: no C-arm is that short.{unit}"
+
+
+# --- angles ---------------------------------------------------------------------------------------------
+
+
+def _doubt_angles(subject: _Subject) -> Iterator[_Met]:
+    for pointer, angle in _list_angles(subject.document):
+        turn = next((each for each in TURNS if abs(abs(angle) - each) <= SAME_TURN * each), None)
+        if turn is not None:
+            degrees = round(turn * 180 / pi) * (1 if angle > 0 else -1)
+            message = (
+                f"{angle:g} in a field of degrees is {degrees} degrees in radians. Write {degrees} if that is meant."
+            )
+            yield _Met(pointer, message, angle, degrees)
+
+
+def _list_angles(document: DesignDocument) -> Iterator[tuple[str, float]]:
+    """(pointer, degrees) of every rotation that is written as angles."""
+    poses = [(f"/views/{k}/pose", view.pose) for k, view in enumerate(document.views) if isinstance(view, PinholeView)]
+    transforms = document.transforms
+    poses += [(f"/transforms/{name}", getattr(transforms, name)) for name in ("T_flange_con", "T_tcp_flange")]
+    for at, pose in poses:
+        if isinstance(pose, Pose) and pose.rotation_deg is not None:
+            yield from ((f"{at}/rotation_deg/{axis}", angle) for axis, angle in enumerate(pose.rotation_deg))
+    for at, bias in _list_biases(document):
+        yield from ((f"{at}/{axis}_deg", getattr(bias, f"{axis}_deg")) for axis in _ROTATIONS)
+
+
+def _list_biases(document: DesignDocument) -> Iterator[tuple[str, Bias]]:
+    for name, interface in _list_interfaces(document):
+        yield f"/interfaces/{name}/bias", interface.bias
+    if document.execution.hand_eye is not None:
+        yield "/execution/hand_eye/bias", document.execution.hand_eye.bias
+
+
+def _list_interfaces(document: DesignDocument) -> Iterator[tuple[str, Interface]]:
+    for name in INTERFACES:
+        interface: Interface | None = getattr(document.interfaces, name)
+        if interface is not None:
+            yield name, interface
+
+
+# --- half-widths ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _HalfWidth:
+    pointer: str
+    size: float
+    unit: str  # deg or mm
+    seat: bool  # of an interface: the ladder of seats applies at its wide end too
+
+
+def _list_half_widths(document: DesignDocument) -> Iterator[_HalfWidth]:
+    """Every half-width of a part that is made or seated; the scatter of a robot is none of them."""
+    manufacturing = document.fiducials.manufacturing
+    if manufacturing is not None:
+        at, widths = "/fiducials/manufacturing/half_width_mm", manufacturing.half_width_mm
+        if isinstance(widths, tuple):
+            yield from (_HalfWidth(f"{at}/{axis}", width, "mm", True) for axis, width in enumerate(widths))
+        else:
+            yield _HalfWidth(at, widths, "mm", True)
+    for name, interface in _list_interfaces(document):
+        if interface.tolerances is not None:
+            yield from _list_components(interface.tolerances, f"/interfaces/{name}/tolerances", seat=True)
+        for index, locator in enumerate(interface.locators or ()):
+            at = f"/interfaces/{name}/locators/{index}/half_width_mm"
+            yield _HalfWidth(at, locator.half_width_mm, "mm", True)
+    if document.execution.hand_eye is not None:
+        at = "/execution/hand_eye/tolerances"
+        yield from _list_components(document.execution.hand_eye.tolerances, at, seat=False)
+
+
+def _list_components(tolerances: Tolerances, at: str, *, seat: bool) -> Iterator[_HalfWidth]:
+    for component in _COMPONENTS:
+        entry = getattr(tolerances, component)
+        if entry is not None:
+            unit = "deg" if component in _ROTATIONS else "mm"
+            field = f"half_width_{unit}"
+            yield _HalfWidth(f"{at}/{component}/{field}", getattr(entry, field), unit, seat)
+
+
+def _doubt_fine_half_widths(subject: _Subject) -> Iterator[_Met]:
+    for width in _list_half_widths(subject.document):
+        least = FINEST_DEG if width.unit == "deg" else FINEST_MM
+        if 0 < width.size < least:  # 0 says on purpose that it does not vary
+            unit, factor = ("radians", 180 / pi) if width.unit == "deg" else ("metres", 1000.0)
+            meant = width.size * factor
+            cure = f"If {unit} were meant, write {meant:.3g}. " if meant >= least else "Check its unit. "
+            message = (
+                f"a half-width of {width.size:g} {width.unit} is finer than a kinematic coupling repeats "
+                f"({least:g} {width.unit}). {cure}If it does not vary at all, write 0."
+            )
+            yield _Met(width.pointer, message, width.size, least)
+
+
+def _doubt_wide_half_widths(subject: _Subject) -> Iterator[_Met]:
+    for width in _list_half_widths(subject.document):
+        most = WIDEST_DEG if width.unit == "deg" else WIDEST_MM
+        if width.seat and width.size > most:
+            message = (
+                f"a half-width of {width.size:g} {width.unit} is wider than the play of a clip-on seat "
+                f"({most:g} {width.unit}). Check the unit, and that it is half of the width and not a sum over parts."
+            )
+            yield _Met(width.pointer, message, width.size, most)
+
+
+# --- noise and lever arms -------------------------------------------------------------------------------
+
+
+def _doubt_noise(subject: _Subject) -> Iterator[_Met]:
+    for index, view in enumerate(subject.document.views):
+        for field in ("fiducial_noise_px", "target_noise_px"):
+            noise = getattr(view, field)
+            if noise < BEST_NOISE_PX:
+                message = (
+                    f"{field} is {noise:g} px, less than the best that was measured ({BEST_NOISE_PX:g} px): the error "
+                    "comes out too small. Write 0.05 for the best, 0.3 for typical, 0.5 for clinical images."
+                )
+                yield _Met(f"/views/{index}/{field}", message, noise, BEST_NOISE_PX)
+
+
+def _doubt_lever_arms(subject: _Subject) -> Iterator[_Met]:
+    turning = [
+        (name, interface)
+        for name, interface in _list_interfaces(subject.document)
+        if interface.tolerances is not None
+        and any((entry := getattr(interface.tolerances, axis)) and entry.half_width_deg > 0 for axis in _ROTATIONS)
+    ]
+    for target in subject.document.targets:
+        for name, interface in turning:
+            lever = _reach(target, interface.pivot_mm)
+            if lever < BEAD_MM:
+                message = (
+                    f"target {target.name} lies within {lever:.2g} mm of the pivot of {name}, nearer than the diameter "
+                    f"of a bead ({BEAD_MM:g} mm): rotations of that seat have no lever arm there. The pivot is the "
+                    "place of the seat, not of the target: check both."
+                )
+                yield _Met(f"/interfaces/{name}/pivot_mm", message, lever, BEAD_MM)
+
+
+def _reach(target: TargetDocument, pivot: tuple[float, float, float]) -> float:
+    """Distance of a target from a pivot, of a region's farthest point, mm."""
+    if target.position_mm is not None:
+        return dist(target.position_mm, pivot)
+    region = target.region
+    assert isinstance(region, Region)
+    if region.sphere is not None:
+        return dist(region.sphere.centre_mm, pivot) + region.sphere.radius_mm
+    assert region.box is not None
+    offsets = zip(region.box.centre_mm, region.box.size_mm, pivot, strict=True)
+    return hypot(*(abs(centre - at) + size / 2 for centre, size, at in offsets))
+
+
+_RULES = (
+    Rule(
+        "structure-size",
+        "A structure that is too small for its beads or too large for a detector",
+        "15 mm: five beads of 3 mm, a judgement. 750 mm: the space diagonal of a cube as wide as the widest detector "
+        "among the presets, 1440 px of 0.3 mm.",
+        _doubt_structure_size,
+        slip=True,
+    ),
+    Rule(
+        "source-distance",
+        "A source that is nearer than that of any C-arm",
+        "Detector below 200 mm, isocentre (or, of a calibrated view, the middle of the fiducials) below 100 mm: a "
+        "judgement. Published C-arms have 1020-1260 mm and 530-810 mm, which is 102-126 and 53-81 in cm.",
+        _doubt_source_distances,
+        slip=True,
+    ),
+    Rule(
+        "angle-in-radians",
+        "An angle in a degree field that is a round angle in radians",
+        "Multiples of 30 and 45 degrees to 0.06 %, so that 1.57 counts: a judgement.",
+        _doubt_angles,
+        slip=True,
+    ),
+    Rule(
+        "half-width-too-fine",
+        "A half-width finer than a kinematic coupling repeats",
+        "0.0001 mm: kinematic couplings repeat to less than 0.1 um (Schouten 1997); 0.002 degrees: a judgement from "
+        "it. 0 is not remarked: it says that nothing varies.",
+        _doubt_fine_half_widths,
+    ),
+    Rule(
+        "half-width-too-wide",
+        "A half-width wider than the play of a clip-on seat",
+        "1 degree and 1 mm: the play of a clip-on plate, 0.5 mm at each of two pins 50 mm apart, gives 0.57 to 1.15 "
+        "degrees; a judgement. Calibration of hand to eye is not held to it: its measured standard deviation is up to "
+        "0.65 mm (arXiv 2404.05884).",
+        _doubt_wide_half_widths,
+    ),
+    Rule(
+        "noise-too-small",
+        "Image noise of zero, or below the best that was measured",
+        "0.015 px: the centroid of a bead at 0.26 mm pixels is located to 0.015-0.05 px (Zhang 2015).",
+        _doubt_noise,
+    ),
+    Rule(
+        "no-lever-arm",
+        "A target at the pivot of a seat that may turn",
+        "3 mm: the diameter of a bead, a judgement.",
+        _doubt_lever_arms,
+    ),
+)
+
+PLAUSIBILITY: dict[str, Rule] = {rule.id: rule for rule in _RULES}

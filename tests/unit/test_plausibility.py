@@ -1,0 +1,210 @@
+"""Values that are allowed and hardly ever meant: each rule has a design that meets it and a neighbour that does not."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from plain_data import replaced
+from tailstack.design import check_design, load_design
+from tailstack.design.plausibility import PLAUSIBILITY
+from tailstack.design.presets import PRESETS
+from tailstack.errors import IllPosedError
+from tailstack.scoring import score
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+EVERYDAY = sorted(path for path in EXAMPLES.rglob("*.yaml") if "schema: tailstack/design/1" in path.read_text())
+DEMO = yaml.safe_load((EXAMPLES / "demo.yaml").read_text())
+LOCATORS = yaml.safe_load((EXAMPLES / "locators_321.yaml").read_text())
+SEAT = ("interfaces", "structure_connector")
+RX = (*SEAT, "tolerances", "rx", "half_width_deg")
+TX = (*SEAT, "tolerances", "tx", "half_width_mm")
+
+
+def remarks(document, **options):
+    """(rule, pointer) of what is remarked as implausible, and the sentences."""
+    found = [each for each in check_design(load_design(document, **options))[1] if each.rule in PLAUSIBILITY]
+    assert all(each.severity == "warning" for each in found)
+    return [(each.rule, each.pointer) for each in found], " ".join(each.message for each in found)
+
+
+def scaled(document, factor):
+    """The demo with its structure made larger or smaller about its middle."""
+    points = document["fiducials"]["points"]
+    middle = [sum(point["position_mm"][axis] for point in points) / len(points) for axis in range(3)]
+    smaller = [
+        point | {"position_mm": [m + factor * (x - m) for x, m in zip(point["position_mm"], middle, strict=True)]}
+        for point in points
+    ]
+    document = replaced(document, ("optimise",), None)
+    del document["optimise"]
+    return replaced(document, ("fiducials", "points"), smaller)
+
+
+@pytest.mark.parametrize("path", EVERYDAY, ids=lambda path: path.stem)
+def test_everyday_designs_have_none(path):
+    assert remarks(path) == ([], "")
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_published_c_arms_have_none(preset):
+    known = PRESETS[preset]
+    view = {"preset": preset, "fiducial_noise_px": 0.3, "target_noise_px": 0.3}
+    view |= {field: {"source_isocentre_mm": 700, "pixel_mm": 0.4}[field] for field in known.missing}
+    document = replaced(DEMO, ("views",), [view | {"name": side, "orientation": side} for side in ("AP", "LAT")])
+    del document["optimise"]
+    try:
+        assert remarks(document) == ([], "")
+    except IllPosedError as error:  # its image is too small for this structure; that is no slip of unit
+        assert not {problem.code for problem in error.problems} & set(PLAUSIBILITY)  # noqa: PT017
+
+
+CASES = [
+    ("half-width-too-fine", RX, 0.00035, 0.0021, "0.0201"),  # 0.02 degrees in radians
+    ("half-width-too-fine", TX, 0.00002, 0.0001, "write 0.02"),  # 0.02 mm in metres
+    ("half-width-too-fine", TX, 1e-9, 0, "Check its unit"),  # 0 says that it does not vary
+    ("half-width-too-fine", ("fiducials", "manufacturing", "half_width_mm"), 0.00005, 0.005, "write 0.05"),
+    ("half-width-too-wide", RX, 1.5, 1.0, "clip-on"),
+    ("half-width-too-wide", TX, 20, 0.5, "clip-on"),  # micrometres
+    ("noise-too-small", ("views", 0, "fiducial_noise_px"), 0, 0.015, "0.3 for typical"),
+    ("noise-too-small", ("views", 1, "target_noise_px"), 0.001, 0.05, "0.3 for typical"),
+    ("angle-in-radians", ("transforms", "T_tcp_flange", "rotation_deg", 2), -1.5708, -90, "Write -90"),
+    ("angle-in-radians", ("transforms", "T_flange_con", "rotation_deg", 0), 0.785, 0.8, "Write 45"),
+    ("angle-in-radians", (*SEAT, "bias", "rz_deg"), 3.14, 3.1, "Write 180"),
+]
+
+
+@pytest.mark.parametrize(("rule", "path", "value", "neighbour", "words"), CASES)
+def test_a_slip_is_remarked_and_its_neighbour_is_not(rule, path, value, neighbour, words):
+    found, sentences = remarks(replaced(DEMO, path, value))
+    assert found == [(rule, "/" + "/".join(map(str, path)))]
+    assert words in sentences
+    assert remarks(replaced(DEMO, path, neighbour)) == ([], "")
+
+
+def test_locators_are_held_to_the_same_ladder():
+    path = (*SEAT, "locators", 0, "half_width_mm")
+    assert remarks(replaced(LOCATORS, path, 2.0))[0] == [("half-width-too-wide", "/" + "/".join(map(str, path)))]
+
+
+def test_hand_eye_is_no_seat():
+    """Calibrations of hand to eye scatter by more than a clip: 0.65 mm standard deviation were measured."""
+    assert remarks(replaced(DEMO, ("execution", "hand_eye", "tolerances", "tx", "half_width_mm"), 1.3))[0] == []
+
+
+def test_a_structure_in_centimetres():
+    """The demo's widest pair is 93 mm apart; ten times smaller it is smaller than its beads."""
+    found, sentences = remarks(scaled(DEMO, 0.1))
+    assert found == [("structure-size", "/fiducials/points")]
+    assert "centimetres: write 92.9" in sentences
+    assert remarks(scaled(DEMO, 0.2))[0] == []
+
+
+def test_a_structure_in_metres():
+    """A thousand times too small, it is a point to the resection, and so it is when it is refused."""
+    document = scaled(DEMO, 0.001)
+    try:
+        found, sentences = remarks(document)
+    except IllPosedError as error:
+        found, sentences = [(error.problems[-1].code, error.problems[-1].pointer)], str(error)
+    assert found[-1] == ("structure-size", "/fiducials/points")
+    assert "metres: write 92.9" in sentences
+
+
+def test_a_structure_in_micrometres_is_refused_and_the_refusal_says_why():
+    with pytest.raises(IllPosedError) as caught:
+        remarks(scaled(DEMO, 1000))
+    assert caught.value.problems[0].code != "structure-size"  # it lies behind the source: that comes first
+    last = caught.value.problems[-1]
+    assert (last.code, last.pointer) == ("structure-size", "/fiducials/points")
+    assert "micrometres" in last.detail
+
+
+def test_sources_in_metres_are_refused_with_the_distance_that_is_meant():
+    metres = [view | {"source_detector_mm": 1.02, "source_isocentre_mm": 1.0} for view in DEMO["views"]]
+    with pytest.raises(IllPosedError) as caught:
+        remarks(replaced(DEMO, ("views",), metres))
+    doubted = [problem for problem in caught.value.problems if problem.code == "source-distance"]
+    assert [problem.pointer for problem in doubted] == [
+        f"/views/{view}/{field}" for view in (0, 1) for field in ("source_detector_mm", "source_isocentre_mm")
+    ]
+    assert "metres: write 1020" in doubted[0].detail
+
+
+def test_sources_in_centimetres():
+    """Of a structure that fits before them: only the distances are wrong."""
+    wide = scaled(DEMO, 0.2)
+    near = [view | {"source_detector_mm": 102.0, "source_isocentre_mm": 90.0} for view in wide["views"]]
+    places = [point["position_mm"] for point in wide["fiducials"]["points"]]
+    moved = [{"position_mm": [x, y, z + 47]} for x, y, z in places]
+    document = replaced(replaced(wide, ("views",), near), ("fiducials", "points"), moved)
+    document = replaced(document, ("targets",), [{"name": "tip", "position_mm": [0, 0, 5]}])
+    found, sentences = remarks(document)
+    assert [rule for rule, _ in found] == ["source-distance"] * 4
+    assert "centimetres: write 1020" in sentences
+
+
+def test_a_calibrated_view_in_metres_is_refused_with_its_pose():
+    pose = ("views", 0, "pose", "translation_mm")
+    with pytest.raises(IllPosedError) as caught:
+        remarks(replaced(LOCATORS, pose, [0, 0, 0.7]))
+    assert ("source-distance", "/views/0/pose") in [(p.code, p.pointer) for p in caught.value.problems]
+
+
+def test_a_target_at_the_pivot():
+    pivot = (*SEAT, "pivot_mm")
+    for place, rules in ([0, 0, 68], ["no-lever-arm"]), ([0, 0, 66], []):
+        assert [rule for rule, _ in remarks(replaced(DEMO, pivot, place))[0]] == rules
+    still = replaced(DEMO, SEAT, {"pivot_mm": [0, 0, 70]})  # a seat that does not turn needs no lever
+    assert remarks(still)[0] == []
+    region = replaced(
+        DEMO, ("targets",), [{"name": "tip", "region": {"sphere": {"centre_mm": [0, 0, 70], "radius_mm": 1}}}]
+    )
+    for radius, rules in (1.0, ["no-lever-arm"]), (10.0, []):
+        ball = replaced(region, ("targets", 0, "region", "sphere", "radius_mm"), radius)
+        assert [rule for rule, _ in remarks(replaced(ball, pivot, [0, 0, 70]))[0]] == rules
+
+
+def test_every_rule_is_met_above_and_says_where_its_numbers_come_from():
+    met = {case[0] for case in CASES} | {"structure-size", "source-distance", "no-lever-arm"}
+    assert met == set(PLAUSIBILITY)
+    assert all(rule.numbers and rule.title for rule in PLAUSIBILITY.values())
+
+
+def test_remarks_stand_in_the_verdict_of_a_score():
+    document = replaced(DEMO, ("views", 0, "fiducial_noise_px"), 0.0)
+    assert "noise-too-small" in [finding.rule for finding in score(load_design(document)).verdict.findings]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.permutations(range(12)), st.booleans(), st.sampled_from([0.1, 0.2, 1.0]))
+def test_order_and_turn_change_no_remark(order, swapped, size):
+    document = scaled(DEMO, size)
+    points = document["fiducials"]["points"]
+    views = document["views"][::-1] if swapped else document["views"]
+    shuffled = replaced(replaced(document, ("fiducials", "points"), [points[i] for i in order]), ("views",), views)
+    assert remarks(shuffled) == remarks(document)
+
+
+@settings(max_examples=12, deadline=None)
+@given(unit=st.sampled_from([("um", 1e3), ("cm", 0.1), ("m", 1e-3)]), size=st.floats(0.1, 0.9))
+def test_the_unit_of_a_fiducial_file_changes_no_remark(tmp_path_factory, unit, size):
+    folder = tmp_path_factory.mktemp("units")
+    document = scaled(DEMO, size)
+    found = []
+    for name, factor in (("mm", 1.0), unit):
+        rows = [",".join(str(factor * x) for x in point["position_mm"]) for point in document["fiducials"]["points"]]
+        (folder / "beads.csv").write_text("\n".join([f"x_{name},y_{name},z_{name}", *rows]))
+        found.append(remarks(replaced(document, ("fiducials",), {"file": "beads.csv"}), base_directory=folder)[0])
+    assert found[0] == found[1]
+    width = max(
+        math.dist(a["position_mm"], b["position_mm"])
+        for a in document["fiducials"]["points"]
+        for b in document["fiducials"]["points"]
+    )
+    assert found[0] == ([("structure-size", "/fiducials/file")] if width < 15 else [])
