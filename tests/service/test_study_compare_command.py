@@ -36,6 +36,9 @@ def test_the_tilted_flange_is_found(capfdbinary: pytest.CaptureFixture[bytes], t
     assert code == 1
     jsonschema.Draft202012Validator(json_schema("study-comparison")).validate(document)
     assert document["verdict"] == "differs"
+    record = tmp_path / "study.json"
+    record.write_text(json.dumps(document))
+    assert main(["report", str(record), "--format", "json", "-o", str(tmp_path)]) == 1
     named = [e for e in document["explanations"] if (e["contributor"], e["component"]) == ("connector_flange", "rx")]
     assert named[0]["intervals"][0][0] < 0.46 < named[0]["intervals"][0][1]
     study = record_of("study-comparison", document)

@@ -65,6 +65,18 @@ def test_nothing_evaluated_is_not_a_success(capsys: pytest.CaptureFixture[str]) 
     assert "refused" in capsys.readouterr().out
 
 
+def test_the_report_of_a_sweep_without_an_answer_is_no_success(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """It left with 0: the report's own list of verdicts knew no sweeps."""
+    for widths, code in (("-1,-2", 3), ("-1,0.1", 0)):
+        assert main(["sweep", DEMO, "--set", f"{RZ}={widths}", "--json"]) == code
+        record = tmp_path / "sweep.json"
+        record.write_text(capsys.readouterr().out)
+        assert main(["report", str(record), "--format", "json", "-o", str(tmp_path)]) == code
+        capsys.readouterr()
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

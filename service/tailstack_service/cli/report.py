@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from tailstack.precision import FINEST_PRECISION
 
-from ..console.answer import EXIT_CODE, FAIL, NOT_EVALUATED, PASS, Answer
+from ..console.answer import FAIL, NOT_EVALUATED, PASS, Answer
 from ..console.arguments import number, whole
 from ..console.files import replace_file
 from ..console.progress import Progress
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
 
     from ..operations.reading import ReadResult
     from ..report.assembling import ReportOptions
+    from ..report.records import Comparison, Report
 
 HELP = "tolerance-budget report: HTML, PDF, spreadsheet, JSON"
 
@@ -81,6 +81,9 @@ def _list_type(known: Sequence[str]) -> type:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
+    from ..documents import to_json
+    from ..operations.registry import OPERATIONS
+
     if len(arguments.sources) > 2 or arguments.sources.count("-") > 1:
         hint = "tailstack report DESIGN, or tailstack report FIRST SECOND"
         _refuse("too-many", f"one or two documents are reported; {len(arguments.sources)} were given", hint)
@@ -91,13 +94,15 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     output = _directory(arguments.output or ".")
     given = [_read(name) for name in arguments.sources]
+    record: Any
     if len(given) == 2:
-        kind, body = "comparison", _compare(arguments, given)
+        kind, record = "comparison", _compare(arguments, given)
     elif not isinstance(given[0], bytes | Path):
-        kind, body = given[0].kind, given[0].body
+        kind, record = given[0].kind, given[0].record
         _no_options(arguments, OF_A_DESIGN, "a result is rendered as it is", "give the design instead")
     else:
-        kind, body = "report", _compute(arguments, given[0])
+        kind, record = "report", _compute(arguments, given[0])
+    body = to_json(record)
     stem = "-".join("stdin" if name == "-" else _stem(Path(name).name) for name in arguments.sources)
     stem = "report" if stem == "stdin" else stem
     written = []
@@ -105,7 +110,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         path = output / f"{stem}.{'report.' if form == 'json' else ''}{form}"
         replace_file(path, content)
         written.append(str(path))
-    return Answer("".join(f"{path}\n" for path in written), _exit_code(kind, body))
+    return Answer("".join(f"{path}\n" for path in written), OPERATIONS[kind].exit_code(record))
 
 
 def _stem(name: str) -> str:
@@ -162,19 +167,17 @@ def _design(given: bytes | Path) -> Design:
     return load_design(given, base_directory=Path.cwd() if isinstance(given, bytes) else None)
 
 
-def _compute(arguments: argparse.Namespace, given: bytes | Path) -> bytes:
+def _compute(arguments: argparse.Namespace, given: bytes | Path) -> Report:
     """The report of a design, computed here."""
-    from ..documents import to_json
     from ..report.assembling import compute_report
 
     design, options = _design(given), _options(arguments)
     with Progress("report") as progress:
-        return to_json(compute_report(design, options, progress=progress.report))
+        return compute_report(design, options, progress=progress.report)
 
 
-def _compare(arguments: argparse.Namespace, given: Sequence[ReadResult | bytes | Path]) -> bytes:
+def _compare(arguments: argparse.Namespace, given: Sequence[ReadResult | bytes | Path]) -> Comparison:
     """The comparison of two designs, computed here; a result that holds its design stands for that."""
-    from ..documents import to_json
     from ..report.comparing import compute_comparison
 
     designs = [
@@ -182,8 +185,7 @@ def _compare(arguments: argparse.Namespace, given: Sequence[ReadResult | bytes |
         for one, name in zip(given, arguments.sources, strict=True)
     ]
     with Progress("report") as progress:
-        made = compute_comparison(designs[0], designs[1], _options(arguments), progress=progress.report)
-    return to_json(made)
+        return compute_comparison(designs[0], designs[1], _options(arguments), progress=progress.report)
 
 
 def _held_design(result: ReadResult, file: str) -> Design:
@@ -240,20 +242,6 @@ def _refuse(code: str, detail: str, hint: str, file: str | None = None) -> NoRet
     from ..problems import RequestError
 
     raise RequestError(Problem("", code, detail, hint, file))
-
-
-def _exit_code(kind: str, body: bytes) -> int:
-    """The verdict that was reported decides, as it does for the verb that computes it."""
-    data = json.loads(body)
-    if kind == "gate":
-        return int(data["exit_code"])
-    if kind in ("report", "comparison"):
-        return EXIT_CODE[data["headline"]["status"]]
-    if kind in ("score", "verification"):
-        return EXIT_CODE.get(data["verdict"]["status"], NOT_EVALUATED)
-    if kind == "optimisation":
-        return EXIT_CODE[data["certificate"]["verification"]["verdict"]["status"]]
-    return PASS
 
 
 def _directory(name: str) -> Path:
