@@ -142,7 +142,7 @@ def tailstack(variables: dict[str, str], *arguments: str, folder: Path | None = 
 
 
 def test_it_is_a_verb_with_a_flag_for_each_option(variables: dict[str, str]) -> None:
-    assert "spacing   how far apart the fiducials are" in tailstack(variables, "--help")
+    assert "spacing how far apart the fiducials are" in " ".join(tailstack(variables, "--help").split())
     helped = tailstack(variables, "spacing", "--help")
     assert "--neighbours N" in helped
     assert "pairs that are listed, closest first (default 1)" in " ".join(helped.split())

@@ -36,9 +36,13 @@ def test_a_command_makes_the_parser_of_its_verb_only(arguments: tuple[str, ...])
     assert loaded(*arguments) == {arguments[0]}
 
 
-@pytest.mark.parametrize("arguments", [("--help",), ("gat",), ()])
+@pytest.mark.parametrize("arguments", [("--help",), ()])
 def test_who_names_no_verb_is_shown_all(arguments: tuple[str, ...]) -> None:
     assert loaded(*arguments) > {"gate", "report", "serve"}
+
+
+def test_a_verb_that_is_none_is_answered_without_loading_any() -> None:
+    assert loaded("gat") == set()
 
 
 def test_nothing_is_searched_for_cycles_at_the_end() -> None:

@@ -17,6 +17,7 @@ from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 
 from ..console.answer import BAD_INPUT, NOT_EVALUATED, PASS, Answer
 from ..console.answer import INTERRUPTED as INTERRUPTED_CODE
+from ..console.arguments import read_number
 from ..console.progress import Progress
 
 if TYPE_CHECKING:
@@ -73,13 +74,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _percent(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"expected a number of per cent; got {text!r}") from None
-    if not 0 <= value <= 1e6:
+    value = read_number(text.strip().removesuffix("%"))
+    if value is None:
+        raise argparse.ArgumentTypeError(f"expected a number of per cent; got {text!r}")
+    if not 0 <= value <= 1_000_000:
         raise argparse.ArgumentTypeError(f"expected 0 or more per cent; got {text}")
-    return value
+    return float(value)
 
 
 def _format(text: str) -> tuple[str, str | None]:

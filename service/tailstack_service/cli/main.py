@@ -11,10 +11,13 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
+from tailstack.version import __version__
+
 from ..console.answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
 from ..console.answer import write_out as _write
-from ..console.program import INSTALLED, know_verbs, program, spell_commands
-from .verbs import OWN, verbs
+from ..console.parser import Parser, refuse_verb
+from ..console.program import INSTALLED, know_verbs, program
+from .verbs import OWN, SPELLINGS, verbs
 
 EPILOG = """\
 exit codes: 0 pass · 1 the design fails · 2 bad input or usage · 3 could not evaluate · 4 inconclusive · 130 interrupted
@@ -22,36 +25,38 @@ start with: tailstack demo, then tailstack score examples/demo.yaml (DESIGN may 
 """
 
 
-class _Parser(argparse.ArgumentParser):
-    """Usage errors name the next command, and leave with the code for bad input."""
+def build_parser(verb: str | None = None, name: str | None = None) -> argparse.ArgumentParser:
+    """Parser of one verb, or of all, of a command of that name (as it was called).
 
-    def error(self, message: str) -> NoReturn:
-        self.exit(BAD_INPUT, f"{self.prog}: {message}\nnext: {self.prog} --help\n")
-
-    def format_help(self) -> str:
-        return spell_commands(super().format_help())
-
-
-def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
-    """Parser of one verb, or of all.  Importing a verb is cheap: it loads numpy and the rest when it runs."""
-    parser = _Parser(
-        prog=program(),
+    Importing a verb is cheap: it loads numpy and the rest when it runs.
+    """
+    parser = Parser(
+        prog=name or program(),
         description="Tolerance stack-up of X-ray reference structures, judged by its tail.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parsers = parser.add_subparsers(dest="verb", metavar="VERB", parser_class=_Parser)
-    for name in verbs() if verb is None else (verb,):
-        if name in OWN:
-            module = import_module(f"tailstack_service.cli.{name}")
-            own = parsers.add_parser(name, help=module.HELP, description=module.__doc__, allow_abbrev=False)
+    parser.add_argument(
+        "-V", "--version", action="version", version=f"{INSTALLED} {__version__}", help="print the version"
+    )
+    parsers = parser.add_subparsers(dest="verb", metavar="VERB", parser_class=Parser)
+    for one in verbs() if verb is None else (verb,):
+        if one in OWN:
+            module = import_module(f"tailstack_service.cli.{one}")
+            own = parsers.add_parser(
+                one,
+                help=module.HELP,
+                description=module.__doc__,
+                formatter_class=argparse.RawDescriptionHelpFormatter,
+                allow_abbrev=False,
+            )
             module.add_arguments(own)
             own.set_defaults(run=module.run)
         else:
             from .operation import add_verb
 
-            add_verb(parsers, name)
+            add_verb(parsers, one)
     return parser
 
 
@@ -59,10 +64,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command.  Returns the exit code; raises nothing that a caller could cause."""
     _speak_utf8_where_possible()
     _leave_quickly()
-    argv = sys.argv[1:] if argv is None else argv
+    argv = list(sys.argv[1:] if argv is None else argv)
     if program() != INSTALLED:
         know_verbs(verbs())  # they are spell_commands in another way here
-    parser = build_parser(argv[0] if argv and (argv[0] in OWN or argv[0] in verbs()) else None)
+    if argv:
+        argv[0] = SPELLINGS.get(argv[0], argv[0])
+        if argv[0] not in verbs() and argv[0] not in ("-h", "--help", "-V", "--version"):
+            return refuse_verb(argv[0], argv[1:], verbs())
+    parser = build_parser(argv[0] if argv and argv[0] in verbs() else None)
     try:
         arguments = parser.parse_args(argv)
         if arguments.verb is None:

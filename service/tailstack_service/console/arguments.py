@@ -1,9 +1,10 @@
-"""Arguments that commands share: DESIGN, whole numbers, forms of an answer, the database and other settings."""
+"""Arguments that commands share: DESIGN, numbers, forms of an answer, the database and other settings."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,37 +44,51 @@ def coloured_output() -> bool:
 
 
 def whole(low: int, high: int | None = None) -> type:
-    """An argparse type: a whole number in a range."""
+    """An argparse type: a whole number in a range, written 1000000, 1_000_000 or 1e6."""
 
     def convert(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"expected a whole number; got {text!r}") from None
+        value = read_number(text)
+        if value is None or value != value.to_integral_value():
+            raise argparse.ArgumentTypeError(f"expected a whole number; got {text!r}")
         if value < low or (high is not None and value > high):
             wanted = f"at least {low}" if high is None else f"{low} to {high}"
             raise argparse.ArgumentTypeError(f"expected {wanted}; got {text}")
-        return value
+        return int(value)
 
     return convert  # type: ignore[return-value]
 
 
 def number(bounds: dict[str, Any]) -> Any:
-    """An argparse type: a number within bounds."""
+    """An argparse type: a number within bounds; where a fraction is wanted, 1% is 0.01."""
+    fraction = bounds.get("le", bounds.get("lt", 2)) <= 1
 
     def convert(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"expected a number; got {text!r}") from None
-        tests = {"ge": value.__ge__, "gt": value.__gt__, "le": value.__le__, "lt": value.__lt__}
+        percent = text.strip().endswith("%")
+        value = read_number(text.strip().removesuffix("%"))
+        if value is None or (percent and not fraction):
+            raise argparse.ArgumentTypeError(f"expected a number; got {text!r}")
+        given = float(value / 100 if percent else value)
+        tests = {"ge": given.__ge__, "gt": given.__gt__, "le": given.__le__, "lt": given.__lt__}
         words = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
         if not all(tests[name](float(bound)) for name, bound in bounds.items()):
             wanted = " and ".join(f"{words[name]} {bound:g}" for name, bound in bounds.items())
-            raise argparse.ArgumentTypeError(f"expected a number {wanted}; got {text}")
-        return value
+            hint = f" ({text} per cent is written {text}%)" if fraction and not percent and given > 1 else ""
+            raise argparse.ArgumentTypeError(f"expected a number {wanted}; got {text}{hint}")
+        return given
 
     return convert
+
+
+MOST_DIGITS = 30  # as a whole number 1e999999999 would take half a gigabyte
+
+
+def read_number(text: str) -> Decimal | None:
+    """A number as people type it, with every digit; None for anything else, and for numbers beyond every use."""
+    try:
+        value = Decimal(text)
+    except InvalidOperation:
+        return None
+    return value if value.is_finite() and value.adjusted() <= MOST_DIGITS else None
 
 
 def add_form(parser: argparse.ArgumentParser, record: str, line: str) -> None:

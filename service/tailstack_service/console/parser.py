@@ -1,0 +1,71 @@
+"""The parser of the command line: what is wrong with a command, what was perhaps meant, and what to type next."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, NoReturn
+
+from .answer import BAD_INPUT
+from .program import program, spell_commands
+
+DOCUMENTS = (".yaml", ".yml", ".json")
+CLOSE = 0.6  # of difflib: "scroe" and "score" have 0.8
+
+
+class Parser(argparse.ArgumentParser):
+    """Usage errors name what was perhaps meant and the next command, and leave with the code for bad input."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(BAD_INPUT, f"{self.prog}: {message}\nnext: {self.prog} --help\n")
+
+    def format_help(self) -> str:
+        return spell_commands(super().format_help())
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Refused here, what is left over is refused with the verb's own name and flags."""
+        parsed, rest = super().parse_known_args(args, namespace)
+        if rest:
+            self.error(self._explain_rest(rest))
+        return parsed, rest
+
+    def _explain_rest(self, rest: Sequence[str]) -> str:
+        text = f"unrecognized arguments: {' '.join(rest)}"
+        flags = [flag for action in self._actions for flag in action.option_strings]
+        for word in rest:
+            if word.startswith("-"):
+                return text + suggest(word.partition("=")[0], (flag for flag in flags if flag.startswith("--")))
+        return text
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """As the library does it, with what was perhaps meant."""
+        if action.choices is not None and value not in action.choices:
+            known = [str(choice) for choice in action.choices]
+            message = f"invalid choice: {value!r} (choose from {', '.join(known)}){suggest(str(value), known)}"
+            raise argparse.ArgumentError(action, message)
+
+
+def suggest(word: str, known: Iterable[str]) -> str:
+    """``; did you mean X?`` if something known is like the word, else nothing."""
+    words = {name.lstrip("-"): name for name in known}
+    close = get_close_matches(word.lower().lstrip("-"), list(words), n=1, cutoff=CLOSE)
+    return f"; did you mean {words[close[0]]}?" if close else ""
+
+
+def refuse_verb(word: str, rest: Sequence[str], verbs: Sequence[str]) -> int:
+    """Say what is wrong with a command whose first word is no verb.  Returns the exit code."""
+    here = program()
+    following = f"{here} --help"
+    if word.startswith("-"):
+        detail = f"flags stand after the verb; got {word} before it"
+    elif word.lower().endswith(DOCUMENTS) or Path(word).is_file():
+        detail = f"{word!r} is a file, and no verb stands before it"
+        verb = next((other for other in rest if other in verbs), "score")  # DESIGN VERB: the wrong way round
+        following = f"{here} {verb} {word}   (all verbs: {here} --help)"
+    else:
+        detail = f"there is no verb {word!r}{suggest(word, verbs)}"
+    print(f"{here}: {detail}\nnext: {following}", file=sys.stderr)
+    return BAD_INPUT
