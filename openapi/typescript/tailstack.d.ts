@@ -512,8 +512,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * One JSON Schema (draft 2020-12)
-         * @description The same as tailstack schema NAME prints.
+         * One JSON Schema
+         * @description The same as tailstack schema NAME prints; with draft=7 as editors read it.
          */
         get: operations["get_schema"];
         put?: never;
@@ -9241,7 +9241,10 @@ export interface operations {
     };
     get_schema: {
         parameters: {
-            query?: never;
+            query?: {
+                /** @description Of JSON Schema: 7 for editors. */
+                draft?: "2020-12" | "7";
+            };
             header?: never;
             path: {
                 /**
@@ -9254,7 +9257,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description One JSON Schema (draft 2020-12). */
+            /** @description One JSON Schema. */
             200: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
@@ -9266,6 +9269,7 @@ export interface operations {
             };
             404: components["responses"]["Problem404"];
             421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
             500: components["responses"]["Problem500"];
         };
     };

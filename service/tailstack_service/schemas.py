@@ -10,11 +10,10 @@ from typing import Any
 from tailstack.json_text import write_json
 
 from .documents import from_json, from_plain, record_json_schema
+from .drafts import Draft, published_schema
 from .job_document import JobDocument, JobPage
 from .operations.registry import OPERATIONS
 from .problems import ProblemDocument
-
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 RECORDS: dict[str, Callable[[], type]] = {
     **{name: operation.record for name, operation in OPERATIONS.items()},
@@ -75,7 +74,7 @@ def _preset_schema() -> dict[str, Any]:
 
 
 @cache
-def _schema_text(name: str) -> str:
+def _schema_text(name: str, draft: Draft) -> str:
     from tailstack.design import design_json_schema
 
     from .gate.rules import policy_json_schema
@@ -88,13 +87,15 @@ def _schema_text(name: str) -> str:
         "waivers": waivers_json_schema,
     }
     body = makers[name]() if name in makers else record_json_schema(RECORDS[name]())
-    head = {"$schema": DIALECT, "$id": f"urn:tailstack:schema:{name}:1"}
-    return write_json({**head, **{key: value for key, value in body.items() if key not in head}})
+    return write_json(published_schema(name, body, draft))
 
 
-def json_schema(name: str) -> dict[str, Any]:
-    """The published JSON Schema (draft 2020-12) of a document.  Raises KeyError for a name that is not published."""
+def json_schema(name: str, draft: Draft = "2020-12") -> dict[str, Any]:
+    """The published JSON Schema of a document, in draft 2020-12 or 7.
+
+    Raises KeyError for a name that is not published.
+    """
     if name not in TITLES:
         raise KeyError(name)
-    schema: dict[str, Any] = json.loads(_schema_text(name))
+    schema: dict[str, Any] = json.loads(_schema_text(name, draft))
     return schema

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 from dask_cluster import dask_cluster
+from editing import editor_tools
 from openapi_scenes import node_tools
 from postgres import database_url, postgres_server, postgres_url
 from store_scenes import clock, command, migrated_database, migrated_file, store
@@ -16,6 +17,7 @@ __all__ = [
     "command",
     "dask_cluster",
     "database_url",
+    "editor_tools",
     "migrated_database",
     "migrated_file",
     "node_tools",

@@ -263,7 +263,8 @@ def test_optimise_writes_a_design_that_scores_within_its_limit(call: Any, tmp_pa
     assert f"wrote {new}" in err
     code, out, _ = call("verify", str(new), "--precision", "0.002", "--seed", "99", "--json")
     assert json.loads(out)["targets"][0]["p95_interval_mm"][0] <= 1.5
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["design.json", "new.yaml"]
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["design.json", "new.yaml", "tailstack-design.schema.json"]
 
 
 def test_an_infeasible_limit_is_1_and_explained(call: Any, tmp_path: Path) -> None:

@@ -30,7 +30,8 @@ def test_the_demo_does_the_whole_job(tmp_path: Path, capsys: pytest.CaptureFixtu
     out, err = capsys.readouterr()
     written = tmp_path / "out" / "demo"
     assert sorted(path.name for path in written.iterdir()) == [
-        "optimisation.json", "optimised.yaml", "report.html", "score.json", "verification.json", "worker.log",
+        "optimisation.json", "optimised.yaml", "report.html", "score.json", "tailstack-design.schema.json",
+        "verification.json", "worker.log",
     ]  # fmt: skip
     assert (written / "report.html").read_text(encoding="utf-8").lower().startswith("<!doctype html")
     assert "Traceback" not in (written / "worker.log").read_text()

@@ -30,6 +30,7 @@ from tailstack_service.console.progress import Progress
 from tailstack_service.operations.optimisation import STOPPING, reporter
 
 DEMO = EXAMPLES / "demo.yaml"
+SCHEMA = "tailstack-design.schema.json"
 NEW_DESIGN = design_to_data(load_design(DEMO.read_text(encoding="utf-8").replace("[-30, -29, -72]", "[-40, -41, -72]")))
 RESULT = full_result(design=NEW_DESIGN)
 Captured = tuple[int, str, str]
@@ -85,9 +86,14 @@ def test_the_answer_ends_with_the_verdict_and_what_to_type_next(call: Any, tmp_p
     code, out, err = call(answers(), "-o", str(new))
     assert code == 0
     assert out.splitlines()[-2:] == ["verdict: pass (Monte Carlo)", f"next: tailstack verify {new}"]
-    assert err.splitlines() == ["note: [floor] moving fiducials cannot bring P95 below 0.98 mm", f"wrote {new}"]
+    assert err.splitlines() == [
+        "note: [floor] moving fiducials cannot bring P95 below 0.98 mm",
+        f"wrote {tmp_path / SCHEMA}, with which editors complete and check designs (docs/editors.md)",
+        f"wrote {new}",
+    ]
+    assert new.read_text(encoding="utf-8").startswith(f"# yaml-language-server: $schema={SCHEMA}\n")
     assert yaml.safe_load(new.read_text(encoding="utf-8")) == NEW_DESIGN
-    assert [path.name for path in tmp_path.iterdir()] == ["new.yaml"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["new.yaml", SCHEMA]
 
 
 def test_without_a_file_it_says_how_to_keep_the_design(call: Any) -> None:

@@ -47,6 +47,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design.write import data_to_yaml
 
     from ..console.arguments import coloured_output
+    from ..console.editors import write_document
     from ..console.remote import Service
     from ..http.server import running_service
     from ..logs import log_to_stderr
@@ -94,7 +95,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         body, result = run_job(service, "/v1/optimisations", {"design": design}, announce)
         optimised = read_record("optimisation", body)
         save("optimisation.json", body)
-        save("optimised.yaml", data_to_yaml(optimised.design).encode())
+        write_document(output / "optimised.yaml", data_to_yaml(optimised.design))
         show("Optimised: layout and rotational tolerances", optimisation_text(optimised, colour=colour))
 
         announce("POST /v1/scores and /v1/verifications of the optimised design")

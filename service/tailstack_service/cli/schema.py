@@ -1,30 +1,51 @@
-"""Print a published JSON Schema (draft 2020-12); without a name, list them."""
+"""Print or write a published JSON Schema; without a name, list them."""
 
 from __future__ import annotations
 
 import argparse
+import sys
+from pathlib import Path
 
 from ..console.answer import Answer
+from ..drafts import DRAFTS
 
 HELP = "published JSON Schemas; without a name, their list"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", metavar="NAME", nargs="?", help="design, score, verification, ...")
+    parser.add_argument(
+        "--draft", choices=DRAFTS, default=DRAFTS[0],
+        help="of JSON Schema: %(default)s unless said, 7 for editors that complete and check YAML",
+    )  # fmt: skip
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", help="write it here; a folder gets tailstack-NAME.schema.json"
+    )
 
 
 def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.errors import Problem
-    from tailstack.json_text import write_json
 
+    from ..console.editors import schema_file, schema_text
+    from ..console.files import replace_file, writable
     from ..problems import RequestError
     from ..schemas import TITLES, json_schema
 
     names = TITLES
     if arguments.name is None:
+        if arguments.output is not None:
+            hint = f"for example tailstack schema design --draft 7 -o {arguments.output}"
+            raise RequestError(Problem("", "missing-parameter", "-o writes one schema; none is named", hint))
         return Answer("".join(f"{name:<18}{words}\n" for name, words in names.items()))
     if arguments.name not in names:
         raise RequestError(
             Problem("", "unknown-schema", f"no schema is called {arguments.name!r}", f"one of {', '.join(names)}")
         )
-    return Answer((write_json(json_schema(arguments.name), indent=2) + "\n").encode())
+    text = schema_text(json_schema(arguments.name, arguments.draft))
+    if arguments.output is None:
+        return Answer(text.encode())
+    target = Path(arguments.output)
+    path = writable(str(target / schema_file(arguments.name) if target.is_dir() else target), (".json",))
+    replace_file(path, text)
+    print(f"wrote {path}", file=sys.stderr)
+    return Answer("")

@@ -15,13 +15,15 @@ from tailstack import __version__
 from tailstack.errors import Problem, TailstackError
 from tailstack.json_text import write_json
 
+from ..drafts import DRAFTS
 from ..jobs.store.workers import check_readiness
-from ..problems import CATALOGUE, ProblemType, TransportError
+from ..operations.sent import single
+from ..problems import CATALOGUE, ProblemType, RequestError, TransportError
 from ..schemas import RECORDS, TITLES, json_schema
 from .answers import JSON, record_response
 from .dependencies import Needs, TheService
 from .metrics import CONTENT_TYPE, FRESH_SECONDS
-from .openapi import extra, media_types, reference, response_of
+from .openapi import extra, media_types, query_parameter, reference, response_of
 from .places import Warmth
 
 log = logging.getLogger("tailstack.service")
@@ -191,18 +193,27 @@ async def schemas() -> Response:
 @router.get(
     "/v1/schemas/{name}",
     operation_id="get_schema",
-    summary="One JSON Schema (draft 2020-12)",
-    description="The same as tailstack schema NAME prints.",
-    responses={
-        200: response_of("One JSON Schema (draft 2020-12).", media_types("application/schema+json", {"type": "object"}))
-    },
-    openapi_extra=extra(_path_parameter("name", "Name of a published schema.", "design"), problems=(404,)),
+    summary="One JSON Schema",
+    description="The same as tailstack schema NAME prints; with draft=7 as editors read it.",
+    responses={200: response_of("One JSON Schema.", media_types("application/schema+json", {"type": "object"}))},
+    openapi_extra=extra(
+        _path_parameter("name", "Name of a published schema.", "design"),
+        query_parameter(
+            "draft", {"type": "string", "enum": list(DRAFTS), "default": DRAFTS[0]}, "Of JSON Schema: 7 for editors."
+        ),
+        problems=(404, 422),
+    ),
 )
 async def schema(request: Request) -> Response:
     name = request.path_params["name"]
     if name not in TITLES:
         raise _unknown_name_error(f"no schema is called {name[:60]!r}", f"one of {', '.join(TITLES)}")
-    body = await asyncio.to_thread(lambda: write_json(json_schema(name)))
+    asked = single(request.query_params.multi_items(), "draft") or DRAFTS[0]
+    draft = next((known for known in DRAFTS if known == asked), None)
+    if draft is None:
+        detail = f"draft is one of {', '.join(DRAFTS)}; got {asked[:40]!r}"
+        raise RequestError(Problem("/draft", "unknown-value", detail))
+    body = await asyncio.to_thread(lambda: write_json(json_schema(name, draft)))
     return Response(body, media_type="application/schema+json")
 
 

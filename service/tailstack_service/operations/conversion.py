@@ -141,7 +141,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design import convert_file
 
-    converted = convert_file(Path(arguments.design), Path(arguments.output))
+    from ..console.editors import write_document
+
+    converted = convert_file(Path(arguments.design), Path(arguments.output), write=write_document)
     for note in converted.notes:
         print(f"note: {note}", file=sys.stderr)
     print(f"wrote {arguments.output}", file=sys.stderr)

@@ -18,6 +18,7 @@ from tailstack.results import Optimisation
 
 from ..console.answer import INTERRUPTED, Answer, exit_code_of
 from ..console.arguments import add_design, coloured_output, read_design, whole
+from ..console.editors import write_document
 from ..console.files import replace_file, writable
 from ..console.program import program
 from ..console.progress import Progress
@@ -224,14 +225,13 @@ def stopped_by_signals() -> Iterator[Signals]:
 
 def write_results(design: Design, result: Optimisation, output: Path | None, picture: Path | None) -> None:
     """The new design and the picture, each whole or not at all; says on stderr what was written."""
-    texts: dict[Path, str] = {}
+    drawn = None if picture is None else picture_text(design, result)
     if output is not None:
-        texts[output] = design_text(result.design, output)
-    if picture is not None:
-        texts[picture] = picture_text(design, result)
-    for path, text in texts.items():
-        replace_file(path, text)
-        print(f"wrote {path}", file=sys.stderr)
+        write_document(output, design_text(result.design, output))
+        print(f"wrote {output}", file=sys.stderr)
+    if picture is not None and drawn is not None:
+        replace_file(picture, drawn)
+        print(f"wrote {picture}", file=sys.stderr)
 
 
 def design_text(data: dict[str, object], path: Path) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import degrees
 from pathlib import Path
@@ -192,12 +192,25 @@ def convert(
     return Conversion(_from_design(design, target_name), design.fiducials.notes)
 
 
-def convert_file(source: Path, target: Path, *, limits: Limits = DEFAULT_LIMITS) -> Conversion:
-    """Convert ``source`` and write ``target``.  Raises DesignError, LimitError; an unwritable target included."""
+def _write_text(target: Path, text: str) -> None:
+    target.write_text(text, encoding="utf-8")
+
+
+def convert_file(
+    source: Path,
+    target: Path,
+    *,
+    limits: Limits = DEFAULT_LIMITS,
+    write: Callable[[Path, str], None] = _write_text,
+) -> Conversion:
+    """Convert ``source`` and write ``target``.  Raises DesignError, LimitError; an unwritable target included.
+
+    write: how the text gets into its file; raises OSError.
+    """
     content = read_bytes(source, limits.document_bytes, str(source))
     conversion = convert(content, source.name, target.name, directory=source.parent, limits=limits)
     try:
-        target.write_text(conversion.text, encoding="utf-8")
+        write(target, conversion.text)
     except OSError as error:
         raise DesignError(Problem("", "file-unwritable", f"cannot write {target}: {error.strerror}")) from None
     return conversion

@@ -80,6 +80,7 @@ from .gated_design_verdict import GatedDesignVerdict
 from .geometry import Geometry
 from .get_openapi_response_200 import GetOpenapiResponse200
 from .get_report_format import GetReportFormat
+from .get_schema_draft import GetSchemaDraft
 from .get_schema_response_200 import GetSchemaResponse200
 from .headline import Headline
 from .headline_status import HeadlineStatus
@@ -273,6 +274,7 @@ __all__ = (
     "Geometry",
     "GetOpenapiResponse200",
     "GetReportFormat",
+    "GetSchemaDraft",
     "GetSchemaResponse200",
     "Headline",
     "HeadlineStatus",

@@ -8,20 +8,36 @@ from ...client import AuthenticatedClient, Client
 from ...types import Response, UNSET
 from ... import errors
 
+from ...models.get_schema_draft import check_get_schema_draft
+from ...models.get_schema_draft import GetSchemaDraft
 from ...models.get_schema_response_200 import GetSchemaResponse200
 from ...models.problem import Problem
+from ...types import UNSET, Unset
 from typing import cast
 
 
 def _get_kwargs(
     name: str,
+    *,
+    draft: GetSchemaDraft | Unset = "2020-12",
 ) -> dict[str, Any]:
+
+    params: dict[str, Any] = {}
+
+    json_draft: str | Unset = UNSET
+    if not isinstance(draft, Unset):
+        json_draft = draft
+
+    params["draft"] = json_draft
+
+    params = {k: v for k, v in params.items() if v is not UNSET and v is not None}
 
     _kwargs: dict[str, Any] = {
         "method": "get",
         "url": "/v1/schemas/{name}".format(
             name=quote(str(name), safe=""),
         ),
+        "params": params,
     }
 
     return _kwargs
@@ -44,6 +60,11 @@ def _parse_response(
         response_421 = Problem.from_dict(response.json())
 
         return response_421
+
+    if response.status_code == 422:
+        response_422 = Problem.from_dict(response.json())
+
+        return response_422
 
     if response.status_code == 500:
         response_500 = Problem.from_dict(response.json())
@@ -71,13 +92,15 @@ def sync_detailed(
     name: str,
     *,
     client: AuthenticatedClient | Client,
+    draft: GetSchemaDraft | Unset = "2020-12",
 ) -> Response[GetSchemaResponse200 | Problem]:
-    """One JSON Schema (draft 2020-12)
+    """One JSON Schema
 
-     The same as tailstack schema NAME prints.
+     The same as tailstack schema NAME prints; with draft=7 as editors read it.
 
     Args:
         name (str):
+        draft (GetSchemaDraft | Unset):  Default: '2020-12'.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -89,6 +112,7 @@ def sync_detailed(
 
     kwargs = _get_kwargs(
         name=name,
+        draft=draft,
     )
 
     response = client.get_httpx_client().request(
@@ -102,13 +126,15 @@ def sync(
     name: str,
     *,
     client: AuthenticatedClient | Client,
+    draft: GetSchemaDraft | Unset = "2020-12",
 ) -> GetSchemaResponse200 | Problem | None:
-    """One JSON Schema (draft 2020-12)
+    """One JSON Schema
 
-     The same as tailstack schema NAME prints.
+     The same as tailstack schema NAME prints; with draft=7 as editors read it.
 
     Args:
         name (str):
+        draft (GetSchemaDraft | Unset):  Default: '2020-12'.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -121,6 +147,7 @@ def sync(
     return sync_detailed(
         name=name,
         client=client,
+        draft=draft,
     ).parsed
 
 
@@ -128,13 +155,15 @@ async def asyncio_detailed(
     name: str,
     *,
     client: AuthenticatedClient | Client,
+    draft: GetSchemaDraft | Unset = "2020-12",
 ) -> Response[GetSchemaResponse200 | Problem]:
-    """One JSON Schema (draft 2020-12)
+    """One JSON Schema
 
-     The same as tailstack schema NAME prints.
+     The same as tailstack schema NAME prints; with draft=7 as editors read it.
 
     Args:
         name (str):
+        draft (GetSchemaDraft | Unset):  Default: '2020-12'.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -146,6 +175,7 @@ async def asyncio_detailed(
 
     kwargs = _get_kwargs(
         name=name,
+        draft=draft,
     )
 
     response = await client.get_async_httpx_client().request(**kwargs)
@@ -157,13 +187,15 @@ async def asyncio(
     name: str,
     *,
     client: AuthenticatedClient | Client,
+    draft: GetSchemaDraft | Unset = "2020-12",
 ) -> GetSchemaResponse200 | Problem | None:
-    """One JSON Schema (draft 2020-12)
+    """One JSON Schema
 
-     The same as tailstack schema NAME prints.
+     The same as tailstack schema NAME prints; with draft=7 as editors read it.
 
     Args:
         name (str):
+        draft (GetSchemaDraft | Unset):  Default: '2020-12'.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -177,5 +209,6 @@ async def asyncio(
         await asyncio_detailed(
             name=name,
             client=client,
+            draft=draft,
         )
     ).parsed

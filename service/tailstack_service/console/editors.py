@@ -1,0 +1,62 @@
+"""What an editor needs of a document: the line at its head that names the schema, and the schema near it.
+
+The address in the line is relative, so that it holds offline, in a clone and on another machine: the schema stands
+beside the document or in a folder above it, and moves with them.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from tailstack.json_text import write_json
+
+from .files import is_stream, replace_file
+
+HEAD = "# yaml-language-server: $schema="
+_HEAD_LINE = re.compile(r"^# yaml-language-server:.*\n", re.MULTILINE)
+_DESIGN = re.compile(r"^schema: tailstack/design/1\b", re.MULTILINE)
+
+
+def schema_file(name: str) -> str:
+    """What the file of a published schema is called, wherever it stands."""
+    return f"tailstack-{name}.schema.json"
+
+
+def schema_text(schema: dict[str, Any]) -> str:
+    """A schema as ``tailstack schema`` prints and writes it."""
+    return write_json(schema, indent=2) + "\n"
+
+
+def write_document(path: Path, text: str) -> None:
+    """Write a design as the user's own file.  Raises OSError, and then leaves what was there.
+
+    YAML gets a head line with the nearest schema of designs, in its folder or above it, up to the root of the
+    repository; where there is none, the schema is put beside it and stderr says so.
+    """
+    is_yaml = path.suffix.lower() in (".yaml", ".yml")
+    if is_yaml and _DESIGN.search(text) and not is_stream(str(path)):
+        text = HEAD + _place_schema(path) + "\n" + _HEAD_LINE.sub("", text, count=1)
+    replace_file(path, text)
+
+
+def _place_schema(document: Path) -> str:
+    """Where the schema is, seen from a document's folder.  Raises OSError."""
+    folder = Path(os.path.realpath(document)).parent  # a link is written where it leads
+    name = schema_file("design")
+    for up, place in enumerate((folder, *folder.parents)):
+        if (place / name).is_file():
+            return "../" * up + name
+        if (place / ".git").exists():
+            break
+    from tailstack.design import design_json_schema
+
+    from ..drafts import published_schema
+
+    beside = document.parent / name
+    replace_file(folder / name, schema_text(published_schema("design", design_json_schema(), "7")))
+    print(f"wrote {beside}, with which editors complete and check designs (docs/editors.md)", file=sys.stderr)
+    return name
