@@ -1861,6 +1861,10 @@ export interface components {
             /** @description Freedom of the optimiser. Absent: it refuses. */
             optimise?: components["schemas"]["Optimise"];
         };
+        /** @description What differs from a design: a JSON merge patch (RFC 7396). Objects are merged, null removes a field, lists are replaced whole. */
+        DesignPatch: {
+            [key: string]: unknown;
+        };
         /**
          * Difference
          * @description P95 of the TCP error at one target that both designs have: second minus first.
@@ -4621,7 +4625,11 @@ export interface components {
         };
         OptimisationRequest: {
             /** @description The design document. */
-            design: components["schemas"]["Design"];
+            design?: components["schemas"]["Design"];
+            /** @description Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its answer). 404 `unknown-design` where it is no longer kept. */
+            design_sha256?: string;
+            /** @description What is changed in that design first. */
+            patch?: components["schemas"]["DesignPatch"];
             /**
              * Seed
              * @description Seed of the starts; absent: optimise/seed of the design.
@@ -5721,7 +5729,11 @@ export interface components {
         };
         ReportRequest: {
             /** @description The design document. */
-            design: components["schemas"]["Design"];
+            design?: components["schemas"]["Design"];
+            /** @description Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its answer). 404 `unknown-design` where it is no longer kept. */
+            design_sha256?: string;
+            /** @description What is changed in that design first. */
+            patch?: components["schemas"]["DesignPatch"];
             /**
              * Trials
              * @description Number of trials. Either this or precision; neither: the solver's own precision.
@@ -5993,7 +6005,11 @@ export interface components {
         };
         ScoreRequest: {
             /** @description The design document. */
-            design: components["schemas"]["Design"];
+            design?: components["schemas"]["Design"];
+            /** @description Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its answer). 404 `unknown-design` where it is no longer kept. */
+            design_sha256?: string;
+            /** @description What is changed in that design first. */
+            patch?: components["schemas"]["DesignPatch"];
             /**
              * Second Order
              * @description Add the second-order correction where it holds.
@@ -6362,7 +6378,11 @@ export interface components {
         };
         StudyComparisonRequest: {
             /** @description The design document. */
-            design: components["schemas"]["Design"];
+            design?: components["schemas"]["Design"];
+            /** @description Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its answer). 404 `unknown-design` where it is no longer kept. */
+            design_sha256?: string;
+            /** @description What is changed in that design first. */
+            patch?: components["schemas"]["DesignPatch"];
             /**
              * Measurements
              * @description The measurements, as CSV whose header names quantity and unit (docs/studies.md).
@@ -6468,7 +6488,11 @@ export interface components {
         };
         StudyCouplingRequest: {
             /** @description The design document. */
-            design: components["schemas"]["Design"];
+            design?: components["schemas"]["Design"];
+            /** @description Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its answer). 404 `unknown-design` where it is no longer kept. */
+            design_sha256?: string;
+            /** @description What is changed in that design first. */
+            patch?: components["schemas"]["DesignPatch"];
             /**
              * Levels
              * @description Fixed installation errors beside the design as it is; absent: 1 deg, 2 mm and 2 deg, 5 mm.
@@ -6593,7 +6617,11 @@ export interface components {
         };
         StudyLinearityRequest: {
             /** @description The design document. */
-            design: components["schemas"]["Design"];
+            design?: components["schemas"]["Design"];
+            /** @description Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its answer). 404 `unknown-design` where it is no longer kept. */
+            design_sha256?: string;
+            /** @description What is changed in that design first. */
+            patch?: components["schemas"]["DesignPatch"];
             /**
              * Noises Px
              * @description Noise of every image coordinate, px; absent: 0.3, 1, 3, 10.
@@ -6722,6 +6750,10 @@ export interface components {
         StudyPaperRequest: {
             /** @description The design document. */
             design?: components["schemas"]["Design"];
+            /** @description Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its answer). 404 `unknown-design` where it is no longer kept. */
+            design_sha256?: string;
+            /** @description What is changed in that design first. */
+            patch?: components["schemas"]["DesignPatch"];
             /**
              * Trials
              * @description Trials of each of our cells.
@@ -6840,7 +6872,11 @@ export interface components {
         };
         SweepRequest: {
             /** @description The design document. */
-            design: components["schemas"]["Design"];
+            design?: components["schemas"]["Design"];
+            /** @description Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its answer). 404 `unknown-design` where it is no longer kept. */
+            design_sha256?: string;
+            /** @description What is changed in that design first. */
+            patch?: components["schemas"]["DesignPatch"];
             /**
              * Axes
              * @description Numbers of the design that vary; every combination of their values is a point.
@@ -7463,7 +7499,11 @@ export interface components {
         };
         ValidationRequest: {
             /** @description The design document. */
-            design: components["schemas"]["Design"];
+            design?: components["schemas"]["Design"];
+            /** @description Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its answer). 404 `unknown-design` where it is no longer kept. */
+            design_sha256?: string;
+            /** @description What is changed in that design first. */
+            patch?: components["schemas"]["DesignPatch"];
         };
         /**
          * Validity
@@ -7620,7 +7660,11 @@ export interface components {
         };
         VerificationRequest: {
             /** @description The design document. */
-            design: components["schemas"]["Design"];
+            design?: components["schemas"]["Design"];
+            /** @description Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its answer). 404 `unknown-design` where it is no longer kept. */
+            design_sha256?: string;
+            /** @description What is changed in that design first. */
+            patch?: components["schemas"]["DesignPatch"];
             /**
              * Trials
              * @description Number of trials. Either this or precision; neither: the solver's own precision.
@@ -7746,7 +7790,7 @@ export interface components {
                 "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description Problem: not-found. */
+        /** @description Problem: not-found, unknown-design. */
         Problem404: {
             headers: {
                 "X-Request-ID": components["headers"]["RequestId"];

@@ -149,6 +149,14 @@ CATALOGUE: dict[str, ProblemType] = {
             "GET /openapi.json lists every path.",
         ),
         ProblemType(
+            "unknown-design",
+            "The design is not known here",
+            404,
+            "A request named a design by its SHA-256, and none with that hash is kept for whoever asks: it was never "
+            "sent whole, too many were sent since (TAILSTACK_MAX_KEPT_DESIGNS), or too long ago (TAILSTACK_KEEP_DAYS).",
+            "Send the design whole, in the field design; its hash can be used from then on.",
+        ),
+        ProblemType(
             "method-not-allowed",
             "This address does not answer to this method",
             405,

@@ -74,8 +74,14 @@ class Settings(BaseSettings):
     max_queued_jobs: int = _number(2_000, 1, 1_000_000, "unfinished jobs of one tenant")
     cpu_seconds_per_hour: float = _number(0.0, 0, 1e9, "CPU seconds of one tenant's jobs in an hour; 0: any")
     max_job_seconds: float = _number(3_600.0, 1, 1e7, "CPU seconds of one job")
-    keep_days: float = _number(30.0, 0.001, 36_500, "days for which finished jobs and their results are kept")
+    keep_days: float = _number(30.0, 0.001, 36_500, "days for which finished jobs, their results and designs are kept")
     audit_days: float = _number(365.0, 1, 36_500, "days for which entries of the audit log are kept")
+    max_kept_designs: int = _number(
+        200,
+        0,
+        100_000,
+        "designs that a tenant sent last and can name by their SHA-256; 0: none",
+    )
     worker_processes: int = _number(usable_cores(), 1, 256, "computing processes of one worker (engine pool)")
     lease_seconds: float = _number(15.0, 1, 3_600, "seconds after which a silent worker's units are given to another")
     poll_seconds: float = _number(0.05, 0.005, 60, "seconds between an idle worker's looks for work")

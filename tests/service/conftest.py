@@ -27,6 +27,14 @@ __all__ = [
 ]
 
 
+@pytest.fixture(scope="session", autouse=True)
+def state_home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A service without TAILSTACK_DATABASE keeps what it is sent in a file of these tests, not of whoever runs them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
 @pytest.fixture
 def loggers() -> Iterator[None]:
     """Handlers and levels that a command sets up for its own process are put back."""

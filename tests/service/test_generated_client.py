@@ -272,7 +272,7 @@ def test_a_key_makes_one_job(client: AuthenticatedClient) -> None:
 
 def test_sweep_and_gate(client: AuthenticatedClient) -> None:
     axis = Axis(pointer="/views/0/fiducial_noise_px", values=[0.1, 0.2, 0.4])
-    job = awaited(client, create_sweep.sync(client=client, body=SweepRequest(design(), [axis])))
+    job = awaited(client, create_sweep.sync(client=client, body=SweepRequest(design=design(), axes=[axis])))
     assert job.result_sha256 is not None
     assert isinstance(get_result.sync(job.result_sha256, client=client), Sweep)
     request = GateRequest.from_dict({"designs": [{"file": "a.yaml", "design": small_design()}], "mode": "analytic"})

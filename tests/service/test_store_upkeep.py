@@ -86,7 +86,7 @@ def test_a_database_without_tables_is_refused_with_the_next_command(
 
 
 @pytest.mark.parametrize(
-    ("version", "words"), [("0001", "needs 0002.*db migrate"), ("0003", "knows 0002 at most.*newer")]
+    ("version", "words"), [("0001", "needs 0003.*db migrate"), ("0004", "knows 0003 at most.*newer")]
 )
 def test_another_version_is_refused(fresh: Database, version: str, words: str) -> None:
     execute(fresh, f"UPDATE alembic_version SET version_num = '{version}'")

@@ -16,7 +16,7 @@ from ..documents import to_json
 from ..operations.content import canonical
 from ..operations.operation import Call, JobRequest, Reception
 from ..operations.registry import OPERATIONS
-from ..operations.sent import Placed, Sent, read_request
+from ..operations.sent import BaseNeeded, Placed, Request, Sent, read_request
 from ..settings import Settings
 
 
@@ -63,15 +63,25 @@ def receive(name: str, sent: Sent, settings: Settings) -> Reception:
     operation = OPERATIONS[name]
     if operation.receive is not None:
         return operation.receive(sent, settings)
-    request = read_request(sent, operation, settings)
+    try:
+        request = read_request(sent, operation, settings)
+    except BaseNeeded as needed:
+        return Reception(base_sha256=needed.sha256)
     limits = {limit: getattr(settings, limit) for limit in operation.limits}
     if operation.immediate:
         try:
-            return Reception(answer=to_json(operation.run(Call(request.designs, request.options, limits))))
+            answer = to_json(operation.run(Call(request.designs, request.options, limits)))
         except TailstackError as error:
-            raise Placed(error, request.prefixes[0]) from None
+            raise request.place(error) from None
+        return Reception(answer=answer, designs=() if request.partial is not None else _nameable(request))
     operation.check(request, settings)
     options = operation.prepare(request.options, *request.designs[:1])
     titles = " against ".join(design.name for design in reversed(request.designs)) or operation.summary
     content = canonical({**request.data, **options, **limits})
-    return Reception(job=JobRequest(name, content, titles, request.bare_design))
+    return Reception(job=JobRequest(name, content, titles, request.bare_design), designs=_nameable(request))
+
+
+def _nameable(request: Request) -> tuple[tuple[str, bytes], ...]:
+    """The designs of a request as later requests may name them."""
+    pairs = zip(request.designs, request.data.values(), strict=True)
+    return tuple((design.sha256, canonical(data)) for design, data in pairs)

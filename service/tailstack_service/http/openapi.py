@@ -22,6 +22,7 @@ from ..documents import record_json_schema
 from ..operations.conversion import BEADS
 from ..operations.example import EXAMPLE_DESIGN
 from ..operations.operation import Operation
+from ..operations.patches import NAMED, PATCH
 from ..operations.registry import OPERATIONS
 from ..problems import CATALOGUE
 from ..schemas import json_schema
@@ -412,10 +413,26 @@ def _schemas(records: Sequence[type]) -> dict[str, Any]:
             made.add(request_name(operation), _request_schema(operation))
         else:
             made.add(request_name(operation), operation.request().model_json_schema(by_alias=True))
+    made.add("DesignPatch", dict(PATCH_SCHEMA))
     made.add("JobEvent", _job_event())
     for record in records:
         made.add(record.__name__, record_json_schema(record))
     return dict(sorted(made.found.items()))
+
+
+PATCH_SCHEMA = {
+    "type": "object", "additionalProperties": True,
+    "description": "What differs from a design: a JSON merge patch (RFC 7396). Objects are merged, null removes a "
+    "field, lists are replaced whole.",
+}  # fmt: skip
+PARTS = {
+    NAMED: {
+        "type": "string", "pattern": "^[0-9a-f]{64}$",
+        "description": "Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its "
+        "answer). 404 `unknown-design` where it is no longer kept.",
+    },
+    PATCH: {**reference("schemas", "DesignPatch"), "description": "What is changed in that design first."},
+}  # fmt: skip
 
 
 def _request_schema(operation: Operation) -> dict[str, Any]:
@@ -424,11 +441,12 @@ def _request_schema(operation: Operation) -> dict[str, Any]:
     designs = {
         field: {**reference("schemas", "Design"), "description": words} for field, words in operation.designs.items()
     }
+    in_parts = tuple(designs) == ("design",)
     return {
         "type": "object",
         "additionalProperties": False,
-        "required": [*(designs if operation.needs_design else ()), *schema.get("required", ())],
-        "properties": {**designs, **schema.get("properties", {})},
+        "required": [*(designs if operation.needs_design and not in_parts else ()), *schema.get("required", ())],
+        "properties": {**designs, **(PARTS if in_parts else {}), **schema.get("properties", {})},
         "$defs": schema.get("$defs", {}),
     }
 

@@ -7,6 +7,7 @@ import logging
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 
 from fastapi import APIRouter, Depends, Request, Response
@@ -14,13 +15,14 @@ from fastapi import APIRouter, Depends, Request, Response
 from tailstack import __version__
 from tailstack.errors import Problem
 
+from ..jobs.store import designs, results
 from ..jobs.store import jobs as stored
-from ..jobs.store import results
 from ..jobs.store.errors import StoreUnavailable
 from ..jobs.store.jobs import Job
 from ..jobs.store.usage import sum_cpu_seconds
 from ..names import variable
-from ..operations.operation import JobRequest, Operation
+from ..operations.operation import JobRequest, Operation, Reception
+from ..operations.patches import NAMED
 from ..operations.registry import OPERATIONS
 from ..operations.sent import Sent
 from ..problems import TransportError
@@ -30,7 +32,7 @@ from .body import strict_body
 from .dependencies import Needs, TheService
 from .jobs import accepted_response, failure_response, result_response
 from .openapi import describe
-from .service import Service, note_policy, service_of
+from .service import Service, keep_design, note_policy, service_of
 
 log = logging.getLogger("tailstack.service")
 HOUR = 3600.0
@@ -48,8 +50,12 @@ def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
         key = None if operation.immediate else idempotency_key(request)
         if operation.kernels:
             await service.places.wait_until_warm(service.settings.warm_up_seconds)
-        call = partial(computations.receive, operation.name, sent, service.settings)
-        found = await service.places.run(request, call, operation.seconds(sent))
+        found = await _receive(request, operation, sent)
+        if found.base_sha256 is not None:
+            base = await _find_base(request, found.base_sha256)
+            found = await _receive(request, operation, replace(sent, base=base))
+        for sha256, body in found.designs if service.settings.max_kept_designs else ():
+            await keep_design(request, sha256, body)
         if found.terms is not None:
             await note_policy(request, dict(found.terms))
         if found.job is not None:
@@ -57,6 +63,22 @@ def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
         return Response(found.answer, media_type=JSON)
 
     return create
+
+
+async def _receive(request: Request, operation: Operation, sent: Sent) -> Reception:
+    service = service_of(request)
+    call = partial(computations.receive, operation.name, sent, service.settings)
+    return await service.places.run(request, call, operation.seconds(sent))
+
+
+async def _find_base(request: Request, sha256: str) -> bytes:
+    """The design that a request names.  Raises TransportError 404, StoreUnavailable."""
+    base = await service_of(request).storage.run(designs.read_design, request.state.caller.tenant, sha256)
+    if base is None:
+        detail = f"no design with the SHA-256 {sha256} is kept here"
+        hint = "send the design whole, in the field design"
+        raise TransportError("unknown-design", Problem(f"/{NAMED}", "unknown-design", detail, hint))
+    return base
 
 
 for _operation in OPERATIONS.values():

@@ -10,6 +10,8 @@ import json
 import re
 from typing import TYPE_CHECKING, Any
 
+from .patches import merge
+
 if TYPE_CHECKING:
     from .sent import Sent
 
@@ -71,12 +73,19 @@ def sizes_of(sent: Sent) -> list[Size] | None:
         return []  # it will be refused
     if not isinstance(data, dict):
         return []
-    found = [data.get("design"), data.get("first"), data.get("second")]
+    found = [_patched(data, sent.base), data.get("first"), data.get("second")]
     for entry in _list(data.get("designs")):
         if isinstance(entry, dict):
             found += [entry.get("design"), entry.get("text")]
     return [_size_of_text(one.encode(errors="replace")) if isinstance(one, str) else _size(one)
             for one in found if isinstance(one, dict | str)]  # fmt: skip
+
+
+def _patched(data: dict[str, Any], base: bytes | None) -> Any:
+    """The design of a body, its patch applied; ``base`` is the one that it names by its hash."""
+    design = data.get("design") if base is None else json.loads(base)
+    patch = data.get("patch")
+    return merge(design, patch) if isinstance(design, dict) and isinstance(patch, dict) else design
 
 
 def asks_second_order(sent: Sent) -> bool:

@@ -55,11 +55,13 @@ class JobRequest:
 
 @dataclass(frozen=True, slots=True)
 class Reception:
-    """What a request came to: its answer, or a job; and by which terms it was judged, for the audit log."""
+    """What a request came to: its answer, or a job; or the design that it names by its hash, to be looked up."""
 
     answer: bytes | None = None
     job: JobRequest | None = None
-    terms: Mapping[str, Any] | None = None
+    terms: Mapping[str, Any] | None = None  # by which it was judged, for the audit log
+    designs: tuple[tuple[str, bytes], ...] = ()  # SHA-256 and JSON of those that later requests may name
+    base_sha256: str | None = None
 
 
 # --- as a job: units that are computed side by side and recorded -----------------------------------------

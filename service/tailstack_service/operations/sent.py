@@ -6,6 +6,7 @@ Every refusal points into what was sent.
 from __future__ import annotations
 
 import difflib
+import json
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ from tailstack.json_text import write_json
 from ..names import variable
 from ..problems import MalformedError, RequestError
 from .options import Options
+from .patches import NAMED, PATCH, PartialDocument, merge, read_partial
 
 if TYPE_CHECKING:
     from ..settings import Settings
@@ -40,6 +42,15 @@ class Sent:
     form: str  # json, yaml, or the media type of something else that the operation takes
     body: bytes
     query: Query = ()
+    base: bytes | None = None  # JSON of the design that the body names by its hash, when it was looked up
+
+
+class BaseNeeded(Exception):
+    """The body names a design by its hash, which has to be looked up before the request can be read."""
+
+    def __init__(self, sha256: str) -> None:
+        super().__init__(sha256)
+        self.sha256 = sha256
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +62,7 @@ class Request:
     data: dict[str, dict[str, Any]]  # the designs as they were sent, by field
     prefixes: tuple[str, ...]  # pointers to the designs in what was sent
     bare_design: bool  # the body was the design itself
+    partial: PartialDocument | None = None  # how the design was put together, if it was not sent whole
 
     @property
     def design(self) -> Design:
@@ -63,21 +75,47 @@ class Request:
         try:
             return check(self.designs[which])
         except TailstackError as error:
-            raise Placed(error, self.prefixes[which]) from None
+            raise self.place(error, which) from None
+
+    def place(self, error: TailstackError, which: int = 0) -> Placed:
+        """A refusal of a design, placed in what was sent."""
+        if self.partial is not None:
+            self.partial.mention(error)
+        return Placed(error, self.prefixes[which])
 
 
 def read_request(sent: Sent, operation: Operation, settings: Settings) -> Request:
-    """Options first, then each design.  Raises MalformedError, RequestError, LimitError, Placed."""
+    """Options first, then each design.  Raises MalformedError, RequestError, LimitError, Placed, BaseNeeded."""
     fields = tuple(operation.designs)
     if sent.form != "json":
         options = _options_of_query(operation.options, sent.query)
         design = load(sent.body, settings, "")
         return Request(options, (design,), {fields[0]: design.source.data}, ("",), True)
     body = parse_json(sent.body, settings)
-    options = read_options(operation.options, body, fields)
+    partial = read_partial(body, fields)
+    options = read_options(operation.options, body, fields if fields != ("design",) else ("design", NAMED, PATCH))
+    if partial is not None:
+        body["design"] = _patched(body, partial, sent)
     fields = tuple(field for field in fields if operation.needs_design or field in body)
-    designs = tuple(design_of(body, settings, field) for field in fields)
-    return Request(options, designs, {field: body[field] for field in fields}, tuple(f"/{f}" for f in fields), False)
+    try:
+        designs = tuple(design_of(body, settings, field) for field in fields)
+    except Placed as placed:
+        if partial is not None:
+            partial.mention(placed.error)
+        raise
+    data = {field: body[field] for field in fields}
+    return Request(options, designs, data, tuple(f"/{field}" for field in fields), False, partial)
+
+
+def _patched(body: dict[str, Any], partial: PartialDocument, sent: Sent) -> Any:
+    """The design that a request means.  Raises BaseNeeded."""
+    if partial.sha256 is None:
+        if not isinstance(body["design"], dict):
+            return body["design"]  # which is refused as it is
+        return merge(body["design"], partial.patch)
+    if sent.base is None:
+        raise BaseNeeded(partial.sha256)
+    return merge(json.loads(sent.base), partial.patch)
 
 
 # --- options ----------------------------------------------------------------------------------------------

@@ -37,6 +37,7 @@ from .coupling_case import CouplingCase
 from .coupling_case_coupling import CouplingCaseCoupling
 from .coupling_case_reading import CouplingCaseReading
 from .design import Design
+from .design_patch import DesignPatch
 from .difference import Difference
 from .difference_basis import DifferenceBasis
 from .difference_conclusion import DifferenceConclusion
@@ -231,6 +232,7 @@ __all__ = (
     "CouplingCaseCoupling",
     "CouplingCaseReading",
     "Design",
+    "DesignPatch",
     "Difference",
     "DifferenceBasis",
     "DifferenceConclusion",

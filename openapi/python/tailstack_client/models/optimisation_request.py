@@ -13,6 +13,7 @@ from typing import cast
 
 if TYPE_CHECKING:
     from ..models.design import Design
+    from ..models.design_patch import DesignPatch
 
 
 T = TypeVar("T", bound="OptimisationRequest")
@@ -22,22 +23,37 @@ T = TypeVar("T", bound="OptimisationRequest")
 class OptimisationRequest:
     """
     Attributes:
-        design (Design): A reference structure on a robot, seen by two or more X-ray views. Lengths in mm, angles in
-            degrees, images in px: the unit is in every field name. Frames: con (connector: fiducials, targets, interface
-            pivots, views; LPS), flange, tcp. T_ab maps coordinates in b to coordinates in a. Tolerances are half-widths.
-            Unknown fields, NaN and infinities are refused.
+        design (Design | Unset): A reference structure on a robot, seen by two or more X-ray views. Lengths in mm,
+            angles in degrees, images in px: the unit is in every field name. Frames: con (connector: fiducials, targets,
+            interface pivots, views; LPS), flange, tcp. T_ab maps coordinates in b to coordinates in a. Tolerances are half-
+            widths. Unknown fields, NaN and infinities are refused.
+        design_sha256 (str | Unset): Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256`
+            of its answer). 404 `unknown-design` where it is no longer kept.
+        patch (DesignPatch | Unset): What differs from a design: a JSON merge patch (RFC 7396). Objects are merged, null
+            removes a field, lists are replaced whole.
         seed (int | None | Unset): Seed of the starts; absent: optimise/seed of the design.
         starts (int | None | Unset): Number of starts; absent: optimise/starts of the design.
     """
 
-    design: Design
+    design: Design | Unset = UNSET
+    design_sha256: str | Unset = UNSET
+    patch: DesignPatch | Unset = UNSET
     seed: int | None | Unset = UNSET
     starts: int | None | Unset = UNSET
 
     def to_dict(self) -> dict[str, Any]:
         from ..models.design import Design  # noqa: PLC0415
+        from ..models.design_patch import DesignPatch  # noqa: PLC0415
 
-        design = self.design.to_dict()
+        design: dict[str, Any] | Unset = UNSET
+        if not isinstance(self.design, Unset):
+            design = self.design.to_dict()
+
+        design_sha256 = self.design_sha256
+
+        patch: dict[str, Any] | Unset = UNSET
+        if not isinstance(self.patch, Unset):
+            patch = self.patch.to_dict()
 
         seed: int | None | Unset
         if isinstance(self.seed, Unset):
@@ -53,11 +69,13 @@ class OptimisationRequest:
 
         field_dict: dict[str, Any] = {}
 
-        field_dict.update(
-            {
-                "design": design,
-            }
-        )
+        field_dict.update({})
+        if design is not UNSET:
+            field_dict["design"] = design
+        if design_sha256 is not UNSET:
+            field_dict["design_sha256"] = design_sha256
+        if patch is not UNSET:
+            field_dict["patch"] = patch
         if seed is not UNSET:
             field_dict["seed"] = seed
         if starts is not UNSET:
@@ -68,9 +86,24 @@ class OptimisationRequest:
     @classmethod
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
         from ..models.design import Design  # noqa: PLC0415
+        from ..models.design_patch import DesignPatch  # noqa: PLC0415
 
         d = dict(src_dict)
-        design = Design.from_dict(d.pop("design"))
+        _design = d.pop("design", UNSET)
+        design: Design | Unset
+        if isinstance(_design, Unset):
+            design = UNSET
+        else:
+            design = Design.from_dict(_design)
+
+        design_sha256 = d.pop("design_sha256", UNSET)
+
+        _patch = d.pop("patch", UNSET)
+        patch: DesignPatch | Unset
+        if isinstance(_patch, Unset):
+            patch = UNSET
+        else:
+            patch = DesignPatch.from_dict(_patch)
 
         def _parse_seed(data: object) -> int | None | Unset:
             if data is None:
@@ -92,6 +125,8 @@ class OptimisationRequest:
 
         optimisation_request = cls(
             design=design,
+            design_sha256=design_sha256,
+            patch=patch,
             seed=seed,
             starts=starts,
         )

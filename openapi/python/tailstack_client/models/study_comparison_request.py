@@ -15,6 +15,7 @@ from typing import cast
 
 if TYPE_CHECKING:
     from ..models.design import Design
+    from ..models.design_patch import DesignPatch
 
 
 T = TypeVar("T", bound="StudyComparisonRequest")
@@ -24,11 +25,15 @@ T = TypeVar("T", bound="StudyComparisonRequest")
 class StudyComparisonRequest:
     """
     Attributes:
-        design (Design): A reference structure on a robot, seen by two or more X-ray views. Lengths in mm, angles in
-            degrees, images in px: the unit is in every field name. Frames: con (connector: fiducials, targets, interface
-            pivots, views; LPS), flange, tcp. T_ab maps coordinates in b to coordinates in a. Tolerances are half-widths.
-            Unknown fields, NaN and infinities are refused.
         measurements (str): The measurements, as CSV whose header names quantity and unit (docs/studies.md).
+        design (Design | Unset): A reference structure on a robot, seen by two or more X-ray views. Lengths in mm,
+            angles in degrees, images in px: the unit is in every field name. Frames: con (connector: fiducials, targets,
+            interface pivots, views; LPS), flange, tcp. T_ab maps coordinates in b to coordinates in a. Tolerances are half-
+            widths. Unknown fields, NaN and infinities are refused.
+        design_sha256 (str | Unset): Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256`
+            of its answer). 404 `unknown-design` where it is no longer kept.
+        patch (DesignPatch | Unset): What differs from a design: a JSON merge patch (RFC 7396). Objects are merged, null
+            removes a field, lists are replaced whole.
         name (str | Unset): What the record calls the measurements. Default: 'measurements.csv'.
         error (StudyComparisonRequestError | Unset): Which error was measured. Default: 'tcp'.
         instrument_sd_mm (float | Unset): Standard deviation of the measuring instrument, mm per coordinate; 0: taken as
@@ -36,8 +41,10 @@ class StudyComparisonRequest:
         seed (int | Unset): Seed of the prediction. Default: 0.
     """
 
-    design: Design
     measurements: str
+    design: Design | Unset = UNSET
+    design_sha256: str | Unset = UNSET
+    patch: DesignPatch | Unset = UNSET
     name: str | Unset = "measurements.csv"
     error: StudyComparisonRequestError | Unset = "tcp"
     instrument_sd_mm: float | Unset = 0.0
@@ -45,10 +52,19 @@ class StudyComparisonRequest:
 
     def to_dict(self) -> dict[str, Any]:
         from ..models.design import Design  # noqa: PLC0415
-
-        design = self.design.to_dict()
+        from ..models.design_patch import DesignPatch  # noqa: PLC0415
 
         measurements = self.measurements
+
+        design: dict[str, Any] | Unset = UNSET
+        if not isinstance(self.design, Unset):
+            design = self.design.to_dict()
+
+        design_sha256 = self.design_sha256
+
+        patch: dict[str, Any] | Unset = UNSET
+        if not isinstance(self.patch, Unset):
+            patch = self.patch.to_dict()
 
         name = self.name
 
@@ -64,10 +80,15 @@ class StudyComparisonRequest:
 
         field_dict.update(
             {
-                "design": design,
                 "measurements": measurements,
             }
         )
+        if design is not UNSET:
+            field_dict["design"] = design
+        if design_sha256 is not UNSET:
+            field_dict["design_sha256"] = design_sha256
+        if patch is not UNSET:
+            field_dict["patch"] = patch
         if name is not UNSET:
             field_dict["name"] = name
         if error is not UNSET:
@@ -82,11 +103,26 @@ class StudyComparisonRequest:
     @classmethod
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
         from ..models.design import Design  # noqa: PLC0415
+        from ..models.design_patch import DesignPatch  # noqa: PLC0415
 
         d = dict(src_dict)
-        design = Design.from_dict(d.pop("design"))
-
         measurements = d.pop("measurements")
+
+        _design = d.pop("design", UNSET)
+        design: Design | Unset
+        if isinstance(_design, Unset):
+            design = UNSET
+        else:
+            design = Design.from_dict(_design)
+
+        design_sha256 = d.pop("design_sha256", UNSET)
+
+        _patch = d.pop("patch", UNSET)
+        patch: DesignPatch | Unset
+        if isinstance(_patch, Unset):
+            patch = UNSET
+        else:
+            patch = DesignPatch.from_dict(_patch)
 
         name = d.pop("name", UNSET)
 
@@ -102,8 +138,10 @@ class StudyComparisonRequest:
         seed = d.pop("seed", UNSET)
 
         study_comparison_request = cls(
-            design=design,
             measurements=measurements,
+            design=design,
+            design_sha256=design_sha256,
+            patch=patch,
             name=name,
             error=error,
             instrument_sd_mm=instrument_sd_mm,

@@ -15,6 +15,7 @@ from typing import cast
 
 if TYPE_CHECKING:
     from ..models.design import Design
+    from ..models.design_patch import DesignPatch
 
 
 T = TypeVar("T", bound="StudyLinearityRequest")
@@ -24,10 +25,14 @@ T = TypeVar("T", bound="StudyLinearityRequest")
 class StudyLinearityRequest:
     """
     Attributes:
-        design (Design): A reference structure on a robot, seen by two or more X-ray views. Lengths in mm, angles in
-            degrees, images in px: the unit is in every field name. Frames: con (connector: fiducials, targets, interface
-            pivots, views; LPS), flange, tcp. T_ab maps coordinates in b to coordinates in a. Tolerances are half-widths.
-            Unknown fields, NaN and infinities are refused.
+        design (Design | Unset): A reference structure on a robot, seen by two or more X-ray views. Lengths in mm,
+            angles in degrees, images in px: the unit is in every field name. Frames: con (connector: fiducials, targets,
+            interface pivots, views; LPS), flange, tcp. T_ab maps coordinates in b to coordinates in a. Tolerances are half-
+            widths. Unknown fields, NaN and infinities are refused.
+        design_sha256 (str | Unset): Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256`
+            of its answer). 404 `unknown-design` where it is no longer kept.
+        patch (DesignPatch | Unset): What differs from a design: a JSON merge patch (RFC 7396). Objects are merged, null
+            removes a field, lists are replaced whole.
         noises_px (list[float] | None | Unset): Noise of every image coordinate, px; absent: 0.3, 1, 3, 10.
         rotations_deg (list[float] | None | Unset): Standard deviation of each rotation of the structure's mount, deg,
             normal; absent: 0, 1, 5.
@@ -39,7 +44,9 @@ class StudyLinearityRequest:
         seed (int | Unset): Seed of every point. Default: 0.
     """
 
-    design: Design
+    design: Design | Unset = UNSET
+    design_sha256: str | Unset = UNSET
+    patch: DesignPatch | Unset = UNSET
     noises_px: list[float] | None | Unset = UNSET
     rotations_deg: list[float] | None | Unset = UNSET
     spreads: list[float] | None | Unset = UNSET
@@ -51,8 +58,17 @@ class StudyLinearityRequest:
 
     def to_dict(self) -> dict[str, Any]:
         from ..models.design import Design  # noqa: PLC0415
+        from ..models.design_patch import DesignPatch  # noqa: PLC0415
 
-        design = self.design.to_dict()
+        design: dict[str, Any] | Unset = UNSET
+        if not isinstance(self.design, Unset):
+            design = self.design.to_dict()
+
+        design_sha256 = self.design_sha256
+
+        patch: dict[str, Any] | Unset = UNSET
+        if not isinstance(self.patch, Unset):
+            patch = self.patch.to_dict()
 
         noises_px: list[float] | None | Unset
         if isinstance(self.noises_px, Unset):
@@ -106,11 +122,13 @@ class StudyLinearityRequest:
 
         field_dict: dict[str, Any] = {}
 
-        field_dict.update(
-            {
-                "design": design,
-            }
-        )
+        field_dict.update({})
+        if design is not UNSET:
+            field_dict["design"] = design
+        if design_sha256 is not UNSET:
+            field_dict["design_sha256"] = design_sha256
+        if patch is not UNSET:
+            field_dict["patch"] = patch
         if noises_px is not UNSET:
             field_dict["noises_px"] = noises_px
         if rotations_deg is not UNSET:
@@ -133,9 +151,24 @@ class StudyLinearityRequest:
     @classmethod
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
         from ..models.design import Design  # noqa: PLC0415
+        from ..models.design_patch import DesignPatch  # noqa: PLC0415
 
         d = dict(src_dict)
-        design = Design.from_dict(d.pop("design"))
+        _design = d.pop("design", UNSET)
+        design: Design | Unset
+        if isinstance(_design, Unset):
+            design = UNSET
+        else:
+            design = Design.from_dict(_design)
+
+        design_sha256 = d.pop("design_sha256", UNSET)
+
+        _patch = d.pop("patch", UNSET)
+        patch: DesignPatch | Unset
+        if isinstance(_patch, Unset):
+            patch = UNSET
+        else:
+            patch = DesignPatch.from_dict(_patch)
 
         def _parse_noises_px(data: object) -> list[float] | None | Unset:
             if data is None:
@@ -227,6 +260,8 @@ class StudyLinearityRequest:
 
         study_linearity_request = cls(
             design=design,
+            design_sha256=design_sha256,
+            patch=patch,
             noises_px=noises_px,
             rotations_deg=rotations_deg,
             spreads=spreads,

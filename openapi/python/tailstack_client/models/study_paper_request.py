@@ -13,6 +13,7 @@ from typing import cast
 
 if TYPE_CHECKING:
     from ..models.design import Design
+    from ..models.design_patch import DesignPatch
 
 
 T = TypeVar("T", bound="StudyPaperRequest")
@@ -26,20 +27,33 @@ class StudyPaperRequest:
             angles in degrees, images in px: the unit is in every field name. Frames: con (connector: fiducials, targets,
             interface pivots, views; LPS), flange, tcp. T_ab maps coordinates in b to coordinates in a. Tolerances are half-
             widths. Unknown fields, NaN and infinities are refused.
+        design_sha256 (str | Unset): Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256`
+            of its answer). 404 `unknown-design` where it is no longer kept.
+        patch (DesignPatch | Unset): What differs from a design: a JSON merge patch (RFC 7396). Objects are merged, null
+            removes a field, lists are replaced whole.
         trials (int | Unset): Trials of each of our cells. Default: 100000.
         seed (int | Unset): Seed of all cells. Default: 0.
     """
 
     design: Design | Unset = UNSET
+    design_sha256: str | Unset = UNSET
+    patch: DesignPatch | Unset = UNSET
     trials: int | Unset = 100000
     seed: int | Unset = 0
 
     def to_dict(self) -> dict[str, Any]:
         from ..models.design import Design  # noqa: PLC0415
+        from ..models.design_patch import DesignPatch  # noqa: PLC0415
 
         design: dict[str, Any] | Unset = UNSET
         if not isinstance(self.design, Unset):
             design = self.design.to_dict()
+
+        design_sha256 = self.design_sha256
+
+        patch: dict[str, Any] | Unset = UNSET
+        if not isinstance(self.patch, Unset):
+            patch = self.patch.to_dict()
 
         trials = self.trials
 
@@ -50,6 +64,10 @@ class StudyPaperRequest:
         field_dict.update({})
         if design is not UNSET:
             field_dict["design"] = design
+        if design_sha256 is not UNSET:
+            field_dict["design_sha256"] = design_sha256
+        if patch is not UNSET:
+            field_dict["patch"] = patch
         if trials is not UNSET:
             field_dict["trials"] = trials
         if seed is not UNSET:
@@ -60,6 +78,7 @@ class StudyPaperRequest:
     @classmethod
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
         from ..models.design import Design  # noqa: PLC0415
+        from ..models.design_patch import DesignPatch  # noqa: PLC0415
 
         d = dict(src_dict)
         _design = d.pop("design", UNSET)
@@ -69,12 +88,23 @@ class StudyPaperRequest:
         else:
             design = Design.from_dict(_design)
 
+        design_sha256 = d.pop("design_sha256", UNSET)
+
+        _patch = d.pop("patch", UNSET)
+        patch: DesignPatch | Unset
+        if isinstance(_patch, Unset):
+            patch = UNSET
+        else:
+            patch = DesignPatch.from_dict(_patch)
+
         trials = d.pop("trials", UNSET)
 
         seed = d.pop("seed", UNSET)
 
         study_paper_request = cls(
             design=design,
+            design_sha256=design_sha256,
+            patch=patch,
             trials=trials,
             seed=seed,
         )

@@ -16,6 +16,7 @@ from typing import cast
 if TYPE_CHECKING:
     from ..models.axis import Axis
     from ..models.design import Design
+    from ..models.design_patch import DesignPatch
 
 
 T = TypeVar("T", bound="SweepRequest")
@@ -25,11 +26,15 @@ T = TypeVar("T", bound="SweepRequest")
 class SweepRequest:
     """
     Attributes:
-        design (Design): A reference structure on a robot, seen by two or more X-ray views. Lengths in mm, angles in
-            degrees, images in px: the unit is in every field name. Frames: con (connector: fiducials, targets, interface
-            pivots, views; LPS), flange, tcp. T_ab maps coordinates in b to coordinates in a. Tolerances are half-widths.
-            Unknown fields, NaN and infinities are refused.
         axes (list[Axis]): Numbers of the design that vary; every combination of their values is a point.
+        design (Design | Unset): A reference structure on a robot, seen by two or more X-ray views. Lengths in mm,
+            angles in degrees, images in px: the unit is in every field name. Frames: con (connector: fiducials, targets,
+            interface pivots, views; LPS), flange, tcp. T_ab maps coordinates in b to coordinates in a. Tolerances are half-
+            widths. Unknown fields, NaN and infinities are refused.
+        design_sha256 (str | Unset): Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256`
+            of its answer). 404 `unknown-design` where it is no longer kept.
+        patch (DesignPatch | Unset): What differs from a design: a JSON merge patch (RFC 7396). Objects are merged, null
+            removes a field, lists are replaced whole.
         check (SweepRequestCheck | Unset): What is computed at each point. Default: 'score'.
         trials (int | None | Unset): Trials at each point, for check verification; absent: to the solver's own
             precision.
@@ -37,8 +42,10 @@ class SweepRequest:
             0.
     """
 
-    design: Design
     axes: list[Axis]
+    design: Design | Unset = UNSET
+    design_sha256: str | Unset = UNSET
+    patch: DesignPatch | Unset = UNSET
     check: SweepRequestCheck | Unset = "score"
     trials: int | None | Unset = UNSET
     seed: int | Unset = 0
@@ -46,13 +53,22 @@ class SweepRequest:
     def to_dict(self) -> dict[str, Any]:
         from ..models.axis import Axis  # noqa: PLC0415
         from ..models.design import Design  # noqa: PLC0415
-
-        design = self.design.to_dict()
+        from ..models.design_patch import DesignPatch  # noqa: PLC0415
 
         axes = []
         for axes_item_data in self.axes:
             axes_item = axes_item_data.to_dict()
             axes.append(axes_item)
+
+        design: dict[str, Any] | Unset = UNSET
+        if not isinstance(self.design, Unset):
+            design = self.design.to_dict()
+
+        design_sha256 = self.design_sha256
+
+        patch: dict[str, Any] | Unset = UNSET
+        if not isinstance(self.patch, Unset):
+            patch = self.patch.to_dict()
 
         check: str | Unset = UNSET
         if not isinstance(self.check, Unset):
@@ -70,10 +86,15 @@ class SweepRequest:
 
         field_dict.update(
             {
-                "design": design,
                 "axes": axes,
             }
         )
+        if design is not UNSET:
+            field_dict["design"] = design
+        if design_sha256 is not UNSET:
+            field_dict["design_sha256"] = design_sha256
+        if patch is not UNSET:
+            field_dict["patch"] = patch
         if check is not UNSET:
             field_dict["check"] = check
         if trials is not UNSET:
@@ -87,16 +108,31 @@ class SweepRequest:
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
         from ..models.axis import Axis  # noqa: PLC0415
         from ..models.design import Design  # noqa: PLC0415
+        from ..models.design_patch import DesignPatch  # noqa: PLC0415
 
         d = dict(src_dict)
-        design = Design.from_dict(d.pop("design"))
-
         axes = []
         _axes = d.pop("axes")
         for axes_item_data in _axes:
             axes_item = Axis.from_dict(axes_item_data)
 
             axes.append(axes_item)
+
+        _design = d.pop("design", UNSET)
+        design: Design | Unset
+        if isinstance(_design, Unset):
+            design = UNSET
+        else:
+            design = Design.from_dict(_design)
+
+        design_sha256 = d.pop("design_sha256", UNSET)
+
+        _patch = d.pop("patch", UNSET)
+        patch: DesignPatch | Unset
+        if isinstance(_patch, Unset):
+            patch = UNSET
+        else:
+            patch = DesignPatch.from_dict(_patch)
 
         _check = d.pop("check", UNSET)
         check: SweepRequestCheck | Unset
@@ -117,8 +153,10 @@ class SweepRequest:
         seed = d.pop("seed", UNSET)
 
         sweep_request = cls(
-            design=design,
             axes=axes,
+            design=design,
+            design_sha256=design_sha256,
+            patch=patch,
             check=check,
             trials=trials,
             seed=seed,

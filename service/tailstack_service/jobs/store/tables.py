@@ -130,6 +130,19 @@ damages = sa.Table(
     Index("damages_by_hash", "sha256"),
 )
 
+# Designs that later requests may name by their hash
+designs = sa.Table(
+    "designs",
+    metadata,
+    Column("tenant", Identifier, primary_key=True),
+    Column("sha256", Identifier, primary_key=True),  # of the design, not of these bytes
+    Column("body", LargeBinary, nullable=False),
+    Column("body_sha256", Text, nullable=False),
+    Column("sent_at", Double, nullable=False),
+    Index("designs_of_tenant", "tenant", "sent_at"),
+    Index("designs_by_time", "sent_at"),
+)
+
 workers = sa.Table(
     "workers",
     metadata,

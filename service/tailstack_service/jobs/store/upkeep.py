@@ -18,7 +18,7 @@ from sqlalchemy.engine import URL, Connection
 
 from tailstack.errors import Problem
 
-from . import audit, tables, usage
+from . import audit, designs, tables, usage
 from .database import Database, connect, now, parse_url, reading, writing
 from .errors import StoreError, StoreUnavailable
 from .results import find_changed_parts, find_changed_requests, find_changed_results, find_missing_results
@@ -51,6 +51,7 @@ class Deletions:
     usage_rows: int
     workers: int
     audit_entries: int
+    designs: int = 0
 
 
 def check_database(db: Database) -> list[Check]:
@@ -131,8 +132,8 @@ _RULES: dict[str, sa.Select[str]] = {
 
 
 def purge(db: Database, keep_days: float, audit_days: float = AUDIT_DAYS) -> Deletions:
-    """Delete jobs that ended more than ``keep_days`` ago, results that no job refers to, workers silent for a day,
-    entries of the audit log older than ``audit_days``.
+    """Delete jobs that ended more than ``keep_days`` ago, results that no job refers to, designs that were not sent for
+    as long, workers silent for a day, entries of the audit log older than ``audit_days``.
 
     Works in short transactions; several at once do no harm.
     """
@@ -142,8 +143,9 @@ def purge(db: Database, keep_days: float, audit_days: float = AUDIT_DAYS) -> Del
         at = now(db, connection)
         rows = usage.fold_minutes(db, connection, at) if _lock_purge(db, connection) else 0
         entries = audit.delete_entries(connection, at - audit_days * SECONDS_PER_DAY)
+        unnamed = designs.delete_designs(connection, at - keep_days * SECONDS_PER_DAY)
         silent = sa.delete(tables.workers).where(tables.workers.c.seen_at < at - WORKERS_KEPT_SECONDS)
-        return Deletions(jobs, results, rows, connection.execute(silent).rowcount, entries)
+        return Deletions(jobs, results, rows, connection.execute(silent).rowcount, entries, unnamed)
 
 
 def _lock_purge(db: Database, connection: Connection) -> bool:

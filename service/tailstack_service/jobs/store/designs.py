@@ -1,0 +1,46 @@
+"""Designs that a tenant sent lately: the last so many, so that requests can name one by its hash."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection
+
+from . import tables
+from .database import Database, insert, now, reading, writing
+from .results import digest
+
+FRESH_SECONDS = 10.0  # a design that was sent again so soon keeps its place
+_DESIGN = tables.designs.c
+
+
+def keep_design(db: Database, tenant: str, sha256: str, body: bytes, most: int) -> None:
+    """Keep a design of a tenant as the one that was sent last, and of all the tenant's the last ``most``."""
+    with reading(db) as connection:
+        query = sa.select(_DESIGN.body, _DESIGN.sent_at).where(_DESIGN.tenant == tenant, _DESIGN.sha256 == sha256)
+        row = connection.execute(query).first()
+        if row is not None and row.body == body and row.sent_at > now(db, connection) - FRESH_SECONDS:
+            return
+    with writing(db) as connection:
+        values: dict[str, Any] = {"tenant": tenant, "sha256": sha256, "body": body, "body_sha256": digest(body)}
+        values["sent_at"] = now(db, connection)
+        statement = insert(db.dialect, tables.designs).values(values)
+        changed = {name: statement.excluded[name] for name in ("body", "body_sha256", "sent_at")}
+        connection.execute(statement.on_conflict_do_update(index_elements=["tenant", "sha256"], set_=changed))
+        last = sa.select(_DESIGN.sent_at).where(_DESIGN.tenant == tenant).order_by(_DESIGN.sent_at.desc())
+        oldest = last.limit(1).offset(most - 1).scalar_subquery()
+        connection.execute(sa.delete(tables.designs).where(_DESIGN.tenant == tenant, _DESIGN.sent_at < oldest))
+
+
+def read_design(db: Database, tenant: str, sha256: str) -> bytes | None:
+    """The JSON of a design that the tenant sent; None if it is not kept, or is no longer what was kept."""
+    query = sa.select(_DESIGN.body, _DESIGN.body_sha256).where(_DESIGN.tenant == tenant, _DESIGN.sha256 == sha256)
+    with reading(db) as connection:
+        row = connection.execute(query).first()
+    return row.body if row is not None and digest(row.body) == row.body_sha256 else None
+
+
+def delete_designs(connection: Connection, before: float) -> int:
+    """Delete designs that were last sent before that.  Returns how many."""
+    return connection.execute(sa.delete(tables.designs).where(_DESIGN.sent_at < before)).rowcount

@@ -1,0 +1,219 @@
+"""Requests that name a design by its hash, or say only what differs from one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import sqlalchemy as sa
+from service_scenes import check_problem, client_with, coplanar_design, small_design
+from store_scenes import Clock
+
+from tailstack_service.jobs.store import designs, tables, upkeep
+from tailstack_service.jobs.store.database import Database, writing
+from tailstack_service.operations.patches import merge
+from tailstack_service.settings import Settings
+
+MOVED = [12.0, -31.0, -44.0]
+NOWHERE = "0" * 64
+
+
+@pytest.fixture(scope="module")
+def database(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return f"sqlite:///{tmp_path_factory.mktemp('partial') / 'jobs.sqlite3'}"
+
+
+@pytest.fixture(scope="module")
+def client(database: str) -> Iterator[httpx.Client]:
+    with client_with(Settings(database=database, worker_processes=1), worker=True) as client:
+        yield client
+
+
+def score(client: httpx.Client, **body: Any) -> httpx.Response:
+    return client.post("/v1/scores", json=body)
+
+
+def sha256_of(response: httpx.Response) -> str:
+    assert response.status_code == 200, response.text
+    name: str = response.json()["provenance"]["design_sha256"]
+    return name
+
+
+def test_a_patch_of_a_named_design_is_answered_like_the_whole_design(client: httpx.Client) -> None:
+    """independent: the patched design is written out by hand."""
+    name = sha256_of(score(client, design=small_design()))
+    patch = {
+        "name": "looser", "targets": [{"name": "tip", "position_mm": MOVED}],
+        "interfaces": {
+            "connector_flange": None, "structure_connector": {"tolerances": {"rz": {"half_width_deg": 0.4}}},
+        },
+    }  # fmt: skip
+    whole = small_design(name="looser", targets=[{"name": "tip", "position_mm": MOVED}])
+    del whole["interfaces"]["connector_flange"]
+    whole["interfaces"]["structure_connector"]["tolerances"]["rz"]["half_width_deg"] = 0.4
+
+    expected = score(client, design=whole)
+    assert sha256_of(expected) != name
+    assert score(client, design_sha256=name, patch=patch).content == expected.content
+    assert score(client, design=small_design(), patch=patch).content == expected.content
+    assert score(client, design_sha256=name).content == score(client, design=small_design()).content
+
+
+@pytest.mark.parametrize(
+    ("target", "patch", "merged"),
+    [
+        ({"a": "b"}, {"a": "c"}, {"a": "c"}), ({"a": "b"}, {"b": "c"}, {"a": "b", "b": "c"}),
+        ({"a": "b"}, {"a": None}, {}),
+        ({"a": "b", "b": "c"}, {"a": None}, {"b": "c"}), ({"a": ["b"]}, {"a": "c"}, {"a": "c"}),
+        ({"a": "c"}, {"a": ["b"]}, {"a": ["b"]}),
+        ({"a": {"b": "c"}}, {"a": {"b": "d", "c": None}}, {"a": {"b": "d"}}),
+        ({"a": [{"b": "c"}]}, {"a": [1]}, {"a": [1]}), (["a", "b"], ["c", "d"], ["c", "d"]), ({"a": "b"}, ["c"], ["c"]),
+        ({"a": "foo"}, None, None), ({"a": "foo"}, "bar", "bar"), ({"e": None}, {"a": 1}, {"e": None, "a": 1}),
+        ([1, 2], {"a": "b", "c": None}, {"a": "b"}), ({}, {"a": {"bb": {"ccc": None}}}, {"a": {"bb": {}}}),
+    ],
+)  # fmt: skip
+def test_patches_are_those_of_rfc_7396(target: Any, patch: Any, merged: Any) -> None:
+    """published: RFC 7396, appendix A, every row."""
+    before = json.dumps(target)
+    assert merge(target, patch) == merged
+    assert json.dumps(target) == before
+
+
+def test_the_hash_still_works_after_a_restart_and_at_another_process(client: httpx.Client, database: str) -> None:
+    name = sha256_of(score(client, design=small_design(name="kept")))
+    with client_with(Settings(database=database, worker_processes=1)) as another:
+        assert sha256_of(score(another, design_sha256=name)) == name
+
+
+def test_a_design_that_is_not_kept_is_asked_for_whole(client: httpx.Client) -> None:
+    problem = check_problem(score(client, design_sha256=NOWHERE, patch={}), 404, "unknown-design")
+    assert problem["errors"][0]["pointer"] == "/design_sha256"
+    assert "send the design whole" in problem["errors"][0]["hint"]
+
+
+def test_a_patched_design_of_a_score_is_not_kept_but_that_of_a_job_is(client: httpx.Client) -> None:
+    body = {"design": small_design(), "patch": {"name": "a frame of a drag"}}
+    name = sha256_of(client.post("/v1/scores", json=body))
+    check_problem(score(client, design_sha256=name), 404, "unknown-design")
+    assert client.post("/v1/verifications", json={**body, "trials": 1000}).status_code == 202
+    assert sha256_of(score(client, design_sha256=name)) == name
+
+
+def test_only_the_last_designs_are_kept(tmp_path: Path) -> None:
+    settings = Settings(database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}", max_kept_designs=2)
+    with client_with(settings) as client:
+        names = [sha256_of(score(client, design=small_design(name=name))) for name in ("one", "two", "three")]
+        found = [score(client, design_sha256=name).status_code for name in names]
+    assert found == [404, 200, 200]
+
+
+def test_none_is_kept_where_the_operator_says_so(tmp_path: Path) -> None:
+    with client_with(Settings(database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}", max_kept_designs=0)) as client:
+        name = sha256_of(score(client, design=small_design()))
+        check_problem(score(client, design_sha256=name), 404, "unknown-design")
+
+
+def test_another_tenants_design_is_one_that_never_was(store: Database) -> None:
+    designs.keep_design(store, "a", NOWHERE, b"{}", 10)
+    assert designs.read_design(store, "a", NOWHERE) == b"{}"
+    assert designs.read_design(store, "b", NOWHERE) is None
+
+
+def test_a_design_that_was_changed_in_the_database_is_not_used(store: Database) -> None:
+    designs.keep_design(store, "a", NOWHERE, b'{"name":"a"}', 10)
+    with writing(store) as connection:
+        connection.execute(sa.update(tables.designs).values(body=b'{"name":"b"}'))
+    assert designs.read_design(store, "a", NOWHERE) is None
+    designs.keep_design(store, "a", NOWHERE, b'{"name":"a"}', 10)
+    assert designs.read_design(store, "a", NOWHERE) == b'{"name":"a"}'
+
+
+def test_a_design_that_is_sent_again_stays_and_old_ones_go(store: Database, clock: Clock) -> None:
+    for name in ("1", "2", "1", "3"):
+        clock.advance(60)
+        designs.keep_design(store, "a", name * 64, b"{}", 2)
+    assert [designs.read_design(store, "a", name * 64) is not None for name in "123"] == [True, False, True]
+    clock.advance(40 * 86_400)
+    designs.keep_design(store, "a", "3" * 64, b"{}", 2)
+    assert upkeep.purge(store, 30.0).designs == 1
+    assert [designs.read_design(store, "a", name * 64) is not None for name in "13"] == [False, True]
+
+
+def test_a_refusal_points_into_the_patched_design_and_says_what_came_through_the_patch(client: httpx.Client) -> None:
+    name = sha256_of(score(client, design=small_design()))
+    views = small_design()["views"]
+    views[1]["fiducial_noise_px"] = -1.0
+    patch = {"views": views, "targets": None, "interfaces": {"connector_flange": {"tolerances": {"qx": {}}}}}
+    problem = check_problem(score(client, design_sha256=name, patch=patch), 422, "invalid-design")
+    found = {entry["pointer"]: entry["detail"].rpartition("; ")[2] for entry in problem["errors"]}
+    value = "/views/1/fiducial_noise_px"
+    assert found[f"/design{value}"] == f"this came through the patch, at /patch{value}"
+    field = "/interfaces/connector_flange/tolerances/qx"
+    assert found[f"/design{field}"] == f"the patch changes what is here, at /patch{field}"
+    assert found["/design/targets"] == "this came through the patch, at /patch/targets"
+
+    broken = small_design(name=7)
+    problem = check_problem(score(client, design=broken, patch={"views": views}), 422, "invalid-design")
+    found = {entry["pointer"]: "patch" in entry["detail"] for entry in problem["errors"]}
+    assert found == {"/design/name": False, "/design/views/1/fiducial_noise_px": True}
+
+
+def test_a_layout_that_the_patch_made_flat_is_refused_with_the_place_in_the_patch(client: httpx.Client) -> None:
+    patch = {"fiducials": {"points": coplanar_design()["fiducials"]["points"]}}
+    problem = check_problem(score(client, design=small_design(), patch=patch), 422, "ill-posed-geometry")
+    assert problem["errors"][0]["pointer"].startswith("/design/fiducials")
+    assert "the patch changes what is here, at /patch/fiducials" in problem["errors"][0]["detail"]
+
+
+@pytest.mark.parametrize(
+    ("body", "pointer", "code"),
+    [
+        ({"design": small_design(), "design_sha256": NOWHERE}, "/design_sha256", "one-of"),
+        ({"design_sha256": "7a"}, "/design_sha256", "bad-text"),
+        ({"design_sha256": 7}, "/design_sha256", "bad-text"),
+        ({"patch": {}}, "", "missing-field"),
+        ({"design": small_design(), "patch": []}, "/patch", "wrong-type"),
+        ({"design": small_design(), "patch": None}, "/patch", "wrong-type"),
+        ({"design": small_design(), "path": {}}, "/path", "unknown-field"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_meant_is_refused(client: httpx.Client, body: dict[str, Any], pointer: str, code: str) -> None:
+    problem = check_problem(client.post("/v1/scores", json=body), 422, "invalid-request")
+    assert [(entry["pointer"], entry["code"]) for entry in problem["errors"]] == [(pointer, code)]
+
+
+@pytest.mark.parametrize(
+    ("path", "options"),
+    [
+        ("/v1/validations", {}), ("/v1/verifications", {"trials": 1000, "seed": 3}),
+        ("/v1/optimisations", {"starts": 1}), ("/v1/reports", {}),
+        ("/v1/sweeps", {"axes": [{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2]}]}),
+        ("/v1/studies/coupling", {"levels": [{"rotation_deg": 0.1, "translation_mm": 0.1}]}),
+    ],
+)  # fmt: skip
+def test_every_operation_on_one_design_takes_a_patch(client: httpx.Client, path: str, options: dict[str, Any]) -> None:
+    """The same request as the whole design: a job of the one is the job of the other."""
+    name = sha256_of(score(client, design=small_design()))
+    whole = {"design": small_design(name="patched"), **options}
+    parts = {"design_sha256": name, "patch": {"name": "patched"}, **options}
+    key = {} if path == "/v1/validations" else {"Idempotency-Key": path}
+    first, second = (client.post(path, json=body, headers=key) for body in (whole, parts))
+    assert first.status_code in (200, 202), first.text
+    assert (second.status_code, second.headers.get("location")) == (first.status_code, first.headers.get("location"))
+    if key:
+        assert second.headers["idempotency-replayed"] == "true"
+    else:
+        assert second.content == first.content
+
+
+def test_without_its_database_a_service_scores_what_is_sent_whole(tmp_path: Path) -> None:
+    with client_with(Settings(database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}")) as client:
+        for path in tmp_path.iterdir():
+            path.unlink()
+        assert sha256_of(score(client, design=small_design(), patch={"name": "x"}))
+        assert sha256_of(score(client, design=small_design()))
+        assert score(client, design_sha256=NOWHERE).status_code == 503
