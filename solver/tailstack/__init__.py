@@ -6,8 +6,9 @@ Three lines::
     design = load_design("examples/demo.yaml")
     print(score(design).targets[0].p95_mm, verify(design, precision=0.01).targets[0].p95_interval_mm)
 
-``optimise(design)`` moves fiducials and sets rotational tolerances under the design's own limit.  Results
-are the frozen records of :mod:`tailstack.results`; refusals are the exceptions of :mod:`tailstack.errors`.
+``optimise(design)`` moves fiducials and sets rotational tolerances under the design's own limit, ``sweep(design,
+{path: values})`` varies numbers of it, ``design.with_value(path, value)`` is the design with one of them changed.
+Results are the frozen records of :mod:`tailstack.results`; refusals are the exceptions of :mod:`tailstack.errors`.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     )
     from .optimisation import optimise
     from .scoring import score
+    from .sweeping import sweep
     from .verification import verify
 
 # Loaded on first use: numba and casadi take a second that `tailstack --help` should not.
@@ -41,6 +43,7 @@ _HOME = {
     "score": "scoring",
     "verify": "verification",
     "optimise": "optimisation",
+    "sweep": "sweeping",
     **dict.fromkeys(
         (
             "DesignError", "IllPosedError", "InfeasibleError", "LimitError", "NotConvergedError", "OutOfRangeError",
@@ -65,6 +68,7 @@ __all__ = [
     "load_design",
     "optimise",
     "score",
+    "sweep",
     "verify",
 ]
 

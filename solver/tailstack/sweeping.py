@@ -5,14 +5,15 @@ A point whose design is refused is a row with the reason; only what is wrong wit
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, isfinite, prod
 from typing import Any, Literal
 
+import numpy as np
+
 from .design import Design, compile_design, load_design
-from .design.refusals import escape
+from .design.pointers import Place, find_places, pointer_of, replace_value, suggest, value_at
 from .errors import Problem, TailstackError
 from .results import Provenance, Score, TargetEstimate, TargetScore, Verification
 from .results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
@@ -22,7 +23,6 @@ from .verification import MAX_TRIALS, NOT_IN_A_CHECK, verify
 MOST_AXES, MOST_POINTS = 6, 1_000_000
 SIGNIFICANT = 12  # digits of the values of a range: 0.3, not 0.30000000000000004
 UNITS = {"_mm_per_n": "mm/N", "_deg": "deg", "_mm": "mm", "_px": "px", "_n": "N"}
-EVERY = "*"
 
 Check = Literal["score", "verification"]
 Progress = Callable[[int, int], None]
@@ -41,7 +41,7 @@ class Axis:
     """A number of a design document and the values it takes."""
 
     pointer: str
-    places: tuple[tuple[str | int, ...], ...]  # the steps to each number that takes the value
+    places: tuple[Place, ...]  # the steps to each number that takes the value
     values: tuple[float, ...]
 
 
@@ -71,25 +71,6 @@ def read_axes(design: Design, asked: Sequence[Mapping[str, Any]]) -> tuple[Axis,
     return tuple(axes)
 
 
-def axis_pointer(design: Design, path: str) -> str:
-    """The pointer of a path as people write it: a pointer, or names with dots between them.
-
-    An element of a list goes by its number, or by its ``name`` or ``label``: ``views.AP.fiducial_noise_px``.  A path
-    that leads nowhere is returned as the pointer that ``read_axes`` refuses.
-    """
-    if path.startswith("/"):
-        return path
-    node, steps = design.source.data, []
-    for word in path.split("."):
-        step: str | int = word
-        if isinstance(node, list) and not word.isdecimal() and word != EVERY:
-            called = [k for k, item in enumerate(node) if isinstance(item, dict) and word in _names(item)]
-            step = called[0] if len(called) == 1 else word
-        steps.append(step)
-        node = _child(node, int(word) if isinstance(node, list) and word.isdecimal() else step)
-    return "".join(f"/{escape(step)}" for step in steps)
-
-
 def count_points(axes: Sequence[Axis]) -> int:
     """Points of the grid."""
     return prod(len(axis.values) for axis in axes)
@@ -107,7 +88,7 @@ class PointCheck:
 
 def sweep(
     design: Design,
-    axes: Sequence[Axis],
+    axes: Sequence[Axis] | Mapping[str, Sequence[float]],
     *,
     check: Check = "score",
     trials: int | None = None,
@@ -118,10 +99,15 @@ def sweep(
 ) -> Sweep:
     """Score, or check by Monte Carlo, the design with every combination of the axes' values.
 
-    trials, seed, max_trials, threads: of each check, see ``verify``; one seed for all points.  ``progress(done,
-    total)`` is called after each point.  Raises DesignError and IllPosedError where the design itself cannot be
-    compiled, SweepError.
+    axes: values by path, ``{"views.*.fiducial_noise_px": [0.1, 0.3]}``, in the unit of the field, or what ``read_axes``
+    gave; the last one runs fastest.  A point whose design is refused is a row with the reason.  trials, seed,
+    max_trials, threads: of each check, see ``verify``; one seed for all points.  ``progress(done, total)`` is called
+    after each point.  Raises DesignError and IllPosedError where the design itself cannot be compiled, SweepError.
     """
+    if isinstance(axes, Mapping):
+        data = design.source.data
+        lists = {pointer_of(data, path): np.asarray(values).tolist() for path, values in axes.items()}
+        axes = read_axes(design, [{"pointer": pointer, "values": values} for pointer, values in lists.items()])
     total, each = count_points(axes), PointCheck(check, trials, seed, max_trials)
     points: list[SweepPoint] = []
     for number in range(total):
@@ -174,7 +160,7 @@ def _provenance(design: Design, checked: bool) -> Provenance:
 
 
 def _axis(design: Design, axis: Axis) -> SweepAxis:
-    base = {float(_at(design.source.data, place)) for place in axis.places}
+    base = {float(value_at(design.source.data, place)) for place in axis.places}
     field = next(str(step) for step in reversed(axis.places[0]) if isinstance(step, str))
     unit = next((unit for ending, unit in UNITS.items() if field.endswith(ending)), "")
     return SweepAxis(axis.pointer, unit, base.pop() if len(base) == 1 else None, axis.values)
@@ -249,85 +235,23 @@ def _set_values(design: Design, axes: Sequence[Axis], values: Sequence[float]) -
     data = design.source.data
     for axis, value in zip(axes, values, strict=True):
         for place in axis.places:
-            data = _set_number(data, place, value)
+            # A whole number stays one: fields that count do not take 8.0.
+            counts = isinstance(value_at(data, place), int) and value.is_integer()
+            data = replace_value(data, place, int(value) if counts else value)
     return data
 
 
-def _set_number(node: Any, place: tuple[str | int, ...], value: float) -> Any:
-    if not place:
-        # A whole number stays one: fields that count do not take 8.0.
-        return int(value) if isinstance(node, int) and value.is_integer() else value
-    changed: Any = node.copy()
-    changed[place[0]] = _set_number(node[place[0]], place[1:], value)
-    return changed
-
-
-def _at(node: Any, place: tuple[str | int, ...]) -> Any:
-    for step in place:
-        node = node[step]
-    return node
-
-
-def _places(design: Design, pointer: str, where: str) -> tuple[tuple[str | int, ...], ...]:
+def _places(design: Design, pointer: str, where: str) -> tuple[Place, ...]:
     """Steps to every number that a pointer leads to.  Raises SweepError."""
     data = design.source.data
-    wanted = [step.replace("~1", "/").replace("~0", "~") for step in pointer.split("/")[1:]]
-    reached: list[tuple[str | int, ...]] = [()]
-    for step in wanted if pointer.startswith("/") else ():
-        ways = [(place, _at(data, place)) for place in reached]
-        reached = [(*place, key) for place, node in ways for key in _keys(node, step)]
-    if not pointer.startswith("/") or not reached:
-        raise SweepError(
-            Problem(where, "not-found", f"the design as it was written has nothing at {pointer}", _near(data, pointer))
-        )
+    reached = find_places(data, pointer)
+    hint = suggest(data, pointer) or "what the design leaves to its default is written out to be varied"
+    if not reached:
+        detail = f"the design as it was written has nothing at {pointer}"
+        raise SweepError(Problem(where, "not-found", detail, hint))
     for place in reached:
-        value = _at(data, place)
+        value = value_at(data, place)
         if isinstance(value, bool) or not isinstance(value, int | float):
             said = f"{pointer} is {'a text' if isinstance(value, str) else 'not a number'}"
-            raise SweepError(
-                Problem(where, "not-a-number", f"only numbers can be varied; {said}", _near(data, pointer))
-            )
+            raise SweepError(Problem(where, "not-a-number", f"only numbers can be varied; {said}", hint))
     return tuple(reached)
-
-
-def _keys(node: Any, step: str) -> list[str | int]:
-    if isinstance(node, list):
-        if step == EVERY:
-            return list(range(len(node)))
-        return [int(step)] if step.isdecimal() and int(step) < len(node) else []
-    if isinstance(node, dict):
-        return list(node) if step == EVERY else [step] if step in node else []
-    return []
-
-
-def _near(data: Any, pointer: str) -> str:
-    """What may have been meant."""
-    known = ["".join(f"/{escape(step)}" for step in place) for place in _numbers(data, ())]
-    close = difflib.get_close_matches(pointer, known, 3, 0.5)
-    below = [name for name in known if name.startswith(pointer.rstrip("/") + "/")][:3]
-    listed = " or ".join(dict.fromkeys(below or close))
-    return f"did you mean {listed}?" if listed else "what the design leaves to its default is written out to be varied"
-
-
-def _numbers(node: Any, place: tuple[str | int, ...]) -> Iterator[tuple[str | int, ...]]:
-    if isinstance(node, dict):
-        for key, child in node.items():
-            yield from _numbers(child, (*place, key))
-    elif isinstance(node, list):
-        for k, child in enumerate(node):
-            yield from _numbers(child, (*place, k))
-    elif isinstance(node, int | float) and not isinstance(node, bool):
-        yield place
-
-
-def _names(item: dict[str, Any]) -> tuple[Any, Any]:
-    return item.get("name"), item.get("label")
-
-
-def _child(node: Any, step: str | int) -> Any:
-    if step == EVERY and isinstance(node, list | dict):
-        return next(iter(node.values() if isinstance(node, dict) else node), None)
-    try:
-        return node[step]
-    except (KeyError, IndexError, TypeError):
-        return None

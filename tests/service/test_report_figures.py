@@ -18,7 +18,8 @@ from service_scenes import EXAMPLES, small_design
 
 from tailstack import Design, load_design, score
 from tailstack.arrays import Array
-from tailstack.sweeping import axis_pointer, read_axes, sweep
+from tailstack.design.pointers import pointer_of
+from tailstack.sweeping import read_axes, sweep
 from tailstack_service.report.charts import (
     Scaled,
     draw_budgets,
@@ -406,7 +407,7 @@ def test_images_of_a_layout_before_have_lines_to_what_moved() -> None:
 
 def by_document(design: Design, path: str, values: list[float], target: str) -> list[float]:
     """P95 from documents with another number in them: nothing of the curves is used."""
-    axes = read_axes(design, [{"pointer": axis_pointer(design, path), "values": values}])
+    axes = read_axes(design, [{"pointer": pointer_of(design.source.data, path), "values": values}])
     found = sweep(design, axes)
     return [next(entry.p95_mm for entry in point.targets if entry.name == target) for point in found.points]
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from tailstack import load_design, score, verify
-from tailstack.sweeping import PointCheck, SweepError, axis_pointer, count_points, read_axes, sweep, sweep_points
+from tailstack.design.pointers import pointer_of
+from tailstack.sweeping import PointCheck, SweepError, count_points, read_axes, sweep, sweep_points
 
 DEMO = load_design(Path(__file__).parents[2] / "examples" / "demo.yaml")
 NOISE = "/views/0/fiducial_noise_px"
@@ -137,7 +138,7 @@ def test_parts_of_the_grid_are_the_grid() -> None:
     ],
 )
 def test_paths_as_people_write_them(path: str, pointer: str) -> None:
-    assert axis_pointer(DEMO, path) == pointer
+    assert pointer_of(DEMO.source.data, path) == pointer
 
 
 @pytest.mark.parametrize(

@@ -156,10 +156,10 @@ def _check(request: Request, settings: Settings) -> None:
 
 def _prepare(options: SweepOptions, design: Design) -> dict[str, Any]:
     """The options as a job keeps them: paths with names turned into pointers."""
-    from tailstack.sweeping import axis_pointer
+    from tailstack.design.pointers import pointer_of
 
-    kept = options.model_dump(exclude_none=True)
-    return {**kept, "axes": [{**axis, "pointer": axis_pointer(design, axis["pointer"])} for axis in kept["axes"]]}
+    kept, data = options.model_dump(exclude_none=True), design.source.data
+    return {**kept, "axes": [{**axis, "pointer": pointer_of(data, axis["pointer"])} for axis in kept["axes"]]}
 
 
 def _text(record: Sweep, colour: bool) -> str:
@@ -247,8 +247,9 @@ def _axis_of_flag(text: str) -> tuple[str, dict[str, Any]]:
 def _run(arguments: argparse.Namespace) -> Answer:
     design = read_design(arguments.design)
 
+    from tailstack.design.pointers import pointer_of
     from tailstack.errors import Problem
-    from tailstack.sweeping import axis_pointer, read_axes, sweep
+    from tailstack.sweeping import read_axes, sweep
 
     from ..documents import to_json
     from ..problems import RequestError
@@ -261,7 +262,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     if arguments.processes is not None and arguments.engine != "pool":
         raise RequestError(Problem("", "no-pool", "--processes is of --engine pool", "add it, or leave this out"))
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
-    asked = [{"pointer": axis_pointer(design, path), **values} for path, values in arguments.axes]
+    asked = [{"pointer": pointer_of(design.source.data, path), **values} for path, values in arguments.axes]
     axes = read_axes(design, asked)
     if figure is not None:
         refuse_undrawable([axis.values for axis in axes])

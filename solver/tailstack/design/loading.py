@@ -19,6 +19,7 @@ from .document import (
     DesignDocument,
 )
 from .fiducial_files import FiducialList, format_of, read_fiducials
+from .pointers import find_places, pointer_of, replace_value, suggest
 from .reading import DEFAULT_LIMITS, Format, Limits, Source, decode, plain_data, read_bytes, read_text, show
 from .refusals import place, refuse
 
@@ -40,6 +41,26 @@ class Design:
         """File, line and column (1-based) of a JSON pointer, or of its nearest ancestor that is there."""
         placed = place(Problem(pointer, "located", ""), self.source)
         return placed.file, placed.line, placed.column
+
+    def with_value(self, path: str, value: Any) -> Design:
+        """The design with another value at a place, checked anew; this one stays as it is.
+
+        path: a JSON pointer, ``/views/0/fiducial_noise_px``, or names with dots between them,
+        ``views.AP.fiducial_noise_px``; ``*`` stands for every element.  value: a number in the unit of the field's
+        name, a text, a list or a mapping, as it would stand in the document; a field that the document leaves to its
+        default can be set too.  Raises DesignError with the pointer of what is wrong, LimitError.
+        """
+        data = self.source.data
+        pointer = pointer_of(data, path)
+        places = find_places(data, pointer, make=True)
+        if not places:
+            hint = suggest(data, pointer)
+            if pointer.startswith("/fiducials/points") and self.document.fiducials.file is not None:
+                hint = "the points stand in a file: change it, or load design_to_data(design), which holds them"
+            raise DesignError(Problem(pointer, "not-found", f"the design as it was written has no {pointer}", hint))
+        for each in places:
+            data = replace_value(data, each, value)
+        return load_design(data, base_directory=self.source.directory)
 
 
 def load_design(

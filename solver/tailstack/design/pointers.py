@@ -1,0 +1,110 @@
+"""Places in a design document as people write them, and the document with another value at one of them.
+
+A place is a JSON pointer (RFC 6901), ``/views/0/fiducial_noise_px``, or fields with dots between them,
+``views.AP.fiducial_noise_px``, in which an element of a list goes by its number, its ``name`` or its ``label``.  A step
+``*`` stands for every element of a list or mapping.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+from typing import Any
+
+from .refusals import escape
+
+EVERY = "*"
+Place = tuple[str | int, ...]  # the steps to a value
+
+
+def pointer_of(data: Any, path: str) -> str:
+    """The pointer of a path in a document.  A path that leads nowhere is returned as the pointer that does neither."""
+    if path.startswith("/"):
+        return path
+    node, steps = data, []
+    for word in path.split("."):
+        step: str | int = word
+        if isinstance(node, list) and not word.isdecimal() and word != EVERY:
+            called = [k for k, item in enumerate(node) if isinstance(item, dict) and word in _names(item)]
+            step = called[0] if len(called) == 1 else word
+        steps.append(step)
+        node = _child(node, int(word) if isinstance(node, list) and word.isdecimal() else step)
+    return "".join(f"/{escape(step)}" for step in steps)
+
+
+def find_places(data: Any, pointer: str, *, make: bool = False) -> list[Place]:
+    """Where a pointer leads; empty: nowhere.  ``make``: a mapping that has no such field could get it."""
+    if not pointer.startswith("/"):
+        return []
+    ways: list[tuple[Place, Any]] = [((), data)]
+    steps = [token.replace("~1", "/").replace("~0", "~") for token in pointer.split("/")[1:]]
+    for step, following in zip(steps, [*steps[1:], ""], strict=True):
+        makes = make and not following.isdecimal()  # a list that is not there has no first element
+        ways = [((*place, key), child) for place, node in ways for key, child in _children(node, step, makes)]
+    return [place for place, _ in ways]
+
+
+def value_at(data: Any, place: Place) -> Any:
+    """What stands at a place."""
+    for step in place:
+        data = data[step]
+    return data
+
+
+def replace_value(data: Any, place: Place, value: Any) -> Any:
+    """The document with another value at a place; what is not on the way to it is shared with the first."""
+    if not place:
+        return value
+    step, rest = place[0], place[1:]
+    if isinstance(data, dict):
+        return {**data, step: replace_value(data.get(step, {}), rest, value)}
+    changed = list(data)
+    changed[int(step)] = replace_value(data[int(step)], rest, value)
+    return changed
+
+
+def suggest(data: Any, pointer: str) -> str:
+    """Which number may have been meant, as a hint; empty where nothing is near."""
+    known = ["".join(f"/{escape(step)}" for step in place) for place in _numbers(data, ())]
+    close = difflib.get_close_matches(pointer, known, 3, 0.5)
+    below = [name for name in known if name.startswith(pointer.rstrip("/") + "/")][:3]
+    listed = " or ".join(dict.fromkeys(below or close))
+    return f"did you mean {listed}?" if listed else ""
+
+
+def _children(node: Any, step: str, make: bool) -> list[tuple[str | int, Any]]:
+    """What one step leads to."""
+    if isinstance(node, list):
+        if step == EVERY:
+            return list(enumerate(node))
+        return [(int(step), node[int(step)])] if step.isdecimal() and int(step) < len(node) else []
+    if isinstance(node, dict):
+        if step == EVERY:
+            return list(node.items())
+        return [(step, node.get(step, {}))] if step in node or make else []
+    return []
+
+
+def _numbers(node: Any, place: Place) -> Iterator[Place]:
+    """Where the document has numbers."""
+    if isinstance(node, dict):
+        for key, child in node.items():
+            yield from _numbers(child, (*place, key))
+    elif isinstance(node, list):
+        for k, child in enumerate(node):
+            yield from _numbers(child, (*place, k))
+    elif isinstance(node, int | float) and not isinstance(node, bool):
+        yield place
+
+
+def _names(item: dict[str, Any]) -> tuple[Any, Any]:
+    return item.get("name"), item.get("label")
+
+
+def _child(node: Any, step: str | int) -> Any:
+    if step == EVERY and isinstance(node, list | dict):
+        return next(iter(node.values() if isinstance(node, dict) else node), None)
+    try:
+        return node[step]
+    except (KeyError, IndexError, TypeError):
+        return None
