@@ -44,6 +44,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/layouts": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Where every fiducial and target is, in space and in each image
+         * @description Fiducials and targets in con and in every image, without noise and as the structure sits with its known bias, the projections that image them, and the scene that reports and the web page turn in space.
+         */
+        post: operations["create_layout"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/verifications": {
         parameters: {
             query?: never;
@@ -3381,6 +3401,93 @@ export interface components {
             status: "alive";
         };
         /**
+         * ImagedPoint
+         * @description A fiducial or target in one image, without noise; a fiducial as the structure sits with its known bias.
+         */
+        ImagedPoint: {
+            /**
+             * Label
+             * @description Label of the fiducial, or name of the target.
+             */
+            label: string;
+            /**
+             * Image Px
+             * @description Its image, px; null behind the source.
+             */
+            image_px: [
+                number,
+                number
+            ] | null;
+            /**
+             * Inside
+             * @description Whether the image is on the detector, as far as the view states its size.
+             */
+            inside: boolean;
+        };
+        /**
+         * ImagedView
+         * @description One view: how it images, and what is where in its image.
+         */
+        ImagedView: {
+            /**
+             * View
+             * @description Name of the view.
+             */
+            view: string;
+            /**
+             * Projection
+             * @description 3x4: nominal position of a fiducial in con (mm, 1) to (u w, v w, w), px; the known bias is in it.
+             */
+            projection: [
+                number,
+                number,
+                number,
+                number
+            ][];
+            /**
+             * Target Projection
+             * @description 3x4: the same for what does not sit on the structure, such as targets.
+             */
+            target_projection: [
+                number,
+                number,
+                number,
+                number
+            ][];
+            /**
+             * Image Size Px
+             * @description Width and height of the image, px; null where the design does not state them.
+             */
+            image_size_px: [
+                number,
+                number
+            ] | null;
+            /**
+             * Margin Px
+             * @description Distance from the edge that the optimiser keeps, px.
+             */
+            margin_px: number;
+            /**
+             * Source Mm
+             * @description The X-ray source in con, mm.
+             */
+            source_mm: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Fiducials
+             * @description Images of the fiducials.
+             */
+            fiducials: components["schemas"]["ImagedPoint"][];
+            /**
+             * Targets
+             * @description Images of the targets.
+             */
+            targets: components["schemas"]["ImagedPoint"][];
+        };
+        /**
          * InstallationLevel
          * @description A fixed installation error of the structure.
          */
@@ -3676,6 +3783,52 @@ export interface components {
              */
             clearance_mm?: number;
         } & (unknown | unknown | unknown);
+        /**
+         * Layout
+         * @description Where fiducials and targets are, in space and in every image.
+         */
+        Layout: {
+            /**
+             * Schema
+             * @description Name and version of this record's schema.
+             * @constant
+             */
+            schema: "tailstack/layout/1";
+            /**
+             * Fiducials
+             * @description Fiducials in the order of the design.
+             */
+            fiducials: components["schemas"]["PlacedPoint"][];
+            /**
+             * Targets
+             * @description Targets, regions expanded to their samples.
+             */
+            targets: components["schemas"]["PlacedPoint"][];
+            /**
+             * Views
+             * @description One for each view.
+             */
+            views: components["schemas"]["ImagedView"][];
+            /**
+             * Scene
+             * @description What reports and the web page turn in space, if it was asked for: its shape may change with the version.
+             */
+            scene: {
+                [key: string]: unknown;
+            } | null;
+            /** @description What was computed from what, and what it does not include. */
+            provenance: components["schemas"]["Provenance"];
+        };
+        LayoutRequest: {
+            /** @description The design document. */
+            design: components["schemas"]["Design"];
+            /**
+             * Scene
+             * @description Add the scene in space, with the errors of a score.
+             * @default false
+             */
+            scene?: boolean;
+        };
         /**
          * LevelCompared
          * @description One level at one target.
@@ -4977,6 +5130,26 @@ export interface components {
              *     ]
              */
             image_size_px?: [
+                number,
+                number
+            ];
+        };
+        /**
+         * PlacedPoint
+         * @description A fiducial or target by its name.
+         */
+        PlacedPoint: {
+            /**
+             * Label
+             * @description Label of the fiducial, or name of the target.
+             */
+            label: string;
+            /**
+             * Position Mm
+             * @description Nominal position in con, mm.
+             */
+            position_mm: [
+                number,
                 number,
                 number
             ];
@@ -8031,6 +8204,45 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["Score"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            408: components["responses"]["Problem408"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    create_layout: {
+        parameters: {
+            query?: {
+                /** @description Only with a YAML body. Add the scene in space, with the errors of a score. */
+                scene?: boolean;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["LayoutRequest"];
+                "application/yaml": components["schemas"]["Design"];
+            };
+        };
+        responses: {
+            /** @description Where every fiducial and target is, in space and in each image. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Layout"];
                 };
             };
             400: components["responses"]["Problem400"];

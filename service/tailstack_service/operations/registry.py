@@ -7,6 +7,7 @@ from .operation import Operation
 
 from .validation import OPERATION as VALIDATION
 from .score import OPERATION as SCORE
+from .layout import OPERATION as LAYOUT
 from .verification import OPERATION as VERIFICATION
 from .optimisation import OPERATION as OPTIMISATION
 from .sweep import OPERATION as SWEEP

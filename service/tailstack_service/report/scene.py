@@ -443,12 +443,12 @@ MOST_NAMED = 3  # views: of more, detectors have no names of their own
 
 def scene_of(
     design: Design,
-    score: Score,
+    score: Score | None,
     title: str,
     before: tuple[Design, Score | None] | None = None,
     called: str = "before",
 ) -> Scene:
-    """The scene of a design and what was computed of it.
+    """The scene of a design and what was computed of it, if it was.
 
     before: another one that it is drawn over, without errors where it has no score.  called: what that one is called.
     Positions are nominal; ellipsoids and biases are first order, at the magnification that the scene states.  Raises
@@ -457,7 +457,7 @@ def scene_of(
     system = compile_design(design)
     old = None if before is None else compile_design(before[0])
     beams = beams_of(design, system)
-    scores = [(system, score)]
+    scores = [] if score is None else [(system, score)]
     if before is not None and old is not None and before[1] is not None:
         scores.append((old, before[1]))
     systems = [system] if old is None else [system, old]

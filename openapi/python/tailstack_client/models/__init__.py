@@ -86,6 +86,8 @@ from .get_schema_response_200 import GetSchemaResponse200
 from .headline import Headline
 from .headline_status import HeadlineStatus
 from .health import Health
+from .imaged_point import ImagedPoint
+from .imaged_view import ImagedView
 from .installation_level import InstallationLevel
 from .job import Job
 from .job_kind import JobKind
@@ -93,6 +95,9 @@ from .job_links import JobLinks
 from .job_page import JobPage
 from .job_progress import JobProgress
 from .job_state import JobState
+from .layout import Layout
+from .layout_request import LayoutRequest
+from .layout_scene_type_0 import LayoutSceneType0
 from .level_compared import LevelCompared
 from .level_ratio import LevelRatio
 from .level_shape import LevelShape
@@ -119,6 +124,7 @@ from .paper_cell import PaperCell
 from .paper_cell_quantity import PaperCellQuantity
 from .paper_cell_table import PaperCellTable
 from .per_unit import PerUnit
+from .placed_point import PlacedPoint
 from .placement_value import PlacementValue
 from .printed_cell import PrintedCell
 from .printed_cell_table import PrintedCellTable
@@ -281,6 +287,8 @@ __all__ = (
     "Headline",
     "HeadlineStatus",
     "Health",
+    "ImagedPoint",
+    "ImagedView",
     "InstallationLevel",
     "Job",
     "JobKind",
@@ -288,6 +296,9 @@ __all__ = (
     "JobPage",
     "JobProgress",
     "JobState",
+    "Layout",
+    "LayoutRequest",
+    "LayoutSceneType0",
     "LevelCompared",
     "LevelRatio",
     "LevelShape",
@@ -314,6 +325,7 @@ __all__ = (
     "PaperCellQuantity",
     "PaperCellTable",
     "PerUnit",
+    "PlacedPoint",
     "PlacementValue",
     "PrintedCell",
     "PrintedCellTable",

@@ -53,6 +53,13 @@
 
     // --- page -------------------------------------------------------------------------------------
 
+    // Another scene of the same layout: seen from where the last one was.
+    update(scene) {
+      this.scene = scene;
+      this.places.clear();
+      this.draw();
+    }
+
     build(figure, number) {
       const id = `viewer-${number}`;
       const button = (words, action, more = {}) => {
@@ -535,6 +542,7 @@
     }
   }
 
+  globalThis.LayoutViewer = Viewer; // for a page that makes its scenes itself
   document.querySelectorAll("script.scene-data").forEach((data, k) => {
     const figure = data.closest("figure");
     if (figure && window.ResizeObserver) new Viewer(figure, JSON.parse(data.textContent), k + 1);

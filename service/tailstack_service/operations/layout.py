@@ -1,0 +1,220 @@
+"""Where everything is: fiducials and targets in space and in every image, and the scene that pages turn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import Field
+
+from tailstack.results import Provenance
+
+from ..rendering.tables import decimal, table, visible
+from .effort import score_reception_seconds
+from .operation import Again, Operation
+from .options import Options
+
+if TYPE_CHECKING:
+    from tailstack.arrays import Array
+    from tailstack.design import Design
+    from tailstack.system import System
+
+    from ..report.beams import Beam
+
+Point = tuple[float, float, float]
+Pixel = tuple[float, float]
+
+
+class LayoutOptions(Options):
+    """What is wanted besides positions and images."""
+
+    scene: bool = Field(False, description="Add the scene in space, with the errors of a score.")
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedPoint:
+    """A fiducial or target by its name."""
+
+    label: str
+    """Label of the fiducial, or name of the target."""
+    position_mm: Point
+    """Nominal position in con, mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImagedPoint:
+    """A fiducial or target in one image, without noise; a fiducial as the structure sits with its known bias."""
+
+    label: str
+    """Label of the fiducial, or name of the target."""
+    image_px: Pixel | None
+    """Its image, px; null behind the source."""
+    inside: bool
+    """Whether the image is on the detector, as far as the view states its size."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImagedView:
+    """One view: how it images, and what is where in its image."""
+
+    view: str
+    """Name of the view."""
+    projection: tuple[tuple[float, float, float, float], ...]
+    """3x4: nominal position of a fiducial in con (mm, 1) to (u w, v w, w), px; the known bias is in it."""
+    target_projection: tuple[tuple[float, float, float, float], ...]
+    """3x4: the same for what does not sit on the structure, such as targets."""
+    image_size_px: Pixel | None
+    """Width and height of the image, px; null where the design does not state them."""
+    margin_px: float
+    """Distance from the edge that the optimiser keeps, px."""
+    source_mm: Point
+    """The X-ray source in con, mm."""
+    fiducials: tuple[ImagedPoint, ...]
+    """Images of the fiducials."""
+    targets: tuple[ImagedPoint, ...]
+    """Images of the targets."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where fiducials and targets are, in space and in every image."""
+
+    schema: Literal["tailstack/layout/1"]
+    """Name and version of this record's schema."""
+    fiducials: tuple[PlacedPoint, ...]
+    """Fiducials in the order of the design."""
+    targets: tuple[PlacedPoint, ...]
+    """Targets, regions expanded to their samples."""
+    views: tuple[ImagedView, ...]
+    """One for each view."""
+    scene: dict[str, Any] | None
+    """What reports and the web page turn in space, if it was asked for: its shape may change with the version."""
+    provenance: Provenance
+    """What was computed from what, and what it does not include."""
+
+
+def lay_out(design: Design, *, scene: bool = False) -> Layout:
+    """Compile the design and image it.  Raises DesignError.
+
+    A layout that determines no answer is laid out nevertheless: a picture shows best what is wrong with it.
+    """
+    import numpy as np
+
+    from tailstack.design import compile_design
+    from tailstack.estimation.checks import imaged_fiducials
+    from tailstack.scoring import provenance
+
+    from ..report.beams import beams_of
+
+    system = compile_design(design)
+    places = imaged_fiducials(system)
+    targets = np.array([target.position_mm for target in system.targets])
+    target_names = tuple(target.name for target in system.targets)
+    section = design.document.optimise
+    installed = _displacement(system)
+    views = tuple(
+        ImagedView(
+            view=beam.view.name,
+            projection=tuple(map(_numbers, beam.view.projection @ installed)),
+            target_projection=tuple(map(_numbers, beam.view.projection)),
+            image_size_px=None if beam.view.image_size_px is None else _numbers(beam.view.image_size_px),
+            margin_px=0.0 if section is None else float(section.image_margin_px),
+            source_mm=_numbers(beam.source_mm),
+            fiducials=_imaged(beam, system.fiducial_labels, places),
+            targets=_imaged(beam, target_names, targets),
+        )
+        for beam in beams_of(design, system)
+    )
+    return Layout(
+        schema="tailstack/layout/1",
+        fiducials=_placed(system.fiducial_labels, system.fiducials_mm),
+        targets=_placed(target_names, targets),
+        views=views,
+        scene=_scene(design) if scene else None,
+        provenance=provenance(system),
+    )
+
+
+def _scene(design: Design) -> dict[str, Any]:
+    """The layout in space; where it can be scored, with its errors."""
+    import json
+
+    from tailstack.errors import IllPosedError
+    from tailstack.scoring import score
+
+    from ..report.scene import scene_json, scene_of
+
+    record = None
+    with suppress(IllPosedError):
+        record = score(design)
+    found: dict[str, Any] = json.loads(scene_json(scene_of(design, record, design.name)))
+    return found
+
+
+def _imaged(beam: Beam, labels: Sequence[str], points: Array) -> tuple[ImagedPoint, ...]:
+    low, high = beam.corners_px.min(axis=0), beam.corners_px.max(axis=0)
+    found = []
+    for label, image in zip(labels, beam.images(points), strict=True):
+        seen = bool((image == image).all())  # NaN behind the source
+        inside = seen and (not beam.sized or bool(((image >= low) & (image <= high)).all()))
+        found.append(ImagedPoint(label, _numbers(image) if seen else None, inside))
+    return tuple(found)
+
+
+def _displacement(system: System) -> Array:
+    """(4, 4): from a nominal position of a fiducial in con to where it is when it is imaged."""
+    import numpy as np
+
+    from tailstack.estimation.checks import imaged_fiducials
+
+    origin, *ends = imaged_fiducials(replace(system, fiducials_mm=np.vstack([np.zeros(3), np.eye(3)])))
+    return np.block(
+        [[np.column_stack([end - origin for end in ends]), origin[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]
+    )
+
+
+def _placed(labels: Sequence[str], points: Array) -> tuple[PlacedPoint, ...]:
+    return tuple(PlacedPoint(label, _numbers(point)) for label, point in zip(labels, points, strict=True))
+
+
+def _numbers(values: Iterable[float]) -> Any:
+    return tuple(float(value) for value in values)
+
+
+# --- for people -------------------------------------------------------------------------------------------
+
+
+def _text(record: Layout, colour: bool) -> str:
+    """Where every fiducial and target is imaged, view by view."""
+    lines = [
+        f"{visible(record.provenance.design_name)}: {len(record.fiducials)} fiducials in {len(record.views)} views"
+    ]
+    for view in record.views:
+        size = "size not stated" if view.image_size_px is None else "{:.0f} x {:.0f} px".format(*view.image_size_px)
+        rows = [
+            [visible(point.label), *([decimal(v, 1) for v in point.image_px] if point.image_px else ["-", "-"]),
+             "" if point.inside else "outside"]
+            for point in (*view.fiducials, *view.targets)
+        ]  # fmt: skip
+        lines += ["", table([f"view {visible(view.view)}, {size}", "u, px", "v, px", ""], rows)]
+    return "\n".join(lines) + "\n"
+
+
+OPERATION = Operation(
+    name="layout",
+    verb="layout",
+    path="/v1/layouts",
+    summary="Where every fiducial and target is, in space and in each image",
+    description="Fiducials and targets in con and in every image, without noise and as the structure sits with its "
+    "known bias, the projections that image them, and the scene that reports and the web page turn in space.",
+    title="answer of layout: fiducials and targets in space and in every image",
+    options=LayoutOptions,
+    record=lambda: Layout,
+    run=lambda call: lay_out(call.design, scene=call.options.scene),
+    immediate=True,
+    seconds=score_reception_seconds,
+    text=_text,
+    repeat=lambda again: Again(lay_out(again.designs[0], scene=again.record.scene is not None)),
+)
