@@ -3821,7 +3821,11 @@ export interface components {
         };
         LayoutRequest: {
             /** @description The design document. */
-            design: components["schemas"]["Design"];
+            design?: components["schemas"]["Design"];
+            /** @description Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its answer). 404 `unknown-design` where it is no longer kept. */
+            design_sha256?: string;
+            /** @description What is changed in that design first. */
+            patch?: components["schemas"]["DesignPatch"];
             /**
              * Scene
              * @description Add the scene in space, with the errors of a score.

@@ -13,6 +13,7 @@ from typing import cast
 
 if TYPE_CHECKING:
     from ..models.design import Design
+    from ..models.design_patch import DesignPatch
 
 
 T = TypeVar("T", bound="LayoutRequest")
@@ -22,30 +23,47 @@ T = TypeVar("T", bound="LayoutRequest")
 class LayoutRequest:
     """
     Attributes:
-        design (Design): A reference structure on a robot, seen by two or more X-ray views. Lengths in mm, angles in
-            degrees, images in px: the unit is in every field name. Frames: con (connector: fiducials, targets, interface
-            pivots, views; LPS), flange, tcp. T_ab maps coordinates in b to coordinates in a. Tolerances are half-widths.
-            Unknown fields, NaN and infinities are refused.
+        design (Design | Unset): A reference structure on a robot, seen by two or more X-ray views. Lengths in mm,
+            angles in degrees, images in px: the unit is in every field name. Frames: con (connector: fiducials, targets,
+            interface pivots, views; LPS), flange, tcp. T_ab maps coordinates in b to coordinates in a. Tolerances are half-
+            widths. Unknown fields, NaN and infinities are refused.
+        design_sha256 (str | Unset): Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256`
+            of its answer). 404 `unknown-design` where it is no longer kept.
+        patch (DesignPatch | Unset): What differs from a design: a JSON merge patch (RFC 7396). Objects are merged, null
+            removes a field, lists are replaced whole.
         scene (bool | Unset): Add the scene in space, with the errors of a score. Default: False.
     """
 
-    design: Design
+    design: Design | Unset = UNSET
+    design_sha256: str | Unset = UNSET
+    patch: DesignPatch | Unset = UNSET
     scene: bool | Unset = False
 
     def to_dict(self) -> dict[str, Any]:
         from ..models.design import Design  # noqa: PLC0415
+        from ..models.design_patch import DesignPatch  # noqa: PLC0415
 
-        design = self.design.to_dict()
+        design: dict[str, Any] | Unset = UNSET
+        if not isinstance(self.design, Unset):
+            design = self.design.to_dict()
+
+        design_sha256 = self.design_sha256
+
+        patch: dict[str, Any] | Unset = UNSET
+        if not isinstance(self.patch, Unset):
+            patch = self.patch.to_dict()
 
         scene = self.scene
 
         field_dict: dict[str, Any] = {}
 
-        field_dict.update(
-            {
-                "design": design,
-            }
-        )
+        field_dict.update({})
+        if design is not UNSET:
+            field_dict["design"] = design
+        if design_sha256 is not UNSET:
+            field_dict["design_sha256"] = design_sha256
+        if patch is not UNSET:
+            field_dict["patch"] = patch
         if scene is not UNSET:
             field_dict["scene"] = scene
 
@@ -54,14 +72,31 @@ class LayoutRequest:
     @classmethod
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
         from ..models.design import Design  # noqa: PLC0415
+        from ..models.design_patch import DesignPatch  # noqa: PLC0415
 
         d = dict(src_dict)
-        design = Design.from_dict(d.pop("design"))
+        _design = d.pop("design", UNSET)
+        design: Design | Unset
+        if isinstance(_design, Unset):
+            design = UNSET
+        else:
+            design = Design.from_dict(_design)
+
+        design_sha256 = d.pop("design_sha256", UNSET)
+
+        _patch = d.pop("patch", UNSET)
+        patch: DesignPatch | Unset
+        if isinstance(_patch, Unset):
+            patch = UNSET
+        else:
+            patch = DesignPatch.from_dict(_patch)
 
         scene = d.pop("scene", UNSET)
 
         layout_request = cls(
             design=design,
+            design_sha256=design_sha256,
+            patch=patch,
             scene=scene,
         )
 
