@@ -13,6 +13,7 @@ from tailstack.errors import (
     InfeasibleError,
     KernelError,
     LimitError,
+    MissingExtraError,
     NotConvergedError,
     OutOfRangeError,
     Problem,
@@ -254,6 +255,12 @@ CATALOGUE: dict[str, ProblemType] = {
             501,
             "The libraries that write PDF are not installed where the service runs.",
             "Install what the detail names, or take format=html and print it.",
+        ),
+        _of(
+            MissingExtraError,
+            501,
+            "tailstack is installed in parts, and the one that this needs is not installed where the service runs.",
+            "An operator has to act: the hint is the command that installs it; tailstack[all] has every part.",
         ),
         _of(
             QueueFull,

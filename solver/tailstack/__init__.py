@@ -13,9 +13,9 @@ Results are the frozen records of :mod:`tailstack.results`; refusals are the exc
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from .first_use import load_on_first_use
 from .version import __version__
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         IllPosedError,
         InfeasibleError,
         LimitError,
+        MissingExtraError,
         NotConvergedError,
         OutOfRangeError,
         Problem,
@@ -46,8 +47,8 @@ _HOME = {
     "sweep": "sweeping",
     **dict.fromkeys(
         (
-            "DesignError", "IllPosedError", "InfeasibleError", "LimitError", "NotConvergedError", "OutOfRangeError",
-            "Problem", "TailstackError",
+            "DesignError", "IllPosedError", "InfeasibleError", "LimitError", "MissingExtraError", "NotConvergedError",
+            "OutOfRangeError", "Problem", "TailstackError",
         ),
         "errors",
     ),
@@ -59,6 +60,7 @@ __all__ = [
     "IllPosedError",
     "InfeasibleError",
     "LimitError",
+    "MissingExtraError",
     "NotConvergedError",
     "OutOfRangeError",
     "Problem",
@@ -72,10 +74,4 @@ __all__ = [
     "verify",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'tailstack' has no attribute {name!r}")
-    value = getattr(import_module(f".{_HOME[name]}", __name__), name)
-    globals()[name] = value
-    return value
+__getattr__ = load_on_first_use(__name__, _HOME)

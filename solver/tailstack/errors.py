@@ -105,6 +105,14 @@ class SourcesChangedError(TailstackError):
     exit_code = 3
 
 
+class MissingExtraError(TailstackError):
+    """A package that an extra of tailstack brings is needed, and not installed."""
+
+    slug = "missing-extra"
+    title = "A part of tailstack is not installed"
+    exit_code = 2
+
+
 class StudyError(TailstackError):
     """An axis, a target or a number of trials that cannot be."""
 

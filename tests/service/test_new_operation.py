@@ -107,12 +107,10 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(ROOT / "service" / "tailstack_service", package, ignore=shutil.ignore_patterns("__pycache__"))
     (package / "operations" / "spacing.py").write_text(TOY, encoding="utf-8")
     registry = package / "operations" / "registry.py"
-    line = "from .conversion import OPERATION as CONVERSION\n"
+    line = '    "conversion": "convert",\n'
     text = registry.read_text(encoding="utf-8")
     assert text.count(line) == 1
-    registry.write_text(
-        text.replace(line, line + line.replace("conversion", "spacing").replace("CONVERSION", "SPACING"))
-    )
+    registry.write_text(text.replace(line, line + '    "spacing": "spacing",\n'))
     return folder
 
 

@@ -43,6 +43,10 @@ def demo_text() -> str:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
+    from tailstack.extras import require_extras
+
+    require_extras("optimise", "serve", "report")
+
     from tailstack.design import design_to_data, load_design
     from tailstack.design.write import data_to_yaml
 

@@ -9,6 +9,9 @@ import sys
 import tempfile
 from collections.abc import Callable
 
+from tailstack.errors import MissingExtraError
+from tailstack.extras import install_command, missing_extras, name_missing_extra
+
 from ..console.answer import NOT_EVALUATED, PASS, Answer
 
 HELP = "check this installation"
@@ -26,7 +29,10 @@ def run(arguments: argparse.Namespace) -> Answer:
     lines, code = [], PASS
     for name, check in CHECKS.items():
         try:
-            lines.append(f"ok    {name:<15}{check()}\n")
+            with name_missing_extra():
+                lines.append(f"ok    {name:<15}{check()}\n")
+        except MissingExtraError as error:  # left out on purpose
+            lines.append(f"-     {name:<15}not installed: {error.problems[0].hint}\n")
         except Exception as error:  # a doctor reports every ailment
             code = NOT_EVALUATED
             lines.append(
@@ -40,11 +46,23 @@ def _python() -> str:
 
 
 def _versions() -> str:
-    from importlib.metadata import version
+    from importlib.metadata import PackageNotFoundError, version
 
     from tailstack import __version__
 
-    return f"tailstack {__version__}; " + ", ".join(f"{name} {version(name)}" for name in PACKAGES)
+    def version_of(name: str) -> str:
+        try:
+            return version(name)
+        except PackageNotFoundError:
+            return "not installed"
+
+    return f"tailstack {__version__}; " + ", ".join(f"{name} {version_of(name)}" for name in PACKAGES)
+
+
+def _extras() -> str:
+    """What of tailstack is left out here."""
+    missing = missing_extras()
+    return f"not installed: {', '.join(missing)} ({install_command(*missing)})" if missing else "all installed"
 
 
 def _processor() -> str:
@@ -145,6 +163,7 @@ def _port() -> str:
 CHECKS: dict[str, Callable[[], str]] = {
     "python": _python,
     "versions": _versions,
+    "extras": _extras,
     "processor": _processor,
     "threads": _threads,
     "compile cache": _compile_cache,

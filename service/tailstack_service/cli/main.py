@@ -93,12 +93,14 @@ def _leave_quickly() -> None:
 
 def _run_verb(arguments: argparse.Namespace) -> int:
     from tailstack.errors import TailstackError
+    from tailstack.extras import name_missing_extra
 
     from ..console.refusals import report_error, report_failure
 
     answer: Answer = Answer("", NOT_EVALUATED)
     try:
-        answer = arguments.run(arguments)
+        with name_missing_extra():
+            answer = arguments.run(arguments)
         _write(answer.body)
     except KeyboardInterrupt:
         print("tailstack: interrupted", file=sys.stderr)

@@ -14,7 +14,7 @@ from ..console.answer import Answer
 from ..console.arguments import coloured_output, number, read_design, whole
 from ..console.progress import Progress
 from ..operations.operation import Call, Operation
-from ..operations.registry import FAMILIES, OPERATIONS
+from ..operations.registry import FAMILIES, operations_of
 
 Parsers = Any  # what add_subparsers() gives: argparse has no public name for it
 
@@ -22,15 +22,12 @@ Parsers = Any  # what add_subparsers() gives: argparse has no public name for it
 def add_verb(parsers: Parsers, verb: str) -> None:
     """The parser of a verb, or of a family of them (``study paper``)."""
     if verb not in FAMILIES:
-        operation = next(one for one in OPERATIONS.values() if one.verb == verb)
-        _add_operation(parsers, verb, operation)
+        _add_operation(parsers, verb, operations_of(verb)[0])
         return
     family = parsers.add_parser(verb, help=FAMILIES[verb], description=FAMILIES[verb], allow_abbrev=False)
     members = family.add_subparsers(dest=verb, metavar=verb.upper(), required=True)
-    for operation in OPERATIONS.values():
-        first, _, name = operation.verb.partition(" ")
-        if first == verb:
-            _add_operation(members, name, operation)
+    for operation in operations_of(verb):
+        _add_operation(members, operation.verb.partition(" ")[2], operation)
 
 
 def _add_operation(parsers: Parsers, name: str, operation: Operation) -> None:

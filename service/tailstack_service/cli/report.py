@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from tailstack.extras import require_extras
 from tailstack.precision import FINEST_PRECISION
 
 from ..console.answer import FAIL, NOT_EVALUATED, PASS, Answer
@@ -92,6 +93,9 @@ def run(arguments: argparse.Namespace) -> Answer:
     if arguments.fast:
         _refuse("unused-option", "--fast: it is read only with --verify", "leave it out")
 
+    forms = arguments.format or ("html",)
+    if set(forms) != {"json"}:  # before the work, and not after it
+        require_extras("report", *(["pdf"] if "pdf" in forms else []))
     output = _directory(arguments.output or ".")
     given = [_read(name) for name in arguments.sources]
     record: Any
@@ -106,7 +110,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     stem = "-".join("stdin" if name == "-" else _stem(Path(name).name) for name in arguments.sources)
     stem = "report" if stem == "stdin" else stem
     written = []
-    for form, content in _render(kind, body, arguments.format or ("html",)):
+    for form, content in _render(kind, body, forms):
         path = output / f"{stem}.{'report.' if form == 'json' else ''}{form}"
         replace_file(path, content)
         written.append(str(path))

@@ -13,7 +13,7 @@ OWN = frozenset({*FIRST, *LAST, "gate", "report"})  # modules of this package: g
 @cache
 def verbs() -> tuple[str, ...]:
     """All verbs, in the order in which they are listed."""
-    from ..operations.registry import OPERATIONS
+    from ..operations.registry import VERB_OF
 
-    of_operations = dict.fromkeys(operation.verb.partition(" ")[0] for operation in OPERATIONS.values())
+    of_operations = dict.fromkeys(verb.partition(" ")[0] for verb in VERB_OF.values())
     return (*FIRST, *of_operations, *LAST)

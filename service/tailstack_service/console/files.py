@@ -7,6 +7,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from tailstack.extras import require_extras
+
 
 @dataclass(frozen=True, slots=True)
 class Staged:
@@ -85,7 +87,8 @@ def writable(name: str, endings: tuple[str, ...]) -> Path:
 
 
 def writable_figure(name: str) -> Path:
-    """Where a new figure goes.  Raises RequestError."""
+    """Where a new figure goes.  Raises RequestError; MissingExtraError where nothing can draw it."""
+    require_extras("report")
     return writable(name, (".svg",))
 
 
@@ -96,11 +99,12 @@ def write_figure(path: Path, svg: str) -> None:
 
 
 def writable_directory(name: str) -> Path:
-    """Where several new figures go; made if it is not there.  Raises RequestError, OSError."""
+    """Where several new figures go; made if it is not there.  Raises RequestError, MissingExtraError, OSError."""
     from tailstack.errors import Problem
 
     from ..problems import RequestError
 
+    require_extras("report")
     if not name:
         raise RequestError(Problem("", "file-unwritable", "no directory is named", "--figures ."))
     path = Path(name)

@@ -22,6 +22,7 @@ NEXT = {
     "method-out-of-range": "tailstack verify {file}",
     "not-converged": "tailstack verify {file} --trials 100000",
     "infeasible": "tailstack score {file}   (its budget shows what to tighten)",
+    "missing-extra": "install it, then repeat the command",
     "limit-exceeded": "tailstack {verb} --help",
     "invalid-request": "tailstack {verb} --help",
 }

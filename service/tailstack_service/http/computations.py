@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tailstack.errors import Problem, TailstackError
+from tailstack.extras import name_missing_extra
 
 from ..documents import to_json
 from ..operations.content import canonical
@@ -33,7 +34,8 @@ class Refusal:
 def perform(call: Callable[[], Any]) -> Any:
     """What the call returns, or its refusal.  Any other exception is a defect, and the process tells of it."""
     try:
-        return call()
+        with name_missing_extra():
+            return call()
     except Placed as placed:
         return Refusal(placed.error.slug, placed.error.title, placed.error.problems, placed.prefix)
     except TailstackError as error:

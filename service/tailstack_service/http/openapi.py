@@ -188,7 +188,7 @@ PROBLEMS = "x-problems"  # statuses, until the overlay has made responses of the
 
 # --- the routes of operations -----------------------------------------------------------------------------
 
-BODY_PROBLEMS = (400, 408, 413, 415, 422, 503)
+BODY_PROBLEMS = (400, 408, 413, 415, 422, 501, 503)
 BECOMES_A_JOB = (
     " Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if "
     "that is known within N seconds."

@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import Any
 
 from tailstack.errors import TailstackError
+from tailstack.extras import name_missing_extra
 
 from ..task import ADVANCE, Outcome, Task, UnitResult
 from .content import Refused
@@ -48,7 +49,8 @@ def perform(task: Task) -> Outcome:
     """
     begun = time.process_time()
     try:
-        outcome = _perform(task)
+        with name_missing_extra():
+            outcome = _perform(task)
     except Refused as refused:
         outcome = _refusal(refused.error, refused.prefix)
     except TailstackError as error:

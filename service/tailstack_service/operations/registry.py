@@ -1,28 +1,53 @@
 """All operations, in the order in which they are listed.  A new one is a module, and one line here."""
 
-# ruff: noqa: F401, I001
 from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from importlib import import_module
 
 from .operation import Operation
 
-from .validation import OPERATION as VALIDATION
-from .score import OPERATION as SCORE
-from .layout import OPERATION as LAYOUT
-from .verification import OPERATION as VERIFICATION
-from .optimisation import OPERATION as OPTIMISATION
-from .sweep import OPERATION as SWEEP
-from .study_paper import OPERATION as STUDY_PAPER
-from .study_linearity import OPERATION as STUDY_LINEARITY
-from .study_coupling import OPERATION as STUDY_COUPLING
-from .study_comparison import OPERATION as STUDY_COMPARISON
-from .gate import OPERATION as GATE
-from .report import OPERATION as REPORT
-from .comparison import OPERATION as COMPARISON
-from .conversion import OPERATION as CONVERSION
-
-OPERATIONS: dict[str, Operation] = {
-    operation.name: operation for operation in tuple(globals().values()) if isinstance(operation, Operation)
+# The verb of each, by its name, which is also that of its module (study_paper for study-paper)
+VERB_OF = {
+    "validation": "validate",
+    "score": "score",
+    "layout": "layout",
+    "verification": "verify",
+    "optimisation": "optimise",
+    "sweep": "sweep",
+    "study-paper": "study paper",
+    "study-linearity": "study linearity",
+    "study-coupling": "study coupling",
+    "study-comparison": "study compare",
+    "gate": "gate",
+    "report": "report",
+    "comparison": "report",
+    "conversion": "convert",
 }
 
 # Verbs that are families: their members are operations whose verbs begin with them
 FAMILIES = {"study": "studies: the paper's tables, reach of first order, coupling, measurements"}
+
+
+class _Registry(Mapping[str, Operation]):
+    """The operations by name.  Each is loaded when it is asked for: a verb does not wait for the others."""
+
+    def __getitem__(self, name: str) -> Operation:
+        if name not in VERB_OF:
+            raise KeyError(name)
+        operation: Operation = import_module(f"{__package__}.{name.replace('-', '_')}").OPERATION
+        return operation
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(VERB_OF)
+
+    def __len__(self) -> int:
+        return len(VERB_OF)
+
+
+OPERATIONS = _Registry()
+
+
+def operations_of(verb: str) -> tuple[Operation, ...]:
+    """Those whose verb this is, or whose family."""
+    return tuple(OPERATIONS[name] for name, full in VERB_OF.items() if verb in (full, full.partition(" ")[0]))

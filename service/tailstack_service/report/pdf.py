@@ -10,7 +10,8 @@ from datetime import UTC, datetime
 from threading import Lock
 from typing import Any
 
-from tailstack.errors import Problem
+from tailstack.errors import MissingExtraError, Problem
+from tailstack.extras import install_command
 
 from .blocks import Document
 from .errors import PdfUnavailable
@@ -31,10 +32,10 @@ def pdf_report(document: Document, record: bytes) -> bytes:
     try:
         import weasyprint
     except ImportError:
-        problem = Problem(
-            "", "missing-package", "the Python package weasyprint is not installed", "pip install 'tailstack[pdf]'"
-        )
-        raise PdfUnavailable(problem) from None
+        detail = "the Python package weasyprint is not installed"
+        refusal = PdfUnavailable(Problem("", "missing-package", detail, install_command("pdf")))
+        refusal.exit_code = MissingExtraError.exit_code
+        raise refusal from None
     except OSError as error:
         detail = f"a library that WeasyPrint draws with is missing: {str(error).splitlines()[0][:200]}"
         raise PdfUnavailable(Problem("", "missing-library", detail, PACKAGES)) from None

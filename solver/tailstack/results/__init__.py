@@ -6,49 +6,84 @@ published.  Names in them are a contract: scripts read them.
 
 from __future__ import annotations
 
-from .optimisation import (
-    Certificate,
-    ChangedSpacing,
-    ChangedTolerance,
-    CountTried,
-    FrontPoint,
-    LocalOptimum,
-    MovedFiducial,
-    MovedPivot,
-    Optimisation,
-    PlacementValue,
-    Relaxation,
-    ShadowPrice,
-)
-from .score import (
-    Bounds,
-    Contributor,
-    MetricScore,
-    PerUnit,
-    Score,
-    SecondOrder,
-    TargetScore,
-    Validity,
-)
-from .verdicts import (
-    Check,
-    Finding,
-    Interval,
-    Matrix3,
-    Provenance,
-    Severity,
-    Vector3,
-    Verdict,
-    ViewCheck,
-    headline_of,
-)
-from .verification import (
-    Exceedance,
-    MetricEstimate,
-    Reprojection,
-    TargetEstimate,
-    Verification,
-)
+from typing import TYPE_CHECKING
+
+from ..first_use import load_on_first_use
+
+if TYPE_CHECKING:
+    from .optimisation import (
+        Certificate,
+        ChangedSpacing,
+        ChangedTolerance,
+        CountTried,
+        FrontPoint,
+        LocalOptimum,
+        MovedFiducial,
+        MovedPivot,
+        Optimisation,
+        PlacementValue,
+        Relaxation,
+        ShadowPrice,
+    )
+    from .score import (
+        Bounds,
+        Contributor,
+        MetricScore,
+        PerUnit,
+        Score,
+        SecondOrder,
+        TargetScore,
+        Validity,
+    )
+    from .verdicts import (
+        Check,
+        Finding,
+        Interval,
+        Matrix3,
+        Provenance,
+        Severity,
+        Vector3,
+        Verdict,
+        ViewCheck,
+        headline_of,
+    )
+    from .verification import (
+        Exceedance,
+        MetricEstimate,
+        Reprojection,
+        TargetEstimate,
+        Verification,
+    )
+
+# Loaded on first use: who validates a design does not wait for the records of the optimiser.
+_HOME = {
+    **dict.fromkeys(
+        (
+            "Certificate", "ChangedSpacing", "ChangedTolerance", "CountTried", "FrontPoint", "LocalOptimum",
+            "MovedFiducial", "MovedPivot", "Optimisation", "PlacementValue", "Relaxation", "ShadowPrice",
+        ),
+        "optimisation",
+    ),
+    **dict.fromkeys(
+        (
+            "Bounds", "Contributor", "MetricScore", "PerUnit", "Score", "SecondOrder", "TargetScore", "Validity",
+        ),
+        "score",
+    ),
+    **dict.fromkeys(
+        (
+            "Check", "Finding", "Interval", "Matrix3", "Provenance", "Severity", "Vector3", "Verdict", "ViewCheck",
+            "headline_of",
+        ),
+        "verdicts",
+    ),
+    **dict.fromkeys(
+        (
+            "Exceedance", "MetricEstimate", "Reprojection", "TargetEstimate", "Verification",
+        ),
+        "verification",
+    ),
+}  # fmt: skip
 
 __all__ = [
     "Bounds",
@@ -87,3 +122,5 @@ __all__ = [
     "ViewCheck",
     "headline_of",
 ]
+
+__getattr__ = load_on_first_use(__name__, _HOME)

@@ -7,9 +7,8 @@ from __future__ import annotations
 from concurrent.futures import Future
 from typing import Protocol
 
-from tailstack.errors import Problem
+from tailstack.extras import name_missing_extra
 
-from ...problems import RequestError
 from ...processes.frames import PERFORM
 from ...settings import Settings
 from ...task import Outcome, Task
@@ -38,14 +37,10 @@ class Engine(Protocol):
 
 
 def start_engine(settings: Settings, *, function: str = PERFORM) -> Engine:
-    """Raises RequestError if the engine cannot be had with these settings."""
+    """Raises RequestError, or MissingExtraError, if the engine cannot be had with these settings."""
     if settings.engine == "dask":
-        try:
+        with name_missing_extra():
             from .dask import DaskEngine
-        except ModuleNotFoundError as error:
-            raise RequestError(
-                Problem("", "no-dask", f"engine dask needs the package {error.name}", "pip install 'tailstack[dask]'")
-            ) from None
         return DaskEngine(settings, function=function)
     from .pool import PoolEngine
 

@@ -27,6 +27,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import URL, Connection, Engine, Row, make_url
 
 from tailstack.errors import Problem
+from tailstack.extras import name_missing_extra
 
 from .errors import BadDatabaseUrl, StoreError, StoreUnavailable
 
@@ -206,17 +207,17 @@ def _url_error(why: str) -> StoreError:
 
 
 def connect(url: str, *, create: bool = False, clock: Callable[[], float] | None = None) -> Database:
-    """A database as it is, whatever its schema.  ``create`` makes a SQLite file.  Raises StoreError."""
+    """A database as it is, whatever its schema.  ``create`` makes a SQLite file.
+
+    Raises StoreError; MissingExtraError where the driver of PostgreSQL is not installed.
+    """
     parsed = parse_url(url)
     if parsed.get_backend_name() == "sqlite":
         path = Path(str(parsed.database))
         _require_file(path, create)
         return Database(_make_sqlite_engine(parsed), "sqlite", clock, Lock(), DatabaseFile(path))
-    try:
+    with name_missing_extra():
         engine = _make_postgresql_engine(parsed)
-    except ModuleNotFoundError as error:
-        hint = "pip install 'tailstack[postgres]'"
-        raise StoreError(Problem("", "no-driver", f"PostgreSQL needs the package {error.name}", hint)) from None
     return Database(engine, "postgresql", clock)
 
 

@@ -1,0 +1,210 @@
+"""An installation without one of its parts: what still works, and what a person is told to type for the rest.
+
+Expected: pyproject.toml, the lock file of the core and the import statements themselves, read here on their own.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import distribution, packages_distributions
+from pathlib import Path
+
+import httpx
+import pytest
+import served
+from service_scenes import EXAMPLES, ROOT
+
+from tailstack.extras import MODULES_OF
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+LARGEST_CORE_BYTES = 450e6
+DEMO = str(EXAMPLES / "demo.yaml")
+EVERYTHING = tuple(module for modules in MODULES_OF.values() for module in modules)
+
+
+def plain(requirement: str) -> str:
+    """The name of a requirement as packages spell it in their metadata."""
+    return re.split(r"[\[<>=;! ]", requirement)[0].lower().replace("_", "-")
+
+
+def distributions_of(module: str) -> set[str]:
+    return {plain(name) for name in packages_distributions()[module]}
+
+
+def tailstack(*arguments: str, without: tuple[str, ...], folder: Path) -> subprocess.CompletedProcess[str]:
+    """A command in a Python that does not have these modules."""
+    code = f"import sys; sys.modules.update(dict.fromkeys({without!r})); sys.argv[0] = 'tailstack'\n"
+    code += "from tailstack_service.cli.main import command; command()"
+    variables = {name: value for name, value in os.environ.items() if not name.startswith("TAILSTACK_")}
+    variables |= {"PYTHONPATH": served.PATH, "TAILSTACK_DATABASE": f"sqlite:///{folder / 'jobs.sqlite3'}"}
+    return subprocess.run(
+        [sys.executable, "-c", code, *arguments], env=variables, cwd=folder, capture_output=True, text=True,
+        timeout=300, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("extra", "arguments"),
+    [
+        ("optimise", ("optimise", DEMO)),
+        ("serve", ("serve", "--port", "0")),
+        ("serve", ("worker",)),
+        ("serve", ("jobs", "list")),
+        ("serve", ("db", "check")),
+        ("serve", ("keys", "list")),
+        ("serve", ("openapi",)),
+        ("report", ("report", DEMO)),
+        ("report", ("study", "linearity", DEMO, "--figure", "reach.svg")),
+        ("pdf", ("report", DEMO, "--format", "pdf")),
+        ("postgres", ("db", "check", "--database", "postgresql://somebody@127.0.0.1:1/jobs")),
+        ("dask", ("worker", "--engine", "dask")),
+    ],
+    ids=lambda value: value if isinstance(value, str) else " ".join(Path(word).name for word in value),
+)
+def test_a_verb_whose_extra_is_missing_names_the_command_that_installs_it(
+    extra: str, arguments: tuple[str, ...], tmp_path: Path
+) -> None:
+    if extra in ("postgres", "dask"):
+        assert tailstack("db", "migrate", without=(), folder=tmp_path).returncode == 0
+    done = tailstack(*arguments, without=MODULES_OF[extra], folder=tmp_path)
+    assert f"pip install 'tailstack[{extra}]'" in done.stderr
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == ""
+    assert "internal" not in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_the_demo_names_all_that_it_misses_at_once(tmp_path: Path) -> None:
+    done = tailstack("demo", without=EVERYTHING, folder=tmp_path)
+    assert "pip install 'tailstack[optimise,serve,report]'" in done.stderr
+    assert done.returncode == 2
+    assert not list(tmp_path.iterdir())  # refused before anything is written
+
+
+def test_a_refusal_can_be_read_by_programs(tmp_path: Path) -> None:
+    done = tailstack("optimise", DEMO, "--json", without=MODULES_OF["optimise"], folder=tmp_path)
+    problem = json.loads(done.stderr)
+    assert problem["type"] == "/v1/problems/missing-extra"
+    assert problem["errors"][0]["hint"] == "pip install 'tailstack[optimise]'"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("validate", DEMO),
+        ("score", DEMO, "--json"),
+        ("verify", DEMO, "--trials", "2000", "--json"),
+        ("gate", DEMO, "--mode", "auto", "--format", "json"),
+        ("sweep", DEMO, "--set", "views.0.fiducial_noise_px=0.1:0.5:3", "--json"),
+        ("convert", DEMO, "-o", "demo.json"),
+        ("report", DEMO, "--format", "json", "--parts", "score"),
+        ("schema", "score"),
+        ("--help",),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_the_core_alone_answers_as_the_whole_installation_does(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    alone, whole = (tailstack(*arguments, without=without, folder=tmp_path) for without in (EVERYTHING, ()))
+    assert alone.returncode == whole.returncode
+    assert alone.returncode in (0, 1), alone.stderr
+    assert alone.stdout == whole.stdout
+
+
+def test_doctor_lists_what_is_left_out(tmp_path: Path) -> None:
+    done = tailstack("doctor", without=MODULES_OF["serve"], folder=tmp_path)
+    assert "not installed: serve (pip install 'tailstack[serve]')" in done.stdout
+    assert "FAIL" not in done.stdout
+    assert done.returncode == 0
+
+
+def test_a_service_without_the_optimiser_says_what_is_missing(tmp_path: Path) -> None:
+    (tmp_path / "sitecustomize.py").write_text(
+        f"import sys; sys.modules.update(dict.fromkeys({(*MODULES_OF['optimise'], *MODULES_OF['report'])!r}))\n"
+    )
+    with served.served(tmp_path, PYTHONPATH=f"{tmp_path}{os.pathsep}{served.PATH}") as service:
+        design = {"Content-Type": "application/yaml"}, (EXAMPLES / "demo.yaml").read_bytes()
+        with httpx.Client(base_url=service.url, headers=design[0], timeout=60) as client:
+            assert client.post("/v1/scores", content=design[1]).status_code == 200
+            refused = client.post("/v1/optimisations", content=design[1], headers={"Prefer": "wait=30"})
+            assert refused.status_code == 501, refused.text
+            assert refused.json()["type"] == "/v1/problems/missing-extra"
+            assert refused.json()["errors"][0]["hint"] == "pip install 'tailstack[optimise]'"
+            done = client.post("/v1/verifications?trials=1000", content=design[1], headers={"Prefer": "wait=30"})
+            assert done.status_code in (200, 303)
+            result = client.get("/v1/jobs?limit=1").json()["jobs"][0]["links"]["result"]
+            page = client.get(f"{result}/report?format=html")
+            assert page.status_code == 501
+            assert "pip install 'tailstack[report]'" in page.json()["errors"][0]["hint"]
+            assert client.get("/v1/problems/missing-extra").status_code == 200
+
+
+def test_python_is_told_too() -> None:
+    code = f"import sys; sys.modules.update(dict.fromkeys({MODULES_OF['optimise']!r}))\nfrom tailstack import optimise"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": served.PATH}, capture_output=True, text=True,
+        timeout=60, check=False,
+    )  # fmt: skip
+    assert "MissingExtraError" in done.stderr
+    assert "pip install 'tailstack[optimise]'" in done.stderr.splitlines()[-1]
+
+
+# --- what belongs to which part -----------------------------------------------------------------------------
+
+
+def third_party_imports() -> set[str]:
+    """Top-level names of every import statement of the two packages, but for the standard library's and our own."""
+    names = set()
+    for file in [*(ROOT / "solver").rglob("*.py"), *(ROOT / "service").rglob("*.py")]:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names.add((node.module or "").partition(".")[0])
+    return names - set(sys.stdlib_module_names) - {"tailstack", "tailstack_service"}
+
+
+def locked_core() -> set[str]:
+    lock = (ROOT / "requirements-core.lock").read_text(encoding="utf-8")
+    return {plain(line) for line in re.findall(r"^[a-z].*==", lock, re.MULTILINE)}
+
+
+def test_every_package_that_is_imported_belongs_to_the_core_or_to_an_extra() -> None:
+    core = locked_core()
+    strange = {name for name in third_party_imports() if name not in EVERYTHING and not distributions_of(name) & core}
+    assert not strange
+
+
+def test_the_extras_of_pyproject_bring_what_is_imported() -> None:
+    extras = PROJECT["optional-dependencies"]
+    assert set(extras) == {*MODULES_OF, "all"}
+    for extra, modules in MODULES_OF.items():
+        brought = {plain(requirement) for requirement in extras[extra]}
+        own = {name for module in modules for name in distributions_of(module)}
+        # These come with fastapi, uvicorn, matplotlib and distributed; and uvicorn takes uvloop by itself
+        assert own - {"starlette", "h11", "cycler", "dask"} == brought - {"tailstack", "uvloop"}, extra
+
+
+def test_all_is_every_extra() -> None:
+    extras = PROJECT["optional-dependencies"]
+    reached, waiting = set(), ["all"]
+    while waiting:
+        extra = waiting.pop()
+        reached.add(extra)
+        for requirement in extras[extra]:
+            if inside := re.fullmatch(r"tailstack\[(.*)\]", requirement):
+                waiting += inside[1].split(",")
+    assert reached == set(extras)
+
+
+def test_the_core_is_small() -> None:
+    """Bytes on disk as the installed packages list them, bytecode included, and tailstack's own sources twice."""
+    files = [file.locate() for name in locked_core() for file in distribution(name).files or ()]
+    sources = [*(ROOT / "solver").rglob("*.py"), *(ROOT / "service").rglob("*.py")]
+    size = sum(Path(file).stat().st_size for file in (*files, *sources, *sources) if Path(file).is_file())
+    assert size < LARGEST_CORE_BYTES
