@@ -6,7 +6,6 @@ import difflib
 import os
 import re
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field, ValidationError
@@ -15,6 +14,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from tailstack.cores import usable_cores
 from tailstack.errors import Problem
 
+from .folders import state_directory
 from .names import OF_PROCESSES, OF_TESTS, OTHERS, PREFIX, variable
 from .problems import SettingsError
 
@@ -116,12 +116,7 @@ class Settings(BaseSettings):
     @property
     def database_url(self) -> str:
         """``database``, or the user's own SQLite file."""
-        return self.database or f"sqlite:///{_state_directory() / 'tailstack.sqlite3'}"
-
-
-def _state_directory() -> Path:
-    """Where a program keeps what it must not lose (XDG base directory specification)."""
-    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "tailstack"
+        return self.database or f"sqlite:///{state_directory() / 'tailstack.sqlite3'}"
 
 
 def load_settings(**flags: Any) -> Settings:

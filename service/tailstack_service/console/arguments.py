@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from ..settings import Settings
 
 
-def add_design(parser: argparse.ArgumentParser, *, json: bool = True) -> None:
-    parser.add_argument("design", metavar="DESIGN", help="design document, YAML or JSON; - reads stdin")
+def add_design(parser: argparse.ArgumentParser, *, json: bool = True, optional: bool = False) -> None:
+    number = "?" if optional else None
+    parser.add_argument("design", metavar="DESIGN", nargs=number, help="design document, YAML or JSON; - reads stdin")
     if json:
         parser.add_argument(
             "--json", action="store_true", help="print the answer as JSON (tailstack schema lists the schemas); "

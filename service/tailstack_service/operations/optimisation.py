@@ -8,20 +8,19 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
+from tailstack.errors import Problem
 from tailstack.results import Optimisation
 
 from ..console.answer import INTERRUPTED, Answer, exit_code_of
 from ..console.arguments import add_design, coloured_output, read_design, whole
-from ..console.editors import write_document
-from ..console.files import replace_file, writable
 from ..console.program import program
 from ..console.progress import Progress
+from ..problems import RequestError
 from .operation import Again, Call, Command, Demand, HeldDesign, Operation, Repetition
 from .options import Options, Seed, within
 
@@ -29,9 +28,9 @@ if TYPE_CHECKING:
     from tailstack.design import Design
 
     from ..settings import Settings
+    from .revision import Places
     from .sent import Request
 
-DOCUMENTS, PICTURES = (".yaml", ".yml", ".json"), (".svg",)
 # In their order, with rough shares of the time.
 STAGES = {"start": 6.0, "count": 6.0, "grades": 2.0, "check": 1.0, "front": 6.0}
 STOPPING = "stopping: checking the best design found so far; press Ctrl-C again to leave without it"
@@ -109,31 +108,83 @@ def _repeat(again: Repetition) -> Again:
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_design(parser)
+    add_design(parser, optional=True)
     parser.add_argument("-o", "--output", metavar="NEW", help="write the new design here (.yaml or .json)")
+    parser.add_argument(
+        "--fiducials-out", metavar="FILE",
+        help="with -o: write the new fiducials beside it (.mrk.json, .csv or .fcsv), to which the new design refers",
+    )  # fmt: skip
+    parser.add_argument(
+        "--last",
+        action="store_true",
+        help="instead of DESIGN: the last result that -o did not write",
+    )
     parser.add_argument("--picture", metavar="FILE", help="draw the layout before and after (.svg)")
     parser.add_argument("--seed", type=whole(0, 2**63 - 1), metavar="N", help="seed (default: the design's)")
     parser.add_argument("--starts", type=whole(1, 256), metavar="N", help="starting layouts (default: the design's)")
 
 
 def _run(arguments: argparse.Namespace) -> Answer:
-    output = None if arguments.output is None else writable(arguments.output, DOCUMENTS)
-    picture = None if arguments.picture is None else writable(arguments.picture, PICTURES)
-    design = read_design(arguments.design)
+    from ..documents import to_json
+    from ..rendering.optimisation import optimisation_text
+    from .revision import keep_result, patch_text, read_last, read_places, write_results
 
+    _refuse_mixture(arguments)
+    places = read_places(arguments)
+    kept, stopped = "", False
+    if arguments.last:
+        design, result = read_last()
+    else:
+        design = read_design(arguments.design)
+        found = _search(design, arguments, places)
+        if found is None:
+            return Answer("", INTERRUPTED)
+        result, stopped = found
+        if places.design is None:
+            kept = keep_result(design, result)
+    write_results(design, result, places)
+    code = INTERRUPTED if stopped else exit_code_of(result.certificate.verification.verdict)
+    if places.design is not None:
+        following = f"next: {program()} verify {places.design}"
+    elif kept:
+        print(f"note: the result is not kept for --last: {kept}", file=sys.stderr)
+        following = f"next: {program()} optimise {arguments.design} -o NEW.yaml   (writes the new design)"
+    else:
+        following = f"next: {program()} optimise --last -o NEW.yaml   (writes this design without another search)"
+    if arguments.json:
+        print(following, file=sys.stderr)
+        return Answer(to_json(result), code)
+    patch = ""
+    if places.design is None:
+        name = design.source.file or "the design"
+        patch = f"\nwhat to change in {name} (a merge patch, RFC 7396):\n{patch_text(design, result)}\n"
+    return Answer(f"{optimisation_text(result, colour=coloured_output())}{patch}{following}\n", code)
+
+
+def _refuse_mixture(arguments: argparse.Namespace) -> None:
+    """A design or the last result.  Raises RequestError."""
+    if arguments.last == (arguments.design is not None) or (
+        arguments.last and (arguments.seed is not None or arguments.starts is not None)
+    ):
+        detail = "give a DESIGN to optimise, or --last without a design, --seed and --starts"
+        raise RequestError(Problem("", "one-of", detail, "tailstack optimise --last -o NEW.yaml"))
+
+
+def _search(design: Design, arguments: argparse.Namespace, places: Places) -> tuple[Optimisation, bool] | None:
+    """The result, and whether the search was stopped; None if it was stopped before it had found anything."""
     from tailstack import optimise
     from tailstack.errors import NotConvergedError
     from tailstack.optimisation import influence
 
     from ..console.refusals import report_error
-    from ..documents import to_json
-    from ..rendering.optimisation import optimisation_text
     from ..rendering.verdict import findings_text
+    from .revision import refuse_unasked_points
 
     if known := findings_text(influence(design), False):
         print(known, file=sys.stderr, flush=True)
     wanted = design.document.optimise
     assert wanted is not None  # or influence had refused the design
+    refuse_unasked_points(places, moves_fiducials=bool(wanted.box or wanted.region or wanted.regions))
     with Progress("optimise") as progress, stopped_by_signals() as stop:
         try:
             result = optimise(
@@ -148,17 +199,8 @@ def _run(arguments: argparse.Namespace) -> Answer:
             if error.problems[0].code != "stopped":
                 raise
             report_error(error, arguments)
-            return Answer("", INTERRUPTED)
-    write_results(design, result, output, picture)
-    code = INTERRUPTED if stop.ask() else exit_code_of(result.certificate.verification.verdict)
-    if output is None:
-        following = f"next: {program()} optimise {arguments.design} -o NEW.yaml   (keeps the new design)"
-    else:
-        following = f"next: {program()} verify {output}"
-    if arguments.json:
-        print(following, file=sys.stderr)
-        return Answer(to_json(result), code)
-    return Answer(f"{optimisation_text(result, colour=coloured_output())}{following}\n", code)
+            return None
+    return result, stop.ask()
 
 
 # --- progress and stopping ------------------------------------------------------------------------
@@ -218,39 +260,6 @@ def stopped_by_signals() -> Iterator[Signals]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-# --- files ----------------------------------------------------------------------------------------
-
-
-def write_results(design: Design, result: Optimisation, output: Path | None, picture: Path | None) -> None:
-    """The new design and the picture, each whole or not at all; says on stderr what was written."""
-    drawn = None if picture is None else picture_text(design, result)
-    if output is not None:
-        write_document(output, design_text(result.design, output))
-        print(f"wrote {output}", file=sys.stderr)
-    if picture is not None and drawn is not None:
-        replace_file(picture, drawn)
-        print(f"wrote {picture}", file=sys.stderr)
-
-
-def design_text(data: dict[str, object], path: Path) -> str:
-    """A design as its file's ending asks for."""
-    from tailstack.design.write import data_to_yaml, to_json
-
-    if path.suffix.lower() == ".json":
-        return to_json(data)
-    return data_to_yaml(data)
-
-
-def picture_text(design: Design, result: Optimisation) -> str:
-    """The layout before and after, as SVG."""
-    from tailstack.design import load_design
-
-    from ..report.scene_picture import draw_layouts
-
-    title = f"{design.name}: layout before and after optimisation"
-    return draw_layouts(load_design(result.design), design, title)
 
 
 OPERATION = Operation(

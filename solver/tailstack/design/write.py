@@ -89,6 +89,19 @@ def data_to_yaml(data: Any) -> str:
     return text
 
 
+def dump_flow(value: Any, *, spaced: bool = True) -> str:
+    """Plain data as YAML on one line; ``spaced``: with spaces inside the braces of mappings."""
+    space = " " if spaced else ""
+    if isinstance(value, dict) and value:
+        fields = ", ".join(f"{dump_flow(name)}: {dump_flow(item, spaced=spaced)}" for name, item in value.items())
+        return f"{{{space}{fields}{space}}}"
+    if isinstance(value, list) and value:
+        return f"[{', '.join(dump_flow(item, spaced=spaced) for item in value)}]"
+    # within brackets, where a comma or a colon in a text needs quotes
+    text: str = yaml.dump([value], Dumper=_Dumper, default_flow_style=True, allow_unicode=True, width=1_000_000)
+    return text.strip()[1:-1]
+
+
 ROTATIONS = ("rx", "ry", "rz")
 
 

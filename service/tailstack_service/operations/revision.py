@@ -1,0 +1,311 @@
+"""What an optimisation leaves behind: the new design in its author's own text, fiducials in a file beside it, a patch,
+and the last result, kept until somebody says where it goes."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tailstack.errors import DesignError, LimitError, Problem, TailstackError
+from tailstack.json_text import write_json
+from tailstack.results import Optimisation
+
+from ..console.editors import write_document
+from ..console.files import is_stream, replace_file, writable
+from ..folders import state_directory
+from ..problems import RequestError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from tailstack.design import Design
+
+DOCUMENTS, PICTURES, FIDUCIALS = (".yaml", ".yml", ".json"), (".svg",), (".mrk.json", ".csv", ".fcsv")
+LAST = "last-optimisation.json"
+KEPT = "tailstack/kept-optimisation/1"
+WIDTH = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """Where the new design, its fiducials and the picture are to be written; None: nowhere."""
+
+    design: Path | None
+    fiducials: Path | None
+    picture: Path | None
+
+
+def read_places(arguments: argparse.Namespace) -> Places:
+    """Raises RequestError for a file that cannot be written, before any work."""
+    design = None if arguments.output is None else writable(arguments.output, DOCUMENTS)
+    picture = None if arguments.picture is None else writable(arguments.picture, PICTURES)
+    if (name := arguments.fiducials_out) is None:
+        return Places(design, None, picture)
+    if not name.lower().endswith(FIDUCIALS):
+        raise RequestError(
+            Problem("", "unknown-format", f"{name!r} is no file of fiducials", f"known: {', '.join(FIDUCIALS)}")
+        )
+    fiducials = writable(name, (".json", ".csv", ".fcsv"))
+    if design is None:
+        raise RequestError(Problem("", "option-missing", "--fiducials-out goes with -o", "add -o NEW.yaml"))
+    if not fiducials.parent.resolve().is_relative_to(design.parent.resolve()):
+        detail = f"a design refers to files in or below its own folder; {name} is not below that of {design}"
+        raise RequestError(Problem("", "file-refused", detail, f"--fiducials-out {design.parent / fiducials.name}"))
+    return Places(design, fiducials, picture)
+
+
+def refuse_unasked_points(places: Places, moves_fiducials: bool) -> None:
+    """A design on the disk that has its fiducials in a file would lose the file.  Raises RequestError."""
+    if places.design is None or places.fiducials is not None or not moves_fiducials:
+        return
+    there = _read_design(places.design)
+    if there is None or (name := there.document.fiducials.file) is None:
+        return
+    detail = f"{places.design} has its fiducials in {name}, and they are to move"
+    hint = (
+        f"--fiducials-out {places.design.parent / 'NEW.csv'} writes them there (or .mrk.json), or give -o a new name: "
+        "the points are then written into the design"
+    )
+    raise RequestError(Problem("", "fiducials-elsewhere", detail, hint))
+
+
+# --- files ----------------------------------------------------------------------------------------------
+
+
+def write_results(design: Design, result: Optimisation, places: Places) -> None:
+    """Write each whole or not at all, and say so on stderr.  Raises OSError."""
+    drawn = None if places.picture is None else picture_text(design, result)
+    if places.design is not None:
+        text, note = design_text(design, result, places)
+        if places.fiducials is not None:  # first what the design refers to
+            replace_file(places.fiducials, _fiducials_text(result, places.fiducials))
+            print(f"wrote {places.fiducials}", file=sys.stderr)
+        if note:
+            print(f"note: {note}", file=sys.stderr)
+        write_document(places.design, text)
+        print(f"wrote {places.design}", file=sys.stderr)
+    if places.picture is not None and drawn is not None:
+        replace_file(places.picture, drawn)
+        print(f"wrote {places.picture}", file=sys.stderr)
+
+
+def design_text(design: Design, result: Optimisation, places: Places) -> tuple[str, str]:
+    """The new design as its file's ending asks for, and why its author's text could not be kept, if so."""
+    from tailstack.design.write import data_to_yaml, to_json
+    from tailstack.design.yaml_text import revise_yaml
+
+    path = places.design
+    assert path is not None
+    there = _read_design(path)
+    base = there if there is not None and there.name == result.design["name"] else None
+    wanted = _with_file(result, places, base)
+    if path.suffix.lower() == ".json":
+        return to_json(wanted), ""
+    base = base or design
+    text = _own_text(base)
+    if text is None:
+        return data_to_yaml(wanted), ""
+    with suppress(TailstackError):
+        revised = revise_yaml(text, _as_written(base), _like(wanted, _as_written(base)))
+        if _hash_of_text(revised, result) == _hash_of_data(result):
+            return revised, ""
+    return data_to_yaml(wanted), f"{path} is written anew, without its comments: they could not be kept"
+
+
+def _with_file(result: Optimisation, places: Places, there: Design | None) -> dict[str, Any]:
+    """The new design, its fiducials in the file that is written beside it, or that it has and that still holds them."""
+    data: dict[str, Any] = result.design
+    name = None
+    if places.fiducials is not None and places.design is not None:
+        name = os.path.relpath(places.fiducials.resolve(), places.design.parent.resolve()).replace(os.sep, "/")
+    elif there is not None and there.document.fiducials.file is not None:
+        points = _points_of(result)
+        if points == dict(zip(there.fiducials.labels, there.fiducials.positions_mm, strict=True)):
+            name = there.document.fiducials.file
+    if name is None:
+        return data
+    section: dict[str, Any] = data["fiducials"]
+    others = {key: value for key, value in section.items() if key not in ("points", "origin")}
+    return {**data, "fiducials": {"file": name, **others}}
+
+
+def _points_of(result: Optimisation) -> dict[str, tuple[float, float, float]]:
+    from tailstack.design import load_design
+
+    fiducials = load_design(result.design).fiducials
+    return dict(zip(fiducials.labels, fiducials.positions_mm, strict=True))
+
+
+def _fiducials_text(result: Optimisation, path: Path) -> str:
+    from tailstack.design import load_design
+    from tailstack.design.fiducial_files import write_fiducials
+
+    return write_fiducials(load_design(result.design).fiducials, path.name)
+
+
+def _read_design(path: Path) -> Design | None:
+    """The design that a file holds; None if it holds none."""
+    from tailstack.design import load_design
+
+    if is_stream(str(path)):
+        return None
+    with suppress(DesignError, LimitError):
+        return load_design(path)
+    return None
+
+
+def _own_text(design: Design) -> str | None:
+    """The YAML that a design was read from; None if it was JSON, or came from elsewhere, or changed meanwhile."""
+    from tailstack.design import load_design
+    from tailstack.design.reading import decode
+
+    file = design.source.file
+    if file is None or design.source.json_text is not None:
+        return None
+    with suppress(DesignError, LimitError, OSError):
+        text = decode(Path(file).read_bytes(), file)
+        if load_design(text, base_directory=Path(file).parent).sha256 == design.sha256:
+            return text
+    return None
+
+
+def _as_written(design: Design) -> dict[str, Any]:
+    from tailstack.design import design_to_data
+
+    return design_to_data(design, inline=False)
+
+
+def _like(wanted: dict[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
+    """The wanted data without what the old data leaves to a default: labels F1, F2, ..., and that nothing is fixed."""
+    made = json.loads(write_json(wanted))
+    section = made.get("optimise") or {}
+    if section.get("fixed") == [] and "fixed" not in (old.get("optimise") or {}):
+        del section["fixed"]
+    points, before = made["fiducials"].get("points") or [], old["fiducials"].get("points") or []
+    labels = [f"F{number}" for number in range(1, len(points) + 1)]
+    if len(points) == len(before) and [point.get("label") for point in points] == labels:
+        for point, written in zip(points, before, strict=True):
+            if "label" not in written:
+                del point["label"]
+    return dict(made)
+
+
+def _hash_of_data(result: Optimisation) -> str:
+    from tailstack.design import load_design
+
+    return load_design(result.design).sha256
+
+
+def _hash_of_text(text: str, result: Optimisation) -> str:
+    """The hash of a text with the fiducials of the new design, which may be in a file that is not written yet."""
+    from tailstack.design import DEFAULT_LIMITS, load_design
+    from tailstack.design.document import DesignDocument
+    from tailstack.design.loading import sha256_of
+    from tailstack.design.reading import read_text
+
+    fiducials = load_design(result.design).fiducials
+    data = read_text(text, DEFAULT_LIMITS, file=None, directory=None, form="yaml").data
+    try:
+        document = DesignDocument.model_validate(data)
+    except ValueError:
+        return ""
+    if document.fiducials.points is not None:
+        return load_design(data).sha256
+    return sha256_of(document, fiducials)
+
+
+def picture_text(design: Design, result: Optimisation) -> str:
+    """The layout before and after, as SVG."""
+    from tailstack.design import load_design
+
+    from ..report.scene_picture import draw_layouts
+
+    title = f"{design.name}: layout before and after optimisation"
+    return draw_layouts(load_design(result.design), design, title)
+
+
+# --- a patch --------------------------------------------------------------------------------------------
+
+
+def patch_text(design: Design, result: Optimisation) -> str:
+    """What to change in a design, as a merge patch (RFC 7396) in YAML."""
+    old = _as_written(design)
+    return "".join(f"{line}\n" for line in _block_lines(merge_patch(old, _like(result.design, old)), 0))
+
+
+def merge_patch(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    """The merge patch that makes new data of old: fields that differ, lists whole, null for what goes."""
+    patch: dict[str, Any] = {name: None for name in old if name not in new}
+    for name, value in new.items():
+        if name in old and isinstance(value, dict) and isinstance(old[name], dict):
+            if below := merge_patch(old[name], value):
+                patch[name] = below
+        elif name not in old or value != old[name]:
+            patch[name] = value
+    return patch
+
+
+def _block_lines(data: Mapping[str, Any], indent: int) -> Iterator[str]:
+    """YAML with a line for each field and each item, what fits on one line on one line."""
+    from tailstack.design.write import dump_flow
+
+    space = " " * indent
+    for name, value in data.items():
+        flow = dump_flow(value)
+        nested = isinstance(value, dict) and any(isinstance(item, dict | list) for item in value.values())
+        if isinstance(value, dict) and value and (nested or len(space + name + flow) + 2 > WIDTH):
+            yield f"{space}{dump_flow(name)}:"
+            yield from _block_lines(value, indent + 2)
+        elif isinstance(value, list) and any(isinstance(item, dict) for item in value):
+            yield f"{space}{dump_flow(name)}:"
+            yield from (f"{space}  - {dump_flow(item)}" for item in value)
+        else:
+            yield f"{space}{dump_flow(name)}: {flow}"
+
+
+# --- the last result ------------------------------------------------------------------------------------
+
+
+def keep_result(design: Design, result: Optimisation) -> str:
+    """Keep a result that is written nowhere; gives why that failed, empty if it did not."""
+    from ..documents import plain
+
+    try:
+        folder = state_directory()
+        folder.mkdir(parents=True, exist_ok=True)
+        file = None if design.source.file is None else str(Path(design.source.file).resolve())
+        content = {"schema": KEPT, "file": file, "result": plain(result)}
+        replace_file(folder / LAST, write_json(content))
+    except (OSError, RuntimeError) as error:
+        return str(error)
+    return ""
+
+
+def read_last() -> tuple[Design, Optimisation]:
+    """The design of the last optimisation that was kept, and its result.  Raises RequestError."""
+    from tailstack.design import load_design
+
+    from ..documents import from_plain
+
+    def refuse(detail: str) -> RequestError:
+        return RequestError(Problem("", "nothing-kept", detail, "tailstack optimise DESIGN keeps what it finds"))
+
+    try:
+        path = state_directory() / LAST
+        content = json.loads(path.read_bytes())
+        file, result = content["file"], from_plain(Optimisation, content["result"])
+        before = load_design(result.design_before)
+    except FileNotFoundError:
+        raise refuse("no optimisation has been kept yet") from None
+    except (OSError, RuntimeError) as error:
+        raise refuse(f"the kept result cannot be read: {error}") from None
+    except (ValueError, KeyError, TypeError, TailstackError):
+        raise refuse(f"{path} does not hold a result that this version can read") from None
+    there = None if file is None else _read_design(Path(file))
+    return (there if there is not None and there.sha256 == before.sha256 else before), result

@@ -1,0 +1,318 @@
+"""What ``tailstack optimise`` leaves on the disk: the author's text with the new numbers, fiducials, a patch, the last
+result."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from optimisation_scenes import full_result
+from service_scenes import EXAMPLES
+
+from tailstack.design import Revision, design_to_data, load_design, revise_design
+from tailstack.results import Finding, Optimisation
+from tailstack_service.cli.main import main
+
+WITH_FREEDOM = [path for path in sorted(EXAMPLES.glob("*.yaml")) if "\noptimise:\n" in path.read_text(encoding="utf-8")]
+Captured = tuple[int, str, str]
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str]) -> Any:
+    """Run a command; (exit code, stdout, stderr)."""
+
+    def run(*arguments: str | Path) -> Captured:
+        code = main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A state folder of the test's own."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    return tmp_path / "state" / "tailstack"
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    """A folder with the example designs, and nothing else."""
+    shutil.copytree(EXAMPLES, tmp_path / "room", ignore=shutil.ignore_patterns("ci-gate", "measurements", "paper"))
+    return tmp_path / "room"
+
+
+@pytest.fixture
+def found(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], Optimisation]:
+    """Make the optimiser answer with a design, and give that answer."""
+
+    def answer(design: Any) -> Optimisation:
+        before = design_to_data(load_design(EXAMPLES / "demo.yaml"))
+        result = replace(full_result(design=design_to_data(design)), design_before=before)
+        monkeypatch.setattr("tailstack.optimise", lambda _design, **_options: result, raising=False)
+        monkeypatch.setattr("tailstack.optimisation.influence", lambda _d: (Finding("floor", "note", "n"),))
+        return result
+
+    return answer
+
+
+def comments_of(text: str) -> list[str]:
+    return re.findall(r"(?m)(?:^|\s)(#.*)$", text)
+
+
+def lines_that_differ(before: str, after: str) -> list[str]:
+    lines = difflib.unified_diff(before.splitlines(), after.splitlines(), n=0, lineterm="")
+    return [line[1:] for line in lines if line[0] == "-" and not line.startswith("---")]
+
+
+@pytest.mark.parametrize("path", WITH_FREEDOM, ids=lambda path: path.stem)
+def test_an_existing_file_keeps_everything_but_the_numbers_that_were_asked_for(
+    call: Any, room: Path, path: Path
+) -> None:
+    """The optimiser's own answer, in each example."""
+    new = room / path.name  # the design itself
+    before = new.read_text(encoding="utf-8")
+    code, out, _ = call("optimise", new, "-o", new, "--starts", "1", "--json")
+    assert code in (0, 1, 4)
+    after = new.read_text(encoding="utf-8")
+    assert load_design(new).sha256 == json.loads(out)["provenance"]["design_sha256"]
+    numbers = r"position_mm|half_width|pivot_mm"
+    differing = lines_that_differ(before, after)
+    assert differing
+    assert all(re.search(numbers, line) for line in differing)
+    lost = [line for line in comments_of(before) if line not in comments_of(after)]
+    assert all(any(comment in line for line in differing) for comment in lost)  # only of fiducials that were left out
+    assert len(lost) <= 1
+
+
+def test_a_new_file_is_the_designs_own_text_with_the_new_numbers(
+    call: Any, room: Path, found: Callable[[Any], Optimisation]
+) -> None:
+    path, new = room / "demo.yaml", room / "new.yaml"
+    design = load_design(path)
+    moved = revise_design(design, Revision(half_width={("structure_connector", "rx"): 0.003}))
+    found(moved)
+    assert call("optimise", path, "-o", new)[0] == 0
+    before, after = path.read_text(encoding="utf-8"), new.read_text(encoding="utf-8")
+    assert comments_of(after) == comments_of(before)
+    assert lines_that_differ(before, after) == [
+        "      rx: { half_width_deg: 0.10, distribution: uniform } # flatness of the seat"
+    ]
+    assert load_design(new).sha256 == moved.sha256
+
+
+def test_what_stands_in_the_file_goes_before_the_text_of_the_input(
+    call: Any, room: Path, found: Callable[[Any], Optimisation]
+) -> None:
+    """Notes that were made in an earlier answer outlive the next one."""
+    path, new = room / "demo.yaml", room / "new.yaml"
+    new.write_text("# approved by M.\n" + path.read_text(encoding="utf-8"), encoding="utf-8")
+    found(revise_design(load_design(path), Revision(half_width={("structure_connector", "rx"): 0.003})))
+    assert call("optimise", path, "-o", new)[0] == 0
+    assert new.read_text(encoding="utf-8").count("# approved by M.\n") == 1
+
+
+def test_a_design_without_labels_gets_none(call: Any, room: Path, found: Callable[[Any], Optimisation]) -> None:
+    path = room / "flat_plate.yaml"
+    design = load_design(path)
+    points = [list(point) for point in design.fiducials.positions_mm]
+    points[2][0] = 12.5
+    moved = revise_design(design, Revision(fiducials_mm=np.array(points)))
+    found(moved)
+    before = path.read_text(encoding="utf-8")
+    assert call("optimise", path, "-o", path)[0] == 0
+    after = path.read_text(encoding="utf-8")
+    assert lines_that_differ(before, after) == ["    - { position_mm: [-36.0, 27.0, -6.0] }"]
+    assert "    - { position_mm: [12.5, 27.0, -6.0] }" in after
+    assert load_design(path).sha256 == moved.sha256
+
+
+# --- fiducials in a file --------------------------------------------------------------------------
+
+
+@pytest.fixture
+def beside(room: Path, found: Callable[[Any], Optimisation]) -> tuple[Path, Any]:
+    """A design with its fiducials in a file and a box to move them in, and the design with one moved."""
+    path = room / "marker.yaml"
+    text = (room / "small_cluster_far_target.yaml").read_text(encoding="utf-8")
+    path.write_text(text + "\noptimise: # where beads fit\n  box: { min_mm: [-20, -20, -20], max_mm: [20, 20, 20] }\n")
+    design = load_design(path)
+    points = [list(point) for point in design.fiducials.positions_mm]
+    points[0] = [1.25, -2.5, 3.75]
+    moved = revise_design(design, Revision(fiducials_mm=np.array(points)))
+    found(moved)
+    return path, moved
+
+
+def test_a_file_of_fiducials_is_not_lost_without_asking(call: Any, beside: tuple[Path, Any]) -> None:
+    path, _ = beside
+    before = path.read_bytes()
+    code, out, err = call("optimise", path, "-o", path)
+    assert (code, out) == (2, "")
+    assert "has its fiducials in fiducials/marker8.csv, and they are to move" in err
+    assert "hint: --fiducials-out " in err
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["beads.mrk.json", "fiducials/beads.csv", "beads.fcsv"])
+def test_new_fiducials_are_written_beside_the_design_on_request(call: Any, beside: tuple[Path, Any], name: str) -> None:
+    path, moved = beside
+    before = path.read_text(encoding="utf-8")
+    code, _, err = call("optimise", path, "-o", path, "--fiducials-out", path.parent / name)
+    assert code == 0
+    assert f"wrote {path.parent / name}\nwrote {path}\n" in err
+    after = path.read_text(encoding="utf-8")
+    assert after == before.replace("fiducials/marker8.csv", name)
+    assert load_design(path).sha256 == moved.sha256
+
+
+def test_the_old_file_stays_named_where_no_fiducial_moved(
+    call: Any, room: Path, found: Callable[[Any], Optimisation]
+) -> None:
+    path = room / "marker.yaml"
+    text = (room / "small_cluster_far_target.yaml").read_text(encoding="utf-8")
+    path.write_text(text + "\noptimise:\n  rotation_bounds: { min_deg: 0.01, max_deg: 1 }\n", encoding="utf-8")
+    loose = revise_design(load_design(path), Revision(half_width={("structure_connector", "rx"): 0.005}))
+    found(loose)
+    before = path.read_text(encoding="utf-8")
+    assert call("optimise", path, "-o", path)[0] == 0
+    assert len(lines_that_differ(before, path.read_text(encoding="utf-8"))) == 1
+    assert load_design(path).sha256 == loose.sha256
+
+
+def test_a_new_design_stands_alone_unless_asked_otherwise(call: Any, beside: tuple[Path, Any], tmp_path: Path) -> None:
+    path, moved = beside
+    new = tmp_path / "new.yaml"
+    assert call("optimise", path, "-o", new)[0] == 0
+    assert load_design(new).sha256 == moved.sha256
+    assert "# nobody knows its law" in new.read_text(encoding="utf-8")
+    assert "origin:" in new.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--fiducials-out", "beads.csv"], "--fiducials-out goes with -o"),
+        (["-o", "new.yaml", "--fiducials-out", "beads.txt"], "'beads.txt' is no file of fiducials"),
+        (["-o", "room/new.yaml", "--fiducials-out", "beads.csv"], "in or below its own folder"),
+    ],
+)
+def test_fiducials_that_no_design_could_refer_to_are_refused(
+    call: Any, beside: tuple[Path, Any], monkeypatch: pytest.MonkeyPatch, arguments: list[str], said: str
+) -> None:
+    path, _ = beside
+    monkeypatch.chdir(path.parent.parent)
+    code, out, err = call("optimise", path, *arguments)
+    assert (code, out) == (2, "")
+    assert said in err
+
+
+# --- a result that is written nowhere -------------------------------------------------------------
+
+
+def patched(data: Any, patch: Any) -> Any:
+    """A merge patch applied, as RFC 7396 defines it (section 2)."""
+    if not isinstance(patch, dict):
+        return patch
+    made = dict(data) if isinstance(data, dict) else {}
+    for name, value in patch.items():
+        if value is None:
+            made.pop(name, None)
+        else:
+            made[name] = patched(made.get(name), value)
+    return made
+
+
+def patch_of(out: str) -> Any:
+    return yaml.safe_load(out.partition("RFC 7396):\n")[2].rpartition("\nnext: ")[0])
+
+
+def test_what_to_change_is_printed_and_is_a_merge_patch(call: Any, beside: tuple[Path, Any], state: Path) -> None:
+    path, moved = beside
+    _, out, _ = call("optimise", path)
+    assert f"\nwhat to change in {path} (a merge patch, RFC 7396):\nfiducials:\n" in out
+    assert "    - { label: F1, position_mm: [1.25, -2.5, 3.75] }" in out or "position_mm: [1.25, -2.5, 3.75] }" in out
+    made = patched(yaml.safe_load(path.read_text(encoding="utf-8")), patch_of(out))
+    assert load_design(made).sha256 == moved.sha256
+
+
+def test_the_last_result_is_kept_and_written_without_another_search(
+    call: Any, room: Path, state: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, new = room / "demo.yaml", room / "new.yaml"
+    code, first, _ = call("optimise", path, "--starts", "1")
+    assert first.splitlines()[-1] == (
+        "next: tailstack optimise --last -o NEW.yaml   (writes this design without another search)"
+    )
+    assert [file.name for file in state.iterdir()] == ["last-optimisation.json"]
+
+    def never(*_: Any, **__: Any) -> Optimisation:
+        raise AssertionError("a search was begun")
+
+    monkeypatch.setattr("tailstack.optimise", never, raising=False)
+    again, out, _ = call("optimise", "--last")
+    assert (again, out) == (code, first)
+    code, out, err = call("optimise", "--last", "-o", new)
+    assert f"wrote {new}" in err
+    assert out.splitlines()[-1] == f"next: tailstack verify {new}"
+    assert comments_of(new.read_text(encoding="utf-8")) == comments_of(path.read_text(encoding="utf-8"))
+    made = patched(yaml.safe_load(path.read_text(encoding="utf-8")), patch_of(first))
+    assert load_design(new).sha256 == load_design(made).sha256
+    path.write_text("name: another\n", encoding="utf-8")  # the design may be gone: the result is whole without it
+    assert call("optimise", "--last", "-o", room / "later.yaml")[0] == code
+    assert load_design(room / "later.yaml").sha256 == load_design(new).sha256
+
+
+def test_a_result_that_cannot_be_kept_is_printed_all_the_same(
+    call: Any, room: Path, found: Callable[[Any], Optimisation], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = room / "demo.yaml"
+    found(revise_design(load_design(path), Revision(half_width={("structure_connector", "rx"): 0.003})))
+    monkeypatch.setenv("XDG_STATE_HOME", "/proc/nobody")
+    code, out, err = call("optimise", path)
+    assert code == 0
+    assert "what to change in" in out
+    assert out.splitlines()[-1].startswith(f"next: tailstack optimise {path} -o NEW.yaml")
+    assert "note: the result is not kept for --last: [Errno " in err
+    monkeypatch.delenv("XDG_STATE_HOME")
+    monkeypatch.setattr("pathlib.Path.home", lambda: (_ for _ in ()).throw(RuntimeError("there is no home directory")))
+    code, _, err = call("optimise", path)
+    assert code == 0
+    assert "note: the result is not kept for --last: there is no home directory" in err
+
+
+@pytest.mark.parametrize("content", [None, "", "{}", '{"file": null, "result": {"schema": 3}}'])
+def test_without_a_kept_result_last_is_2(call: Any, state: Path, content: str | None) -> None:
+    if content is not None:
+        state.mkdir(parents=True)
+        (state / "last-optimisation.json").write_text(content, encoding="utf-8")
+    code, out, err = call("optimise", "--last")
+    assert (code, out) == (2, "")
+    assert "hint: tailstack optimise DESIGN keeps what it finds" in err
+
+
+@pytest.mark.parametrize("arguments", [[], ["--last", "x.yaml"], ["--last", "--seed", "1"]])
+def test_a_design_or_the_last_result_and_not_both(call: Any, state: Path, arguments: list[str]) -> None:
+    code, out, err = call("optimise", *arguments)
+    assert (code, out) == (2, "")
+    assert "give a DESIGN to optimise, or --last" in err
+
+
+def test_a_picture_of_the_last_result_shows_both_layouts(
+    call: Any, room: Path, found: Callable[[Any], Optimisation], state: Path
+) -> None:
+    path, picture = room / "demo.yaml", room / "layout.svg"
+    found(revise_design(load_design(path), Revision(half_width={("structure_connector", "rx"): 0.003})))
+    assert call("optimise", path)[0] == 0
+    assert call("optimise", "--last", "--picture", picture)[0] == 0
+    assert "<svg" in picture.read_text(encoding="utf-8")
