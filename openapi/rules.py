@@ -60,7 +60,9 @@ SEVERAL = frozenset(  # mm, degrees, px, a price or a ratio: the record says whi
      "textbook_objective", "value", "values"}
 )  # fmt: skip
 INSIDE = frozenset({"gaussian", "moments", "unimodal"})  # of bounds_mm, which says it
-MATRICES = frozenset({"T_flange_con", "T_tcp_flange", "pose", "projection", "target_projection"})  # mixed units, stated in words
+MATRICES = frozenset(
+    {"T_flange_con", "T_tcp_flange", "pose", "projection", "target_projection"}
+)  # mixed units, stated in words
 
 
 def violations(document: Mapping[str, Any]) -> list[str]:

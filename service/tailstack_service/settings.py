@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 from collections.abc import Mapping
@@ -12,6 +11,7 @@ from pydantic import Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from tailstack.cores import usable_cores
+from tailstack.cures import find_nearest
 from tailstack.errors import Problem
 
 from .folders import state_directory
@@ -185,7 +185,7 @@ GONE = {
 def _unknown(name: str, known: list[str]) -> Problem:
     if name in GONE:
         return Problem("", "unknown-setting", f"the environment sets {name}, which is no setting any more", GONE[name])
-    close = difflib.get_close_matches(name.removeprefix(PREFIX), [each.removeprefix(PREFIX) for each in known], 1)
+    close = find_nearest(name.removeprefix(PREFIX), [each.removeprefix(PREFIX) for each in known])
     meant = f"did you mean {PREFIX}{close[0]}? " if close else ""
     if name in (PREFIX + "PORT", PREFIX + "HOST"):
         meant = f"tailstack serve takes --{name.removeprefix(PREFIX).lower()}; "

@@ -25,7 +25,7 @@ class Problem:
     def __str__(self) -> str:
         place = self.pointer or "(document)"
         if self.file is not None:
-            place = f"{self.file}:{self.line}:{self.column}: {place}" if self.line else f"{self.file}: {place}"
+            place = f"{self.file}:{self.line}:{self.column or 1}: {place}" if self.line else f"{self.file}: {place}"
         return f"{place}: {self.detail}" + (f" — {self.hint}" if self.hint else "")
 
 

@@ -197,7 +197,7 @@ def _judge(arguments: argparse.Namespace, designs: list[str]) -> GateRecord:
 
 
 def _explain(rule: str) -> str:
-    from difflib import get_close_matches
+    from tailstack.cures import ask_meant
 
     from ..gate.rules import RULES, explain
     from ..problems import RequestError
@@ -205,8 +205,7 @@ def _explain(rule: str) -> str:
     if rule == "all":
         return "".join(f"{name:<20}{entry.title}\n" for name, entry in RULES.items())
     if rule not in RULES:
-        close = get_close_matches(rule, RULES, 1)
-        hint = (f"did you mean {close[0]}? " if close else "") + f"rules: {', '.join(RULES)}"
+        hint = f"{ask_meant(rule, RULES)} rules: {', '.join(RULES)}".strip()
         raise RequestError(Problem("", "unknown-rule", f"no rule is called {rule!r}", hint))
     return explain(RULES[rule])
 

@@ -6,11 +6,13 @@ import argparse
 import os
 import sys
 import traceback
+from collections.abc import Sequence
 from dataclasses import replace
 
 from tailstack.errors import Problem, TailstackError
 
 from ..names import TRACEBACK
+from ..rendering.alike import gather_alike, list_others, name_field, name_rule
 from .answer import BAD_INPUT, NOT_EVALUATED
 from .program import program, spell_commands
 
@@ -18,7 +20,7 @@ from .program import program, spell_commands
 NEXT = {
     "invalid-design": "tailstack validate {file}   (all rules: tailstack schema design)",
     "malformed-document": "tailstack validate {file}",
-    "ill-posed-geometry": "tailstack validate {file}, then tailstack score {file}",
+    "ill-posed-geometry": "tailstack validate {file}   (once it is mended)",
     "method-out-of-range": "tailstack verify {file}",
     "not-converged": "tailstack verify {file} --trials 100000",
     "infeasible": "tailstack score {file}   (its budget shows what to tighten)",
@@ -39,6 +41,17 @@ def problem_text(problem: Problem) -> str:
         place = f"{problem.file}: {place}"
     text = f"{place}: {problem.detail}" if place else problem.detail
     return text + (f"\n  hint: {spell_commands(problem.hint)}" if problem.hint else "")
+
+
+def problems_text(problems: Sequence[Problem]) -> list[str]:
+    """Problems one after the other; three and more that say the same of several places are one, with their places."""
+    texts = []
+    for first, *others in gather_alike(
+        problems, lambda p: (p.file, p.code, name_rule(p.detail), name_field(p.pointer))
+    ):
+        more = f"\n  {list_others([p.line for p in others], [p.pointer for p in others])}" if others else ""
+        texts.append(problem_text(first) + more)
+    return texts
 
 
 def name_stdin(problems: tuple[Problem, ...], file: str | None) -> tuple[Problem, ...]:
@@ -84,7 +97,7 @@ def _report(error: TailstackError, arguments: argparse.Namespace, code: int) -> 
         sys.stderr.write(to_json(document).decode() + "\n")
         return code
     lines = [f"tailstack {arguments.verb}: {error.title[0].lower()}{error.title[1:]}"]
-    lines += [problem_text(problem) for problem in problems]
+    lines += problems_text(problems)
     lines.append(next_command(error.slug, arguments))
     print("\n".join(lines), file=sys.stderr)
     return code

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from math import dist
 from typing import get_args
 
+from tailstack.cures import ask_meant
 from tailstack.design import Design
 from tailstack.design.document import Interface, Tolerances
 from tailstack.results import Score, headline_of
@@ -327,6 +327,6 @@ def _explain_idle(process: Process, pattern: str, tolerances: list[Tolerance], d
             f"states no min_half_width_{unit}: nothing is judged by it"
         )
     of = "the design" if designs == 1 else f"the {designs} designs"
-    close = get_close_matches(pattern, sorted({tolerance.name for tolerance in tolerances}), 1)
-    meant = f"; did you mean {close[0]}?" if close else ""
-    return f"process {process.name}: {pattern!r} matches no tolerance of {of} held to it{meant}"
+    meant = ask_meant(pattern, sorted({tolerance.name for tolerance in tolerances}))
+    end = f"; {meant}" if meant else ""
+    return f"process {process.name}: {pattern!r} matches no tolerance of {of} held to it{end}"

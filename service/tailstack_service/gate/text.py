@@ -6,7 +6,9 @@ Places are named as compilers name them.  What comes from documents cannot becom
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
+from ..rendering.alike import gather_alike, list_others, name_field, name_rule
 from ..rendering.tables import decimal, number, paint, percent, signed_decimal, table, visible, wrap
 from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord, counts, find_largest_p95, split_findings
 
@@ -24,7 +26,8 @@ def render_text(record: GateRecord, *, colour: bool = False) -> str:
     counted, accepted = split_findings(record)
     for heading, findings in (([], counted), (["accepted by waivers"], accepted)):
         if findings:
-            parts.append("\n".join([*heading, *(_write_finding(finding, colour) for finding in findings)]))
+            groups = gather_alike(findings, _name_group)
+            parts.append("\n".join([*heading, *(_write_finding(first, colour, others) for first, *others in groups)]))
     parts.append(
         paint(f"verdict: {record.verdict}", _ROLE.get(record.verdict, "fail"), colour)
         + f" (exit code {record.exit_code}; mode {record.mode}, seed {record.seed}, policy "
@@ -118,12 +121,23 @@ def _write_row(entry: GateNumber, target: str) -> dict[str, str]:
     }
 
 
-def _write_finding(finding: GateFinding, colour: bool) -> str:
+def _name_group(finding: GateFinding) -> tuple[str, ...] | None:
+    """What findings share that are written as one; None of a finding with a number of its own."""
+    if finding.value is not None or finding.suppressed_by is not None:
+        return None
+    said = name_rule(finding.message.partition(" — ")[0])
+    return (finding.file, finding.rule, finding.severity, said, name_field(finding.pointer))
+
+
+def _write_finding(finding: GateFinding, colour: bool, others: Sequence[GateFinding] = ()) -> str:
     severity = paint(finding.severity, _ROLE.get(finding.severity, "none"), colour)
     text = f"{finding.message} [{finding.rule}]"
     lines = wrap(text, first=f"{visible(name_place(finding))}: {severity}: ", indent="  ")
     if finding.suppressed_by is not None:
         lines += "\n" + wrap(finding.suppressed_by, first="  accepted by ", indent="  ")
+    if others:
+        places = list_others([other.line for other in others], [other.pointer for other in others])
+        lines += "\n" + wrap(visible(places), first="  ", indent="  ")
     return lines
 
 

@@ -6,12 +6,12 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import date, timedelta
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator
 
+from tailstack.cures import ask_meant
 from tailstack.design.document import without_null
 from tailstack.design.fields import Name, Record, refusal
 from tailstack.design.reading import show
@@ -122,9 +122,8 @@ def _check_waiver(waiver: Waiver, index: int, today: date) -> list[Problem]:
     rule = RULES.get(waiver.rule)
     if rule is None or rule.worse == "fixed":
         known = [name for name, entry in RULES.items() if entry.worse != "fixed"]
-        close = get_close_matches(waiver.rule, known, 1)
         detail = f"no rule is called {show(waiver.rule)}" if rule is None else f"{waiver.rule} cannot be waived"
-        hint = f"did you mean {close[0]}?" if close else f"rules: {', '.join(known)}"
+        hint = ask_meant(waiver.rule, known, f"rules: {', '.join(known)}")
         return [Problem(f"{at}/rule", "unknown-value", detail, hint)]
     problems = []
     wanted, other = ("max_value", "min_value") if rule.worse == "more" else ("min_value", "max_value")

@@ -17,6 +17,7 @@ from typing import Any
 
 import h11
 from fastapi import FastAPI
+from fastapi.routing import APIRoute
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -58,6 +59,8 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
     )
     for router in ROUTERS:
         app.include_router(router)
+    routes = [route for router in ROUTERS for route in router.routes if isinstance(route, APIRoute)]
+    app.state.addresses = tuple((route.path, tuple(sorted(route.methods or ()))) for route in routes)
     storage = Storage(settings.database_url)
 
     async def find_key(secret: str) -> Any:

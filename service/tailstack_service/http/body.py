@@ -17,6 +17,7 @@ from .service import service_of
 
 JSON = "application/json"
 YAML = ("application/yaml", "application/x-yaml", "text/yaml", "text/x-yaml")
+FORM = "application/x-www-form-urlencoded"
 DRAINED = 8_000_000  # bytes of an over-long body that are read and dropped, so that the refusal reaches its sender
 
 
@@ -62,7 +63,11 @@ def _form(request: Request, *, yaml: bool, raw: tuple[str, ...]) -> str:
     else:
         refused = f"Content-Type: {header[:80]}" if header else "no Content-Type"
     accepted = ", ".join([JSON, *(YAML[:1] if yaml else ()), *raw])
-    problem = Problem("", "content-type", f"this operation reads {accepted}; UTF-8, not compressed; got {refused}")
+    cure = f"send Content-Type: {(YAML[0] + ' or ') if yaml else ''}{JSON}"
+    if kind == FORM:
+        cure += f"; curl -d says {FORM} by itself: add -H 'Content-Type: {YAML[0] if yaml else JSON}'"
+    detail = f"this operation reads {accepted}; UTF-8, not compressed; got {refused}"
+    problem = Problem("", "content-type", detail, "send it as it is" if encoding else cure)
     raise TransportError("unsupported-media-type", problem)
 
 

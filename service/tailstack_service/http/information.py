@@ -12,6 +12,7 @@ from typing import Any, Literal
 from fastapi import APIRouter, Depends, FastAPI, Request, Response
 
 from tailstack import __version__
+from tailstack.cures import ask_meant
 from tailstack.errors import Problem, TailstackError
 from tailstack.json_text import write_json
 
@@ -207,7 +208,8 @@ async def schemas() -> Response:
 async def schema(request: Request) -> Response:
     name = request.path_params["name"]
     if name not in TITLES:
-        raise _unknown_name_error(f"no schema is called {name[:60]!r}", f"one of {', '.join(TITLES)}")
+        hint = ask_meant(name, TITLES, f"one of {', '.join(TITLES)}")
+        raise _unknown_name_error(f"no schema is called {name[:60]!r}", hint)
     asked = single(request.query_params.multi_items(), "draft") or DRAFTS[0]
     draft = next((known for known in DRAFTS if known == asked), None)
     if draft is None:
@@ -234,7 +236,8 @@ async def schema(request: Request) -> Response:
 async def problem_type(request: Request) -> Response:
     slug = request.path_params["slug"]
     if slug not in CATALOGUE:
-        raise _unknown_name_error(f"no class of problems is called {slug[:60]!r}", f"one of {', '.join(CATALOGUE)}")
+        hint = ask_meant(slug, CATALOGUE, f"one of {', '.join(CATALOGUE)}")
+        raise _unknown_name_error(f"no class of problems is called {slug[:60]!r}", hint)
     entry: ProblemType = CATALOGUE[slug]
     return record_response(entry)
 

@@ -9,6 +9,7 @@ from typing import Any
 from fastapi import Request, Response
 from starlette.exceptions import HTTPException
 
+from tailstack.cures import find_nearest
 from tailstack.errors import Problem, TailstackError
 
 from ..documents import to_json
@@ -80,11 +81,27 @@ async def _answer_unrouted(request: Request, error: Any) -> Response:
     """What the router says: 404, or 405 with the methods that are there."""
     path = path_of(request)[:LONGEST_PATH]
     if error.status_code != 405:
-        problem = Problem("", "not-found", f"there is nothing at {path}", "GET /openapi.json lists every path")
+        hint = f"{_name_route(request, path)} GET /openapi.json lists every path".strip()
+        problem = Problem("", "not-found", f"there is nothing at {path}", hint)
         return refusal_response(request, TransportError("not-found", problem))
     allowed = error.headers["Allow"]
     problem = Problem("", "method-not-allowed", f"{path} does not answer to {request.method}", f"use {allowed}")
     return refusal_response(request, TransportError("method-not-allowed", problem, {"Allow": allowed}))
+
+
+def _name_route(request: Request, path: str) -> str:
+    """The route that a path may be a slip of, as a question; empty where none is near."""
+    given = path.split("/")
+    routes: dict[str, tuple[str, str]] = {}  # the route with this path's own ids in it: method and template
+    for template, methods in request.app.state.addresses:
+        steps = template.split("/")
+        ids = given if len(given) == len(steps) else steps
+        filled = "/".join(own if step.startswith("{") else step for step, own in zip(steps, ids, strict=True))
+        method = request.method if request.method in methods else methods[0]
+        if filled not in routes or method == request.method:
+            routes[filled] = (method, template)
+    nearest = find_nearest(path, routes)
+    return "did you mean {} {}?".format(*routes[nearest[0]]) if nearest else ""
 
 
 HANDLERS: dict[int | type[Exception], Callable[[Request, Any], Any]] = {

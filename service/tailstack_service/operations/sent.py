@@ -5,7 +5,6 @@ Every refusal points into what was sent.
 
 from __future__ import annotations
 
-import difflib
 import json
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -15,8 +14,20 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
+from tailstack.cures import ask_meant, cure_range, cure_text
 from tailstack.design import Design, load_design
-from tailstack.design.reading import DEFAULT_LIMITS, Limits, Source, Vast, decode, read_text, show
+from tailstack.design.loading import holds_points
+from tailstack.design.reading import (
+    DEFAULT_LIMITS,
+    LOOKS_LIKE_YAML,
+    Limits,
+    Source,
+    Vast,
+    decode,
+    point_list_problem,
+    read_text,
+    show,
+)
 from tailstack.design.refusals import pointer
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.json_text import write_json
@@ -91,7 +102,7 @@ def read_request(sent: Sent, operation: Operation, settings: Settings) -> Reques
         options = _options_of_query(operation.options, sent.query)
         design = load(sent.body, settings, "")
         return Request(options, (design,), {fields[0]: design.source.data}, ("",), True)
-    body = parse_json(sent.body, settings)
+    body = parse_json(sent.body, settings, yaml=operation.yaml)
     partial = read_partial(body, fields)
     options = read_options(operation.options, body, fields if fields != ("design",) else ("design", NAMED, PATCH))
     if partial is not None:
@@ -149,24 +160,28 @@ def _translate(entry: Any, known: list[str], options: type[Options]) -> Problem:
     pointer += str(context.get("at", ""))
     if kind == "extra_forbidden":
         name = str(entry["loc"][-1])
-        close = difflib.get_close_matches(name, known, 1)
-        hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(known)}"
+        hint = ask_meant(name, known, f"known: {', '.join(known)}")
         return Problem(pointer, "unknown-field", f"there is no option {show(name)[9:]}", hint)
     if kind == "missing":
         detail = f"the field {str(entry['loc'][-1])!r} is required"
         return Problem(pointer.rpartition("/")[0], "missing-field", detail, "GET /openapi.json describes it")
     if isinstance(value, Vast):
         return Problem(pointer, "out-of-range", f"the number is too large; got {show(value)}")
+    field = next((step for step in reversed(entry["loc"]) if isinstance(step, str)), "")
     if kind in _WANTED:
-        return Problem(pointer, "wrong-type", f"expected {_WANTED[kind]}; got {show(value)}")
+        hint = cure_text(value, field) if isinstance(value, str) and "number" in _WANTED[kind] else ""
+        return Problem(pointer, "wrong-type", f"expected {_WANTED[kind]}; got {show(value)}", hint)
     if kind == "finite_number":
         return Problem(pointer, "not-finite", f"must be a finite number; got {show(value)}")
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         word = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below"}.get(kind, "at most")
         limit = next(context[key] for key in ("gt", "ge", "lt", "le") if key in context)
-        return Problem(pointer, "out-of-range", f"must be {word} {limit}; got {show(value)}")
+        hint = cure_range(value, field, **{"most" if kind.startswith("less") else "least": limit})
+        return Problem(pointer, "out-of-range", f"must be {word} {limit}; got {show(value)}", hint)
     if kind == "literal_error":
-        return Problem(pointer, "unknown-value", f"must be {context['expected']}; got {show(value)}")
+        words = context["expected"].replace("'", "").replace(" or ", ", ").split(", ")
+        detail = f"must be {context['expected']}; got {show(value)}"
+        return Problem(pointer, "unknown-value", detail, ask_meant(str(value), words))
     if kind in ("too_short", "too_long"):
         word, bound = ("at least", "min_length") if kind == "too_short" else ("at most", "max_length")
         many = f"{context[bound]} {'entry' if context[bound] == 1 else 'entries'}"
@@ -208,7 +223,9 @@ def refuse_query(query: Query, known: tuple[str, ...], hint: str = "") -> None:
     """Refuse query parameters that mean nothing here, each with a pointer to its name.  Raises RequestError."""
     for name, _ in query:
         if name not in known:
-            hint = hint or (f"known: {', '.join(known)}" if known else "this operation takes none")
+            hint = hint or ask_meant(
+                name, known, f"known: {', '.join(known)}" if known else "this operation takes none"
+            )
             detail = f"there is no query parameter {name[:60]!r}"
             raise RequestError(Problem(pointer([name[:60]]), "unknown-parameter", detail, hint))
 
@@ -280,13 +297,18 @@ def limits_of(settings: Settings) -> Limits:
     )
 
 
-def parse_json(body: bytes, settings: Settings) -> dict[str, Any]:
-    """The body as a mapping.  Raises MalformedError, RequestError (not a mapping), LimitError (too deep)."""
+def parse_json(body: bytes, settings: Settings, *, yaml: bool = True) -> dict[str, Any]:
+    """The body as a mapping.  Raises MalformedError, RequestError (not a mapping), LimitError (too deep).
+
+    ``yaml``: the operation reads YAML as well, which the cure of a body that is YAML then says.
+    """
     try:
         text = decode(body, None)
         data = read_text(text, limits_of(settings), file=None, directory=None, form="json").data
     except DesignError as error:
-        raise MalformedError(error.problems) from None
+        cure = "it looks like YAML: " + ("send Content-Type: application/yaml" if yaml else "this operation takes JSON")
+        problems = [replace(p, hint=cure) if p.hint == LOOKS_LIKE_YAML else p for p in error.problems]
+        raise MalformedError(problems) from None
     if not isinstance(data, dict):
         hint = 'send {"design": {...}}'
         raise RequestError(Problem("", "wrong-type", f"the body is a JSON object; got {show(data)}", hint))
@@ -303,6 +325,8 @@ def design_of(data: dict[str, Any], settings: Settings, field: str = "design") -
         raise RequestError(Problem("", "missing-field", f"the field {field!r} is required", hint))
     if not isinstance(data[field], dict):
         problem = Problem("", "wrong-type", f"a design is a mapping of fields; got {show(data[field])}")
+        if holds_points(data[field]):
+            problem = point_list_problem(None)
         raise Placed(DesignError(problem), f"/{field}")
     return load(Source(data[field], None, None), settings, f"/{field}")  # read strictly with the body: plain data
 
@@ -313,6 +337,9 @@ def load(source: Source | bytes, settings: Settings, prefix: str) -> Design:
     try:
         return load_design(source, form=form, allow_files=False, limits=limits_of(settings))
     except DesignError as error:
+        if isinstance(source, bytes) and b'"design"' in source and error.problems[0].code == "unsupported-schema":
+            hint = "the design stands inside this body: send Content-Type: application/json"
+            error = DesignError([replace(error.problems[0], hint=hint)])
         if isinstance(source, bytes) and all(p.code in SYNTAX and not p.pointer for p in error.problems):
             raise MalformedError(error.problems) from None
         raise Placed(error, prefix) from None

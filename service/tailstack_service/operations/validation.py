@@ -100,7 +100,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(arguments: argparse.Namespace) -> Answer:
     from tailstack.errors import TailstackError
 
-    from ..console.refusals import name_stdin, next_command, problem_text
+    from ..console.refusals import name_stdin, next_command, problems_text
 
     lines, codes = [], []
     for name in arguments.design:
@@ -108,7 +108,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
             lines.append(validation_text(name, validate(read_design(name))))
         except TailstackError as error:
             codes.append(error.exit_code)
-            print("\n".join(problem_text(problem) for problem in name_stdin(error.problems, name)), file=sys.stderr)
+            print("\n".join(problems_text(name_stdin(error.problems, name))), file=sys.stderr)
             print(next_command(error.slug, argparse.Namespace(verb="validate", design=name)), file=sys.stderr)
             lines.append(f"{name}: not valid, {len(error.problems)} problem(s)\n")
     # a document that breaks the rules (2) counts before one that is ill-posed (3)

@@ -5,9 +5,9 @@ Among them are the rules of the ``optimise`` section that look at the rest of th
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Sequence
 
+from ..cures import ask_meant
 from ..errors import Problem
 from ..system import INTERFACES
 from .document import Box, DesignDocument, Interface, PresetView, TargetDocument
@@ -293,7 +293,6 @@ def find_duplicates(names: Sequence[str], pointer: Callable[[int], str], what: s
 def find_unknown(pointer: str, what: str, name: str, names: Sequence[str]) -> list[Problem]:
     if name in names:
         return []
-    close = difflib.get_close_matches(name, names, 1)
     listing = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-    hint = f"did you mean {close[0]}?" if close else f"known: {listing}"
+    hint = ask_meant(name, names, f"known: {listing}" if names else "")
     return [Problem(pointer, "unknown-name", f"no {what} is called {name!r}", hint)]

@@ -201,6 +201,26 @@ def _system(text: str, name: str, line: int | None) -> System:
     return known
 
 
+_HEADING = re.compile(r"([xyz])(?:\s*[_/]\s*(\w+)|\s*\[\s*(\w+)\s*\]|\s*\(\s*(\w+)\s*\)|\s+(\w+))?")
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    return [cell.strip().lower() for cell in next(csv.reader([line], delimiter=delimiter))]
+
+
+def _read_heading(cell: str, axis: str) -> str | None:
+    """The unit in an axis' heading: x_mm, x [mm], x (mm), x/mm, x mm; empty without one, None of another column."""
+    found = _HEADING.fullmatch(cell)
+    if found is None or found[1] != axis:
+        return None
+    return _unit_of(next((unit for unit in found.groups()[1:] if unit), ""))
+
+
+def _unit_of(cell: str) -> str:
+    """A unit by itself, as it is or in brackets."""
+    return cell.strip(" []()").replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
+
+
 def _read_csv(text: str, name: str) -> _Table:
     system: System = "LPS"
     body: list[tuple[int, str]] = []
@@ -213,25 +233,31 @@ def _read_csv(text: str, name: str) -> _Table:
     if not body:
         raise _refuse(name, None, "empty-document", f"{name} holds no fiducial")
     delimiter = next((mark for mark in ("\t", ";") if mark in body[0][1]), ",")
-    header = [cell.strip().lower() for cell in next(csv.reader([body[0][1]], delimiter=delimiter))]
+    header, *below = [_split(line, delimiter) for _, line in body[:2]]
+    units_below = [_unit_of(cell) for cell in below[0]] if below else []
     example = "label,x_mm,y_mm,z_mm"
     columns: list[int] = []
     units: list[str] = []
+    unit_row = False
     for axis in "xyz":
-        hits = [(index, cell) for index, cell in enumerate(header) if re.fullmatch(axis + r"_\w+", cell)]
-        if len(hits) != 1 or hits[0][1][2:] not in _MM:
+        hits = [(index, found) for index, cell in enumerate(header) if (found := _read_heading(cell, axis)) is not None]
+        index, unit = hits[0] if len(hits) == 1 else (-1, "")
+        if index >= 0 and not unit and index < len(units_below):
+            unit, unit_row = units_below[index], True
+        if unit not in _MM:
             raise _refuse(
                 name,
                 body[0][0],
                 "csv-header",
                 f"the header needs one column for {axis} with its unit ({', '.join(f'{axis}_{u}' for u in _MM)}); "
                 f"got {show(body[0][1])}",
-                f"for example {example}",
+                f"for example {example}; {axis} [mm], {axis} (mm), or the units in a row of their own are read too",
             )
-        columns.append(hits[0][0])
-        units.append(hits[0][1][2:])
-    if len(set(units)) > 1:
-        raise _refuse(name, body[0][0], "csv-header", f"x, y and z have different units: {', '.join(units)}")
+        columns.append(index)
+        units.append(unit)
+    if len(set(units)) > 1 or (unit_row and [units_below[index] for index in columns] != units):
+        stated = ", ".join(units_below[index] for index in columns) if unit_row else ", ".join(units)
+        raise _refuse(name, body[int(unit_row)][0], "csv-header", f"x, y and z have different units: {stated}")
     others = [cell for index, cell in enumerate(header) if index not in columns]
     unknown = [cell for cell in others if cell not in ("label", "name")]
     if unknown or len(others) > 1:
@@ -240,7 +266,7 @@ def _read_csv(text: str, name: str) -> _Table:
         )
     at_label = header.index(others[0]) if others else None
     rows: list[tuple[str, list[float]]] = []
-    for number, line in body[1:]:
+    for number, line in body[2 if unit_row else 1 :]:
         cells = next(csv.reader([line], delimiter=delimiter))
         if len(cells) != len(header):
             raise _refuse(name, number, "csv-row", f"{len(cells)} cells in a table of {len(header)} columns")

@@ -7,12 +7,13 @@ arithmetic behind it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from difflib import get_close_matches
 from enum import StrEnum
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
+
+from ..cures import ask_meant
 
 LENGTH = 1e5  # mm
 _Record = TypeVar("_Record", bound="Record")
@@ -56,9 +57,7 @@ def one_of(kind: type[StrEnum]) -> Any:
         found = members.get(value) if isinstance(value, str) else None
         if found is not None:
             return found
-        close = get_close_matches(str(value), list(kind), 1)
-        hint = f"did you mean {close[0]}?" if close else ""
-        raise refusal("unknown-value", f"must be {', '.join(kind)}", hint)
+        raise refusal("unknown-value", f"must be {', '.join(kind)}", ask_meant(str(value), kind))
 
     return BeforeValidator(check, json_schema_input_type=kind)
 

@@ -18,9 +18,21 @@ from .document import (
     SCHEMA_NAME,
     DesignDocument,
 )
-from .fiducial_files import FiducialList, format_of, read_fiducials
+from .fiducial_files import FORMATS, FiducialList, format_of, read_fiducials
 from .pointers import find_places, pointer_of, replace_value, suggest
-from .reading import DEFAULT_LIMITS, Format, Limits, Source, decode, plain_data, read_bytes, read_text, show
+from .reading import (
+    DEFAULT_LIMITS,
+    Format,
+    Limits,
+    Source,
+    decode,
+    name_neighbours,
+    plain_data,
+    point_list_problem,
+    read_bytes,
+    read_text,
+    show,
+)
 from .refusals import place, refuse
 
 
@@ -130,6 +142,8 @@ def _check(source: Source, allow_files: bool, limits: Limits) -> Design:
 
 def _check_schema_name(source: Source) -> None:
     data = source.data
+    if holds_points(data):
+        raise DesignError(place(point_list_problem(source.file), source))
     if not isinstance(data, dict):
         detail = f"a design is a mapping of fields; got {show(data)}"
         raise DesignError(place(Problem("", "wrong-type", detail, "start from examples/demo.yaml"), source))
@@ -142,6 +156,14 @@ def _check_schema_name(source: Source) -> None:
             f"schema: {SCHEMA_NAME}",
         )
         raise DesignError(place(problem, source))
+
+
+def holds_points(data: Any) -> bool:
+    """Whether plain data is a list of points: as 3D Slicer writes it, or one that somebody wrote."""
+    if isinstance(data, dict):
+        return "schema" not in data and bool({"markups", "controlPoints", "points"} & data.keys())
+    kinds = {type(each) for each in data} if isinstance(data, list) else set()
+    return kinds == {list} or (kinds == {dict} and all("position_mm" in each or "position" in each for each in data))
 
 
 def _refuse_all(problems: list[Problem], source: Source, limits: Limits) -> None:
@@ -163,6 +185,8 @@ def _fiducials(document: DesignDocument, source: Source, allow_files: bool, limi
     try:
         path = _find_file(name, source, allow_files)
         format_of(name)
+        if not path.exists():
+            raise DesignError(_describe_missing(name, path, source))
         return read_fiducials(read_bytes(path, limits.fiducial_file_bytes, name), name, limits)
     except (DesignError, LimitError) as error:
         # the pointer says which field led there, file and line where in the fiducial file it is wrong
@@ -171,6 +195,14 @@ def _fiducials(document: DesignDocument, source: Source, allow_files: bool, limi
             for p in error.problems
         ]
         raise type(error)(problems) from None
+
+
+def _describe_missing(name: str, path: Path, source: Source) -> Problem:
+    """A fiducial file that is not there: the folder that was searched, and what may have been meant."""
+    assert source.directory is not None
+    folder = source.directory / Path(name).parent
+    hint = name_neighbours(path, name, FORMATS) or "a fiducial file stands beside the design, or in a folder below it"
+    return Problem("", "file-not-found", f"no such file: {name}; looked in {folder}", hint)
 
 
 def _find_file(name: str, source: Source, allow_files: bool) -> Path:

@@ -7,10 +7,10 @@ A place is a JSON pointer (RFC 6901), ``/views/0/fiducial_noise_px``, or fields 
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator
 from typing import Any
 
+from ..cures import find_nearest
 from .refusals import escape
 
 EVERY = "*"
@@ -66,7 +66,7 @@ def replace_value(data: Any, place: Place, value: Any) -> Any:
 def suggest(data: Any, pointer: str) -> str:
     """Which number may have been meant, as a hint; empty where nothing is near."""
     known = ["".join(f"/{escape(step)}" for step in place) for place in _numbers(data, ())]
-    close = difflib.get_close_matches(pointer, known, 3, 0.5)
+    close = find_nearest(pointer, known, 3, 0.5)
     below = [name for name in known if name.startswith(pointer.rstrip("/") + "/")][:3]
     listed = " or ".join(dict.fromkeys(below or close))
     return f"did you mean {listed}?" if listed else ""

@@ -16,26 +16,32 @@ from __future__ import annotations
 
 import codecs
 import json
+import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import yaml
 
+from ..cures import find_nearest
 from ..errors import DesignError, LimitError, Problem
 from ..json_text import write_json
 
 __all__ = [
     "DEFAULT_LIMITS",
+    "LOOKS_LIKE_YAML",
     "Format",
     "Limits",
     "Source",
     "Vast",
     "decode",
+    "name_neighbours",
     "plain_data",
+    "point_list_problem",
     "read_bytes",
     "read_text",
     "show",
@@ -87,7 +93,8 @@ def read_bytes(path: Path, limit: int, name: str) -> bytes:
     """The bytes of a regular file of at most ``limit`` bytes.  Raises DesignError or LimitError."""
     try:
         if not path.exists():
-            raise DesignError(problem("file-not-found", f"no such file: {name}", "check the path", file=name))
+            hint = name_neighbours(path, name) or "check the path"
+            raise DesignError(problem("file-not-found", f"no such file: {name}", hint, file=name))
         if not path.is_file():
             kind = "a directory" if path.is_dir() else "not a regular file"
             raise DesignError(problem("not-a-file", f"{name} is {kind}", "give a file", file=name))
@@ -99,6 +106,45 @@ def read_bytes(path: Path, limit: int, name: str) -> bytes:
     if len(content) > limit:
         raise LimitError(problem("too-large", f"{name} is longer than {limit} bytes", "make it smaller", file=name))
     return content
+
+
+MOST_NEIGHBOURS = 2000  # entries of a folder that are looked through
+
+
+def name_neighbours(path: Path, given: str, endings: tuple[str, ...] = ()) -> str:
+    """What may have been meant by a file that is missing: one beside it or a folder below; else what is there.
+
+    ``given``: how the caller calls the file, and a name in the hint is one that can be typed in its place.
+    ``endings``: of files that can be meant; none: those with the ending of the missing one.
+    """
+    folder, prefix = path.parent, os.path.dirname(given)
+    while prefix and not folder.is_dir():
+        folder, prefix = folder.parent, os.path.dirname(prefix)
+    wanted = endings or (path.suffix.lower(),)
+    folders = [each for each in _list_folder(folder, ()) if (folder / each).is_dir()][:50]
+    names = {name: name for name in _list_folder(folder, wanted)}  # each with its place below the folder
+    for each in folders:
+        names = {name: f"{each}/{name}" for name in _list_folder(folder / each, wanted)} | names
+    stems = {_cut_ending(name, wanted): place for name, place in names.items()}  # endings alone make names alike
+    if nearest := find_nearest(_cut_ending(path.name, wanted), stems):
+        return f"did you mean {os.path.join(prefix, stems[nearest[0]])}?"
+    listed = [os.path.join(prefix, name) for name in sorted(names.values())[:6]]
+    return f"there is {', '.join(listed)}" if listed and endings else ""
+
+
+def _cut_ending(name: str, endings: tuple[str, ...]) -> str:
+    return next((name[: -len(end)] for end in endings if end and name.lower().endswith(end)), name)
+
+
+def _list_folder(folder: Path, endings: tuple[str, ...]) -> list[str]:
+    """Names in a folder that end so, none of them hidden, in their order; an unreadable folder holds none."""
+    try:
+        with os.scandir(folder) as entries:
+            names = [entry.name for entry in islice(entries, MOST_NEIGHBOURS)]
+    except OSError:
+        return []
+    shown = [name for name in names if name.isprintable() and not name.startswith(".")]
+    return sorted(name for name in shown if not endings or name.lower().endswith(endings))
 
 
 def decode(content: bytes, name: str | None) -> str:
@@ -145,12 +191,39 @@ def read_text(text: str, limits: Limits, *, file: str | None, directory: Path | 
             return Source(_from_json(text, limits, file), file, directory, json_text=text)
         except json.JSONDecodeError as error:
             if form == "json":
+                hint = LOOKS_LIKE_YAML if _YAML.match(text) else ""
                 where = Problem(
-                    "", "json-syntax", f"this is not JSON: {error.msg}", "", file, error.lineno, error.colno
+                    "", "json-syntax", f"this is not JSON: {error.msg}", hint, file, error.lineno, error.colno
                 )
                 raise DesignError(where) from None
-    data, place = read_yaml(text, file, limits)
+    try:
+        data, place = read_yaml(text, file, limits)
+    except DesignError:
+        if _POINTS.match(text):
+            raise DesignError(point_list_problem(file)) from None
+        raise
+    if isinstance(data, str) and _POINTS.match(text):
+        raise DesignError(point_list_problem(file))
     return Source(data, file, directory, place=place)
+
+
+LOOKS_LIKE_YAML = "it looks like YAML: call the file .yaml instead of .json"
+_YAML = re.compile(r"(\s*(#[^\n]*|---[^\n]*)?\n)*\s*[A-Za-z_]+[ ]*:(\s|$)")  # a first line that is a field
+# What the files of fiducials begin with: a header of CSV, or what 3D Slicer writes into .fcsv.
+_POINTS = re.compile(
+    r"(\s*#[^\n]*\n)*\s*((label|name)\s*[,;\t]\s*)?x\b[^\n]*[,;\t]\s*y\b|\s*# *Markups fiducial file|"
+    r"(\s*#[^\n]*\n)*\s*((label|name)\s*[,;\t]\s*)?x_\w+\s*[,;\t]\s*y_",
+    re.IGNORECASE,
+)
+
+
+def point_list_problem(file: str | None) -> Problem:
+    """A list of fiducials where a document is wanted."""
+    if file is None:
+        hint = "put the points under fiducials.points of a design: [{label: F1, position_mm: [x, y, z]}, ...]"
+        return Problem("", "point-list", "this is a list of points, not a design", hint)
+    hint = f"put it under fiducials.file of a design: fiducials: {{file: {Path(file).name}}}"
+    return Problem("", "point-list", "this is a list of points, not a design", hint, file, 1, 1)
 
 
 def plain_data(value: Any, limits: Limits) -> Any:
@@ -455,6 +528,10 @@ class _Builder:
             top.key = None
 
     def _check_key(self, key: Any, mapping: _Open, mark: Any) -> None:
+        last = next(reversed(mapping.data.values()), None) if mapping.data else None
+        if type(key) is int and type(last) is int:
+            hint = f"if {last},{key} is one number, write it with a point: {last}.{key}"
+            raise self._refuse("bad-key", f"keys are texts; got {show(key)}", hint, mark)
         if not isinstance(key, str):
             raise self._refuse("bad-key", f"keys are texts; got {show(key)}", "put it in quotes", mark)
         if len(key) > LONGEST_KEY:

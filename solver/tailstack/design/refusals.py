@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from ..cures import ask_meant, cure_list, cure_range, cure_text, find_nearest
 from ..errors import DesignError, Problem
 from .document import VIEW_KINDS, DesignDocument, Pose
 from .reading import Limits, Source, Vast, show
@@ -94,7 +94,13 @@ def _merge(problems: list[Problem]) -> list[Problem]:
                 detail = f"{wanted} or {also}; got {problem.detail.split('; got ', 1)[1]}"
                 by_pointer[problem.pointer] = replace(first, detail=detail)
     deeper = {parent for pointer in by_pointer for parent in _parents(pointer)}
-    return [p for p in by_pointer.values() if p.pointer not in deeper or p.code not in ("wrong-type", "unknown-value")]
+    shapes = {p.pointer for p in by_pointer.values() if p.hint in _SHAPES.values()}  # say what each row would say again
+    return [
+        p
+        for p in by_pointer.values()
+        if (p.pointer not in deeper or p.code not in ("wrong-type", "unknown-value"))
+        and not shapes & set(_parents(p.pointer))
+    ]
 
 
 def _parents(pointer: str) -> list[str]:
@@ -113,8 +119,10 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
         return _refuse_unknown(raw, path, value, root)
     if isinstance(value, Vast):
         return Problem(pointer(path), "out-of-range", f"the number is too large; got {show(value)}")
+    field = next((step for step in reversed(path) if isinstance(step, str)), "")
     if kind == "missing" and isinstance(path[-1], int):
-        return Problem(pointer(path[:-1]), "too-short", f"the list has too few entries; got {show(value)}")
+        detail = f"the list has too few entries; got {show(value)}"
+        return Problem(pointer(path[:-1]), "too-short", detail, _cure_matrix(field, value))
     if kind == "missing":
         example = _example(raw, root)
         return Problem(pointer(path), "missing-field", f"the field {path[-1]!r} is required", example)
@@ -126,25 +134,27 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
         if owner is not None and kind.startswith("model"):
             hint = "fields: " + ", ".join(info.alias or name for name, info in owner.model_fields.items())
         if isinstance(value, str) and "number" in _WANTED[kind]:
-            hint = "no quotes, leading zeros or units: the unit is in the field's name" if _digits(value) else ""
+            hint = cure_text(value, field)
         if kind == "string_type" and isinstance(value, int | float):
             hint = "put it in quotes"
         return Problem(pointer(path), "wrong-type", f"expected {_WANTED[kind]}; got {show(value)}", hint)
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         word = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below"}.get(kind, "at most")
         limit = next(context[key] for key in ("gt", "ge", "lt", "le") if key in context)
-        return Problem(pointer(path), "out-of-range", f"must be {word} {limit:g}; got {show(value)}")
+        bound = {"most" if kind.startswith("less") else "least": limit}
+        hint = cure_range(value, field, **bound)
+        return Problem(pointer(path), "out-of-range", f"must be {word} {limit:g}; got {show(value)}", hint)
     if kind == "finite_number":
         return Problem(pointer(path), "not-finite", f"must be a finite number; got {show(value)}")
     if kind in ("literal_error", "enum"):
         words = str(context.get("expected", ""))
-        close = difflib.get_close_matches(str(value), words.replace("'", "").replace(" or ", ", ").split(", "), 1)
-        hint = f"did you mean {close[0]}?" if close else ""
+        hint = ask_meant(str(value), words.replace("'", "").replace(" or ", ", ").split(", "))
         return Problem(pointer(path), "unknown-value", f"must be {words}; got {show(value)}", hint)
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length", context.get("max_length"))
         many = f"{'at least' if kind == 'too_short' else 'at most'} {bound} {'entry' if bound == 1 else 'entries'}"
-        return Problem(pointer(path), kind.replace("_", "-"), f"needs {many}; got {show(value)}")
+        hint = _cure_matrix(field, value) or (cure_list(value, bound) if kind == "too_long" and bound else "")
+        return Problem(pointer(path), kind.replace("_", "-"), f"needs {many}; got {show(value)}", hint)
     if kind in ("string_too_short", "string_too_long", "string_pattern_mismatch"):
         detail = {"string_too_short": "must not be empty", "string_too_long": "is too long"}.get(
             kind, PATTERNS.get(str(context.get("pattern")), "is not of the form that is asked for")
@@ -157,8 +167,28 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
     return Problem(pointer([*path, *at]), kind.replace("_", "-"), message, str(context.get("hint", "")))
 
 
-def _digits(text: str) -> bool:
-    return any(character.isdigit() for character in text)
+_SHAPES = {  # of matrices that were written into a field for another, rows and columns
+    ("transform", 3, 4): "a transform has four rows: add [0, 0, 0, 1]",
+    ("transform", 3, 3): "a rotation goes under rotation: {rotation: [[...], [...], [...]], translation_mm: [x, y, z]}",
+    ("projection", 4, 4): "a projection has three rows of four; a pose goes under pose, beside intrinsics",
+    ("rotation", 4, 4): "a rotation has three rows of three; give all four rows as the transform itself",
+}
+_ROWS = {  # of matrices whose number of rows is right, columns
+    ("transform", 3): "a row of a transform is [r, r, r, t]: the fourth number is the translation in mm",
+    ("projection", 3): "a projection has three rows of four; a matrix of the camera goes under intrinsics",
+    ("rotation", 4): "a rotation has three rows of three; the fourth column goes under translation_mm",
+}
+
+
+def _cure_matrix(field: str, value: Any) -> str:
+    """What to do with a matrix, or a row of one, of another shape than the field's."""
+    if not isinstance(value, list | tuple) or not value:
+        return ""
+    kind = "transform" if field.startswith("T_") or field == "pose" else field
+    if not any(isinstance(row, list | tuple) for row in value):
+        return _ROWS.get((kind, len(value)), "")
+    widths = {len(row) if isinstance(row, list | tuple) else 0 for row in value}
+    return _SHAPES.get((kind, len(value), widths.pop()), "") if len(widths) == 1 else ""
 
 
 def _is_branch(step: str) -> bool:
@@ -206,9 +236,11 @@ def _refuse_unknown(raw: Sequence[str | int], path: list[str | int], value: Any,
     name = str(path[-1])
     owner = _model_at(raw[:-1], root)
     fields = [] if owner is None else [info.alias or key for key, info in owner.model_fields.items()]
-    close = difflib.get_close_matches(name, fields, 1, cutoff=0.6)
+    close = find_nearest(name, fields)
     others = {field for kind in VIEW_KINDS.values() for field in kind.model_fields}
-    if name == "<<":
+    if name.isdecimal() and value is None:
+        hint = "if it is the decimals of the number before it, write that number with a point, as in 0.05"
+    elif name == "<<":
         hint = "merge keys are not part of YAML 1.2: write the fields out"
     elif owner in VIEW_KINDS.values() and name in others:
         kind = next(tag for tag, view in VIEW_KINDS.items() if view is owner).strip("<>")

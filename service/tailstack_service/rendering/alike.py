@@ -1,0 +1,45 @@
+"""Findings that say the same of many places, put together: one sentence with its cure, and where else it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from typing import TypeVar
+
+T = TypeVar("T")
+FEWEST = 3  # two are still read one by one
+MOST_PLACES = 8
+
+
+def gather_alike(items: Sequence[T], key: Callable[[T], Hashable | None]) -> list[list[T]]:
+    """Items of one key together, where the first of them stands; those with the key None, and pairs, by themselves."""
+    groups: dict[Hashable, list[T]] = {}
+    for number, item in enumerate(items):
+        found = key(item)
+        groups.setdefault(("alone", number) if found is None else ("alike", found), []).append(item)
+    few = {id(item) for group in groups.values() if len(group) < FEWEST for item in group}
+    gathered = {id(group[0]): group for group in groups.values() if len(group) >= FEWEST}
+    return [
+        [item] if id(item) in few else gathered[id(item)] for item in items if id(item) in few or id(item) in gathered
+    ]
+
+
+def name_field(pointer: str) -> str:
+    """The last field of a pointer, whatever entry of a list it leads to: what alike findings share."""
+    return next((step for step in reversed(pointer.split("/")) if step and not step.isdecimal()), "")
+
+
+def name_rule(sentence: str) -> str:
+    """What a sentence says before what arrived."""
+    return sentence.partition("; got ")[0]
+
+
+def list_others(lines: Sequence[int | None], pointers: Sequence[str]) -> str:
+    """``and 9 more like it: lines 12, 13, ...``, by pointers where there are no lines."""
+    known = [line for line in lines if line is not None]
+    if len(known) == len(lines):
+        places = [str(line) for line in dict.fromkeys(known)]
+        word = "lines" if len(places) > 1 else "line"
+    else:
+        places, word = list(dict.fromkeys(pointers)), "at"
+    more = ", ..." if len(places) > MOST_PLACES else ""
+    return f"and {len(lines)} more like it: {word} {', '.join(places[:MOST_PLACES])}{more}"

@@ -1,0 +1,98 @@
+"""What somebody probably meant: the nearest name, the number behind a comma, a percentage or another unit.
+
+Every refusal of a name or a number asks here, so that a slip gets the same cure in a design, a policy, an option and a
+query.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import Any
+
+# Words of the trade for what a document calls otherwise.
+_SYNONYMS = {
+    "gaussian": "normal",
+    "gauss": "normal",
+    "rectangular": "uniform",
+    "rectangle": "uniform",
+    "flat": "uniform",
+    "box": "uniform",
+    "worstcase": "bounded",
+    "limit": "bounded",
+    "anteroposterior": "AP",
+    "frontal": "AP",
+    "lateral": "LAT",
+    "optimize": "optimise",
+    "localization": "localisation",
+    "tool": "tcp",
+    "tip": "tcp",
+}
+_COMMA = re.compile(r"\s*([-+]?\d+),(\d+)\s*")
+_PERCENT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*%\s*")
+_LARGEST_PERCENT = 100.0
+
+
+def find_nearest(name: str, known: Iterable[str], count: int = 1, cutoff: float = 0.6) -> list[str]:
+    """Names that ``name`` may be a slip of, the nearest first.  Case, spaces, hyphens and underlines do not count."""
+    names: dict[str, str] = {}
+    for each in known:
+        names.setdefault(_plain(each), each)
+    meant = {word: name for word, name in _SYNONYMS.items() if name in names.values() and word not in names}
+    names |= meant
+    plain = _plain(name)
+    close = get_close_matches(plain, names, count, cutoff)
+    return list(dict.fromkeys(names[each] for each in ([plain, *close] if plain in names else close)))[:count]
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\s_-]+", "", name[:200]).casefold() or name
+
+
+def ask_meant(name: str, known: Iterable[str], otherwise: str = "") -> str:
+    """``did you mean NAME?``, or what is said where no name is near."""
+    nearest = find_nearest(name, known)
+    return f"did you mean {nearest[0]}?" if nearest else otherwise
+
+
+def cure_text(text: str, field: str) -> str:
+    """What to write instead of a text where a number is wanted; empty where the text tells nothing."""
+    if found := _COMMA.fullmatch(text):
+        whole, decimals = found.groups()
+        if len(decimals) == 3 and whole.lstrip("+-").strip("0"):
+            return f"a number has no comma: write {whole}.{decimals.rstrip('0') or '0'} or {whole}{decimals}"
+        return f"write decimals with a point: {whole}.{decimals}"
+    if found := _PERCENT.fullmatch(text):
+        value = float(found[1])
+        if "percent" in field:
+            return f"the field is in per cent: write {value:g}"
+        return f"a fraction is a number without a sign: {value:g} % is {value / 100:.6g}"
+    return "no quotes, leading zeros or units: the unit is in the field's name" if _has_digit(text) else ""
+
+
+def _has_digit(text: str) -> bool:
+    return any(character.isdigit() for character in text)
+
+
+def cure_range(value: Any, field: str, *, least: float | None = None, most: float | None = None) -> str:
+    """What to write instead of a number below ``least`` or above ``most``; empty where nothing is likely."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return ""
+    if most is not None and most <= 1 < value <= _LARGEST_PERCENT:
+        return f"it is a fraction: {value:g} % is {value / 100:.6g}"
+    if least is not None and field.endswith("_mm") and least >= 1 and 0 < value < least:
+        return f"it is in mm: {value:g} m is {value * 1000:g} mm"
+    return ""
+
+
+def cure_list(values: Any, wanted: int) -> str:
+    """What to write instead of a list of numbers that has more entries than ``wanted``."""
+    if isinstance(values, list | tuple) and wanted < len(values) <= 2 * wanted and all(map(_is_whole, values)):
+        first, second = values[0], values[1]
+        return f"commas separate entries: if {first},{second} is one number, write it with a point, {first}.{second}"
+    return ""
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)

@@ -1,0 +1,247 @@
+"""The cures of slips as a person meets them: at the command, over HTTP, in a gate; alike findings are told once."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from service_scenes import EXAMPLES, ROOT, check_problem, client_with, small_design
+
+from tailstack_service.cli.main import main
+
+DEMO = EXAMPLES / "demo.yaml"
+YAML = {"Content-Type": "application/yaml"}
+JSON = {"Content-Type": "application/json"}
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[httpx.Client]:
+    with client_with() as client:
+        yield client
+
+
+def written(tmp_path: Path, old: str, new: str, count: int = 1) -> Path:
+    text = DEMO.read_text()
+    assert old in text
+    path = tmp_path / "design.yaml"
+    path.write_text(text.replace(old, new, count))
+    return path
+
+
+SLIPS = [
+    ("    limit_mm: 1.0", "    limit_mm: 1,0", "/requirements/0/limit_mm", "write decimals with a point: 1.0"),
+    ("    quantile: 0.95", "    quantile: 95", "/requirements/0/quantile", "it is a fraction: 95 % is 0.95"),
+    ("uniform } # beads", "gaussian } # beads", "/fiducials/manufacturing/distribution", "did you mean normal?"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "pointer", "cure"), SLIPS)
+def test_the_command_and_the_service_name_the_same_cure(
+    client: httpx.Client,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    old: str,
+    new: str,
+    pointer: str,
+    cure: str,
+) -> None:
+    path = written(tmp_path, old, new)
+    line = path.read_text().splitlines().index(next(x for x in path.read_text().splitlines() if new in x)) + 1
+    for verb in ("validate", "score"):
+        assert main([verb, str(path)]) == 2
+        told = capsys.readouterr().err
+        assert f"{path}:{line}:" in told
+        assert f" {pointer}: " in told
+        assert f"  hint: {cure}\n" in told
+    for route in ("/v1/validations", "/v1/scores"):
+        found = check_problem(client.post(route, content=path.read_bytes(), headers=YAML), 422, "invalid-design")
+        (entry,) = found["errors"]
+        assert (entry["pointer"], entry["hint"], entry["line"]) == (pointer, cure, line)
+
+
+def test_options_of_a_request_are_cured_like_fields(client: httpx.Client) -> None:
+    def hint(**options: Any) -> str:
+        body = {"design": small_design(), **options}
+        return check_problem(client.post("/v1/verifications", json=body), 422, "invalid-request")["errors"][0]["hint"]
+
+    assert hint(precision=5) == "it is a fraction: 5 % is 0.05"
+    assert hint(precision="0,01") == "write decimals with a point: 0.01"
+    assert hint(presicion=0.01) == "did you mean precision?"
+    answer = client.post("/v1/verifications?presicion=0.1", content=b"a: 1", headers=YAML)
+    assert check_problem(answer, 422, "invalid-request")["errors"][0]["hint"] == "did you mean precision?"
+
+
+def test_a_policy_is_cured_like_a_design(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    policy = tmp_path / "policy.yaml"
+    for text, cure in (
+        ("rules: {p95: {confidence: 95}}", "95 % is 0.95"),
+        ("rules: {p95: {severity: warn}}", "did you mean warning?"),
+        ("rules: {plausability: {severity: error}}", "did you mean plausibility?"),
+        ("rules: {plausibility: {remarks: [noise]}}", "must be"),
+        ("guard_band_percent: '5 %'", "the field is in per cent: write 5"),
+    ):
+        policy.write_text(f"schema: tailstack/policy/1\n{text}\n")
+        assert main(["gate", str(DEMO), "--policy", str(policy), "--mode", "analytic"]) == 2
+        output = capsys.readouterr()
+        told = " ".join((output.out + output.err).split())
+        assert cure in told
+        assert "policy.yaml:2:" in told
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "meant"),
+    [
+        ("POST", "/v1/score", "POST /v1/scores"),
+        ("POST", "/scores", "POST /v1/scores"),
+        ("POST", "/v1/optimizations", "POST /v1/optimisations"),
+        ("GET", "/v1/scores/", "POST /v1/scores"),
+        ("GET", "/v1/job/01k4", "GET /v1/jobs/{id}"),
+        ("GET", "/v1/jobs/01k4/event", "GET /v1/jobs/{id}/events"),
+        ("POST", "/v1/study/paper", "POST /v1/studies/paper"),
+        ("GET", "/nothing/like/it", None),
+    ],
+)
+def test_a_route_that_is_misspelt_is_answered_with_the_nearest(
+    client: httpx.Client, method: str, path: str, meant: str | None
+) -> None:
+    hint = check_problem(client.request(method, path), 404, "not-found")["errors"][0]["hint"]
+    assert hint == (f"did you mean {meant}? " if meant else "") + "GET /openapi.json lists every path"
+    if meant:
+        listed = client.get("/openapi.json").json()["paths"]
+        verb, template = meant.split()
+        assert verb.lower() in listed[template]
+
+
+def test_a_schema_that_is_misspelt_is_answered_with_the_nearest(client: httpx.Client) -> None:
+    found = check_problem(client.get("/v1/schemas/desgin"), 404, "not-found")
+    assert found["errors"][0]["hint"] == "did you mean design?"
+
+
+def test_yaml_that_is_sent_as_json(client: httpx.Client) -> None:
+    for route, cure in (("/v1/scores", "send Content-Type: application/yaml"), ("/v1/comparisons", "takes JSON")):
+        answer = client.post(route, content=DEMO.read_bytes(), headers=JSON)
+        (entry,) = check_problem(answer, 400, "malformed-document")["errors"]
+        assert entry["code"] == "json-syntax"
+        assert cure in entry["hint"]
+        assert entry["line"] == 1
+    (entry,) = check_problem(client.post("/v1/scores", content=b"[1", headers=JSON), 400, "malformed-document")[
+        "errors"
+    ]
+    assert entry["hint"] == ""
+
+
+def test_json_around_a_design_that_is_sent_as_yaml(client: httpx.Client) -> None:
+    body = json.dumps({"design": small_design()}).encode()
+    found = check_problem(client.post("/v1/scores", content=body, headers=YAML), 422, "invalid-design")
+    assert "send Content-Type: application/json" in found["errors"][0]["hint"]
+    assert client.post("/v1/scores", content=body, headers=JSON).status_code == 200
+
+
+def test_what_curl_says_by_itself_is_answered_with_its_flag(client: httpx.Client) -> None:
+    form = {"Content-Type": "application/x-www-form-urlencoded"}
+    answer = client.post("/v1/scores", content=DEMO.read_bytes(), headers=form)
+    hint = check_problem(answer, 415, "unsupported-media-type")["errors"][0]["hint"]
+    assert "-H 'Content-Type: application/yaml'" in hint
+
+
+def test_points_that_are_sent_as_a_design(client: httpx.Client) -> None:
+    """The service reads no files, so that it must not ask for the name of one."""
+    folder = EXAMPLES / "fiducials"
+    markups = json.loads((folder / "phantom.mrk.json").read_text())
+    answers = [
+        (client.post("/v1/scores", content=(folder / "marker8.csv").read_bytes(), headers=YAML), ""),
+        (client.post("/v1/scores", json={"design": markups}), "/design"),
+        (client.post("/v1/scores", json={"design": [[1, 2, 3]]}), "/design"),
+    ]
+    for answer, pointer in answers:
+        (entry,) = check_problem(answer, 422, "invalid-design")["errors"]
+        assert (entry["code"], entry["pointer"]) == ("point-list", pointer)
+        assert "fiducials.points" in entry["hint"]
+        assert "fiducials.file" not in entry["hint"]
+
+
+def test_a_missing_file_of_fiducials_at_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    text = (EXAMPLES / "small_cluster_far_target.yaml").read_text()
+    (tmp_path / "fiducials").mkdir()
+    (tmp_path / "fiducials" / "marker8.csv").write_text("")
+    path = tmp_path / "design.yaml"
+    path.write_text(text.replace("fiducials/marker8.csv", "marker8.csv"))
+    line = next(k for k, each in enumerate(path.read_text().splitlines(), 1) if "file: marker8" in each)
+    assert main(["score", str(path)]) == 2
+    told = capsys.readouterr().err
+    assert f"{path}:{line}:9: /fiducials/file: no such file: marker8.csv; looked in {tmp_path}\n" in told
+    assert "  hint: did you mean fiducials/marker8.csv?\n" in told
+    assert main(["gate", str(path), "--mode", "analytic"]) == 2
+    assert f"design.yaml:{line}:9: error: no such file" in " ".join(capsys.readouterr().out.split())
+
+
+# --- alike findings -----------------------------------------------------------------------------------------
+
+
+def test_ten_alike_findings_are_told_once_with_their_cure(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Text for people says it once; the problem document keeps every entry."""
+    path = written(tmp_path, "label: F", "lable: F", 12)
+    lines = [k for k, each in enumerate(path.read_text().splitlines(), 1) if "lable" in each]
+    assert main(["validate", str(path)]) == 2
+    told = capsys.readouterr().err
+    assert told.count("did you mean label?") == 1
+    assert f"{path}:{lines[0]}:9: /fiducials/points/0/lable: unknown field 'lable'" in told
+    others = ", ".join(map(str, lines[1:9]))
+    assert f"  and 11 more like it: lines {others}, ...\n" in told
+    assert main(["score", str(path)]) == 2
+    assert "and 11 more like it" in capsys.readouterr().err
+    assert main(["score", str(path), "--json"]) == 2
+    assert len(json.loads(capsys.readouterr().err)["errors"]) == 12
+    assert main(["gate", str(path), "--mode", "analytic"]) == 2
+    told = " ".join(capsys.readouterr().out.split())
+    assert told.count("unknown field 'lable'") == 1
+    assert f"and 11 more like it: lines {others}, ..." in told
+
+
+def test_two_of_a_kind_and_different_ones_are_told_one_by_one(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = written(tmp_path, "target_noise_px: 0.3", "target_noise_px: 0,3", 2)
+    path.write_text(path.read_text().replace("    quantile: 0.95", "    quantile: 95"))
+    assert main(["validate", str(path)]) == 2
+    told = capsys.readouterr().err
+    assert told.count("write decimals with a point") == 2
+    assert told.count("  hint: ") == 3
+    assert "more like it" not in told
+
+
+# --- remarks through the routes -----------------------------------------------------------------------------
+
+
+def test_an_implausible_value_is_remarked_by_every_way_in(
+    client: httpx.Client, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = written(tmp_path, "rx: { half_width_deg: 0.10,", "rx: { half_width_deg: 0.0017,")
+    at = "/interfaces/structure_connector/tolerances/rx/half_width_deg"
+    for verb in ("validate", "score"):
+        assert main([verb, str(path)]) in (0, 1)
+        assert "finer than a kinematic coupling" in " ".join(capsys.readouterr().out.split())
+    validation = client.post("/v1/validations", content=path.read_bytes(), headers=YAML).json()
+    score = client.post("/v1/scores", content=path.read_bytes(), headers=YAML).json()
+    gate = client.post("/v1/gates?mode=analytic", content=path.read_bytes(), headers=YAML).json()
+    for findings, rule in (
+        (validation["findings"], "half-width-too-fine"),
+        (score["verdict"]["findings"], "half-width-too-fine"),
+        (gate["findings"], "plausibility"),
+    ):
+        (met,) = [each for each in findings if each["rule"] == rule]
+        assert (met["severity"], met["pointer"]) == ("warning", at)
+        assert "If radians were meant, write 0.0974" in met["message"]
+
+
+def test_the_page_on_designs_lists_every_remark() -> None:
+    from tailstack.design.plausibility import PLAUSIBILITY
+
+    page = (ROOT / "docs" / "design.md").read_text()
+    table = page.partition("## What is remarked as implausible")[2].partition("\n## ")[0]
+    listed = [line.split("`")[1] for line in table.splitlines() if line.startswith("| `")]
+    assert listed == list(PLAUSIBILITY)
