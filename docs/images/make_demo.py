@@ -1,4 +1,4 @@
-"""Draw docs/images/demo.svg from the demo design: run with the project's environment, no arguments.
+"""Draw docs/images/demo.svg from the demo design, with the project's environment: no arguments, or ``--check``.
 
 Left: both detector images with the fiducials (filled) and the target (cross).  Right: histogram of 200,000
 trials of the TCP error with P95 and the limit; below: the contributors by share of variance.
@@ -6,9 +6,11 @@ trials of the TCP error with P95 and the limit; below: the contributors by share
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
+from pictures import write_picture
 
 from tailstack import compile_design, load_design, score, verify
 from tailstack.estimation.resection import project
@@ -90,7 +92,7 @@ def bars(target, x0: float, y0: float, width: float) -> list[str]:
     return parts
 
 
-def main() -> None:
+def draw() -> str:
     design = load_design(ROOT / "examples" / "demo.yaml")
     system = compile_design(design)
     target = score(design).targets[0]
@@ -101,12 +103,11 @@ def main() -> None:
         parts += detector(system, view, 24, 40 + 268 * k, 230)
     parts += histogram(np.linalg.norm(errors, axis=0), check, system.requirements[0].limit_mm, 300, 40, 560, 230)
     parts += bars(target, 300, 330, 560)
-    picture = (
+    return (
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 884 556" font-family="sans-serif" fill="none">'
         f'<rect width="884" height="556" fill="{PAPER}"/>{"".join(parts)}</svg>\n'
     )
-    (ROOT / "docs" / "images" / "demo.svg").write_text(picture, encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(write_picture(Path(__file__).with_name("demo.svg"), draw()))

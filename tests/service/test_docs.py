@@ -21,7 +21,7 @@ CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
 HTTP = (ROOT / "docs" / "http.md").read_text(encoding="utf-8")
 PAGES = sorted(
     page.relative_to(ROOT)
-    for place in (".", "docs", "openapi", "docker", "examples/*", "tests/data/*")
+    for place in (".", "docs", "docs/*", "openapi", "docker", "examples/*", "tests/data/*")
     for page in ROOT.glob(f"{place}/*.md")
     if "gate" not in page.parts  # what the gate prints, and no page of ours
 )

@@ -1,0 +1,146 @@
+"""The pages as a site: built without a remark, fetching nothing, with every figure and result made by its script."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from service_scenes import ROOT
+
+GALLERY = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+DESIGNS = sorted((ROOT / "examples" / "gallery").glob("*.yaml"))
+LINKS = {"a"}  # what a reader may follow; everything else is fetched by the browser
+SOURCES = ("src", "href", "srcset", "data", "poster", "action", "style")
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)], capture_output=True, text=True, check=False, timeout=300, cwd=ROOT
+    )
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    done = run("docs/website.py", "-o", folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    return folder
+
+
+class Sources(HTMLParser):
+    """What a page makes a browser fetch, and its visible words."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.fetched: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.fetched += [value for name, value in attrs if name in SOURCES and value and tag not in LINKS]
+
+
+def is_outside(address: str) -> bool:
+    return (
+        not address.lstrip("'\"").startswith("data:") and re.search(r"(^|[\s('\",])(https?:)?//", address) is not None
+    )
+
+
+def test_the_site_is_built_without_a_remark_and_holds_every_page(site: Path) -> None:
+    pages = {page.relative_to(ROOT) for page in (*ROOT.glob("docs/**/*.md"), ROOT / "CHANGELOG.md")}
+    assert {page for page in pages if not (site / page).with_suffix(".html").is_file()} == set()
+    assert "reference structure" in (site / "index.html").read_text(encoding="utf-8")
+
+
+def test_no_page_of_the_site_fetches_anything_from_elsewhere(site: Path) -> None:
+    for page in site.rglob("*.html"):
+        sources = Sources()
+        sources.feed(page.read_text(encoding="utf-8"))
+        assert sources.fetched
+        assert [address for address in sources.fetched if is_outside(address)] == [], page
+    for sheet in site.rglob("*.css"):
+        addresses = re.findall(r"url\(([^)]*)\)|@import\s+([^;]+)", sheet.read_text(encoding="utf-8"))
+        assert [address for pair in addresses for address in pair if is_outside(address)] == [], sheet
+
+
+def test_a_source_elsewhere_would_be_seen() -> None:
+    sources = Sources()
+    sources.feed(
+        '<a href="https://x.org">x</a><img src="pictures/x.svg"><link href="//fonts.x.org"><script src="https://x.org/x.js">'
+    )
+    assert [address for address in sources.fetched if is_outside(address)] == ["//fonts.x.org", "https://x.org/x.js"]
+
+
+class Navigation(yaml.SafeLoader):
+    """MkDocs' configuration, without the Python objects that it names."""
+
+
+Navigation.add_multi_constructor("tag:yaml.org,2002:python/", lambda *_: None)
+
+
+def test_readme_links_to_the_five_groups_of_the_navigation() -> None:
+    configuration: Any = yaml.load((ROOT / "docs" / "mkdocs.yml").read_text(encoding="utf-8"), Navigation)
+    groups = {
+        name: [page for entry in entries for page in entry.values()]
+        for group in configuration["nav"]
+        for name, entries in group.items()
+    }
+    readme = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Read on")[2]
+    listed = {
+        name: re.findall(r"\]\(([^)]+)\)", text)
+        for name, text in re.findall(r"^\*\*(\w+)\*\* ·(.*?)\n\n", readme, re.M | re.S)
+    }
+    assert len(listed) == 5
+    assert {**listed, "Learn": ["README.md", *listed["Learn"]]} == groups
+
+
+# --- figures and results --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["overview", "demo", "gallery"])
+def test_the_figures_are_what_their_scripts_draw(name: str) -> None:
+    done = run(f"docs/images/make_{name}.py", "--check")
+    assert done.returncode == 0, done.stderr
+
+
+def test_every_figure_of_the_readme_has_its_script() -> None:
+    figures = re.findall(r"\]\((docs/images/[^)]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
+    assert figures == ["docs/images/overview.svg", "docs/images/demo.svg"]
+
+
+def results(text: str) -> Iterator[tuple[str, str]]:
+    """(design, paragraph with its result) of each part of the gallery."""
+    for part in text.split("\n## ")[1:]:
+        (design,) = re.findall(r"\(\.\./(examples/gallery/\w+\.yaml)\)", part)
+        assert part.count("images/gallery/") == 1
+        yield design, next(paragraph for paragraph in part.split("\n\n") if paragraph.startswith("P95 "))
+
+
+def test_the_gallery_shows_ten_designs_with_pictures_of_moderate_size() -> None:
+    assert len(DESIGNS) == 10
+    assert sorted(design for design, _ in results(GALLERY)) == [str(file.relative_to(ROOT)) for file in DESIGNS]
+    for file in DESIGNS:
+        picture = ROOT / "docs" / "images" / "gallery" / f"{file.stem}.svg"
+        assert picture.stat().st_size < 40_000
+
+
+@pytest.mark.parametrize(("design", "result"), list(results(GALLERY)))
+def test_a_result_of_the_gallery_is_what_score_says(design: str, result: str) -> None:
+    done = run("-m", "tailstack_service.cli.main", "score", design, "--json")
+    record = json.loads(done.stdout)
+    assert len(result) <= 120
+    assert "\n" not in result
+    stated = re.findall(r"([\d.]+) mm of ([\d.]+) mm[^:]*: \*\*(\w+)\*\*", result)
+    assert len(stated) == len(record["verdict"]["checks"])
+    for (value, limit, status), check in zip(stated, record["verdict"]["checks"], strict=True):
+        assert abs(float(value) - check["value_mm"]) <= 5.001e-4
+        assert (float(limit), status) == (check["limit_mm"], check["status"])
+    whole = [entry for entry in record["targets"][0]["contributors"] if entry["component"] == "all"]
+    most = max(whole, key=lambda entry: entry["variance_share"])
+    assert result.endswith(f"Largest share: {100 * most['variance_share']:.0f} %, {most['label']}.")
