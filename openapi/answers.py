@@ -45,7 +45,7 @@ def answers(document: dict[str, Any], url: str) -> Iterator[tuple[str, Any]]:
                     path.format(**values),
                     json=_body(document, operation),
                     headers={"Prefer": f"wait={WAIT_SECONDS}"},
-                    params={"format": "json"} if "text/html" in str(content) else None,
+                    params={"format": "json"} if any(p["name"] == "format" for p in parameters) else None,
                 )
                 if response.status_code == 202:
                     response = _result(client, response.headers["location"])

@@ -584,6 +584,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Where to go from here
+         * @description Browsers, which ask for text/html, are shown a page; programs are told what there is.
+         */
+        get: operations["get_index"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
 }
 export type webhooks = Record<string, never>;
 export interface components {
@@ -3488,6 +3508,22 @@ export interface components {
             targets: components["schemas"]["ImagedPoint"][];
         };
         /**
+         * Index
+         * @description Where to go from here.
+         */
+        Index: {
+            /**
+             * Tailstack
+             * @description Version of the service and its solver.
+             */
+            tailstack: string;
+            /**
+             * Links
+             * @description What to read first.
+             */
+            links: components["schemas"]["Link"][];
+        };
+        /**
          * InstallationLevel
          * @description A fixed installation error of the structure.
          */
@@ -4085,6 +4121,19 @@ export interface components {
              * @description On which side first order errs, by the whole interval; null where it was refused.
              */
             errs: ("optimistic" | "pessimistic" | "none seen") | null;
+        };
+        /** Link */
+        Link: {
+            /**
+             * Path
+             * @description Path on this service.
+             */
+            path: string;
+            /**
+             * Title
+             * @description What is there.
+             */
+            title: string;
         };
         /**
          * LocalOptimum
@@ -9597,6 +9646,31 @@ export interface operations {
                 };
             };
             421: components["responses"]["Problem421"];
+            500: components["responses"]["Problem500"];
+        };
+    };
+    get_index: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Where to go from here. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Index"];
+                    "text/html": string;
+                };
+            };
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
             500: components["responses"]["Problem500"];
         };
     };

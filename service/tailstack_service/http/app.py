@@ -26,9 +26,10 @@ from tailstack.errors import Problem, TailstackError
 from ..jobs.store import audit, keys
 from ..problems import TransportError
 from ..settings import Settings, load_settings
-from . import events, information, jobs, posting
+from . import events, information, jobs, pages, posting
 from .access import Access
 from .metrics import NO_ROUTE, Metrics
+from .origins import Origins, read_origins
 from .places import Places, stopping_error
 from .problems import CLIENT_LEFT, HANDLERS, defect_error, refusal_response
 from .service import Service, Storage
@@ -37,7 +38,7 @@ log = logging.getLogger("tailstack.service")
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 HARMLESS_ID = re.compile(rb"[A-Za-z0-9._:-]{1,64}\Z")
 LONGEST_METHOD, LONGEST_PATH = 20, 200  # characters that are logged: a stranger may send 60,000
-ROUTERS = (posting.router, jobs.router, events.router, jobs.result_router, information.router)
+ROUTERS = (posting.router, jobs.router, events.router, jobs.result_router, information.router, pages.router)
 
 
 def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> FastAPI:
@@ -78,6 +79,10 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
         metrics=Metrics(),
         places=Places(settings.short_workers, settings.max_waiting, settings.max_seconds, stopping, warm=warm_up),
     )
+    app.add_middleware(Refusals, service=app.state.service)
+    origins = read_origins(settings)
+    if origins:
+        app.add_middleware(Origins, origins=origins)
     app.add_middleware(RequestLog, service=app.state.service)
     return app
 
@@ -88,7 +93,7 @@ class _Application(FastAPI):
         from .openapi import document
 
         if self.openapi_schema is None:
-            self.openapi_schema = document(ROUTERS, information.DESCRIBED)
+            self.openapi_schema = document(ROUTERS, (*information.DESCRIBED, pages.Index))
         return self.openapi_schema
 
 
@@ -165,12 +170,10 @@ class RequestLog:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        headers = dict(reversed(scope["headers"]))  # of those that came twice, the first
-        own_id = headers.get(b"x-request-id", b"")
+        own_id = _first_headers(scope).get(b"x-request-id", b"")
         request_id = own_id.decode() if HARMLESS_ID.match(own_id) else os.urandom(16).hex()
         state = scope.setdefault("state", {})
         state["request_id"] = request_id
-        request = Request(scope, receive)
         started, status = time.perf_counter(), 0
 
         async def send_with_id(message: Message) -> None:
@@ -184,24 +187,8 @@ class RequestLog:
                 status = CLIENT_LEFT
                 raise Unsendable from error
 
-        async def answer(error: TailstackError) -> None:
-            if status == 0:
-                await refusal_response(request, error)(scope, receive, send_with_id)
-
         try:
-            try:
-                self._check(request, headers)
-                await self.app(scope, receive, send_with_id)
-            except TailstackError as error:
-                await answer(error)
-            except asyncio.CancelledError:  # the time that a stop grants to whoever is still waiting is over
-                await answer(stopping_error())
-            except Unsendable:
-                raise
-            except Exception:
-                defect = {"action": "failed", "request": request_id, "path": scope["path"][:LONGEST_PATH]}
-                log.exception("a defect of the service ended this request", extra=defect)
-                await answer(defect_error())
+            await self.app(scope, receive, send_with_id)
         except Unsendable:
             while (await receive())["type"] != "http.disconnect":
                 pass
@@ -221,10 +208,53 @@ class RequestLog:
         }
         log.info("answered a request for %s", route if known else "what is not there", extra=fields)
 
+
+class Refusals:
+    """Answers what no route answers: addresses that are refused, stops, defects."""
+
+    def __init__(self, app: ASGIApp, service: Service) -> None:
+        self.app = app
+        self.service = service
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        request = Request(scope, receive)
+        begun = False
+
+        async def send_on(message: Message) -> None:
+            nonlocal begun
+            begun = True
+            await send(message)
+
+        async def answer(error: TailstackError) -> None:
+            if not begun:
+                await refusal_response(request, error)(scope, receive, send)
+
+        try:
+            self._check(request, _first_headers(scope))
+            await self.app(scope, receive, send_on)
+        except TailstackError as error:
+            await answer(error)
+        except asyncio.CancelledError:  # the time that a stop grants to whoever is still waiting is over
+            await answer(stopping_error())
+        except Unsendable:
+            raise
+        except Exception:
+            defect = {"action": "failed", "request": request.state.request_id, "path": scope["path"][:LONGEST_PATH]}
+            log.exception("a defect of the service ended this request", extra=defect)
+            await answer(defect_error())
+
     def _check(self, request: Request, headers: dict[bytes, bytes]) -> None:
         if b"transfer-encoding" in headers and b"content-length" in headers:
             raise _two_lengths_error()
         self.service.access.check_address(request.method, headers)
+
+
+def _first_headers(scope: Scope) -> dict[bytes, bytes]:
+    """Of headers that came twice, the first."""
+    return dict(reversed(scope["headers"]))
 
 
 def _two_lengths_error() -> TransportError:

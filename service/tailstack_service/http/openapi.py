@@ -310,7 +310,8 @@ BEARER = {
 
 def document(routers: Sequence[APIRouter], records: Sequence[type]) -> dict[str, Any]:
     """The document as plain data.  ``records``: what routes answer with besides the published records."""
-    routes = [route for router in routers for route in router.routes if isinstance(route, APIRoute)]
+    every = [route for router in routers for route in router.routes if isinstance(route, APIRoute)]
+    routes = [route for route in every if route.include_in_schema]
     made = get_openapi(
         title="tailstack",
         version=__version__,

@@ -28,6 +28,7 @@ from ..names import variable
 from ..problems import RequestError
 from ..settings import Settings
 from .access import is_loopback, read_token_settings
+from .origins import read_origins
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
@@ -92,6 +93,7 @@ def serve(
     database that cannot be used, RequestError for settings of authentication that cannot work.
     """
     read_token_settings(settings)
+    read_origins(settings)
     open_database(settings.database_url, migrate=True).close()
     family = _Family(settings, worker)
     run = _serve_with_several if settings.api_processes > 1 else _serve_here

@@ -88,6 +88,7 @@ from .headline_status import HeadlineStatus
 from .health import Health
 from .imaged_point import ImagedPoint
 from .imaged_view import ImagedView
+from .index import Index
 from .installation_level import InstallationLevel
 from .job import Job
 from .job_kind import JobKind
@@ -105,6 +106,7 @@ from .linearity_point import LinearityPoint
 from .linearity_point_errs_type_0 import LinearityPointErrsType0
 from .linearity_point_status import LinearityPointStatus
 from .linearity_point_within_type_0 import LinearityPointWithinType0
+from .link import Link
 from .list_jobs_kind import ListJobsKind
 from .list_jobs_state import ListJobsState
 from .local_optimum import LocalOptimum
@@ -289,6 +291,7 @@ __all__ = (
     "Health",
     "ImagedPoint",
     "ImagedView",
+    "Index",
     "InstallationLevel",
     "Job",
     "JobKind",
@@ -306,6 +309,7 @@ __all__ = (
     "LinearityPointErrsType0",
     "LinearityPointStatus",
     "LinearityPointWithinType0",
+    "Link",
     "ListJobsKind",
     "ListJobsState",
     "LocalOptimum",

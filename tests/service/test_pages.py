@@ -1,0 +1,116 @@
+"""What a browser is shown: the files of the page, and where a program is led that opens the address."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from browsing import browser, look
+from service_scenes import check_problem, client_with
+
+from tailstack_service.http import pages
+from tailstack_service.settings import Settings
+
+__all__ = ["browser"]
+
+BROWSER = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"
+SCRIPT = """document.title = "ran";
+fetch("/version").then((answer) => answer.json()).then((version) => document.body.append(version.tailstack));
+"""
+INDEX = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>placeholder</title>
+<link rel="icon" href="data:,"><script type="module" src="/assets/page-4f1c2a.js"></script></head><body></body></html>
+"""
+
+
+@pytest.fixture
+def workbench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A page of one script, as the package will hold it."""
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "index.html").write_text(INDEX)
+    (tmp_path / "assets" / "page-4f1c2a.js").write_text(SCRIPT)
+    (tmp_path / "secret.txt").write_text("not an asset")
+    monkeypatch.setattr(pages, "WORKBENCH", tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def client(workbench: Path) -> Iterator[httpx.Client]:
+    with client_with() as client:
+        yield client
+
+
+@pytest.mark.parametrize("accept", ["application/json", "*/*", "text/html;q=0, */*"])
+def test_a_program_is_told_where_to_go(client: httpx.Client, accept: str) -> None:
+    answer = client.get("/", headers={"Accept": accept})
+    assert answer.status_code == 200
+    assert answer.headers["content-type"] == "application/json"
+    for link in answer.json()["links"]:
+        assert client.get(link["path"]).status_code in (200, 503), link
+
+
+def test_a_browser_is_shown_the_page_under_a_strict_policy(client: httpx.Client) -> None:
+    answer = client.get("/", headers={"Accept": BROWSER})
+    assert (answer.status_code, answer.text) == (200, INDEX)
+    policy = dict(part.strip().split(" ", 1) for part in answer.headers["content-security-policy"].split(";"))
+    assert policy["default-src"] == "'none'"
+    assert policy["script-src"] == policy["style-src"] == policy["connect-src"] == "'self'"
+    assert "unsafe" not in answer.headers["content-security-policy"]
+    assert answer.headers["cache-control"] == "no-cache"
+    assert "accept" in answer.headers["vary"].lower()
+    again = client.get("/", headers={"Accept": BROWSER, "If-None-Match": answer.headers["etag"]})
+    assert (again.status_code, again.content) == (304, b"")
+
+
+def test_assets_are_kept_for_ever_and_sent_compressed(client: httpx.Client) -> None:
+    plain = client.get("/assets/page-4f1c2a.js", headers={"Accept-Encoding": "identity"})
+    assert (plain.status_code, plain.text) == (200, SCRIPT)
+    assert plain.headers["content-type"] == "text/javascript; charset=utf-8"
+    assert plain.headers["cache-control"] == "public, max-age=31536000, immutable"
+    assert plain.headers["x-content-type-options"] == "nosniff"
+    with client.stream("GET", "/assets/page-4f1c2a.js", headers={"Accept-Encoding": "br, gzip"}) as packed:
+        assert packed.headers["content-encoding"] == "gzip"
+        assert packed.headers["etag"] != plain.headers["etag"]
+        assert gzip.decompress(b"".join(packed.iter_raw())).decode() == SCRIPT
+
+
+@pytest.mark.parametrize("name", ["nothing.js", "%2e%2e", "..%2Fsecret.txt", "%2e%2e%2fsecret.txt", "a%00b", "."])
+def test_nothing_but_an_asset_is_read(client: httpx.Client, name: str) -> None:
+    with httpx.Client(base_url=client.base_url) as raw:
+        request = raw.build_request("GET", "/")
+        request.url = request.url.copy_with(raw_path=f"/assets/{name}".encode())
+        check_problem(raw.send(request), 404, "not-found")
+
+
+def test_the_page_needs_no_key_and_what_it_asks_for_does(workbench: Path, tmp_path: Path) -> None:
+    settings = Settings(auth="required", database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}")
+    with client_with(settings) as client:
+        assert client.get("/", headers={"Accept": BROWSER}).text == INDEX
+        assert client.get("/assets/page-4f1c2a.js").status_code == 200
+        check_problem(client.get("/v1/jobs"), 401, "unauthenticated")
+
+
+def test_without_a_page_a_browser_is_told_what_a_program_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(pages, "WORKBENCH", tmp_path / "nothing")
+    with client_with() as client:
+        assert client.get("/", headers={"Accept": BROWSER}).json()["links"]
+        check_problem(client.get("/assets/page-4f1c2a.js"), 404, "not-found")
+
+
+def test_the_page_runs_in_chromium_and_asks_nobody_else(client: httpx.Client, browser: Any) -> None:
+    [found] = look(
+        [
+            {
+                "url": str(client.base_url),
+                "ask": ["new Promise((done) => setTimeout(done, 300))", "document.body.textContent"],
+            }
+        ]
+    )
+    assert found["messages"] == []
+    assert found["failed"] == []
+    assert found["title"] == "ran"
+    assert found["answers"][1].strip() == client.get("/version").json()["tailstack"]
+    assert all(url.startswith((str(client.base_url), "data:")) for url in found["requests"])
