@@ -26,7 +26,7 @@ from tailstack_service.schemas import json_schema
 
 
 def test_the_demo_does_the_whole_job(tmp_path: Path, capsys: pytest.CaptureFixture[str], loggers: None) -> None:
-    assert main(["demo", "-o", str(tmp_path / "out" / "demo")]) == 0
+    assert main(["demo", "--full", "-o", str(tmp_path / "out" / "demo")]) == 0
     out, err = capsys.readouterr()
     written = tmp_path / "out" / "demo"
     assert sorted(path.name for path in written.iterdir()) == [
@@ -49,6 +49,35 @@ def test_the_demo_does_the_whole_job(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["score", str(written / "optimised.yaml")]) in (0, 4)
 
 
+def test_the_demo_prints_the_lines_that_matter(tmp_path: Path) -> None:
+    """Ten lines and the next command; the numbers are those of the documents that it wrote."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tailstack_service.cli.main", "demo", "-o", "out"], cwd=tmp_path, capture_output=True,
+        text=True, timeout=300, check=False, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert len(lines) <= 11
+    assert max(len(line) for line in lines if str(tmp_path) not in line) <= 80
+    records = {
+        name: json.loads((tmp_path / "out" / f"{name}.json").read_bytes()) for name in ("verification", "optimisation")
+    }
+    p95 = records["verification"]["targets"][0]["p95_mm"]
+    [was], [now] = ([line for line in lines if line.startswith(word)] for word in ("before:", "after:"))
+    assert "fail" in was
+    assert f"{p95:.3f} mm" in was
+    assert "pass" in now
+    assert "limit 1 mm" in now
+    text = " ".join(done.stdout.split())
+    for one in records["optimisation"]["tolerances"]:
+        assert f"±{one['before_half_width']:.2g} -> ±{one['after_half_width']:.2g}" in text
+    cost = records["optimisation"]["cost_after"] / records["optimisation"]["cost_before"] - 1
+    assert f"({cost:+.0%})" in text
+    report = Path(next(line for line in lines if line.startswith("report:")).split(maxsplit=1)[1])
+    assert report.read_text(encoding="utf-8").lower().startswith("<!doctype html")
+    assert "POST /v1/scores\n" not in done.stderr  # steps are told in one line that is written anew, or now and then
+
+
 def test_the_design_of_the_demo_is_the_example() -> None:
     assert demo_text() == (EXAMPLES / "demo.yaml").read_text(encoding="utf-8")
 
@@ -56,7 +85,7 @@ def test_the_design_of_the_demo_is_the_example() -> None:
 def test_an_interrupted_demo_leaves_nothing_behind(tmp_path: Path) -> None:
     path = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
     process = subprocess.Popen(
-        [sys.executable, "-m", "tailstack_service.cli.main", "demo", "-o", str(tmp_path)],
+        [sys.executable, "-m", "tailstack_service.cli.main", "demo", "--full", "-o", str(tmp_path)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
@@ -107,7 +136,7 @@ def test_waiting_for_the_kernels_is_told_once_and_then_seldom(monkeypatch: pytes
 
 
 def test_a_demo_interrupted_while_it_compiles_ends_at_once(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "tailstack_service.cli.main", "demo", "-o", str(tmp_path / "demo")]
+    command = [sys.executable, "-m", "tailstack_service.cli.main", "demo", "--full", "-o", str(tmp_path / "demo")]
     variables = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": os.pathsep.join(sys.path)}
     (tmp_path / "cache").mkdir()
     with subprocess.Popen(

@@ -7,6 +7,7 @@ import logging
 import sys
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="DIR", default="out/demo", help="directory for what comes out (default %(default)s)"
     )
+    parser.add_argument("--full", action="store_true", help="print every table, and each step with its time")
 
 
 def demo_text() -> str:
@@ -52,10 +54,11 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     from ..console.arguments import coloured_output
     from ..console.editors import write_document
+    from ..console.progress import Progress
     from ..console.remote import Service
     from ..http.server import running_service
     from ..logs import log_to_stderr
-    from ..rendering.demo import before_after_text, chapter
+    from ..rendering.demo import before_after_text, chapter, summary_text
     from ..rendering.optimisation import optimisation_text
     from ..rendering.score import score_text
     from ..rendering.verification import verification_text
@@ -68,52 +71,64 @@ def run(arguments: argparse.Namespace) -> Answer:
     output.mkdir(parents=True, exist_ok=True)
     begun = time.monotonic()
 
+    progress = Progress("demo")
+
     def announce(text: str) -> None:
-        print(f"[{time.monotonic() - begun:5.1f} s] {text}", file=sys.stderr, flush=True)
+        if arguments.full:
+            print(f"[{time.monotonic() - begun:5.1f} s] {text}", file=sys.stderr, flush=True)
+        else:
+            progress.report(0, 0, text)
 
     def show(title: str, text: str) -> None:
-        sys.stdout.write(chapter(title, colour) + text)
-        sys.stdout.flush()
+        if arguments.full:
+            sys.stdout.write(chapter(title, colour) + text)
+            sys.stdout.flush()
 
     def save(name: str, content: bytes) -> None:
         (output / name).write_bytes(content)
 
     design = design_to_data(load_design(demo_text()))
     announce("starting the service on a free loopback port, a worker beside it")
-    with running_service(default_settings(), worker=True, worker_log=output / "worker.log") as (host, port):
+    with (
+        nullcontext() if arguments.full else progress,
+        running_service(default_settings(), worker=True, worker_log=output / "worker.log") as (host, port),
+    ):
         service = Service(f"http://{host}:{port}", key="")
         wait_until_ready(service, announce)
-        announce(f"service ready at {service.url}; POST /v1/scores")
+        announce(f"first estimate: POST {service.url}/v1/scores")
         body = service.ask("POST", "/v1/scores", {"design": design}).content
         score = read_record("score", body)
         save("score.json", body)
         show("Score: first order", score_text(score, colour=colour))
 
-        announce(f"POST /v1/verifications, to {100 * PRECISION:g} %")
+        announce(f"checking the design by simulation: POST /v1/verifications, to {100 * PRECISION:g} %")
         body, _ = run_job(service, "/v1/verifications", {"design": design, "precision": PRECISION, "seed": 1}, announce)
         before = read_record("verification", body)
         save("verification.json", body)
         show("Check: Monte Carlo on the full chain", verification_text(before, colour=colour))
 
-        announce("POST /v1/optimisations, a second or two per start")
+        announce("looking for a better one: POST /v1/optimisations, a second or two per start")
         body, result = run_job(service, "/v1/optimisations", {"design": design}, announce)
         optimised = read_record("optimisation", body)
         save("optimisation.json", body)
         write_document(output / "optimised.yaml", data_to_yaml(optimised.design))
         show("Optimised: layout and rotational tolerances", optimisation_text(optimised, colour=colour))
 
-        announce("POST /v1/scores and /v1/verifications of the optimised design")
+        announce("checking the better one: POST /v1/scores and /v1/verifications")
         score_after = read_record("score", service.ask("POST", "/v1/scores", {"design": optimised.design}).content)
         again = {"design": optimised.design, "precision": PRECISION, "seed": 2}
         body, _ = run_job(service, "/v1/verifications", again, announce)
         after = read_record("verification", body)
         show("Before -> after", before_after_text(score, before, score_after, after, optimised))
 
-        announce(f"GET {result}/report?format=html")
+        announce(f"writing the report: GET {result}/report?format=html")
         save("report.html", service.ask("GET", f"{result}/report?format=html", seconds=REPORT_SECONDS).content)
         announce("stopping the service")
     names = ", ".join(sorted(path.name for path in output.iterdir()))
-    closing = f"\nwritten to {output}/: {names}\nnext: {program()} score {output}/optimised.yaml\n"
+    closing = f"\nwritten to {output}/: {names}\n" if arguments.full else summary_text(before, after, optimised)
+    closing += f"report: {(output / 'report.html').resolve()}\n"
+    closing += f"next:   {program()} score {output / 'optimised.yaml'}"
+    closing += "\n" if arguments.full else "   (every table: demo --full)\n"
     return Answer(closing, exit_code_of(after.verdict))
 
 

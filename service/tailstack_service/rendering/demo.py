@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import groupby
+from math import dist
+
 from tailstack.results import Optimisation, Score, Verification
 
-from .tables import WIDTH, decimal, number, paint, percent, table
+from .tables import WIDTH, decimal, number, paint, percent, table, visible, wrap
 from .verdict import verdict_line
 
 
@@ -42,3 +45,40 @@ def before_after_text(
         + verdict_line(after.verdict, False)
         + "\n"
     )
+
+
+def summary_text(before: Verification, after: Verification, result: Optimisation) -> str:
+    """The lines that matter: the verdict before and after, what was changed, what that costs."""
+    lines = [visible(before.provenance.design_name)]
+    for words, side in (("before:", before), ("after:", after)):
+        for check in side.verdict.checks:
+            low, high = check.interval_mm
+            lines.append(
+                f"{words:<8}{side.verdict.status}: {check.headline} at {visible(check.target)} {check.value_mm:.3f} mm "
+                f"({low:.3f} to {high:.3f}), limit {check.limit_mm:g} mm"
+            )
+    return "\n".join([*lines, *_change_lines(result)]) + "\n"
+
+
+def _change_lines(result: Optimisation) -> list[str]:
+    """What the optimiser changed: how many fiducials and how far, each interface's half-widths, the cost."""
+    pairs = [(e.before_mm, e.after_mm) for e in result.moved if e.before_mm and e.after_mm]
+    distances = [distance for distance in (dist(*pair) for pair in pairs) if distance]
+    lines = []
+    if distances:
+        lines.append(f"changed: {len(distances)} fiducials moved, by {min(distances):.0f} to {max(distances):.0f} mm")
+    for _, group in groupby(result.tolerances, lambda tolerance: tolerance.contributor):
+        tolerances = tuple(group)
+        name = tolerances[0].label.removesuffix(f" {tolerances[0].component}")
+        lines.append(wrap(f"half-widths of {visible(name)}:", first="  ", indent="    "))
+        changes: dict[str, list[str]] = {}
+        for one in tolerances:
+            unit = "°" if one.unit == "deg" else f" {one.unit}"
+            change = f"±{one.before_half_width:.2g} -> ±{one.after_half_width:.2g}{unit}"
+            changes.setdefault(change, []).append(one.component)
+        words = ", ".join(f"{' '.join(components)} {change}" for change, components in changes.items())
+        lines.append(wrap(words, first="    ", indent="    "))
+    if result.cost_before and result.cost_after is not None:
+        costs = f"{number(result.cost_before)} -> {number(result.cost_after)}"
+        lines.append(f"  cost of these tolerances: {costs} ({result.cost_after / result.cost_before - 1:+.0%})")
+    return lines
