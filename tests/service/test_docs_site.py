@@ -15,6 +15,8 @@ import pytest
 import yaml
 from service_scenes import ROOT
 
+from tailstack_service.cli.main import main
+
 GALLERY = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
 DESIGNS = sorted((ROOT / "examples" / "gallery").glob("*.yaml"))
 LINKS = {"a"}  # what a reader may follow; everything else is fetched by the browser
@@ -131,9 +133,11 @@ def test_the_gallery_shows_ten_designs_with_pictures_of_moderate_size() -> None:
 
 
 @pytest.mark.parametrize(("design", "result"), list(results(GALLERY)))
-def test_a_result_of_the_gallery_is_what_score_says(design: str, result: str) -> None:
-    done = run("-m", "tailstack_service.cli.main", "score", design, "--json")
-    record = json.loads(done.stdout)
+def test_a_result_of_the_gallery_is_what_score_says(
+    design: str, result: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(("score", str(ROOT / design), "--json"))
+    record = json.loads(capsys.readouterr().out)
     assert len(result) <= 120
     assert "\n" not in result
     stated = re.findall(r"([\d.]+) mm of ([\d.]+) mm[^:]*: \*\*(\w+)\*\*", result)
