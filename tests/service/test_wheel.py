@@ -31,7 +31,7 @@ def call(unpacked: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_demo_design_is_shipped(unpacked: Path) -> None:
-    shipped = unpacked / "tailstack_service" / "cli" / "demo.yaml"
+    shipped = unpacked / "tailstack_service" / "example_files" / "demo.yaml"
     assert shipped.read_bytes() == (EXAMPLES / "demo.yaml").read_bytes()
     done = call(unpacked, "validate", str(shipped))
     assert done.returncode == 0, done.stderr
@@ -59,3 +59,11 @@ def test_the_database_is_made_from_it(unpacked: Path, tmp_path: Path) -> None:
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
     assert done.stdout.endswith(": sound\n")
+
+
+def test_examples_come_out_of_it(unpacked: Path) -> None:
+    listed = call(unpacked, "example")
+    assert "tube_carrier" in listed.stdout, listed.stderr
+    assert call(unpacked, "example", "slicer_markups").returncode == 0
+    assert call(unpacked, "study", "paper", "--help").returncode == 0
+    assert (unpacked / "tailstack_service" / "example_files" / "paper" / "c_arm.yaml").is_file()

@@ -8,12 +8,12 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..console.answer import Answer, exit_code_of
 from ..console.program import program
+from ..examples import example_folder
 
 if TYPE_CHECKING:
     from ..console.remote import Service
@@ -37,11 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def demo_text() -> str:
-    """The demo design: beside this module in an installed wheel, in ``examples/`` in a checkout."""
-    shipped = files("tailstack_service.cli").joinpath(NAME)
-    if shipped.is_file():
-        return shipped.read_text(encoding="utf-8")
-    return (Path(__file__).resolve().parents[3] / "examples" / NAME).read_text(encoding="utf-8")
+    """The demo design."""
+    return (example_folder() / NAME).read_text(encoding="utf-8")
 
 
 def run(arguments: argparse.Namespace) -> Answer:

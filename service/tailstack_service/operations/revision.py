@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 DOCUMENTS, PICTURES, FIDUCIALS = (".yaml", ".yml", ".json"), (".svg",), (".mrk.json", ".csv", ".fcsv")
 LAST = "last-optimisation.json"
 KEPT = "tailstack/kept-optimisation/1"
-WIDTH = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,8 +234,10 @@ def picture_text(design: Design, result: Optimisation) -> str:
 
 def patch_text(design: Design, result: Optimisation) -> str:
     """What to change in a design, as a merge patch (RFC 7396) in YAML."""
+    from tailstack.design.write import dump_block
+
     old = _as_written(design)
-    return "".join(f"{line}\n" for line in _block_lines(merge_patch(old, _like(result.design, old)), 0))
+    return dump_block(merge_patch(old, _like(result.design, old)))
 
 
 def merge_patch(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
@@ -249,24 +250,6 @@ def merge_patch(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any
         elif name not in old or value != old[name]:
             patch[name] = value
     return patch
-
-
-def _block_lines(data: Mapping[str, Any], indent: int) -> Iterator[str]:
-    """YAML with a line for each field and each item, what fits on one line on one line."""
-    from tailstack.design.write import dump_flow
-
-    space = " " * indent
-    for name, value in data.items():
-        flow = dump_flow(value)
-        nested = isinstance(value, dict) and any(isinstance(item, dict | list) for item in value.values())
-        if isinstance(value, dict) and value and (nested or len(space + name + flow) + 2 > WIDTH):
-            yield f"{space}{dump_flow(name)}:"
-            yield from _block_lines(value, indent + 2)
-        elif isinstance(value, list) and any(isinstance(item, dict) for item in value):
-            yield f"{space}{dump_flow(name)}:"
-            yield from (f"{space}  - {dump_flow(item)}" for item in value)
-        else:
-            yield f"{space}{dump_flow(name)}: {flow}"
 
 
 # --- the last result ------------------------------------------------------------------------------------

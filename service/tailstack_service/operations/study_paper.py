@@ -8,7 +8,6 @@ noise, its fiducials, its first target, the pivot of its structure_connector, it
 from __future__ import annotations
 
 import argparse
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,6 +17,7 @@ from ..console.answer import Answer
 from ..console.arguments import add_form, read_design, whole
 from ..console.files import writable_directory, write_figure
 from ..console.progress import Progress
+from ..examples import example_folder
 from .operation import Again, Call, Command, Demand, Operation, Repetition
 from .options import Options, Seed, within
 
@@ -112,11 +112,8 @@ def _record() -> type:
 
 
 def scenario(name: str) -> Path:
-    """A design of ``examples/paper``: beside this module in an installed wheel, in ``examples/`` in a checkout."""
-    shipped = Path(str(files("tailstack_service.operations"))) / "scenarios" / name
-    if shipped.is_file():
-        return shipped
-    return Path(__file__).resolve().parents[3] / "examples" / "paper" / name
+    """A design of ``examples/paper``."""
+    return example_folder() / "paper" / name
 
 
 # --- the command ------------------------------------------------------------------------------------------

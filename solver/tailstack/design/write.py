@@ -102,6 +102,25 @@ def dump_flow(value: Any, *, spaced: bool = True) -> str:
     return text.strip()[1:-1]
 
 
+WIDTH = 100  # of a line that holds a mapping
+
+
+def dump_block(data: Mapping[str, Any], indent: int = 0) -> str:
+    """Fields as YAML, a line for each field and for each item of a list, as far as they fit."""
+    space, text = " " * indent, ""
+    for name, value in data.items():
+        flow = dump_flow(value)
+        nested = isinstance(value, dict) and any(isinstance(item, dict | list) for item in value.values())
+        text += f"{space}{dump_flow(name)}:"
+        if isinstance(value, dict) and value and (nested or len(space + name + flow) + 2 > WIDTH):
+            text += "\n" + dump_block(value, indent + 2)
+        elif isinstance(value, list) and any(isinstance(item, dict) for item in value):
+            text += "\n" + "".join(f"{space}  - {dump_flow(item)}\n" for item in value)
+        else:
+            text += f" {flow}\n"
+    return text
+
+
 ROTATIONS = ("rx", "ry", "rz")
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from .write import data_to_yaml, dump_flow
+from .write import dump_block, dump_flow
 
 IDENTITIES = ("label", "name")  # fields by which an item of a list is known again
 
@@ -143,7 +143,7 @@ class _Editor:
             return
         if added:
             indent = self._column(node.keys[0][1])
-            self._insert_after(node.end, "".join(_lines(name, value, indent) for name, value in added.items()))
+            self._insert_after(node.end, dump_block(added, indent))
         for position, (name, part) in enumerate(zip(names, node.parts, strict=True)):
             if gone[position]:
                 self._drop_lines(node.keys[position][1], part.end)
@@ -154,7 +154,7 @@ class _Editor:
         """Fields in the place of another one."""
         start, end = node.keys[position][1], node.parts[position].end
         indent = self._column(start)
-        written = "".join(_lines(name, value, indent) for name, value in added.items())
+        written = dump_block(added, indent)
         self.replacements.append((start, self._end_of_line(end), written[indent:].removesuffix("\n")))
 
     # --- lists ------------------------------------------------------------------------------------------------
@@ -247,8 +247,3 @@ def _number(value: Any, before: str) -> str | None:
     if isinstance(value, float) and value.is_integer() and re.fullmatch(r"[-+]?\d+", before):
         return str(int(value))
     return None
-
-
-def _lines(name: str, value: Any, indent: int) -> str:
-    """A field of a block, with its indentation."""
-    return "".join(" " * indent + line + "\n" for line in data_to_yaml({name: value}).splitlines())

@@ -1,0 +1,110 @@
+"""Print an example design, or write it with the files that it needs; without a name, list them.
+
+What is printed stands alone: fiducials that the example has in a file of their own are written into it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..console.answer import Answer
+from ..console.parser import suggest
+from ..console.program import program
+
+HELP = "print or write an example design; without a name, their list"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("name", metavar="NAME", nargs="?", help="as tailstack example lists it")
+    parser.add_argument(
+        "-o", "--output", metavar="NEW", help="write it here, and beside it what it refers to (of a folder: a folder)"
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite files that are there")
+
+
+def run(arguments: argparse.Namespace) -> Answer:
+    from tailstack.errors import Problem
+
+    from ..examples import example_folder, list_examples
+    from ..problems import RequestError
+
+    known = list_examples()
+    if arguments.name is None:
+        width = max(map(len, known)) + 2
+        listed = "".join(f"{name:<{width}}{words}\n" for name, words in known.items())
+        return Answer(f"{listed}next: {program()} example demo -o demo.yaml\n")
+    name = arguments.name.removesuffix(".yaml").rstrip("/")
+    if name not in known:
+        detail = f"no example is called {arguments.name!r}{suggest(name, known)}"
+        raise RequestError(Problem("", "unknown-example", detail, f"one of {', '.join(known)}"))
+    source = example_folder() / name
+    if source.is_dir():
+        if arguments.output is None:
+            detail = f"{name} is a folder of files"
+            raise RequestError(Problem("", "option-missing", detail, f"tailstack example {name} -o {name}"))
+        return Answer(_write_folder(source, Path(arguments.output), force=arguments.force))
+    design = source.with_suffix(".yaml")
+    if arguments.output is None:
+        return Answer(_alone(design).encode())
+    return Answer(_write_design(design, Path(arguments.output), force=arguments.force))
+
+
+def _alone(path: Path) -> str:
+    """The author's text with the fiducials of a file written into it, and without the line for editors."""
+    from tailstack.design import design_to_data, load_design
+    from tailstack.design.yaml_text import revise_yaml
+
+    text = re.sub(r"^# yaml-language-server:.*\n", "", path.read_text(encoding="utf-8"))
+    design = load_design(path)
+    return revise_yaml(text, design_to_data(design, inline=False), design_to_data(design))
+
+
+def _write_design(source: Path, target: Path, *, force: bool) -> str:
+    """The design and the file of fiducials that it refers to."""
+    from tailstack.design import load_design
+
+    from ..console.editors import write_document
+    from ..console.files import replace_file, writable
+
+    writable(str(target), (".yaml", ".yml"))
+    parts = [name] if (name := load_design(source).document.fiducials.file) else []
+    refuse_overwriting([target, *(target.parent / part for part in parts)], force=force)
+    for part in parts:
+        (target.parent / part).parent.mkdir(parents=True, exist_ok=True)
+        replace_file(target.parent / part, (source.parent / part).read_bytes())
+        print(f"wrote {target.parent / part}", file=sys.stderr)
+    write_document(target, source.read_text(encoding="utf-8"))
+    print(f"wrote {target}", file=sys.stderr)
+    return f"next: {program()} score {target}\n"
+
+
+def _write_folder(source: Path, target: Path, *, force: bool) -> str:
+    """Every file of a folder."""
+    names = [path.relative_to(source) for path in _files(source)]
+    refuse_overwriting([target / name for name in names], force=force)
+    for name in names:
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source / name, target / name)
+        print(f"wrote {target / name}", file=sys.stderr)
+    return ""
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    yield from (path for path in sorted(folder.rglob("*")) if path.is_file() and path.suffix not in (".py", ".pyc"))
+
+
+def refuse_overwriting(paths: list[Path], *, force: bool) -> None:
+    """Raises RequestError if a file is there already."""
+    from tailstack.errors import Problem
+
+    from ..problems import RequestError
+
+    for path in paths:
+        if path.exists() and not force:
+            detail = f"{path} is there already"
+            raise RequestError(Problem("", "file-exists", detail, "give another name, or --force to overwrite it"))
