@@ -42,9 +42,9 @@ from .version import __version__
 P95 = 0.95
 FRAMES = {"tcp": "tcp", "localisation": "con"}
 NOT_INCLUDED = (
-    "image distortion, detector flatness, motion during or between shots",
-    "wrong correspondences and missed fiducials",
-    "centroid bias of large spheres (0.05 px for 10 mm balls)",
+    "image distortion, an uneven detector, motion during or between shots",
+    "fiducials mistaken for one another or missed",
+    "the shift of a large ball's centre in its image (0.05 px for 10 mm balls)",
     "products of two random errors (second order)",
     "whatever the design document does not list",
 )

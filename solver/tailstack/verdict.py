@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import Literal
 
-from .results import Check, Finding, Interval, Verdict, headline_of
+from .results import ERRORS, Check, Finding, Interval, Verdict, headline_of
 from .system import Requirement
 
 Status = Literal["pass", "fail", "inconclusive"]
@@ -60,19 +60,19 @@ def conclude(checks: tuple[Check, ...], findings: tuple[Finding, ...], basis: st
 
 def _finding(check: Check, basis: str) -> Finding:
     low, high = check.interval_mm
-    ends = f"[{low:.4g}, {high:.4g}]" if high is not None else "(no upper end is known)"
-    value = headline_of(check.quantile, check.min_yield, f"the {check.error} error")
+    ends = f"(between {low:.4g} and {high:.4g})" if high is not None else "(no upper end is known)"
+    value = headline_of(check.quantile, check.min_yield, ERRORS[check.error])
     what = f"{value} is {check.value_mm:.4g} mm {ends}, limit {check.limit_mm:g} mm"
     if check.yield_fraction is not None:
         what += f" ({check.yield_fraction:.2%} of installed units meet it)"
     if check.status == "fail":
         closing = ""
     elif basis == "first order":
-        closing = ": first order cannot decide; run `tailstack verify`"
+        closing = ": too close to say by estimate; run `tailstack verify`"
     elif check.risk == "per_unit":
-        closing = ": the interval, of a fixed number of units, holds the limit; change the limit or the design"
+        closing = ": too close to say, and the number of units drawn is fixed; change the limit or the design"
     else:
-        closing = ": the interval holds the limit; ask for more trials or a tighter `--precision`"
+        closing = ": too close to say; ask for more trials or a tighter `--precision`"
     return Finding(
         rule="requirement-failed" if check.status == "fail" else "requirement-inconclusive",
         severity="error" if check.status == "fail" else "warning",

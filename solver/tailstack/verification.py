@@ -682,13 +682,13 @@ def _remark_gaps(targets: tuple[TargetEstimate, ...], trust: Validity) -> tuple[
     for target in targets:
         low, high = (target.first_order_p95_mm / end for end in reversed(target.p95_interval_mm))
         if high < 1 - GAP or low > 1 + GAP:
-            way = "optimistic" if high < 1 else "pessimistic"
+            way = "too small" if high < 1 else "too large"
             remarks.append(
                 Finding(
                     rule="first-order-gap",
                     severity="warning",
-                    message=f"target {target.name}: first order is {way} here: its P95 is "
-                    f"{target.first_order_ratio:.3g} of the verified one (nu = {trust.nu:.2g})",
+                    message=f"target {target.name}: the estimate of `tailstack score` is {way} here: its P95 is "
+                    f"{target.first_order_ratio:.3g} times the simulated one",
                     value=target.first_order_ratio,
                     limit=1.0,
                 )

@@ -111,9 +111,9 @@ def test_a_requirement_may_be_called_like_a_rule(name: str) -> None:
     record = gate(small_design(requirements=[own]), policy=policy({"p95": {"limit_mm": 0.02}}))
     stated, of_the_policy = of_rule(record, "p95")
     assert stated.pointer == "/requirements/0/limit_mm"
-    assert stated.message.startswith(f"{name}, target tip: P90 of the localisation error is ")
+    assert stated.message.startswith(f"{name}, target tip: P90 of the error of the located target is ")
     assert of_the_policy.pointer == "/targets/0"
-    assert of_the_policy.message.startswith("p95, target tip: P95 of the tcp error is ")
+    assert of_the_policy.message.startswith("p95, target tip: P95 of the error at the tool is ")
 
 
 def test_nothing_to_judge_is_no_pass() -> None:

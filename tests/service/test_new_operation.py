@@ -92,7 +92,7 @@ OPERATION = Operation(
     example={"neighbours": 2},
     record=lambda: Spacing,
     run=_measure,
-    text=lambda record, colour: f"closest: {record.distances_mm[0]:.3f} mm\\n",
+    text=lambda record: f"closest: {record.distances_mm[0]:.3f} mm\\n",
     document=_document,
     repeat=_repeat,
 )

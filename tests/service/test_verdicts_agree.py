@@ -26,6 +26,7 @@ from tailstack_service.documents import to_json
 from tailstack_service.gate.formats import FORMATS
 from tailstack_service.gate.request import admit_gate, judge_designs
 from tailstack_service.operations.rendering import render
+from tailstack_service.rendering.page import Page, write_on
 from tailstack_service.rendering.score import score_text
 from tailstack_service.rendering.verification import verification_text
 from tailstack_service.report.assembling import ReportOptions, compute_report
@@ -116,7 +117,9 @@ def test_pass_is_a_margin_that_is_not_negative_at_every_quantile_and_yield(desig
 def test_the_terminal_prints_each_requirement_with_the_same_numbers(design: Design) -> None:
     found = score(design)
     checks = json.loads(to_json(found))["verdict"]["checks"]
-    rows = {line.split()[0]: line for line in score_text(found).splitlines() if line.startswith("r")}
+    with write_on(Page(160, details=True)):
+        text = score_text(found)
+    rows = {line.split()[0]: line for line in text.splitlines() if re.match(r"r\d", line)}
     for check in checks:
         line = rows[check["requirement"]].replace(" .. ", " ")
         cells = line.split()
@@ -289,11 +292,12 @@ def test_a_gate_says_the_same_in_each_of_its_formats(design: Design, checks: dic
         same = ("headline", "value_mm", "interval_mm", "limit_mm", "margin_mm", "status")
         assert {key: number[key] for key in same} == {key: check[key] for key in same}
         assert (number["status"] == "pass") == (number["margin_mm"] >= 0)
-    texts = {name: render(record) for name, render in FORMATS.items()}
+    with write_on(Page(160, details=True)):
+        texts = {name: render(record) for name, render in FORMATS.items()}
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in texts["markdown"].splitlines()]
     table = {row[1]: row for row in rows if len(row) == 8 and row[1] in checks}
     assert set(table) == set(checks)
-    lines = {line.split()[0]: line for line in texts["text"].splitlines() if line.startswith("  r")}
+    lines = {line.split()[0]: line for line in texts["text"].splitlines() if re.match(r"  r\d", line)}
     suite = ElementTree.fromstring(texts["junit"])
     cases = {re.search(r"(r\d\d\d), target", case.get("name", ""))[1]: case for case in suite.iter("testcase")  # type: ignore[index]
              if ", target" in case.get("name", "")}  # fmt: skip
@@ -310,10 +314,12 @@ def test_a_gate_says_the_same_in_each_of_its_formats(design: Design, checks: dic
         assert (cases[name].find("failure") is None) == (check["status"] == "pass")
         if name in sarif:
             low, high = check["interval_mm"]
-            expected = f"is {check['value_mm']:.4g} mm [{low:.4g}, {high:.4g}], limit {check['limit_mm']:g} mm"
+            expected = (
+                f"is {check['value_mm']:.4g} mm (between {low:.4g} and {high:.4g}), limit {check['limit_mm']:g} mm"
+            )
             for words in (sarif[name], cases[name].find("failure").get("message")):  # type: ignore[union-attr]
                 assert expected in words
-                assert words_of(check) in words.replace(" of the tcp error", "")
+                assert words_of(check) in words.replace(" of the error at the tool", "")
 
 
 # --- Monte Carlo ----------------------------------------------------------------------------------
@@ -329,7 +335,8 @@ def test_a_check_decides_at_the_yield_that_is_asked_for(values: dict[tuple[float
     checks = record["verdict"]["checks"]
     agree(checks)
     assert [check["status"] for check in checks] == ["pass", "pass", "fail", "inconclusive"]
-    text = verification_text(found)
+    with write_on(Page(160, details=True)):
+        text = verification_text(found)
     reader = Rows()
     page = render("verification", to_json(found), "html")[0].decode()
     reader.feed(page[: page.index("<nav")])

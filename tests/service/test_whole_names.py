@@ -16,9 +16,9 @@ from tailstack.sweeping import read_axes, sweep
 from tailstack.verification import verify
 from tailstack_service.operations.validation import validate, validation_text
 from tailstack_service.rendering.jobs import jobs_text
+from tailstack_service.rendering.page import WIDTH
 from tailstack_service.rendering.score import score_text
 from tailstack_service.rendering.sweep import sweep_text
-from tailstack_service.rendering.tables import WIDTH
 from tailstack_service.rendering.verification import verification_text
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -68,7 +68,7 @@ def test_a_half_width_without_lever_goes_to_its_loosest() -> None:
     data = document(rotation_bounds=DEG)
     data["interfaces"][FLANGE]["tolerances"]["rz"] = normal("deg", 0.1)
     (finding,) = findings(data, "no-lever")
-    assert finding.message.startswith("flange rz does not move any limited error")
+    assert finding.message.startswith("flange rz does not matter for any limit")
     assert (finding.severity, finding.pointer) == ("note", "/optimise/rotation_bounds")
     result = optimised(data)
     (item,) = [item for item in result.tolerances if item.component == "rz"]

@@ -85,7 +85,7 @@ def test_where_first_order_breaks_the_check_says_which_way(fiducials, aim, noise
     system = system_of(fiducials, views=with_noise(noise), targets=(target(aim),))
     result = verify(system, trials=40_000, seed=2)
     assert result.first_order_ratio < 0.97
-    assert any(f.rule == "first-order-gap" and "optimistic" in f.message for f in result.verdict.findings)
+    assert any(f.rule == "first-order-gap" and "too small" in f.message for f in result.verdict.findings)
     assert result.targets[0].flagged_trials > 0
 
 

@@ -49,7 +49,6 @@ def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design import design_to_data, load_design
     from tailstack.design.write import data_to_yaml
 
-    from ..console.arguments import coloured_output
     from ..console.editors import write_document
     from ..console.progress import Progress
     from ..console.remote import Service
@@ -63,7 +62,6 @@ def run(arguments: argparse.Namespace) -> Answer:
     from ..settings import default_settings
 
     log_to_stderr(level=logging.WARNING)
-    colour = coloured_output()
     output = Path(arguments.output)
     output.mkdir(parents=True, exist_ok=True)
     begun = time.monotonic()
@@ -78,7 +76,7 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     def show(title: str, text: str) -> None:
         if arguments.full:
-            sys.stdout.write(chapter(title, colour) + text)
+            sys.stdout.write(chapter(title) + text)
             sys.stdout.flush()
 
     def save(name: str, content: bytes) -> None:
@@ -96,20 +94,20 @@ def run(arguments: argparse.Namespace) -> Answer:
         body = service.ask("POST", "/v1/scores", {"design": design}).content
         score = read_record("score", body)
         save("score.json", body)
-        show("Score: first order", score_text(score, colour=colour))
+        show("Score: first order", score_text(score))
 
         announce(f"checking the design by simulation: POST /v1/verifications, to {100 * PRECISION:g} %")
         body, _ = run_job(service, "/v1/verifications", {"design": design, "precision": PRECISION, "seed": 1}, announce)
         before = read_record("verification", body)
         save("verification.json", body)
-        show("Check: Monte Carlo on the full chain", verification_text(before, colour=colour))
+        show("Check: Monte Carlo on the full chain", verification_text(before))
 
         announce("looking for a better one: POST /v1/optimisations, a second or two per start")
         body, result = run_job(service, "/v1/optimisations", {"design": design}, announce)
         optimised = read_record("optimisation", body)
         save("optimisation.json", body)
         write_document(output / "optimised.yaml", data_to_yaml(optimised.design))
-        show("Optimised: layout and rotational tolerances", optimisation_text(optimised, colour=colour))
+        show("Optimised: layout and rotational tolerances", optimisation_text(optimised))
 
         announce("checking the better one: POST /v1/scores and /v1/verifications")
         score_after = read_record("score", service.ask("POST", "/v1/scores", {"design": optimised.design}).content)

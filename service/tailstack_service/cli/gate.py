@@ -17,7 +17,7 @@ from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 
 from ..console.answer import BAD_INPUT, NOT_EVALUATED, PASS, Answer
 from ..console.answer import INTERRUPTED as INTERRUPTED_CODE
-from ..console.arguments import read_number
+from ..console.arguments import add_details, read_number
 from ..console.progress import Progress
 
 if TYPE_CHECKING:
@@ -64,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--remote", metavar="URL", help="let a running service judge, with the key in TAILSTACK_KEY; same answer"
     )
+    add_details(parser)
     parser.add_argument(
         "--explain",
         metavar="RULE",

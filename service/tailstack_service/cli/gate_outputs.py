@@ -94,12 +94,11 @@ class Outputs:
 
     def stdout(self, record: GateRecord) -> str | bytes:
         """What goes to stdout."""
-        from ..console.arguments import coloured_output
         from ..gate.text import render_text
 
         name = self.on_stdout
         if name == "text":
-            return render_text(record, colour=coloured_output())
+            return render_text(record)
         return "" if name is None else render_record(name, record)
 
     @property

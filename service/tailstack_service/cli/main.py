@@ -95,11 +95,13 @@ def _run_verb(arguments: argparse.Namespace) -> int:
     from tailstack.errors import TailstackError
     from tailstack.extras import name_missing_extra
 
+    from ..console.arguments import page_of
     from ..console.refusals import report_error, report_failure
+    from ..rendering.page import write_on
 
     answer: Answer = Answer("", NOT_EVALUATED)
     try:
-        with name_missing_extra():
+        with name_missing_extra(), write_on(page_of(arguments)):
             answer = arguments.run(arguments)
         _write(answer.body)
     except KeyboardInterrupt:

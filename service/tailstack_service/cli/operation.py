@@ -11,7 +11,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
 from ..console.answer import Answer
-from ..console.arguments import coloured_output, number, read_design, whole
+from ..console.arguments import add_details, number, read_design, whole
 from ..console.progress import Progress
 from ..operations.operation import Call, Operation
 from ..operations.registry import FAMILIES, operations_of
@@ -44,6 +44,7 @@ def _add_operation(parsers: Parsers, name: str, operation: Operation) -> None:
     else:
         operation.command.add_arguments(parser)
         parser.set_defaults(run=operation.command.run, verb=operation.verb)
+    add_details(parser)
 
 
 # --- the command of an operation that needs no other ------------------------------------------------------
@@ -132,4 +133,4 @@ def run(operation: Operation, arguments: argparse.Namespace) -> Answer:
     code = operation.exit_code(record)
     if arguments.json or operation.text is None:
         return Answer(to_json(record), code)
-    return Answer(operation.text(record, coloured_output()), code)
+    return Answer(operation.text(record), code)

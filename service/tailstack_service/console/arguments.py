@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import os
+import shutil
 import sys
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from ..rendering.page import WIDTH, Page
 
 if TYPE_CHECKING:
     from tailstack.design import Design
@@ -24,6 +28,11 @@ def add_design(parser: argparse.ArgumentParser, *, json: bool = True, optional: 
         )  # fmt: skip
 
 
+def add_details(parser: argparse.ArgumentParser) -> None:
+    """--details, of every verb that prints results for people."""
+    parser.add_argument("--details", action="store_true", help="add how it was computed: method, model, every figure")
+
+
 def read_design(name: str) -> Design:
     """Load a design.  Raises DesignError, LimitError, OSError."""
     from tailstack.design import load_design
@@ -35,10 +44,23 @@ def read_design(name: str) -> Design:
     return load_design(Path(name))
 
 
+def page_of(arguments: argparse.Namespace) -> Page:
+    """What a verb's texts are written on: as wide as the terminal, where there is one."""
+    return Page(_count_columns(), coloured_output(), getattr(arguments, "details", False))
+
+
+def _count_columns() -> int:
+    """Columns of the terminal; elsewhere those that COLUMNS says, or of a usual page."""
+    said = os.environ.get("COLUMNS", "")
+    if said.isascii() and said.isdigit() and int(said) > 0:
+        return int(said)
+    if sys.stdout is None or not sys.stdout.isatty():
+        return WIDTH
+    return shutil.get_terminal_size((WIDTH, 24)).columns
+
+
 def coloured_output() -> bool:
     """Colour only on a terminal, and not when the user asked for none (https://no-color.org)."""
-    import os
-
     if sys.stdout is None:  # whoever started this closed it
         return False
     return sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from tailstack.design import Design, design_to_data, load_design
 from tailstack.propagation.validity import error_percent
-from tailstack.results import Check, Score, Verification
+from tailstack.results import ERRORS, Check, Score, Verification
 from tailstack.verdict import decide
 
 from .policy import ClassOfName, Rules
@@ -276,8 +276,8 @@ def find_class_names(case: Case) -> list[Remark]:
 def describe_requirement(entry: GateRequirement) -> str:
     """What is asked, in one phrase."""
     if entry.rule == "cvar":
-        return f"CVaR95 of the {entry.error} error within {entry.limit_mm:g} mm"
-    what = f"P{100 * entry.quantile:g} of the {entry.error} error within {entry.limit_mm:g} mm"
+        return f"the mean of the worst 5 % (CVaR95) of {ERRORS[entry.error]} within {entry.limit_mm:g} mm"
+    what = f"P{100 * entry.quantile:g} of {ERRORS[entry.error]} within {entry.limit_mm:g} mm"
     return what if entry.min_yield is None else f"{what} for {100 * entry.min_yield:g} % of installed units"
 
 

@@ -11,10 +11,11 @@ from typing import get_args
 from tailstack.cures import ask_meant
 from tailstack.design import Design
 from tailstack.design.document import Interface, Tolerances
-from tailstack.results import Score, headline_of
+from tailstack.results import ERRORS, Score, headline_of
 from tailstack.system import INTERFACES
 
 from ..rendering.score import shares_of
+from ..rendering.sentences import trust_sentence
 from .case import Case, Comparison, bound_yield
 from .policy import GatePolicy, Implausible, Process
 from .reading import Remark
@@ -36,7 +37,7 @@ def find_failures(case: Case, rule: str) -> list[Remark]:
 
 def find_open_questions(case: Case) -> list[Remark]:
     """Rule inconclusive: limits that an interval holds."""
-    hint = "first order cannot decide; gate with --mode auto or verify"
+    hint = "too close to say by estimate; gate with --mode auto or verify"
     if case.verification is not None:
         hint = f"open after {case.verification.trials:,} trials; the policy's verification.max_trials allows more"
     open_ones = (comparison for comparison in case.comparisons if comparison.number.status == "inconclusive")
@@ -51,7 +52,7 @@ def find_first_order_gaps(case: Case) -> list[Remark]:
         percent = trust.expected_error_percent
         if percent is not None and percent <= allowed:
             return []
-        message = f"{trust.statement}; {allowed:g} % are allowed"
+        message = f"{trust_sentence(trust)}; {allowed:g} % are allowed"
         return [Remark("/views", message, percent, allowed, unbounded=percent is None)]
     remarks = []
     for index, target in enumerate(case.verification.targets):
@@ -61,8 +62,8 @@ def find_first_order_gaps(case: Case) -> list[Remark]:
         percent = 100 * abs(target.first_order_ratio - 1)
         way = "below" if target.first_order_ratio < 1 else "above"
         message = (
-            f"target {target.name}: the first-order P95 is {percent:.2g} % {way} the verified one "
-            f"(nu = {trust.nu:.2g}); {allowed:g} % are allowed"
+            f"target {target.name}: the estimated P95 is {percent:.2g} % {way} the simulated one; {allowed:g} % are "
+            "allowed"
         )
         remarks.append(Remark(point_at_target(case, index), message, percent, allowed, target.name))
     return remarks
@@ -90,17 +91,17 @@ def _describe_number(comparison: Comparison) -> str:
     number, requirement = comparison.number, comparison.requirement
     assert number.value_mm is not None  # or it would be of an earlier version's record
     low, high = number.interval_mm or (number.value_mm, None)
-    ends = f"[{low:.4g}, {'unknown' if high is None else f'{high:.4g}'}]"
+    ends = f"(between {low:.4g} and {'an unknown end' if high is None else f'{high:.4g}'})"
     quantile = f"P{100 * requirement.quantile:g}"
     if number.unit == "fraction":
-        value = headline_of(requirement.quantile, number.limit, f"the {requirement.error} error")
+        value = headline_of(requirement.quantile, number.limit, ERRORS[requirement.error])
         good = f"{number.value:.2%} of installed units are good, {number.limit:.2%} required"
         return f"{value} is {number.value_mm:.4g} mm {ends}, limit {number.limit_mm:g} mm: {good}"
     if number.rule == "exceedance":
         asked = f"more than {100 * (1 - requirement.quantile):g} % of shots may miss by over {number.limit:g} mm"
         return f"{asked}: {quantile} is {number.value:.4g} mm {ends}"
-    what = "CVaR95" if number.rule == "cvar" else quantile
-    return f"{what} of the {requirement.error} error is {number.value:.4g} mm {ends}, limit {number.limit:g} mm"
+    what = "the mean of the worst 5 % (CVaR95)" if number.rule == "cvar" else quantile
+    return f"{what} of {ERRORS[requirement.error]} is {number.value:.4g} mm {ends}, limit {number.limit:g} mm"
 
 
 def _point_at_limit(case: Case, comparison: Comparison) -> str:

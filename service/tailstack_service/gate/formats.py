@@ -27,6 +27,7 @@ from xml.sax.saxutils import escape, quoteattr
 from tailstack.json_text import write_json
 
 from ..documents import plain, to_json
+from ..rendering.page import Page, current, write_on
 from .records import GatedDesign, GateFinding, GateRecord, counts, split_findings
 from .rules import RULES, Rule
 from .text import describe_outcome, name_place, render_markdown, render_text
@@ -365,5 +366,9 @@ NAMED_FROM_ROOT = ("sarif", "github", "gitlab")  # read by what knows files from
 
 
 def render(record: GateRecord, name: str, prefix: str = "") -> bytes:
-    """A record in a format.  prefix: the way from the root of the repository, see :func:`name_from_root`."""
-    return FORMATS[name](name_from_root(record, prefix) if name in NAMED_FROM_ROOT else record).encode()
+    """A record in a format, the same bytes whatever the terminal is like.
+
+    prefix: the way from the root of the repository, see :func:`name_from_root`.
+    """
+    with write_on(Page(details=current().details)):
+        return FORMATS[name](name_from_root(record, prefix) if name in NAMED_FROM_ROOT else record).encode()

@@ -59,11 +59,11 @@ def _limit(rule: str, title: str, worse: Literal["more", "less"], unit: str) -> 
 
 # The order is that of the findings of a design, and of the pages.
 _RULES = (
-    _limit("p95", "A quantile of the error is above its limit", "more", "mm"),
+    _limit("p95", "P95 (or another quantile) of the error is above its limit", "more", "mm"),
     _limit("cvar", "The mean of the worst 5 % of errors is above its limit", "more", "mm"),
     _limit("exceedance", "Too many shots miss by more than the limit", "more", "mm"),
     _limit("per-unit-yield", "Too few installed units are good", "less", "fraction"),
-    Rule("first-order-gap", "First order and Monte Carlo disagree", find_first_order_gaps, "more", "%"),
+    Rule("first-order-gap", "Estimate and Monte Carlo disagree", find_first_order_gaps, "more", "%"),
     Rule("conditioning", "The layout barely determines the answer", find_weaknesses, "less"),
     Rule("plausibility", "A value is allowed and hardly ever meant", find_implausible_values),
     Rule("fiducial-spacing", "Two fiducials are too close", find_close_fiducials, "less", "mm"),

@@ -7,33 +7,38 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ..rendering.alike import gather_alike, list_others, name_field, name_rule
+from ..rendering.page import current, write_on
+from ..rendering.sentences import name_basis
 from ..rendering.tables import decimal, number, paint, percent, signed_decimal, table, visible, wrap
 from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord, counts, find_largest_p95, split_findings
 
 _MARKUP = re.compile(r"([\\`*_{}\[\]<>()#+!|~$@&])")
 _COMMAND = re.compile(r"(?m)^([ \t]*)(?=::|##\[)")
+YIELD = "units\nwithin, %"  # title of a column
 MOST_TOLD = 10  # of a kind, in a summary
 MOST_ROWS = 100  # of a table in Markdown
 _ROLE = {"error": "fail", "warning": "warning", "pass": "pass", "fail": "fail", "inconclusive": "inconclusive"}
 _MARK = {"pass": "✅", "fail": "❌", "inconclusive": "❔", "not evaluated": "⛔"}
 
 
-def render_text(record: GateRecord, *, colour: bool = False) -> str:
+def render_text(record: GateRecord) -> str:
     """Designs and their numbers, findings at their places, verdict and exit code."""
-    parts = [_list_designs(record, colour)]
+    parts = [_list_designs(record)]
     counted, accepted = split_findings(record)
     for heading, findings in (([], counted), (["accepted by waivers"], accepted)):
         if findings:
             groups = gather_alike(findings, _name_group)
-            parts.append("\n".join([*heading, *(_write_finding(first, colour, others) for first, *others in groups)]))
-    parts.append(
-        paint(f"verdict: {record.verdict}", _ROLE.get(record.verdict, "fail"), colour)
-        + f" (exit code {record.exit_code}; mode {record.mode}, seed {record.seed}, policy "
-        + f"{visible(record.provenance.policy_name)}, waivers judged by {record.provenance.today}"
-        + f"{count_not_judged(record)})"
+            parts.append("\n".join([*heading, *(_write_finding(first, others) for first, *others in groups)]))
+    verdict = f"verdict: {record.verdict}"
+    circumstances = (
+        f"(exit code {record.exit_code}; mode {record.mode}, seed {record.seed}, policy "
+        f"{record.provenance.policy_name}, waivers judged by {record.provenance.today}{count_not_judged(record)})"
     )
+    painted = paint(verdict, _ROLE.get(record.verdict, "fail"))
+    parts.append(wrap(visible(f"{verdict} {circumstances}"), first="", indent="  ").replace(verdict, painted, 1))
     # a line that begins like this is a command to the runners of GitHub and Azure, and names come from strangers
     return _COMMAND.sub(r"\1\\", "\n\n".join(parts)) + "\n"
 
@@ -69,20 +74,21 @@ def name_place(finding: GateFinding) -> str:
     return f"{finding.file}#{finding.pointer}" if finding.pointer else finding.file
 
 
-def _list_designs(record: GateRecord, colour: bool) -> str:
+def _list_designs(record: GateRecord) -> str:
     blocks = []
     for design in record.designs:
-        basis = "" if design.basis == "none" else f"{design.basis}"
+        basis = "" if design.basis == "none" else name_basis(design.basis)
         basis += f", {design.trials:,} trials" if design.trials is not None else ""
         kind = f" [{design.design_class}]" if design.design_class else ""
-        verdict = paint(design.verdict, _ROLE.get(design.verdict, "fail"), colour)
+        verdict = paint(design.verdict, _ROLE.get(design.verdict, "fail"))
         name = f" ({visible(design.name)})" if design.name else ""
         rates = [number.error_rate for number in design.numbers if number.error_rate is not None]
         basis += f"; each status wrong with a probability of at most {100 * max(rates):.3g} %" if rates else ""
         blocks.append(f"{visible(design.file)}{name}{kind}: {verdict}" + (f" ({basis})" if basis else ""))
         if design.numbers:
-            lines = _write_table(design.numbers).splitlines()
-            blocks.append("\n".join("  " + line for line in lines))
+            with write_on(replace(current(), width=current().width - 2)):
+                lines = _write_table(design.numbers).splitlines()
+            blocks.append("\n".join(f"  {line}".rstrip() for line in lines))
     return "\n".join(blocks)
 
 
@@ -102,21 +108,22 @@ def choose_numbers(numbers: tuple[GateNumber, ...]) -> list[tuple[GateNumber, st
 def _write_table(numbers: tuple[GateNumber, ...]) -> str:
     """What decided, in mm, and of a yield the fraction of units beside it."""
     rows = [_write_row(entry, target) for entry, target in choose_numbers(numbers)]
-    titles = [title for title in rows[0] if title != "yield\n%" or any(row[title] != "-" for row in rows)]
+    known = current().details and any(row[YIELD] != "-" for row in rows)
+    titles = [title for title in rows[0] if title != YIELD or known]
     return table(titles, [[row[title] for title in titles] for row in rows], left=3)
 
 
 def _write_row(entry: GateNumber, target: str) -> dict[str, str]:
     low_mm, high_mm = entry.interval_mm or (None, None)
     return {
-        "requirement": entry.requirement,
+        "require-\nment": entry.requirement,
         "target": target,
         "rule": entry.rule,
         "value\nmm": number(entry.value_mm),
-        "interval\nmm": "-" if entry.interval_mm is None else f"{decimal(low_mm, 3)} .. {decimal(high_mm, 3)}",
+        "between\nmm": "-" if entry.interval_mm is None else f"{decimal(low_mm, 3)} .. {decimal(high_mm, 3)}",
         "limit\nmm": number(entry.limit_mm),
-        "margin\nmm": signed_decimal(entry.margin_mm),
-        "yield\n%": percent(entry.value) if entry.unit == "fraction" else "-",
+        "to spare\nmm": signed_decimal(entry.margin_mm),
+        YIELD: percent(entry.value) if entry.unit == "fraction" else "-",
         "status": entry.status,
     }
 
@@ -129,8 +136,8 @@ def _name_group(finding: GateFinding) -> tuple[str, ...] | None:
     return (finding.file, finding.rule, finding.severity, said, name_field(finding.pointer))
 
 
-def _write_finding(finding: GateFinding, colour: bool, others: Sequence[GateFinding] = ()) -> str:
-    severity = paint(finding.severity, _ROLE.get(finding.severity, "none"), colour)
+def _write_finding(finding: GateFinding, others: Sequence[GateFinding] = ()) -> str:
+    severity = paint(finding.severity, _ROLE.get(finding.severity, "none"))
     text = f"{finding.message} [{finding.rule}]"
     lines = wrap(text, first=f"{visible(name_place(finding))}: {severity}: ", indent="  ")
     if finding.suppressed_by is not None:
@@ -167,7 +174,7 @@ def render_markdown(record: GateRecord) -> str:
         p95_mm = find_largest_p95(design)
         largest = "–" if p95_mm is None else number(p95_mm)
         verdict = f"{_MARK[design.verdict]} {design.verdict}"
-        basis = design.basis + (f", {design.trials:,} trials" if design.trials is not None else "")
+        basis = name_basis(design.basis) + (f", {design.trials:,} trials" if design.trials is not None else "")
         lines.append(f"| {escape_markdown(design.file)} | {verdict} | {largest} | {basis} |")
     if any(design.numbers for design in record.designs):
         lines += ["", "### Requirements", "", *_write_markdown_numbers(record)]

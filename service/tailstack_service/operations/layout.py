@@ -186,7 +186,7 @@ def _numbers(values: Iterable[float]) -> Any:
 # --- for people -------------------------------------------------------------------------------------------
 
 
-def _text(record: Layout, colour: bool) -> str:
+def _text(record: Layout) -> str:
     """Where every fiducial and target is imaged, view by view."""
     lines = [
         f"{visible(record.provenance.design_name)}: {len(record.fiducials)} fiducials in {len(record.views)} views"

@@ -190,7 +190,7 @@ class Operation:
     seconds: Callable[[Sent], float] = admission_seconds  # expected, of its reception
 
     # What becomes of its record
-    text: Callable[[Any, bool], str] | None = None  # for a terminal, perhaps in colour
+    text: Callable[[Any], str] | None = None  # for people, on the page that rendering.page.current() gives
     document: Callable[[Any, str], Document] | None = None  # its report; the SHA-256 of the record stands in it
     exit_code: Callable[[Any], int] = pass_always
     hold: Callable[[Any], tuple[HeldDesign, ...]] = lambda record: ()

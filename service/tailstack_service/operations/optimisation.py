@@ -17,7 +17,7 @@ from tailstack.errors import Problem
 from tailstack.results import Optimisation
 
 from ..console.answer import INTERRUPTED, Answer, exit_code_of
-from ..console.arguments import add_design, coloured_output, read_design, whole
+from ..console.arguments import add_design, read_design, whole
 from ..console.program import program
 from ..console.progress import Progress
 from ..problems import RequestError
@@ -69,10 +69,10 @@ def check_freedom(request: Request, settings: Settings, *, starts_of_design: boo
     request.refuse_by(influence)
 
 
-def _text(record: Optimisation, colour: bool) -> str:
+def _text(record: Optimisation) -> str:
     from ..rendering.optimisation import optimisation_text
 
-    return optimisation_text(record, colour=colour)
+    return optimisation_text(record)
 
 
 def _document(record: Optimisation, sha256: str) -> Any:
@@ -158,7 +158,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     if places.design is None:
         name = design.source.file or "the design"
         patch = f"\nwhat to change in {name} (a merge patch, RFC 7396):\n{patch_text(design, result)}\n"
-    return Answer(f"{optimisation_text(result, colour=coloured_output())}{patch}{following}\n", code)
+    return Answer(f"{optimisation_text(result)}{patch}{following}\n", code)
 
 
 def _refuse_mixture(arguments: argparse.Namespace) -> None:
@@ -180,7 +180,7 @@ def _search(design: Design, arguments: argparse.Namespace, places: Places) -> tu
     from ..rendering.verdict import findings_text
     from .revision import refuse_unasked_points
 
-    if known := findings_text(influence(design), False):
+    if known := findings_text(influence(design)):
         print(known, file=sys.stderr, flush=True)
     wanted = design.document.optimise
     assert wanted is not None  # or influence had refused the design

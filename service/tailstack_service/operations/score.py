@@ -10,7 +10,7 @@ from pydantic import Field
 from tailstack.results import Score
 
 from ..console.answer import Answer, exit_code_of
-from ..console.arguments import add_design, coloured_output, read_design
+from ..console.arguments import add_design, read_design
 from .effort import score_reception_seconds
 from .operation import Again, Call, Command, Operation, Repetition
 from .options import Options
@@ -28,10 +28,10 @@ def _score(call: Call) -> Score:
     return score(call.design, second_order=call.options.second_order)
 
 
-def _text(record: Score, colour: bool) -> str:
+def _text(record: Score) -> str:
     from ..rendering.score import score_text
 
-    return score_text(record, colour=colour)
+    return score_text(record)
 
 
 def _document(record: Score, sha256: str) -> Any:
@@ -74,7 +74,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     code = exit_code_of(record.verdict)
     if arguments.json:
         return Answer(to_json(record), code)
-    return Answer(score_text(record, target=arguments.target, colour=coloured_output()), code)
+    return Answer(score_text(record, target=arguments.target), code)
 
 
 OPERATION = Operation(

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field
 
 from ..console.answer import FAIL, INCONCLUSIVE, PASS, Answer
-from ..console.arguments import add_design, coloured_output, read_design, whole
+from ..console.arguments import add_design, read_design, whole
 from ..console.files import writable_figure, write_figure
 from ..console.progress import Progress
 from .operation import Call, Command, Operation
@@ -89,10 +89,10 @@ def _check(request: Request, settings: Settings) -> None:
     _read(request.design, request.options.measurements.encode("utf-8", "surrogatepass"), request.options.name)
 
 
-def _text(record: StudyComparison, colour: bool) -> str:
+def _text(record: StudyComparison) -> str:
     from ..rendering.studies.comparison import comparison_text
 
-    return comparison_text(record, colour=colour)
+    return comparison_text(record)
 
 
 def _document(record: StudyComparison, sha256: str) -> Any:
@@ -156,7 +156,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     code = EXIT_CODE[result.verdict]
     if arguments.json:
         return Answer(to_json(result), code)
-    return Answer(comparison_text(result, colour=coloured_output()), code)
+    return Answer(comparison_text(result), code)
 
 
 OPERATION = Operation(

@@ -93,7 +93,7 @@ def _check(request: Request, settings: Settings) -> None:
     request.refuse_by(check_design)
 
 
-def _text(record: StudyCoupling, colour: bool) -> str:
+def _text(record: StudyCoupling) -> str:
     from ..rendering.studies.coupling import coupling_text
 
     return coupling_text(record, None)

@@ -86,7 +86,7 @@ def _check(request: Request, settings: Settings) -> None:
         raise RequestError(Problem("/target", "unknown-target", detail))
 
 
-def _text(record: StudyLinearity, colour: bool) -> str:
+def _text(record: StudyLinearity) -> str:
     from ..rendering.studies.linearity import linearity_text
 
     return linearity_text(record)

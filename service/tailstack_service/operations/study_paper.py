@@ -70,7 +70,7 @@ def _check(request: Request, settings: Settings) -> None:
         request.refuse_by(check_design)
 
 
-def _text(record: StudyPaper, colour: bool) -> str:
+def _text(record: StudyPaper) -> str:
     from ..rendering.studies.paper import paper_text
 
     return paper_text(record)

@@ -17,7 +17,7 @@ from tailstack.errors import LimitError, Problem
 from tailstack.results.sweep import Sweep
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
-from ..console.arguments import add_design, add_figure, add_form, coloured_output, read_design, whole
+from ..console.arguments import add_design, add_figure, add_form, read_design, whole
 from ..console.files import writable_figure, write_figure
 from ..console.progress import Progress
 from ..names import variable
@@ -162,10 +162,10 @@ def _prepare(options: SweepOptions, design: Design) -> dict[str, Any]:
     return {**kept, "axes": [{**axis, "pointer": pointer_of(data, axis["pointer"])} for axis in kept["axes"]]}
 
 
-def _text(record: Sweep, colour: bool) -> str:
+def _text(record: Sweep) -> str:
     from ..rendering.sweep import sweep_text
 
-    return sweep_text(record, colour=colour)
+    return sweep_text(record)
 
 
 def _document(record: Sweep, sha256: str) -> Any:
@@ -281,7 +281,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
         return Answer(to_json(result), code)
     if arguments.csv:
         return Answer(sweep_csv(result), code)
-    return Answer(sweep_text(result, colour=coloured_output()), code)
+    return Answer(sweep_text(result), code)
 
 
 def _elsewhere(arguments: argparse.Namespace, design: Design, asked: list[dict[str, Any]], progress: Progress) -> Sweep:

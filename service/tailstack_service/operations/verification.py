@@ -50,10 +50,10 @@ def _check(request: Request, settings: Settings) -> None:
     request.refuse_by(check_design)
 
 
-def _text(record: Verification, colour: bool) -> str:
+def _text(record: Verification) -> str:
     from ..rendering.verification import verification_text
 
-    return verification_text(record, colour=colour)
+    return verification_text(record)
 
 
 def _document(record: Verification, sha256: str) -> Any:

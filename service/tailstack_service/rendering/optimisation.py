@@ -6,18 +6,32 @@ from collections.abc import Sequence
 
 from tailstack.results import Optimisation, Vector3
 
+from .page import current
 from .tables import decimal, number, percent, table, wrap
-from .verdict import checks_table, decided_by, findings_text, heading, join_blocks, provenance_text, verdict_line
+from .verdict import (
+    STATED,
+    checks_table,
+    decided_by,
+    decision_text,
+    findings_text,
+    heading,
+    join_blocks,
+    more_text,
+    provenance_text,
+    verdict_line,
+)
 
 MOST_OPTIMA = 5
+LEAST_GAP = 0.05  # per cent: less is none
 
 
-def optimisation_text(result: Optimisation, *, colour: bool = False) -> str:
+def optimisation_text(result: Optimisation) -> str:
     """The whole result; the verdict at the end is that of the Monte Carlo check with a fresh seed."""
     check = result.certificate.verification
     return join_blocks(
-        heading(result.provenance, f"optimised: {result.objective}"),
-        findings_text(result.influence, colour),
+        heading(result.provenance, f"Optimised: {result.objective}.", "first order with the exact law"),
+        decision_text(check.verdict),
+        findings_text(result.influence),
         before_after_text(result),
         moved_text(result),
         mounts_text(result),
@@ -25,12 +39,13 @@ def optimisation_text(result: Optimisation, *, colour: bool = False) -> str:
         prices_text(result),
         counts_text(result),
         front_text(result),
-        certificate_text(result),
+        certificate_text(result) if current().details else confidence_text(result),
         provenance_text(result.provenance),
         checks_table(check.verdict.checks),
         others_text(result),
-        findings_text(check.verdict.findings, colour),
-        verdict_line(check.verdict, colour),
+        findings_text([one for one in check.verdict.findings if current().details or one.rule not in STATED]),
+        more_text(),
+        verdict_line(check.verdict),
     )
 
 
@@ -50,9 +65,9 @@ def before_after_text(result: Optimisation) -> str:
     worst = result.worst_target
     low, high = worst.p95_interval_mm
     rows = [
-        ("P95, first order", "mm", decimal(result.p95_before_mm, 4), decimal(result.p95_after_mm, 4),
+        ("P95, estimate", "mm", decimal(result.p95_before_mm, 4), decimal(result.p95_after_mm, 4),
          _change(result.p95_before_mm, result.p95_after_mm)),
-        ("P95, Monte Carlo check", "mm", "-", f"{worst.p95_mm:.4f}", f"[{low:.3f}, {high:.3f}]"),
+        ("P95, simulated", "mm", "-", f"{worst.p95_mm:.4f}", f"{low:.3f} .. {high:.3f}"),
     ]  # fmt: skip
     if result.cost_before or result.cost_after:
         before, after = number(result.cost_before), number(result.cost_after)
@@ -63,7 +78,7 @@ def before_after_text(result: Optimisation) -> str:
     if result.scaling is not None:
         lines.append(wrap(f"all free half-widths times {number(result.scaling)}", first="scaling: ", indent="  "))
     if result.placement_value is not None:
-        lines.append(wrap(result.placement_value.sentence, first="placement: ", indent="  "))
+        lines.append(wrap(result.placement_value.sentence, first="places of the fiducials: ", indent="  "))
     return "\n".join(lines).rstrip("\n")
 
 
@@ -97,13 +112,13 @@ def _count(count: int, what: str) -> str:
 def moved_text(result: Optimisation) -> str:
     """Fiducials that moved, are new or were left out."""
     changed = [(e.label, e.before_mm, e.after_mm) for e in result.moved if e.before_mm != e.after_mm]
-    return _positions("fiducial\n(con frame)", changed)
+    return _positions("fiducial,\nin con", changed)
 
 
 def mounts_text(result: Optimisation) -> str:
     """Pivots that moved, and locators that were spread."""
     changed = [(e.label, e.before_mm, e.after_mm) for e in result.pivots if e.before_mm != e.after_mm]
-    lines = [_positions("pivot\n(con frame)", changed)]
+    lines = [_positions("pivot,\nin con", changed)]
     for entry in result.spacings:
         spread = f"{entry.label}, locators {number(entry.scale)} times as far from their centre"
         lines.append(wrap(spread, first="spacing: ", indent="  "))
@@ -152,18 +167,22 @@ def tolerances_text(result: Optimisation) -> str:
         for entry in result.tolerances
     ]
     header = (
-        "tolerance\n(half-width)", "grade", "unit", "before\nunit", "after\nunit", "at target\nbefore, mm",
-        "at target\nafter, mm", "cost\nbefore", "cost\nafter",
+        "tolerance\n", "grade\n", "unit\n", "±\nbefore", "±\nafter", "moves the tool\nbefore, mm",
+        "moves the tool\nafter, mm", "cost\nbefore", "cost\nafter",
     )  # fmt: skip
-    if all(entry.grade is None for entry in result.tolerances):
-        return table((header[0], *header[2:]), [(row[0], *row[2:]) for row in rows], left=2)
-    return table(header, rows, left=3)
+    graded = any(entry.grade is not None for entry in result.tolerances)
+    kept = [k for k in range(len(header)) if (k != 1 or graded) and (k != 5 or current().details)]
+    return table([header[k] for k in kept], [[row[k] for k in kept] for row in rows], left=2 + graded)
 
 
 def prices_text(result: Optimisation) -> str:
     """What binds, and what giving way there would save."""
-    lines = [wrap("; ".join(result.binding), first="binding: ", indent="  ")] if result.binding else []
-    lines += [wrap(price.sentence, first="worth: ", indent="  ") for price in result.shadow_prices]
+    lines = (
+        [wrap("; ".join(result.binding), first="what keeps it from being better: ", indent="  ")]
+        if result.binding
+        else []
+    )
+    lines += [wrap(price.sentence, first="trade-off: ", indent="  ") for price in result.shadow_prices]
     return "\n".join(lines)
 
 
@@ -174,9 +193,9 @@ def counts_text(result: Optimisation) -> str:
     rows = [
         (str(entry.fiducials), entry.note, number(entry.cost), number(entry.worst_ratio)) for entry in result.counts
     ]
-    header = ("fiducials", "", "cost", "quantile\nover limit")
+    header = ("fiducials", "", "cost", "error over\nlimit")
     kept = [k for k in range(4) if k < 2 or any(row[k] != "-" for row in rows)]
-    return table([header[k] for k in kept], [[row[k] for k in kept] for row in rows], left=2, widest=70)
+    return table([header[k] for k in kept], [[row[k] for k in kept] for row in rows], left=2)
 
 
 def front_text(result: Optimisation) -> str:
@@ -190,11 +209,11 @@ def front_text(result: Optimisation) -> str:
         )
         for point in result.front
     ]  # fmt: skip
-    header = ("limit\nmm", "cost", "quantile, first order\nmm", "upper limit of the check\nmm", "")
+    header = ("limit\nmm", "cost", "estimate\nmm", "simulated, at\nmost, mm", "")
     checks = result.certificate.verification.verdict.checks
     first = next(check.requirement for check in checks if check.requirement not in result.not_asked)
     note = (
-        f"limit, quantile and upper limit are those of {first}; every other limit is scaled by the same factor. What "
+        f"limit, estimate and simulation are of {first}; every other limit is scaled by the same factor. What "
         "each point's design is stands in the JSON answer (--json)"
     )
     if result.not_asked:
@@ -202,6 +221,25 @@ def front_text(result: Optimisation) -> str:
     refused = [f"{number(point.limit_mm)} mm: {point.note}" for point in result.front if point.note]
     lines = [table(header, rows, left=0), wrap(note, first="front: ", indent="  ")]
     return "\n".join([*lines, *(wrap(line, first="front: ", indent="  ") for line in refused)])
+
+
+def confidence_text(result: Optimisation) -> str:
+    """How the best design was found, what is known of better ones, and how it was checked."""
+    proof = result.certificate
+    check, gap = proof.verification, proof.relaxation.gap_percent
+    ended = f"{proof.converged_starts} of {proof.starts} searches from different layouts came to an end"
+    optima = len(proof.optima)
+    if proof.stopped.startswith("stopped"):
+        ended = f"{proof.stopped}, so a longer search may find better; {ended}"
+    ended += "; all found the same design." if optima == 1 else f" in {optima} different designs; this is the best."
+    if gap is None:
+        better = "That no other is better is likely, not proved."
+    elif gap < LEAST_GAP:
+        better = "It is proved that with this layout none is cheaper."
+    else:
+        better = f"It is proved that with this layout none is more than {gap:.2g} % cheaper."
+    checked = f"Checked by a simulation of {check.trials:,} new shots, to ± {percent(check.precision_reached, 2)} %."
+    return wrap(f"{ended} {better} {checked}", first="how sure: ", indent="  ")
 
 
 def certificate_text(result: Optimisation) -> str:

@@ -1,66 +1,112 @@
-"""The first-order score as text: errors at each target, the budget, validity, verdict."""
+"""The score as text: the error at each target, where it comes from, verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 from tailstack.results import Contributor, MetricScore, Score, TargetScore, ViewCheck
 from tailstack.system import INTERFACES
 
-from .tables import WIDTH, decimal, number, paint, percent, table, visible, wrap
-from .verdict import heading, join_blocks, provenance_text, verdict_text
+from .page import current
+from .sentences import largest_sentence, margin_sentence, trust_sentence, units_sentence
+from .tables import decimal, number, paint, percent, table, visible, wrap
+from .verdict import decision_text, decisive_check, heading, join_blocks, provenance_text, verdict_text
 
-SMALL_SHARE = 5e-4  # components below 0.05 % of the variance are summed into one line of the table
+SMALL_SHARES = (5e-3, 5e-4)  # of the variance: components below are summed into one line; without and with details
 
 BEHIND_LOCALISATION = ("connector_flange", "hand_eye", "execution")  # contributors that act on the TCP error alone
 
 
-class Line(Protocol):
-    """What is said of one line of a budget, wherever it stands."""
-
-    @property
-    def label(self) -> str: ...
-    @property
-    def component(self) -> str: ...
-
-
-def source_name(line: Line) -> str:
-    """A line of the budget as people call it: the label of its source and the component."""
-    return line.label if line.component == "all" else f"{line.label} {line.component}"
-
-
-def score_text(score: Score, *, target: str | None = None, colour: bool = False) -> str:
+def score_text(score: Score, *, target: str | None = None) -> str:
     """The whole score.  ``target`` names the target whose budget is shown; default the one with the largest P95."""
     chosen = worst_target(score) if target is None else next(t for t in score.targets if t.name == target)
+    details = current().details
     return join_blocks(
-        heading(score.provenance, "first order"),
+        heading(score.provenance, "Estimate of the error; `tailstack verify` checks it by simulation.", "first order"),
+        _opening(score),
         targets_text(score.targets),
-        views_text(score.views),
-        budget_text(chosen, len(score.targets), colour),
-        risk_text(chosen),
+        views_text(score.views) if details else views_sentence(score.views),
+        budget_text(chosen, len(score.targets)),
+        law_text(chosen) if details else "",
+        wrap(units_sentence(chosen), first="unit by unit: ", indent="  "),
         second_order_text(chosen),
-        wrap(score.validity.statement, first=f"linearisation: {score.validity.status}. ", indent="  "),
+        _trust_text(score),
         provenance_text(score.provenance),
-        verdict_text(score.verdict, colour),
+        verdict_text(score.verdict),
     )
+
+
+def _opening(score: Score) -> str:
+    """What decides, and what there is to do about it."""
+    decisive = decisive_check(score.verdict.checks)
+    if decisive is None:
+        worst = worst_target(score)
+        return wrap(largest_sentence(worst.name, worst.p95_mm, estimate_interval(score, worst.p95_mm)))
+    found = next(entry for entry in score.targets if entry.name == decisive.target)
+    lines = [line for line, _ in shares_of(found, decisive.error)]
+    return decision_text(score.verdict) + "\n" + wrap(margin_sentence(decisive, lines))
+
+
+def estimate_interval(score: Score, p95_mm: float) -> tuple[float, float | None]:
+    """Where the P95 of a simulation is to be expected."""
+    error = score.validity.expected_error_percent
+    return (0.0, None) if error is None else (p95_mm / (1 + error / 100), p95_mm * (1 + error / 100))
+
+
+def _trust_text(score: Score) -> str:
+    if not current().details:
+        return wrap(trust_sentence(score.validity) + ".", first="how good it is: ", indent="  ")
+    return wrap(score.validity.statement, first=f"linearisation: {score.validity.status}. ", indent="  ")
 
 
 def worst_target(score: Score) -> TargetScore:
     return max(score.targets, key=lambda entry: entry.p95_mm)
 
 
+LOCATED = "  as located"  # the row below a target
+
+
 def targets_text(targets: Sequence[TargetScore]) -> str:
     """Two rows per target: error at the tool, and of the located target before the error of connector_flange."""
+    if current().details:
+        return _targets_in_detail(targets)
     rows = []
     for target in targets:
-        rows.append(_metric_row(target.name, target))
-        rows.append(_metric_row("  as localised", target.localisation))
+        rows += [_short_row(target.name, target), _short_row(LOCATED, target.localisation)]
+    header = (
+        "error at the tool,\nby target",
+        "mean\nmm",
+        "P95\nmm",
+        "mean of worst\n5 %, mm",
+        "limit\nmm",
+        "over the\nlimit, %",
+    )
+    return table(header, rows) + "\n" + wrap(located_sentence())
+
+
+def located_sentence() -> str:
+    return (
+        "as located: the error of the target found in the X-ray images, before flange, hand-eye and robot add theirs; "
+        "P95: 95 % of shots are within it"
+    )
+
+
+def _short_row(name: str, metric: TargetScore | MetricScore) -> tuple[str, ...]:
+    return (
+        name, decimal(metric.mean_norm_mm, 3), decimal(metric.p95_mm, 4), decimal(metric.cvar95_mm, 3),
+        number(metric.limit_mm, 3), percent(metric.exceedance_probability, 2),
+    )  # fmt: skip
+
+
+def _targets_in_detail(targets: Sequence[TargetScore]) -> str:
+    rows = []
+    for target in targets:
+        rows += [_metric_row(target.name, target), _metric_row(LOCATED, target.localisation)]
     header = (
         "target", "frame", "|bias|\nmm", "std x\nmm", "std y\nmm", "std z\nmm", "mean\nmm", "P95\nmm",
         "CVaR95\nmm", "limit\nmm", "beyond\nlimit, %",
     )  # fmt: skip
-    return table(header, rows, left=2, widest=30)
+    return table(header, rows, left=2)
 
 
 def _metric_row(name: str, metric: TargetScore | MetricScore) -> tuple[str, ...]:
@@ -98,28 +144,73 @@ def views_text(views: Sequence[ViewCheck]) -> str:
     return table(header, rows, left=3)
 
 
-def budget_text(target: TargetScore, targets: int = 1, colour: bool = False) -> str:
+def views_sentence(views: Sequence[ViewCheck]) -> str:
+    """What is wrong with what the views see, or that nothing is; the closest pair of fiducials."""
+    parts = []
+    for view in views:
+        name = visible(view.view)
+        if view.outside:
+            parts.append(f"{name}: {len(view.outside)} fiducials lie outside the image ({', '.join(view.outside)})")
+        elif not view.checked:
+            parts.append(f"{name}: whether all are in the image is not known, its size is not stated")
+    clear = [view for view in views if view.checked and not view.outside]
+    if clear:
+        nearest = min(clear, key=lambda view: view.smallest_margin_px or 0.0)
+        which = "every view" if len(clear) == len(views) else ", ".join(visible(view.view) for view in clear)
+        parts.append(
+            f"{which}: all fiducials are in the image, the nearest to its border by {nearest.smallest_margin_px:.0f} px"
+        )
+    if views:
+        tight = min(views, key=lambda view: view.closest_pair_px)
+        pair = " and ".join(tight.closest_pair)
+        parts.append(f"closest images: {pair} in {visible(tight.view)}, {tight.closest_pair_px:.0f} px apart")
+    return wrap("; ".join(parts) + ".", first="fiducials in the images: ", indent="  ") if parts else ""
+
+
+def budget_text(target: TargetScore, targets: int = 1) -> str:
     """The budget of one target, largest share of the variance first, components below their contributor."""
     note = f" (of {targets} targets; --target NAME shows another)" if targets > 1 else ""
-    named = f"Budget at target {visible(target.name)}"
-    title = wrap(f"{named}, P95 {target.p95_mm:.4f} mm{note}", indent="  ").replace(named, paint(named, "bold", colour))
+    named = f"Where the error at target {visible(target.name)} comes from"
+    title = wrap(f"{named}, P95 {target.p95_mm:.4f} mm{note}").replace(named, paint(named, "bold"))
+    small = SMALL_SHARES[current().details]
+    cells, header, left = (_line, DETAILED, 2) if current().details else (_short_line, SHORT, 1)
     rows: list[tuple[str, ...]] = []
     for total, components in group(target.contributors):
-        rows.append(_line(total, heading_of(total, len(components))))
-        kept = [entry for entry in components if entry.variance_share >= SMALL_SHARE or _moves(entry)]
-        rows += [_line(entry, f"  {entry.component}") for entry in kept]
+        rows.append(cells(total, heading_of(total, len(components) if left > 1 else 0)))
+        kept = [entry for entry in components if entry.variance_share >= small or _moves(entry)]
+        rows += [cells(entry, f"  {entry.component}") for entry in kept]
         dropped = len(components) - len(kept)
         if dropped:
             share = sum(entry.variance_share for entry in components) - sum(entry.variance_share for entry in kept)
-            rows.append((f"  {dropped} more, < 0.05 % each", "", "", "", "", "", percent(max(share, 0.0)), "", ""))
-    header = (
-        "contributor", "law", "half-\nwidth", "\nunit", "std\nunit", "sensitivity\nmm/unit", "share\n%",
-        "dP95/dh\nmm/unit", "P95\nwithout, mm",
-    )  # fmt: skip
-    parts = [title + "\n" + table(header, rows, left=2, widest=32)]
+            row = [""] * len(header)
+            row[0], row[SHARE[left]] = f"  {dropped} more, < {100 * small:g} % each", percent(max(share, 0.0))
+            rows.append(tuple(row))
+    parts = [title + "\n" + table(header, rows, left=left)]
     if target.worst_vertex:
-        parts.append(wrap(", ".join(target.worst_vertex), first="bounded, at their worst: ", indent="  "))
+        parts.append(wrap(", ".join(target.worst_vertex), first="without a law, at their worst ends: ", indent="  "))
     return "\n".join(parts)
+
+
+SHORT = (
+    "source of error", "±\n", "unit\n", "share of\nvariance, %", "P95 without\nit, mm", "a tenth tighter\nsaves, mm",
+)  # fmt: skip
+DETAILED = (
+    "contributor", "law", "half-\nwidth", "\nunit", "std\nunit", "sensitivity\nmm/unit", "share\n%",
+    "dP95/dh\nmm/unit", "P95\nwithout, mm",
+)  # fmt: skip
+SHARE = {1: 3, 2: 6}  # place of the share, by how many columns are texts
+
+
+def _short_line(entry: Contributor, label: str) -> tuple[str, ...]:
+    saved = None if entry.dp95_per_unit is None or entry.half_width is None else entry.dp95_per_unit * entry.half_width
+    return (
+        label,
+        number(entry.half_width, 3),
+        entry.unit,
+        percent(entry.variance_share),
+        decimal(entry.p95_without_mm, 4),
+        decimal(None if saved is None else saved / 10, 3),
+    )
 
 
 def heading_of(total: Contributor, components: int = 0) -> str:
@@ -186,8 +277,8 @@ def _line(entry: Contributor, label: str) -> tuple[str, ...]:
     )
 
 
-def risk_text(target: TargetScore) -> str:
-    """Bounds of the quantile and the per-unit reading, in sentences."""
+def law_text(target: TargetScore) -> str:
+    """The law that the quantile rests on, and what it would be under others."""
     bounds = target.bounds_mm
     lines = [
         wrap(
@@ -197,7 +288,9 @@ def risk_text(target: TargetScore) -> str:
             indent="  ",
         )
     ]
-    lines.append(wrap(units_in_words(target), first="per unit: ", indent="  "))
+    if target.per_unit.yield_standard_error is not None:
+        error = f"standard error of the fraction of units {percent(target.per_unit.yield_standard_error, 2)} %"
+        lines.append(wrap(error, first="per unit: ", indent="  "))
     whole = target.bounds_mm.gaussian
     if abs(target.block_diagonal_p95_mm / whole - 1) > 1e-4 if whole else False:
         lines.append(
@@ -211,22 +304,6 @@ def risk_text(target: TargetScore) -> str:
     return "\n".join(lines)
 
 
-def units_in_words(target: TargetScore) -> str:
-    """What most units keep their own quantile within, and how many meet the limit."""
-    unit = target.per_unit
-    value = unit.p95_of_units_mm if unit.value_mm is None else unit.value_mm
-    sentence = (
-        f"{100 * unit.units_fraction:.6g} % of installed units keep a P{100 * unit.quantile:.6g} over their own shots "
-        f"of {value:.3f} mm"
-    )
-    if unit.yield_fraction is not None and unit.limit_mm is not None:
-        error = percent(unit.yield_standard_error or 0.0, 2)
-        sentence += (
-            f"; {percent(unit.yield_fraction, 2)} % of units (standard error {error} %) meet {unit.limit_mm:g} mm"
-        )
-    return sentence + "."
-
-
 def second_order_text(target: TargetScore) -> str:
     second = target.second_order
     if second.status == "not requested":
@@ -234,15 +311,3 @@ def second_order_text(target: TargetScore) -> str:
     if second.status == "refused":
         return wrap(second.reason, first="second order: refused. ", indent="  ")
     return wrap(f"P95 {decimal(second.p95_mm, 4)} mm. {second.reason}", first="second order: ", indent="  ")
-
-
-__all__ = [
-    "WIDTH",
-    "budget_text",
-    "group",
-    "score_text",
-    "single_lines",
-    "targets_text",
-    "views_text",
-    "worst_target",
-]

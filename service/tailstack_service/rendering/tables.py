@@ -6,7 +6,7 @@ import unicodedata
 from collections.abc import Sequence
 from math import isfinite
 
-WIDTH = 100
+from .page import NARROWEST, WIDEST_PROSE, current
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -53,8 +53,8 @@ def shorten(text: str, width: int) -> str:
     clean = visible(text)
     if columns(clean) <= width:
         return clean
-    end = _pieces(clean[::-1], (width - 1) // 3)[0][::-1]  # names often differ at their end: region[0], region[1]
-    return _pieces(clean, width - 1 - columns(end))[0] + "…" + end
+    end = _cut(clean[::-1], (width - 1) // 3)[::-1]  # names often differ at their end: region[0], region[1]
+    return _cut(clean, width - 1 - columns(end)) + "…" + end
 
 
 def columns(text: str) -> int:
@@ -76,16 +76,26 @@ def fold(text: str, width: int, hanging: int = 0) -> list[str]:
     return wrap(clean, first=indent, indent=deeper, width=width).split("\n")
 
 
+def _cut(word: str, width: int) -> str:
+    """What of a word fits into ``width`` columns, one character at least."""
+    end = 1
+    while end < len(word) and columns(word[: end + 1]) <= width:
+        end += 1
+    return word[:end]
+
+
 def _pieces(word: str, width: int) -> list[str]:
-    """A word in parts of at most ``width`` columns."""
-    if columns(word) <= width:
-        return [word]
-    parts = [""]
-    for character in word:
-        if parts[-1] and columns(parts[-1]) + columns(character) > width:
-            parts.append("")
-        parts[-1] += character
-    return parts
+    """A word in parts of at most ``width`` columns, broken behind a hyphen, stroke or underscore where there is one."""
+    parts = []
+    while columns(word) > width:
+        part = _cut(word, width)
+        if len(part) == len(word):
+            break
+        joint = max(part.rfind(mark) for mark in "-_/") + 1
+        part = part[:joint] if 2 * joint >= len(part) else part
+        parts.append(part)
+        word = word[len(part) :]
+    return [*parts, word]
 
 
 def _pad(text: str, width: int, left: bool) -> str:
@@ -94,41 +104,73 @@ def _pad(text: str, width: int, left: bool) -> str:
 
 
 LEAST_WIDTH = 8  # columns of a text
-HANGING = 4  # columns by which the second line of a text stands further right than its first
-LONGEST_WORD = 24  # columns; a longer one may be broken where the table would be wider than the page
+HANGING = 4  # columns by which the second line of a text stands further right than its first, where there is room
+LONGEST_WORDS = (24, 12, 8)  # columns; longer words may be broken where the table is wider than the page
 
 
 def table(
-    header: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    *,
-    left: int = 1,
-    names: Sequence[int] = (),
+    header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1, names: Sequence[int] = (),
     whole: Sequence[int] = (),
-    widest: int = 34,
-) -> str:
-    """A table; the first ``left`` columns are texts (folded at ``widest``, or to fit the page), the others numbers.
+) -> str:  # fmt: skip
+    """A table that fits the page; the first ``left`` columns are texts, the others numbers.
 
     names: further columns of texts, among the numbers.  whole: columns of texts that are not folded, such as ids that
     are there to be copied.  A header may hold one line break: its second line is the unit.
+
+    Where it is wider than the page its texts are folded, nothing is cut; where that is not enough its columns are
+    shared out over several tables below one another, each with the first ``left`` columns.
     """
+    widths = _fit(header, rows, [k for k in (*range(left), *names) if k not in whole])
+    lengths = [widths[k] for k in range(left, len(header))]
+    if sum(widths) + 2 * (len(widths) - 1) <= _page_width() or len(lengths) < 2:
+        return _draw(header, rows, widths, left, names, whole)
+    room = _page_width() - sum(widths[:left]) - 2 * (left - 1)
+    count = 1  # of the columns beside the first ones that go into this table
+    while sum(lengths[: count + 1]) + 2 * (count + 1) <= room:
+        count += 1
+    parts = (list(range(left, left + count)), list(range(left + count, len(header))))
+    return "\n\n".join(
+        table(
+            [header[k] for k in (*range(left), *part)],
+            [[row[k] for k in (*range(left), *part)] for row in rows],
+            left=left,
+            names=[left + place for place, k in enumerate(part) if k in names],
+            whole=[*(k for k in whole if k < left), *(left + place for place, k in enumerate(part) if k in whole)],
+        )
+        for part in parts
+    )
+
+
+def _page_width() -> int:
+    return max(current().width, NARROWEST)
+
+
+def _fit(header: Sequence[str], rows: Sequence[Sequence[str]], texts: Sequence[int]) -> list[int]:
+    """Widths of the columns; those of ``texts`` give way where the page is too narrow, the widest first."""
+    needed = [max(columns(line) for line in head.split("\n")) for head in header]
+    widths = [max([needed[k], *(columns(visible(row[k])) for row in rows)]) for k in range(len(header))]
+    words = {k: max((columns(word) for row in rows for word in visible(row[k]).split()), default=0) for k in texts}
+    for longest in LONGEST_WORDS:
+        least = {k: max(needed[k], min(words[k], longest), LEAST_WIDTH) for k in texts}
+        while sum(widths) + 2 * (len(widths) - 1) > _page_width() and any(widths[k] > least[k] for k in texts):
+            widths[max(texts, key=lambda k: widths[k] - least[k])] -= 1
+    return widths
+
+
+def _draw(
+    header: Sequence[str], rows: Sequence[Sequence[str]], widths: Sequence[int], left: int, names: Sequence[int],
+    whole: Sequence[int],
+) -> str:  # fmt: skip
     heads = [head.split("\n") for head in header]
     depth = max(len(head) for head in heads)
-    top = [[head[line] if line < len(head) else "" for head in heads] for line in range(depth)]
     texts = [k for k in (*range(left), *names) if k not in whole]
-    needed = [max(columns(row[k]) for row in top) for k in range(len(header))]
-    widths = [max([needed[k], *(columns(visible(row[k])) for row in rows)]) for k in range(len(header))]
-    for k in texts:
-        widths[k] = max(needed[k], min(widths[k], widest))
-    words = [[columns(word) for row in rows for word in visible(row[k]).split()] for k in texts]
-    unbroken = {k: min(max(lengths, default=0), LONGEST_WORD) for k, lengths in zip(texts, words, strict=True)}
-    for shortest in (unbroken, {}):  # words give way last
-        least = {k: max(needed[k], shortest.get(k, 0), LEAST_WIDTH) for k in texts}
-        while sum(widths) + 2 * (len(widths) - 1) > WIDTH and any(widths[k] > least[k] for k in texts):
-            widths[max(texts, key=lambda k: widths[k] - least[k])] -= 1
-    lines = [*top, ["─" * width for width in widths]]
+    lines = [[head[line] if line < len(head) else "" for head in heads] for line in range(depth)]
+    lines.append(["─" * width for width in widths])
     for row in rows:
-        cells = [fold(cell, widths[k], HANGING) if k in texts else [visible(cell)] for k, cell in enumerate(row)]
+        cells = [
+            fold(cell, widths[k], HANGING if widths[k] > 3 * HANGING else 0) if k in texts else [visible(cell)]
+            for k, cell in enumerate(row)
+        ]
         height = max(map(len, cells))
         lines += [[cell[line] if line < len(cell) else "" for cell in cells] for line in range(height)]
     return "\n".join(
@@ -136,12 +178,15 @@ def table(
     )
 
 
-def wrap(text: str, *, indent: str = "", first: str | None = None, width: int = WIDTH) -> str:
-    """Words wrapped at the width; ``first`` opens the first line, ``indent`` the others."""
+def wrap(text: str, *, indent: str = "", first: str | None = None, width: int | None = None) -> str:
+    """Words wrapped at the width, by default the page's; ``first`` opens the first line, ``indent`` the others."""
+    width = prose_width() if width is None else width
     lines, line = [], indent if first is None else first
     empty = True
     for word in text.split():
-        for part, piece in enumerate(_pieces(word, max(width - columns(indent), 1))):
+        here = columns(line) + (0 if empty else 1)
+        fits = here + columns(word) <= width
+        for part, piece in enumerate([word] if fits else _pieces(word, max(width - columns(indent), 1))):
             if not empty and (part > 0 or columns(line) + 1 + columns(piece) > width):
                 lines.append(line)
                 line, empty = indent, True
@@ -150,11 +195,16 @@ def wrap(text: str, *, indent: str = "", first: str | None = None, width: int = 
     return "\n".join([*lines, line])
 
 
+def prose_width() -> int:
+    """Columns of a paragraph."""
+    return min(_page_width(), WIDEST_PROSE)
+
+
 # --- colour ---------------------------------------------------------------------------------------
 
 _COLOURS = {"pass": "32", "fail": "31", "inconclusive": "33", "no requirement": "2", "bold": "1", "warning": "33"}
 
 
-def paint(text: str, role: str, colour: bool) -> str:
-    """Text in the colour of its role, or as it stands."""
-    return f"\x1b[{_COLOURS[role]}m{text}\x1b[0m" if colour and role in _COLOURS else text
+def paint(text: str, role: str) -> str:
+    """Text in the colour of its role on a page that has colours, otherwise as it stands."""
+    return f"\x1b[{_COLOURS[role]}m{text}\x1b[0m" if current().colour and role in _COLOURS else text

@@ -6,13 +6,19 @@ from collections.abc import Sequence
 
 from tailstack.results import Check, Finding, Provenance, Verdict
 
-from .tables import WIDTH, columns, decimal, fold, number, paint, percent, signed_decimal, table, wrap
+from .page import current
+from .sentences import check_sentence, name_basis
+from .tables import columns, decimal, fold, number, paint, percent, prose_width, signed_decimal, table, wrap
+
+MORE = "--details adds the method and every figure; `tailstack words` explains P95, TCP, connector and the like."
 
 
-def heading(provenance: Provenance, basis: str) -> str:
-    """Name of the design, then how it was computed."""
+def heading(provenance: Provenance, what: str, method: str) -> str:
+    """Name of the design and what was done; with details its hash, by which ``method`` and under which model."""
+    if not current().details:
+        return "\n".join(fold(provenance.design_name, prose_width())) + "\n" + wrap(what)
     how = (
-        f"{basis} · {provenance.reading} reading · {provenance.rotation_form.replace('_', ' ')} rotation · "
+        f"{what} · {method} · {provenance.reading} reading · {provenance.rotation_form.replace('_', ' ')} rotation · "
         f"{provenance.triangulation} triangulation · tailstack {provenance.tailstack_version}"
     )
     return design_line(provenance) + "\n" + wrap(how)
@@ -20,12 +26,15 @@ def heading(provenance: Provenance, basis: str) -> str:
 
 def design_line(provenance: Provenance) -> str:
     """Name of the design and the beginning of its hash."""
-    name = "\n".join(fold(provenance.design_name, WIDTH))
+    width = prose_width()
+    name = "\n".join(fold(provenance.design_name, width))
     if provenance.design_sha256 is None:
         return name
     digest = f"(sha256 {provenance.design_sha256[:12]})"
-    return f"{name}  {digest}" if columns(name) + 2 + columns(digest) <= WIDTH else f"{name}\n{digest}"
+    return f"{name}  {digest}" if columns(name) + 2 + columns(digest) <= width else f"{name}\n{digest}"
 
+
+STATED = ("requirement-failed", "requirement-inconclusive")  # findings that repeat a check
 
 _ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
 
@@ -42,6 +51,32 @@ def decided_by(checks: Sequence[Check]) -> list[tuple[Check, int]]:
     return sorted(((min(each, key=urgency), len(each)) for each in own), key=lambda entry: urgency(entry[0]))
 
 
+def decisive_check(checks: Sequence[Check]) -> Check | None:
+    """The check that the verdict rests on: the worst status, then the largest value over its limit."""
+    return min(checks, key=urgency, default=None)
+
+
+def decision_text(verdict: Verdict) -> str:
+    """The check that decides, as a sentence; nothing where no requirement is stated."""
+    decisive = decisive_check(verdict.checks)
+    if decisive is None:
+        return ""
+    return wrap(" ".join(part for part in (check_sentence(decisive), _next_step(decisive, verdict.basis)) if part))
+
+
+def _next_step(check: Check, basis: str) -> str:
+    """What to do where a requirement is missed or open."""
+    if check.status == "fail":
+        return "`tailstack optimise` looks for the cheapest design that keeps it."
+    if check.status == "pass":
+        return ""
+    if basis == "first order":
+        return "Run `tailstack verify`, which simulates, to decide."
+    if check.risk == "per_unit":
+        return "The number of units drawn is fixed: change the limit or the design."
+    return "Simulate more shots to decide: a tighter --precision or more --trials."
+
+
 def checks_table(checks: tuple[Check, ...]) -> str:
     """Each requirement at the target that decides it: what it limits, the value and its interval, what is left."""
     if not checks:
@@ -49,13 +84,13 @@ def checks_table(checks: tuple[Check, ...]) -> str:
     rows = []
     for check, count in decided_by(checks):
         low, high = check.interval_mm
-        units = "pooled" if check.min_yield is None else f"{100 * check.min_yield:.6g} % of units"
-        error = "" if check.error == "tcp" else f" {check.error}"
+        limited = f"P{100 * check.quantile:.6g}" + ("" if check.error == "tcp" else ", located")
+        limited += "" if check.min_yield is None else f", {100 * check.min_yield:.6g} % of units"
         rows.append(
             (
                 check.requirement,
                 check.target + (f" (worst of {count})" if count > 1 else ""),
-                f"P{100 * check.quantile:.6g}{error}, {units}",
+                limited,
                 number(check.value_mm),
                 f"{decimal(low, 3)} .. {decimal(high, 3)}",
                 number(check.limit_mm),
@@ -65,31 +100,37 @@ def checks_table(checks: tuple[Check, ...]) -> str:
             )
         )
     header = (
-        "require-\nment", "target", "quantile of\nthe error", "value\nmm", "interval\nmm", "limit\nmm", "margin\nmm",
-        "yield\n%", "status",
+        "require-\nment", "target", "what is\nlimited", "value\nmm", "between\nmm", "limit\nmm", "to spare\nmm",
+        "units\nwithin, %", "status",
     )  # fmt: skip
-    if all(row[7] == "-" for row in rows):
+    if not current().details or all(row[7] == "-" for row in rows):
         rows, header = [(*row[:7], row[8]) for row in rows], (*header[:7], header[8])  # type: ignore[misc, assignment]
-    return table(header, rows, left=3, whole=(2,))
+    return table(header, rows, left=3)
 
 
-def findings_text(findings: tuple[Finding, ...], colour: bool) -> str:
+def findings_text(findings: Sequence[Finding]) -> str:
     lines = []
     for finding in findings:
-        mark = paint(finding.severity, "fail" if finding.severity == "error" else "warning", colour)
+        mark = paint(finding.severity, "fail" if finding.severity == "error" else "warning")
         lines.append(wrap(f"[{finding.rule}] {finding.message}", first=f"{mark}: ", indent="  "))
     return "\n".join(lines)
 
 
-def verdict_line(verdict: Verdict, colour: bool) -> str:
+def verdict_line(verdict: Verdict) -> str:
     """The last line of every answer."""
-    return paint(f"verdict: {verdict.status}", verdict.status, colour) + f" ({verdict.basis})"
+    return paint(f"verdict: {verdict.status}", verdict.status) + f" ({name_basis(verdict.basis)})"
 
 
-def verdict_text(verdict: Verdict, colour: bool) -> str:
+def verdict_text(verdict: Verdict) -> str:
     """Checks, findings and the verdict line."""
-    parts = (checks_table(verdict.checks), findings_text(verdict.findings, colour), verdict_line(verdict, colour))
+    findings = [one for one in verdict.findings if current().details or one.rule not in STATED]  # the table has those
+    parts = (checks_table(verdict.checks), findings_text(findings), more_text(), verdict_line(verdict))
     return "\n\n".join(part for part in parts if part)
+
+
+def more_text() -> str:
+    """Where more is to be had; nothing where it is on the page already."""
+    return "" if current().details else wrap(MORE, first="more: ", indent="  ")
 
 
 def provenance_text(provenance: Provenance) -> str:

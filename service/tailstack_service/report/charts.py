@@ -12,10 +12,10 @@ from tailstack.results import Contributor, TargetScore
 from tailstack.results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
 
 from ..problems import RequestError
-from ..rendering.score import single_lines, source_name
+from ..rendering.score import single_lines
+from ..rendering.sentences import budget_line, source_name
 from ..rendering.tables import columns, decimal, number, percent
 from .half_widths import ToleranceCurve, ToleranceCurves
-from .headline import budget_line
 from .page import (
     DASHED,
     DOTTED,

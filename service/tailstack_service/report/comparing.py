@@ -12,10 +12,10 @@ from tailstack.results import Verification
 from tailstack.verification import PreparedDesign, Sampling, prepare, verify_prepared
 
 from ..problems import RequestError
-from ..rendering.verdict import urgency
+from ..rendering.sentences import check_sentence
+from ..rendering.verdict import decisive_check, urgency
 from .assembling import ReportOptions, assemble, drawing_options, drawn_norms
 from .changes import changes_of
-from .headline import decisive_check, verdict_sentence
 from .paired import FEWEST, SECTIONS, paired_difference
 from .records import Comparison, ComparisonHeadline, Difference, Report
 
@@ -177,7 +177,7 @@ def _describe_verdict(which: str, report: Report) -> str:
     decisive = decisive_check(checks)
     if decisive is None:
         return ""
-    said = verdict_sentence(decisive, which)
+    said = check_sentence(decisive, which)
     word = {"fail": "misses", "inconclusive": "may miss"}
     others: dict[str, list[str]] = {}
     for name in dict.fromkeys(check.requirement for check in checks if check.requirement != decisive.requirement):

@@ -188,23 +188,23 @@ def value_placement(search: Search, seed: int, stop: Stop | None = None) -> Plac
 def _sentence(
     problem: PlacementProblem, best: float, textbook: str | None, value: float | None, tried: int, found: list[float]
 ) -> str:
-    """What the optimal placement is worth, in words."""
-    what = "the quantile" if problem.objective == "quantile" else "the cost"
+    """What the optimal placement saves, in words."""
+    what = "the error" if problem.objective == "quantile" else "the cost"
     parts = []
     if textbook is not None:
-        bought = "what it cannot do at all: meet the limit" if value is None else _part(value / best, what)
+        bought = "everything: it cannot meet the limit" if value is None else _part(value / best, what)
         parts.append(f"against {textbook}, {bought}")
     if tried:
         failed = tried - len(found)
-        line = f"against {tried} careless (random) layouts, "
+        line = f"against {tried} random layouts, "
         if failed:
-            line += f"feasibility itself for {failed} of them"
+            line += f"everything for {failed} of them, which cannot meet the limit"
         if found:
             median, worst = (float(value) / best for value in (np.median(found), np.max(found)))
-            line += f"{' and ' if failed else ''}{_part(median, what)} (median{' of the others' if failed else ''}), "
+            line += f"{', and ' if failed else ''}{_part(median, what)} (median{' of the others' if failed else ''}), "
             line += f"{_part(worst, what)} (worst)"
         parts.append(line)
-    return "with budgets optimised alike, the placement bought: " + "; ".join(parts) if parts else ""
+    return "with tolerances optimised alike, the new places save: " + "; ".join(parts) if parts else ""
 
 
 def _part(ratio: float, what: str) -> str:

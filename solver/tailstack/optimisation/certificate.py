@@ -148,14 +148,14 @@ def price_bounds(
     whole = objective if whole is None else whole
     quantile_least = problem.objective == "quantile"
     per = 0.5 if quantile_least else 1.0
-    what = "the quantile" if quantile_least else "cost"
+    what = "the error" if quantile_least else "cost"
     prices: list[ShadowPrice] = []
 
-    def add(name: str, unit: str, per_unit: float, phrase: str, step: float = 1.0, verb: str | None = None) -> None:
+    def add(name: str, unit: str, per_unit: float, phrase: str, step: float = 1.0, own: bool = False) -> None:
         share = 100 * abs(per_unit) * step / whole
         if share > PRICED:
-            effect = ("saves " if per_unit < 0 else "adds ") if verb is None else verb
-            prices.append(ShadowPrice(name, unit, float(per_unit), f"{phrase} {effect}{share:.3g} % of {what}"))
+            effect = f"costs {share:.3g} %" if own else f"{'saves' if per_unit < 0 else 'adds'} {share:.3g} % of {what}"
+            prices.append(ShadowPrice(name, unit, float(per_unit), f"{phrase} {effect}"))
 
     rows = point.row_multipliers
     for requirement in problem.requirements:
@@ -194,7 +194,7 @@ def _price_widths(program: Program, point: Point, objective: float, add: Add) ->
         if problem.objective == "cost" and abs(multiplier) < BETWEEN:
             own = slope_of(free.price, float(np.exp(point.x[program.widths_at.start + k]))) * step
             words = in_words(problem, k)
-            add(f"{words} half-width", unit, own, f"{unit} on {words} is worth", verb="")
+            add(f"{words} half-width", unit, own, f"{words} tighter by {unit}", own=True)
         bound, which = (free.maximum, "largest") if multiplier > 0 else (free.minimum, "smallest")
         add(
             f"{in_words(problem, k)} {which} half-width",

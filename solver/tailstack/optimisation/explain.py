@@ -241,7 +241,7 @@ def influence_of(problem: PlacementProblem) -> tuple[Finding, ...]:
         Finding(
             "no-lever",
             "note",
-            f"{in_words(problem, int(k))} does not move any limited error: it goes to its loosest value",
+            f"{in_words(problem, int(k))} does not matter for any limit: it goes to its loosest value",
             problem.half_widths[int(k)].pointer,
         )
         for k in np.flatnonzero(blind)

@@ -12,6 +12,7 @@ from ..errors import IllPosedError
 from ..estimation.checks import check_geometry
 from ..propagation.linear import linearise
 from ..results import (
+    ERRORS,
     Certificate,
     ChangedSpacing,
     ChangedTolerance,
@@ -124,7 +125,7 @@ def report(
 
 def _in_a_sentence(request: Request, problem: PlacementProblem) -> str:
     limits = ", ".join(
-        f"P{100 * item.quantile:g} of the {item.error} error"
+        f"P{100 * item.quantile:g} of {ERRORS[item.error]}"
         + (f" of each of {100 * item.min_yield:g} % of units" if item.min_yield is not None else "")
         + f" within {item.limit_mm:g} mm"
         for item in problem.requirements
@@ -134,7 +135,7 @@ def _in_a_sentence(request: Request, problem: PlacementProblem) -> str:
         return f"largest common factor on {count} free half-widths with {limits}"
     if problem.objective == "quantile":
         spent = "" if problem.cost_limit is None else f" at a cost of at most {problem.cost_limit:g}"
-        wanted = ", ".join(f"P{100 * item.quantile:g} of the {item.error} error" for item in problem.requirements)
+        wanted = ", ".join(f"P{100 * item.quantile:g} of {ERRORS[item.error]}" for item in problem.requirements)
         return f"least {wanted}{spent}"
     curves = {free.price.curve for free in problem.half_widths}
     if curves == {"grades"}:

@@ -97,7 +97,7 @@ def tighten(
             "not-verified",
             f"after {MAX_TIGHTENING} rounds of tightening the Monte Carlo check still fails: "
             + "; ".join(finding.message for finding in failures),
-            "first order does not hold on this geometry: spread the fiducials or reduce the noise",
+            "the estimate that guides the search does not hold here: spread the fiducials or reduce the noise",
         )
     )
 
@@ -162,7 +162,7 @@ def _explain_miss(optimum: Optimum, checks: dict[tuple[str, str], Check], proble
         Problem(
             "/optimise",
             "limit-out-of-reach",
-            f"the smallest quantile found{within} is {first:.4g} mm to first order and at most "
+            f"the smallest error found{within} is {first:.4g} mm by estimate and at most "
             f"{worst.upper_mm:.4g} mm by Monte Carlo at target {worst.target!r}, which is not within the limit "
             f"of {worst.limit_mm:g} mm ({worst.requirement})",
             f"raise the limit above {worst.upper_mm:.4g} mm, or "

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         Validity,
     )
     from .verdicts import (
+        ERRORS,
         Check,
         Finding,
         Interval,
@@ -72,8 +73,8 @@ _HOME = {
     ),
     **dict.fromkeys(
         (
-            "Check", "Finding", "Interval", "Matrix3", "Provenance", "Severity", "Vector3", "Verdict", "ViewCheck",
-            "headline_of",
+            "ERRORS", "Check", "Finding", "Interval", "Matrix3", "Provenance", "Severity", "Vector3", "Verdict",
+            "ViewCheck", "headline_of",
         ),
         "verdicts",
     ),
@@ -86,6 +87,7 @@ _HOME = {
 }  # fmt: skip
 
 __all__ = [
+    "ERRORS",
     "Bounds",
     "Certificate",
     "ChangedSpacing",

@@ -84,6 +84,9 @@ class Check:
         return inf if high is None else high
 
 
+ERRORS = {"tcp": "the error at the tool", "localisation": "the error of the located target"}  # as people say it
+
+
 def headline_of(quantile: float, min_yield: float | None, of: str = "") -> str:
     """What a requirement limits: P95, or P95 that 90 % of units keep; ``of`` what, if that is named."""
     whose = f" of {of}" if of else ""

@@ -9,7 +9,7 @@ from tailstack.studies.bench.compare import StudyComparison, write_interval
 from tailstack.studies.bench.explain import Explanation
 from tailstack.studies.bench.levels import LevelCompared, QuantilePoint
 
-from ..score import source_name
+from ..sentences import source_name
 from ..tables import number, paint, percent, table, visible, wrap
 from ..verdict import design_line, findings_text, join_blocks, provenance_text
 
@@ -17,7 +17,7 @@ TAIL_ROWS, MOST_TAILS = 6, 4
 VERDICT_COLOUR = {"agrees": "pass", "differs": "fail", "not testable": "inconclusive"}
 
 
-def comparison_text(study: StudyComparison, *, colour: bool = False) -> str:
+def comparison_text(study: StudyComparison) -> str:
     """Bias and spread with intervals, every test, the tail, what would explain a difference, and what all that says."""
     return join_blocks(
         _heading(study),
@@ -28,10 +28,10 @@ def comparison_text(study: StudyComparison, *, colour: bool = False) -> str:
         _factors(study.explanations),
         _values(study),
         "\n".join(wrap(said, first="* ", indent="  ") for said in study.conclusions),
-        findings_text(study.findings, colour),
+        findings_text(study.findings),
         wrap(f"validity of first order: {study.validity.statement}"),
         provenance_text(study.provenance),
-        paint(f"measurements and prediction: {study.verdict}", VERDICT_COLOUR[study.verdict], colour),
+        paint(f"measurements and prediction: {study.verdict}", VERDICT_COLOUR[study.verdict]),
     )
 
 
@@ -77,7 +77,7 @@ def _means(study: StudyComparison) -> str:
     of = {level.spread.of for level in study.levels if level.spread is not None}
     what = "root of the trace of the covariance" if of == {"vectors"} else "standard deviation of the error norm"
     title = f"mean error norm, and spread from trial to trial over the predicted one ({what}); "
-    return wrap(title + f"{percent(study.confidence, 0)} % each") + "\n" + table(header, rows, widest=22)
+    return wrap(title + f"{percent(study.confidence, 0)} % each") + "\n" + table(header, rows)
 
 
 def _biases(levels: Sequence[LevelCompared]) -> str:

@@ -74,7 +74,7 @@ def _table_text(study: StudyPaper, name: str, words: str) -> str:
     header = [words, *(("printed,\n3-D, mm", "printed,\ntool, mm")[k] for k in kinds)]
     for letter, geometry in zip(LETTERS, study.geometries, strict=False):
         header += [f"{letter}\nmm", "\nz"] if geometry.compared else [f"{letter}\nmm"]
-    return table(header, rows, widest=44)
+    return table(header, rows)
 
 
 def _columns(cell: PaperCell) -> tuple[tuple[str, str] | None, tuple[str, str] | None]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from tailstack.results import Contributor, Score, TargetEstimate, TargetScore
 from tailstack.scoring import P95
 
-from ...rendering.score import source_name
+from ...rendering.sentences import source_name
 from ...rendering.verdict import decided_by
 from ..blocks import (
     Block,

@@ -8,7 +8,8 @@ from tailstack.results import Score, TargetEstimate, TargetScore
 from tailstack.results import headline_of as headline_words
 from tailstack.scoring import P95
 
-from ...rendering.score import source_name, units_in_words, worst_target
+from ...rendering.score import worst_target
+from ...rendering.sentences import source_name, units_sentence
 from ...rendering.tables import signed_decimal
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
 from ..charts import Scaled, draw_scale, draw_shares, draw_without
@@ -217,7 +218,7 @@ def method_blocks(score: Score) -> tuple[Block, ...]:
         f"Law: {worst.law}. With the same mean and covariance, P95 at {worst.name} is {bounds.gaussian:.3f} mm if "
         f"Gaussian, at most {bounds.unimodal:.3f} mm for any symmetric unimodal law and {bounds.moments:.3f} mm for "
         "any law.",
-        f"Per unit: {units_in_words(worst)}",
+        f"Per unit: {units_sentence(worst)}",
         f"Linearisation: {score.validity.status}. {score.validity.statement}.",
         "Sensitivities are evaluated at the biased geometry: known displacements are in the mean, tolerances and noise "
         "in the covariance. A tolerance is a half-width with the law named in the budget.",

@@ -1,0 +1,77 @@
+"""What the words of results mean: the dozen that are met first, one that is named, or all.
+
+The words and their meanings are those of docs/glossary.md, each in one place.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from ..console.answer import Answer
+
+HELP = "what the words of results mean: P95, TCP, connector, unit, shot, ..."
+NAME = "glossary.md"
+FIRST = "First words"  # heading of the section that is printed by itself
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """A term of the glossary."""
+
+    term: str
+    meaning: str
+    section: str
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("word", metavar="WORD", nargs="*", help="words to explain (default: the first dozen)")
+    parser.add_argument("--all", action="store_true", help="every word of the glossary")
+
+
+def run(arguments: argparse.Namespace) -> Answer:
+    """Raises RequestError for a word that is not in the glossary."""
+    from ..rendering.tables import wrap
+
+    words = read_glossary()
+    if arguments.word:
+        chosen = [_find(words, name) for name in arguments.word]
+    else:
+        chosen = [word for word in words if arguments.all or word.section == FIRST]
+    lines = [wrap(word.meaning, first=f"{word.term}: ", indent="  ") for word in chosen]
+    if not arguments.word and not arguments.all:
+        lines.append(wrap("`tailstack words WORD` explains another word, `tailstack words --all` lists all."))
+    return Answer("\n".join(lines) + "\n")
+
+
+def _find(words: list[Word], name: str) -> Word:
+    from difflib import get_close_matches
+
+    from tailstack.errors import Problem
+
+    from ..problems import RequestError
+
+    terms = {word.term.lower(): word for word in words}
+    if name.lower() in terms:
+        return terms[name.lower()]
+    near = [terms[term].term for term in get_close_matches(name.lower(), terms, 3)]
+    hint = f"did you mean {' or '.join(near)}?" if near else "tailstack words --all lists what there is"
+    raise RequestError(Problem("", "unknown-word", f"the glossary has no word {name!r}", hint))
+
+
+def read_glossary() -> list[Word]:
+    """Its words in their order: from the installed wheel, or from ``docs/`` in a checkout."""
+    shipped = files("tailstack_service.cli").joinpath(NAME)
+    if shipped.is_file():
+        text = shipped.read_text(encoding="utf-8")
+    else:
+        text = (Path(__file__).resolve().parents[3] / "docs" / NAME).read_text(encoding="utf-8")
+    words = []
+    for section in re.split(r"^## ", text, flags=re.MULTILINE)[1:]:
+        title, _, body = section.partition("\n")
+        for term, meaning in re.findall(r"^- \*\*(.+?)\*\*: (.+?)(?=\n- |\n\n|\Z)", body, re.MULTILINE | re.DOTALL):
+            words.append(Word(term, re.sub(r"[*`]", "", " ".join(meaning.split())), title.strip()))
+    return words

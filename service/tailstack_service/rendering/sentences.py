@@ -1,0 +1,139 @@
+"""What was found, as sentences for whoever reads a result first: a command's opening lines and a report's first page.
+
+The words are an engineer's; the method's own (first order, covariance, quantile) stand in ``--details``, in a report's
+chapter on the method, and in the pages about it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from tailstack.results import ERRORS, Check, Contributor, TargetScore, Validity
+
+from .tables import percent
+
+BASIS = {"first order": "estimate", "Monte Carlo": "Monte Carlo"}  # what a verdict rests on, by its name in records
+
+
+def name_basis(basis: str) -> str:
+    """What a number rests on: the estimate of a score, or a Monte Carlo simulation."""
+    return BASIS.get(basis, basis)
+
+
+def check_sentence(check: Check, who: str = "The design") -> str:
+    """A requirement at the target that decides it: kept, missed or open, with its numbers."""
+    shots = f"{100 * check.quantile:.6g} % of "
+    if check.min_yield is None:
+        shots += "shots"
+    else:
+        shots = f"{100 * check.min_yield:.6g} % of installed units, in {shots}their own shots"
+    low, high = check.interval_mm
+    ends = f"at least {low:.3f}, no upper end is known" if high is None else f"between {low:.3f} and {high:.3f}"
+    found = (
+        f"in {shots}, {ERRORS[check.error]} (target {check.target}) is at most {check.value_mm:.3f} mm "
+        f"(P{100 * check.quantile:.6g}; {ends})"
+    )
+    limit = f"the limit of {check.limit_mm:g} mm"
+    units = "" if check.yield_fraction is None else f"; {check.yield_fraction:.1%} of units keep it"
+    if check.status == "pass":
+        return f"{who} keeps {check.requirement}: {found}, within {limit}{units}."
+    if check.status == "fail":
+        return f"{who} misses {check.requirement}: {found}, above {limit}{units}."
+    return f"Undecided for {check.requirement}: {found}, and {limit} lies in between{units}."
+
+
+def largest_sentence(target: str, p95_mm: float, interval_mm: tuple[float, float | None]) -> str:
+    """What is said where the design states no requirement."""
+    low, high = interval_mm
+    ends = f"at least {low:.3f}, no upper end is known" if high is None else f"between {low:.3f} and {high:.3f}"
+    return (
+        f"No requirement is stated. In 95 % of shots, the error at the tool (target {target}) is at most {p95_mm:.3f} "
+        f"mm (P95; {ends})."
+    )
+
+
+def trust_sentence(validity: Validity) -> str:
+    """How far the estimate can be trusted, and what to do where it cannot."""
+    if validity.expected_error_percent is not None:
+        good = f"the estimate is within {validity.expected_error_percent:g} % of what a simulation gives"
+        if validity.expected_error_percent <= 1:
+            return good
+        return f"{good}; where it errs it is mostly too small: check it with `tailstack verify`"
+    if not validity.calibrated:
+        return (
+            f"how good the estimate is for such a design ({validity.layout_class.rpartition(', ')[0]}) is not known: "
+            "only a simulation decides, run `tailstack verify`"
+        )
+    return (
+        "the estimate does not hold for this layout and may be far too small: do not use it, run `tailstack verify`, "
+        "which simulates"
+    )
+
+
+def dominant_sentence(line: Contributor, share: float, target: TargetScore, error: str) -> str:
+    """The largest source of error, and what it costs."""
+    if error != "tcp":
+        return (
+            f"The largest source of error of the located target {target.name} is {budget_line(line)}: {share:.0%} of "
+            "its variance. What acts after the target is located (connector_flange, hand-eye, robot) does not count."
+        )
+    return (
+        f"The largest source of error is {budget_line(line)}: {line.variance_share:.0%} of the variance; were it "
+        f"perfect, P95 at {target.name} would be {line.p95_without_mm:.3f} instead of {target.p95_mm:.3f} mm."
+    )
+
+
+def margin_sentence(check: Check, lines: Sequence[Contributor]) -> str:
+    """How much is left to the limit or missing, and which step brings most."""
+    what, spare = check.headline, check.margin_mm
+    if spare is None:
+        return f"How far {what} is from its limit is not known: the estimate does not hold here."
+    if spare >= 0:
+        first = f"{what} has {spare:.3f} mm to spare ({spare / check.limit_mm:.0%} of the limit)"
+    else:
+        first = f"{what} has to come down by {-spare:.3f} mm ({-spare / check.value_mm:.0%}) to pass for certain"
+    if check.error != "tcp":  # the budget's slopes are of the error at the tool
+        return first + "."
+    steps = [
+        (line.dp95_per_unit * line.half_width / 10, line)
+        for line in lines
+        if line.dp95_per_unit is not None and line.half_width
+    ]
+    if not steps:
+        return first + "."
+    gain, line = max(steps, key=lambda step: step[0])
+    pooled = "" if check.min_yield is None else " over all units"
+    return f"{first}; {budget_line(line)}, tighter by a tenth, lowers P95{pooled} by {gain:.3f} mm."
+
+
+class Line(Protocol):
+    """What is said of one line of a budget, wherever it stands."""
+
+    @property
+    def label(self) -> str: ...
+    @property
+    def component(self) -> str: ...
+
+
+def source_name(line: Line) -> str:
+    """A line of the budget as people call it: the label of its source and the component."""
+    return line.label if line.component == "all" else f"{line.label} {line.component}"
+
+
+def budget_line(line: Contributor) -> str:
+    """A line of the budget in words, with its half-width."""
+    sign = "σ" if line.unit == "px" else "±"  # image noise has a standard deviation, no half-width
+    width = "" if line.half_width is None else f" ({sign} {line.half_width:.3g} {line.unit})"
+    return source_name(line) + width
+
+
+def units_sentence(target: TargetScore) -> str:
+    """What most installed units keep in their own shots, and how many of them keep the limit."""
+    unit = target.per_unit
+    value = unit.p95_of_units_mm if unit.value_mm is None else unit.value_mm
+    shots = f"{100 * unit.quantile:.6g} % of their own shots"
+    kept = f"{100 * unit.units_fraction:.6g} % of installed units keep {shots} within {value:.3f} mm"
+    if unit.yield_fraction is None or unit.limit_mm is None:
+        return kept + "."
+    return f"{kept}; {percent(unit.yield_fraction)} % of units keep them within {unit.limit_mm:g} mm."
