@@ -143,7 +143,7 @@ def _choose_basis(case: Case, index: int, was: GateTarget, base: GatedDesign) ->
     trusted = trust is not None and trust <= case.rules.first_order_gap.max_percent
     if not trusted and now is not None and was.p95_mm is not None and base.trials == now.trials:
         return now.targets[index].p95_mm, was.p95_mm, "Monte Carlo"
-    return case.score.targets[index].p95_mm, was.first_order_p95_mm, "first order"
+    return case.score.targets[index].p95_mm, was.first_order_p95_mm, "estimate"
 
 
 # --- what was asked for -------------------------------------------------------------------------------
