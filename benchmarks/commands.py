@@ -57,6 +57,31 @@ def gate() -> Findings:
     return Findings([rounds.ratio("gate", "imports")], rounds.foreign, figures)
 
 
+FIRST_READ = [sys.executable, "-c", "import pydantic, yaml"]
+COMPILERS = [sys.executable, "-c", "import numba, scipy.linalg"]
+# What reading and checking a design cannot do without: a model of pydantic's, and numpy
+NEEDED = [sys.executable, "-c", "import numpy, yaml, pydantic\nclass Model(pydantic.BaseModel): value: int"]
+
+
+def start() -> Findings:
+    """Commands on the demo design against importing what they are built on, CPU of whole processes."""
+    jobs = {
+        "import pydantic, yaml": command_job(FIRST_READ),
+        "import numpy, yaml, and one model of pydantic's": command_job(NEEDED),
+        "validate": command_job([*COMMAND, "validate", str(DEMO)]),
+        "import numba, scipy.linalg": command_job(COMPILERS),
+        "score": command_job([*COMMAND, "score", str(DEMO)], (0, 1)),
+        "version": command_job([*COMMAND, "version"]),
+    }
+    for job in jobs.values():
+        job()  # the first may compile
+    rounds = interleave(jobs, 9)
+    figures = [Figure(f"{name}, CPU", median(rounds.cpu[name]), "s") for name in jobs]
+    figures.append(Figure("validate against the least it needs", rounds.ratio("validate", list(jobs)[1]), "×"))
+    ratios = [rounds.ratio("validate", "import pydantic, yaml"), rounds.ratio("score", "import numba, scipy.linalg")]
+    return Findings(ratios, rounds.foreign, figures)
+
+
 def _write_designs(folder: Path) -> list[str]:
     draw, files = random.Random(1), []
     for index in range(DESIGNS):

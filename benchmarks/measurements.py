@@ -57,6 +57,10 @@ MEASUREMENTS: dict[str, Measurement] = {
     "first-score": Measurement(commands.first_score, (
         Target("first score after pip install of the built wheel, against the second", 3, 1.5, "×", "<"),
     )),
+    "start": Measurement(commands.start, (
+        Target('validate, whole command, against `python -c "import pydantic, yaml"`', 3, None, "×", "<"),
+        Target('a warm score, whole command, against `python -c "import numba, scipy.linalg"`', 2, 1.6, "×", "<"),
+    )),
     "gate": Measurement(commands.gate, (
         Target("gate of ten designs, whole command, against importing numpy, scipy.linalg, numba", 4, 2, "×", "<"),
     )),

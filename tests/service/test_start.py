@@ -45,6 +45,31 @@ def test_a_verb_that_is_none_is_answered_without_loading_any() -> None:
     assert loaded("gat") == set()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "without"),
+    [
+        (("version",), ("numpy", "pydantic", "yaml", "tailstack.design")),
+        (
+            ("validate", str(EXAMPLES / "demo.yaml")),
+            ("numba", "llvmlite", "scipy", "jinja2", "tailstack.results.score"),
+        ),
+        (("convert", "--help"), ("numba", "scipy", "tailstack.design.document")),
+        (
+            ("score", str(EXAMPLES / "demo.yaml")),
+            ("casadi", "cvxpy", "matplotlib", "httpx", "scipy.stats", "scipy.optimize"),
+        ),
+    ],
+    ids=lambda value: value[0],
+)
+def test_a_command_loads_only_what_it_needs(arguments: tuple[str, ...], without: tuple[str, ...]) -> None:
+    code = (
+        "import sys; from tailstack_service.cli.main import main\n"
+        f"main({list(arguments)!r})\n"
+        f"print(*sorted(set({without!r}) & set(sys.modules)), file=sys.stderr)"
+    )
+    assert told(code)[-1] == ""
+
+
 def test_nothing_is_searched_for_cycles_at_the_end() -> None:
     """Handlers run last in, first out: the one here, registered first, sees what is left to the collector."""
     code = (

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from importlib import import_module
+from typing import TYPE_CHECKING
 
-from .operation import Operation
+if TYPE_CHECKING:
+    from .operation import Operation
 
 # The verb of each, by its name, which is also that of its module (study_paper for study-paper)
 VERB_OF = {
@@ -29,7 +31,7 @@ VERB_OF = {
 FAMILIES = {"study": "studies: the paper's tables, reach of first order, coupling, measurements"}
 
 
-class _Registry(Mapping[str, Operation]):
+class _Registry(Mapping[str, "Operation"]):
     """The operations by name.  Each is loaded when it is asked for: a verb does not wait for the others."""
 
     def __getitem__(self, name: str) -> Operation:

@@ -2,21 +2,46 @@
 
 from __future__ import annotations
 
-from .compile import check_design, compile_design
-from .document import design_json_schema
-from .loading import Design, load_design
-from .presets import list_presets
-from .reading import DEFAULT_LIMITS, Limits
-from .write import (
-    Conversion,
-    Revision,
-    convert,
-    convert_file,
-    design_to_data,
-    design_to_json,
-    design_to_yaml,
-    revise_design,
-)
+from typing import TYPE_CHECKING
+
+from ..first_use import load_on_first_use
+
+if TYPE_CHECKING:
+    from .compile import check_design, compile_design
+    from .document import design_json_schema
+    from .loading import Design, load_design
+    from .presets import list_presets
+    from .reading import DEFAULT_LIMITS, Limits
+    from .write import (
+        Conversion,
+        Revision,
+        convert,
+        convert_file,
+        design_to_data,
+        design_to_json,
+        design_to_yaml,
+        revise_design,
+    )
+
+# Loaded on first use: who only looks at a text, or asks for the schema, does not wait for the geometry.
+_HOME = {
+    "check_design": "compile",
+    "compile_design": "compile",
+    "design_json_schema": "document",
+    "Design": "loading",
+    "load_design": "loading",
+    "list_presets": "presets",
+    "DEFAULT_LIMITS": "reading",
+    "Limits": "reading",
+    "Conversion": "write",
+    "Revision": "write",
+    "convert": "write",
+    "convert_file": "write",
+    "design_to_data": "write",
+    "design_to_json": "write",
+    "design_to_yaml": "write",
+    "revise_design": "write",
+}
 
 __all__ = [
     "DEFAULT_LIMITS",
@@ -36,3 +61,5 @@ __all__ = [
     "load_design",
     "revise_design",
 ]
+
+__getattr__ = load_on_first_use(__name__, _HOME)

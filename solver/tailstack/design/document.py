@@ -761,22 +761,22 @@ class DesignDocument(Record):
     views: Annotated[list[ViewDocument], Field(min_length=2)] = Field(description="The X-ray views, two or more.")
     fiducials: Fiducials = Field(description="The fiducials the views are resected from.")
     interfaces: Interfaces = Field(
-        default_factory=share(Interfaces()),
+        default_factory=share(Interfaces.model_construct()),
         description="Installation errors. Absent: both interfaces are perfect.",
     )
     transforms: Transforms = Field(
-        default_factory=share(Transforms()),
+        default_factory=share(Transforms.model_construct()),
         description="From the connector to the tool. Absent: identity.",
     )
     execution: Execution = Field(
-        default_factory=share(Execution()),
+        default_factory=share(Execution.model_construct()),
         description="Errors of the robot and the tool. Absent: none.",
     )
     targets: Annotated[list[TargetDocument], Field(min_length=1)] = Field(
         description="Where the tool has to go: named points or regions, in con."
     )
     requirements: list[RequirementDocument] = Field(default=[], description="What is promised. Default nothing.")
-    model: Model = Field(default_factory=share(Model()), description="Choices of the model.")
+    model: Model = Field(default_factory=share(Model.model_construct()), description="Choices of the model.")
     optimise: Optimise | None = Field(default=None, description="Freedom of the optimiser. Absent: it refuses.")
 
 

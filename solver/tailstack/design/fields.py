@@ -23,7 +23,13 @@ class Record(BaseModel):
     """A mapping whose fields are all known: unknown ones are refused, values are not converted."""
 
     model_config = ConfigDict(
-        extra="forbid", strict=True, frozen=True, allow_inf_nan=False, hide_input_in_errors=True, use_enum_values=False
+        extra="forbid",
+        strict=True,
+        frozen=True,
+        allow_inf_nan=False,
+        hide_input_in_errors=True,
+        use_enum_values=False,
+        defer_build=True,  # the document's validator holds those of all its parts: each need not have one of its own
     )
 
 
