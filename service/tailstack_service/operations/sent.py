@@ -340,7 +340,7 @@ def load(source: Source | bytes, settings: Settings, prefix: str) -> Design:
         if isinstance(source, bytes) and b'"design"' in source and error.problems[0].code == "unsupported-schema":
             hint = "the design stands inside this body: send Content-Type: application/json"
             error = DesignError([replace(error.problems[0], hint=hint)])
-        if isinstance(source, bytes) and all(p.code in SYNTAX and not p.pointer for p in error.problems):
+        if isinstance(source, bytes) and all(p.code in SYNTAX for p in error.problems):
             raise MalformedError(error.problems) from None
         raise Placed(error, prefix) from None
     except LimitError as error:

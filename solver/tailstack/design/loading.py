@@ -200,7 +200,8 @@ def _fiducials(document: DesignDocument, source: Source, allow_files: bool, limi
 def _describe_missing(name: str, path: Path, source: Source) -> Problem:
     """A fiducial file that is not there: the folder that was searched, and what may have been meant."""
     assert source.directory is not None
-    folder = source.directory / Path(name).parent
+    folder = str(source.directory / Path(name).parent)
+    folder = "the folder of the design" if folder == "." else folder
     hint = name_neighbours(path, name, FORMATS) or "a fiducial file stands beside the design, or in a folder below it"
     return Problem("", "file-not-found", f"no such file: {name}; looked in {folder}", hint)
 

@@ -107,6 +107,14 @@ def _guess_unit(value: float, low: float, high: float) -> str:
     return ""
 
 
+_SECTIONS = ("interfaces", "transforms", "execution", "rotation_deg")
+
+
+def _name(pointer: str) -> str:
+    """What an angle belongs to, as a person calls it: structure_connector bias rz_deg, T_flange_con 2."""
+    return " ".join(step for step in pointer.split("/") if step and step not in _SECTIONS)
+
+
 # --- lengths of the whole ------------------------------------------------------------------------------
 
 
@@ -141,12 +149,13 @@ def _doubt_source_distances(subject: _Subject) -> Iterator[_Met]:
             ):
                 length = getattr(view, field)
                 if length is not None and length < least:
-                    yield _Met(f"{at}/{field}", _describe_distance(field, length, least), length, least)
+                    message = _describe_distance(f"view {view.name}: {field}", length, least)
+                    yield _Met(f"{at}/{field}", message, length, least)
         elif subject.system is not None:
             field = "pose" if isinstance(view, PinholeView) else "projection"
             length = float(np.linalg.norm(camera_centre(subject.system.views[index].projection) - middle))
             if length < SHORTEST_ISOCENTRE_MM:
-                what = "the distance of the source from the middle of the fiducials"
+                what = f"view {view.name}: the distance of the source from the middle of the fiducials"
                 message = _describe_distance(what, length, SHORTEST_ISOCENTRE_MM)
                 yield _Met(f"{at}/{field}", message, length, SHORTEST_ISOCENTRE_MM)
 
@@ -164,9 +173,8 @@ def _doubt_angles(subject: _Subject) -> Iterator[_Met]:
         turn = next((each for each in TURNS if abs(abs(angle) - each) <= SAME_TURN * each), None)
         if turn is not None:
             degrees = round(turn * 180 / pi) * (1 if angle > 0 else -1)
-            message = (
-                f"{angle:g} in a field of degrees is {degrees} degrees in radians. Write {degrees} if that is meant."
-            )
+            meant = f"{degrees} degrees in radians. Write {degrees} if that is meant."
+            message = f"{_name(pointer)}: {angle:g} in a field of degrees is {meant}"
             yield _Met(pointer, message, angle, degrees)
 
 
@@ -202,6 +210,7 @@ def _list_interfaces(document: DesignDocument) -> Iterator[tuple[str, Interface]
 @dataclass(frozen=True, slots=True)
 class _HalfWidth:
     pointer: str
+    name: str  # as budgets call it
     size: float
     unit: str  # deg or mm
     seat: bool  # of an interface: the ladder of seats applies at its wide end too
@@ -213,27 +222,28 @@ def _list_half_widths(document: DesignDocument) -> Iterator[_HalfWidth]:
     if manufacturing is not None:
         at, widths = "/fiducials/manufacturing/half_width_mm", manufacturing.half_width_mm
         if isinstance(widths, tuple):
-            yield from (_HalfWidth(f"{at}/{axis}", width, "mm", True) for axis, width in enumerate(widths))
+            for number, (axis, width) in enumerate(zip("xyz", widths, strict=True)):
+                yield _HalfWidth(f"{at}/{number}", f"fiducials {axis}", width, "mm", True)
         else:
-            yield _HalfWidth(at, widths, "mm", True)
+            yield _HalfWidth(at, "fiducials", widths, "mm", True)
     for name, interface in _list_interfaces(document):
         if interface.tolerances is not None:
-            yield from _list_components(interface.tolerances, f"/interfaces/{name}/tolerances", seat=True)
+            yield from _list_components(interface.tolerances, f"/interfaces/{name}/tolerances", name, seat=True)
         for index, locator in enumerate(interface.locators or ()):
             at = f"/interfaces/{name}/locators/{index}/half_width_mm"
-            yield _HalfWidth(at, locator.half_width_mm, "mm", True)
+            yield _HalfWidth(at, f"{name} {locator.name}", locator.half_width_mm, "mm", True)
     if document.execution.hand_eye is not None:
         at = "/execution/hand_eye/tolerances"
-        yield from _list_components(document.execution.hand_eye.tolerances, at, seat=False)
+        yield from _list_components(document.execution.hand_eye.tolerances, at, "hand_eye", seat=False)
 
 
-def _list_components(tolerances: Tolerances, at: str, *, seat: bool) -> Iterator[_HalfWidth]:
+def _list_components(tolerances: Tolerances, at: str, name: str, *, seat: bool) -> Iterator[_HalfWidth]:
     for component in _COMPONENTS:
         entry = getattr(tolerances, component)
         if entry is not None:
             unit = "deg" if component in _ROTATIONS else "mm"
             field = f"half_width_{unit}"
-            yield _HalfWidth(f"{at}/{component}/{field}", getattr(entry, field), unit, seat)
+            yield _HalfWidth(f"{at}/{component}/{field}", f"{name} {component}", getattr(entry, field), unit, seat)
 
 
 def _doubt_fine_half_widths(subject: _Subject) -> Iterator[_Met]:
@@ -244,7 +254,7 @@ def _doubt_fine_half_widths(subject: _Subject) -> Iterator[_Met]:
             meant = width.size * factor
             cure = f"If {unit} were meant, write {meant:.3g}. " if meant >= least else "Check its unit. "
             message = (
-                f"a half-width of {width.size:g} {width.unit} is finer than a kinematic coupling repeats "
+                f"{width.name}: a half-width of {width.size:g} {width.unit} is finer than a kinematic coupling repeats "
                 f"({least:g} {width.unit}). {cure}If it does not vary at all, write 0."
             )
             yield _Met(width.pointer, message, width.size, least)
@@ -254,9 +264,12 @@ def _doubt_wide_half_widths(subject: _Subject) -> Iterator[_Met]:
     for width in _list_half_widths(subject.document):
         most = WIDEST_DEG if width.unit == "deg" else WIDEST_MM
         if width.seat and width.size > most:
+            why = f"wider than the play of a clip-on seat ({most:g} {width.unit})"
+            if width.pointer.startswith("/fiducials"):
+                why = f"ten times ({most:g} mm) what is asked of the beads of a calibration object, and more"
             message = (
-                f"a half-width of {width.size:g} {width.unit} is wider than the play of a clip-on seat "
-                f"({most:g} {width.unit}). Check the unit, and that it is half of the width and not a sum over parts."
+                f"{width.name}: a half-width of {width.size:g} {width.unit} is {why}. Check the unit, and that it is "
+                "half of the width and not a sum over parts."
             )
             yield _Met(width.pointer, message, width.size, most)
 
@@ -270,8 +283,9 @@ def _doubt_noise(subject: _Subject) -> Iterator[_Met]:
             noise = getattr(view, field)
             if noise < BEST_NOISE_PX:
                 message = (
-                    f"{field} is {noise:g} px, less than the best that was measured ({BEST_NOISE_PX:g} px): the error "
-                    "comes out too small. Write 0.05 for the best, 0.3 for typical, 0.5 for clinical images."
+                    f"view {view.name}: {field} is {noise:g} px, less than the best that was measured "
+                    f"({BEST_NOISE_PX:g} px): the error comes out too small. Write 0.05 for the best, 0.3 for typical, "
+                    "0.5 for clinical images."
                 )
                 yield _Met(f"/views/{index}/{field}", message, noise, BEST_NOISE_PX)
 
@@ -343,8 +357,8 @@ _RULES = (
         "half-width-too-wide",
         "A half-width wider than the play of a clip-on seat",
         "1 degree and 1 mm: the play of a clip-on plate, 0.5 mm at each of two pins 50 mm apart, gives 0.57 to 1.15 "
-        "degrees; a judgement. Calibration of hand to eye is not held to it: its measured standard deviation is up to "
-        "0.65 mm (arXiv 2404.05884).",
+        "degrees; a judgement. Beads of calibration objects are placed within 0.1 mm (XMALab). Calibration of hand to "
+        "eye is not held to it: its measured standard deviation is up to 0.65 mm (arXiv 2404.05884).",
         _doubt_wide_half_widths,
     ),
     Rule(

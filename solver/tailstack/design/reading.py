@@ -528,10 +528,9 @@ class _Builder:
             top.key = None
 
     def _check_key(self, key: Any, mapping: _Open, mark: Any) -> None:
-        last = next(reversed(mapping.data.values()), None) if mapping.data else None
-        if type(key) is int and type(last) is int:
-            hint = f"if {last},{key} is one number, write it with a point: {last}.{key}"
-            raise self._refuse("bad-key", f"keys are texts; got {show(key)}", hint, mark)
+        if type(key) is int and mapping.data:
+            field, value = list(mapping.data.items())[-1]
+            self._refuse_decimals(key, field, value, mark)
         if not isinstance(key, str):
             raise self._refuse("bad-key", f"keys are texts; got {show(key)}", "put it in quotes", mark)
         if len(key) > LONGEST_KEY:
@@ -540,6 +539,17 @@ class _Builder:
             line = mapping.children[key][0].line
             detail = f"the field {key[:60]!r} is given twice (first in line {line})"
             raise self._refuse("duplicate-key", detail, "keep one of them", mark)
+
+    def _refuse_decimals(self, key: int, field: str, value: Any, mark: Any) -> None:
+        """In ``{ a: 1,5 }`` the comma ends the value 1, and 5 is the next key."""
+        if type(value) is not int:
+            return
+        # of every collection that is open, the element or field that is being read; of the last, the one before
+        steps = [len(item.data) if isinstance(item.data, list) else (item.key or ("",))[0] for item in self._stack[:-1]]
+        at = "".join("/" + str(step).replace("~", "~0").replace("/", "~1") for step in (*steps, field))
+        hint = f"if {value},{key} is one number, write it with a point: {value}.{key}"
+        where = Problem(at, "bad-key", f"keys are texts; got {show(key)}", hint)
+        raise DesignError(replace(where, file=self.file, line=mark.line + 1, column=mark.column + 1))
 
 
 def _build(loader: Any, file: str | None, limits: Limits) -> tuple[Any, Place]:
