@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from study_scenes import TARGET_MM, Costs, Layouts
 
 from tailstack.arrays import Array
+from tailstack.results.look import BLUE, FAINT, INK, MUTED, VERMILION
 from tailstack_service.report.scene import RIGHT, UP
-from tailstack_service.report.svg import BLUE, FAINT, INK, MUTED, VERMILION, box, line, text, trim
+from tailstack_service.report.svg import box, line, text, trim
 
 ON = 1.0  # mm: that near a face is on it
 NEAR, FAR, ELSEWHERE = "face towards the target", "far face", "elsewhere"

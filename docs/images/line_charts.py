@@ -11,7 +11,8 @@ from html import escape
 from math import log10
 from typing import Literal
 
-from tailstack_service.report.svg import FAINT, INK, MUTED, PALE, box, line, text, trim
+from tailstack.results.look import FAINT, INK, MUTED, PALE
+from tailstack_service.report.svg import box, line, text, trim
 
 WIDTH = 900
 SIZE = 13  # of all text but titles

@@ -35,7 +35,7 @@ from tailstack import verify
 from tailstack.design import load_design
 from tailstack.optimisation.request import read_request
 from tailstack.optimisation.search import objective_for_people, rms_distance_mm, search
-from tailstack_service.report.svg import BLUE, GREEN, INK, MUTED, PURPLE, VERMILION
+from tailstack.results.look import BLUE, GREEN, INK, MUTED, PURPLE, VERMILION
 
 HERE = Path(__file__).resolve().parent
 DEMO = HERE.parents[1] / "examples" / "demo.yaml"

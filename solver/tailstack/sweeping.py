@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from .arrays import Array
 from .design import Design, compile_design, load_design
 from .design.pointers import Place, find_places, pointer_of, replace_value, suggest, value_at
 from .errors import Problem, TailstackError
@@ -88,7 +89,7 @@ class PointCheck:
 
 def sweep(
     design: Design,
-    axes: Sequence[Axis] | Mapping[str, Sequence[float]],
+    axes: Sequence[Axis] | Mapping[str, Sequence[float] | Array],
     *,
     check: Check = "score",
     trials: int | None = None,

@@ -7,6 +7,8 @@ from typing import Literal
 
 from tailstack.design import Design
 from tailstack.results import Severity, Vector3
+from tailstack.results.outline import Bar, Bars, Column, Outline, Table, row_of, table
+from tailstack.results.record import Result
 
 GateVerdict = Literal["pass", "fail", "inconclusive", "not evaluated"]
 WORST_FIRST: tuple[GateVerdict, ...] = ("not evaluated", "fail", "inconclusive", "pass")
@@ -203,7 +205,7 @@ class GateProvenance:
 
 
 @dataclass(frozen=True, slots=True)
-class GateRecord:
+class GateRecord(Result):
     """Designs held to a policy."""
 
     schema: Literal["tailstack/gate/1"]
@@ -228,6 +230,51 @@ class GateRecord:
     """The designs and the numbers that were judged."""
     provenance: GateProvenance
     """What decided, besides the designs."""
+
+    def outline(self) -> Outline:
+        """The designs with their verdicts, and what was found."""
+        designs = [row_of(design, largest_p95_mm=find_largest_p95(design)) for design in self.designs]
+        findings = table(
+            GateFinding, "findings", "Findings", self.findings,
+            Column("severity", "severity"), Column("rule", "rule"), Column("file", "file"), Column("line", "line"),
+            Column("message", "finding"), Column("suppressed_by", "accepted by"),
+        )  # fmt: skip
+        numbers = [row_of(entry, file=design.file) for design in self.designs for entry in design.numbers]
+        targets = [row_of(entry, file=design.file) for design in self.designs for entry in design.targets]
+        shown = (
+            Column("verdict", "verdict"), Column("file", "file"), Column("name", "design"), Column("basis", "basis"),
+            Column("largest_p95_mm", "largest P95, mm", 3),
+        )  # fmt: skip
+        counted = sum(counts(entry, self.fail_level) for entry in self.findings)
+        judged = f"{len(self.designs)} design{'' if len(self.designs) == 1 else 's'}"
+        drawn = [(design, p95) for design in self.designs if (p95 := find_largest_p95(design)) is not None]
+        return Outline(
+            "Gate",
+            self.provenance.policy_name,
+            self.verdict,
+            f"{judged}, {counted} of {len(self.findings)} findings count; exit code {self.exit_code}.",
+            (
+                Table("designs", "Designs", tuple(designs), shown),
+                findings,
+                Table("numbers", "Numbers held against limits", tuple(numbers)),
+                Table("targets", "Errors at the targets", tuple(targets)),
+            ),
+            Bars(
+                "Largest P95 of each design",
+                "P95 of the error at the tool, mm",
+                tuple(Bar(design.file, p95, limit=_p95_limit(design)) for design, p95 in drawn),
+            ),
+        )
+
+
+def _p95_limit(design: GatedDesign) -> float | None:
+    """The tightest limit on P95 of the error at the tool that a design was held against, mm."""
+    limits = [
+        entry.limit_mm
+        for entry in design.requirements
+        if (entry.error, entry.quantile, entry.min_yield) == ("tcp", 0.95, None) and entry.rule != "cvar"
+    ]
+    return min(limits, default=None)
 
 
 def counts(finding: GateFinding, fail_level: Level) -> bool:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tailstack.results import Optimisation, Vector3
+from tailstack.results.verdicts import STATED
 
 from .page import current
 from .tables import decimal, number, percent, table, wrap
 from .verdict import (
-    STATED,
     checks_table,
     decided_by,
     decision_text,

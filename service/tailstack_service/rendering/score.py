@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tailstack.results import Contributor, MetricScore, Score, TargetScore, ViewCheck
+from tailstack.results.score import single_lines
+from tailstack.results.verdicts import decisive_check
 from tailstack.system import INTERFACES
 
 from .page import current
 from .sentences import largest_sentence, margin_sentence, trust_sentence, units_sentence
 from .tables import decimal, number, paint, percent, table, visible, wrap
-from .verdict import decision_text, decisive_check, heading, join_blocks, provenance_text, verdict_text
+from .verdict import decision_text, heading, join_blocks, provenance_text, verdict_text
 
 SMALL_SHARES = (5e-3, 5e-4)  # of the variance: components below are summed into one line; without and with details
 
@@ -238,15 +240,6 @@ def group(contributors: Sequence[Contributor]) -> list[tuple[Contributor, list[C
         else:
             groups += [(entry, []) for entry in parts]
     return sorted(groups, key=lambda group: group[0].variance_share, reverse=True)
-
-
-def single_lines(contributors: Sequence[Contributor]) -> list[Contributor]:
-    """Lines that do not overlap: components, and contributors without any; largest share first."""
-    counts: dict[str, int] = {}
-    for entry in contributors:
-        counts[entry.name] = counts.get(entry.name, 0) + 1
-    kept = [entry for entry in contributors if entry.component != "all" or counts[entry.name] == 1]
-    return sorted(kept, key=lambda entry: entry.variance_share, reverse=True)
 
 
 def shares_of(target: TargetScore, error: str) -> list[tuple[Contributor, float]]:

@@ -7,9 +7,9 @@ chapter on the method, and in the pages about it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
-from tailstack.results import ERRORS, Check, Contributor, TargetScore, Validity
+from tailstack.results import Check, Contributor, TargetScore, Validity
+from tailstack.results.score import source_name
 
 from .tables import percent
 
@@ -19,28 +19,6 @@ BASIS = {"first order": "estimate", "Monte Carlo": "Monte Carlo"}  # what a verd
 def name_basis(basis: str) -> str:
     """What a number rests on: the estimate of a score, or a Monte Carlo simulation."""
     return BASIS.get(basis, basis)
-
-
-def check_sentence(check: Check, who: str = "The design") -> str:
-    """A requirement at the target that decides it: kept, missed or open, with its numbers."""
-    shots = f"{100 * check.quantile:.6g} % of "
-    if check.min_yield is None:
-        shots += "shots"
-    else:
-        shots = f"{100 * check.min_yield:.6g} % of installed units, in {shots}their own shots"
-    low, high = check.interval_mm
-    ends = f"at least {low:.3f}, no upper end is known" if high is None else f"between {low:.3f} and {high:.3f}"
-    found = (
-        f"in {shots}, {ERRORS[check.error]} (target {check.target}) is at most {check.value_mm:.3f} mm "
-        f"(P{100 * check.quantile:.6g}; {ends})"
-    )
-    limit = f"the limit of {check.limit_mm:g} mm"
-    units = "" if check.yield_fraction is None else f"; {check.yield_fraction:.1%} of units keep it"
-    if check.status == "pass":
-        return f"{who} keeps {check.requirement}: {found}, within {limit}{units}."
-    if check.status == "fail":
-        return f"{who} misses {check.requirement}: {found}, above {limit}{units}."
-    return f"Undecided for {check.requirement}: {found}, and {limit} lies in between{units}."
 
 
 def largest_sentence(target: str, p95_mm: float, interval_mm: tuple[float, float | None]) -> str:
@@ -105,20 +83,6 @@ def margin_sentence(check: Check, lines: Sequence[Contributor]) -> str:
     gain, line = max(steps, key=lambda step: step[0])
     pooled = "" if check.min_yield is None else " over all units"
     return f"{first}; {budget_line(line)}, tighter by a tenth, lowers P95{pooled} by {gain:.3f} mm."
-
-
-class Line(Protocol):
-    """What is said of one line of a budget, wherever it stands."""
-
-    @property
-    def label(self) -> str: ...
-    @property
-    def component(self) -> str: ...
-
-
-def source_name(line: Line) -> str:
-    """A line of the budget as people call it: the label of its source and the component."""
-    return line.label if line.component == "all" else f"{line.label} {line.component}"
 
 
 def budget_line(line: Contributor) -> str:

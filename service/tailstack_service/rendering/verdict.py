@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tailstack.results import Check, Finding, Provenance, Verdict
+from tailstack.results.verdicts import STATED, check_sentence, decisive_check, urgency
 
 from .page import current
-from .sentences import check_sentence, name_basis
+from .sentences import name_basis
 from .tables import columns, decimal, fold, number, paint, percent, prose_width, signed_decimal, table, wrap
 
 MORE = "--details adds the method and every figure; `tailstack words` explains P95, TCP, connector and the like."
@@ -34,26 +35,11 @@ def design_line(provenance: Provenance) -> str:
     return f"{name}  {digest}" if columns(name) + 2 + columns(digest) <= width else f"{name}\n{digest}"
 
 
-STATED = ("requirement-failed", "requirement-inconclusive")  # findings that repeat a check
-
-_ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
-
-
-def urgency(check: Check) -> tuple[int, float]:
-    """Sorts checks: failures before open questions before the rest, then by value over limit, largest first."""
-    return _ORDER[check.status], -check.value_mm / check.limit_mm
-
-
 def decided_by(checks: Sequence[Check]) -> list[tuple[Check, int]]:
     """For each requirement the check that decides it, and at how many targets it is checked; failures first."""
     names = dict.fromkeys(check.requirement for check in checks)
     own = [[check for check in checks if check.requirement == name] for name in names]
     return sorted(((min(each, key=urgency), len(each)) for each in own), key=lambda entry: urgency(entry[0]))
-
-
-def decisive_check(checks: Sequence[Check]) -> Check | None:
-    """The check that the verdict rests on: the worst status, then the largest value over its limit."""
-    return min(checks, key=urgency, default=None)
 
 
 def decision_text(verdict: Verdict) -> str:

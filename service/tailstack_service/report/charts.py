@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import Problem
 from tailstack.results import Contributor, TargetScore
+from tailstack.results.look import BAR, BAR_PALE, COLOURS, FAINT, FONT, INK, LIMIT_COLOUR, MUTED, VALUE_COLOUR
+from tailstack.results.score import single_lines, source_name
 from tailstack.results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
 
 from ..problems import RequestError
-from ..rendering.score import single_lines
-from ..rendering.sentences import budget_line, source_name
+from ..rendering.sentences import budget_line
 from ..rendering.tables import columns, decimal, number, percent
 from .half_widths import ToleranceCurve, ToleranceCurves
 from .page import (
@@ -33,27 +34,14 @@ from .page import (
     upright,
 )
 from .records import Convergence, Difference, ErrorDistribution
-from .svg import (
-    CHARACTER,
-    COLOURS,
-    FAINT,
-    FONT,
-    INK,
-    LIMIT_COLOUR,
-    LONGEST,
-    MUTED,
-    VALUE_COLOUR,
-    WIDTH,
-    broken,
-    printable,
-)
+from .svg import CHARACTER, LONGEST, WIDTH, broken, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from .matplotlib_svg import Chart
 
-BAR, BAR_PALE, BAR_BEYOND, LAW_COLOUR = "#5b9bc8", "#c9dceb", "#e8aaa5", "#a84600"
+BAR_BEYOND, LAW_COLOUR = "#e8aaa5", "#a84600"
 FIRST_BAR, FIRST_LINE = "#b4bcc3", "#6b7780"  # of two designs the first
 BETTER, WITHIN, BEYOND = "#176332", "#e4f1e8", "#f9e4e2"
 MOST_BARS = 12

@@ -9,11 +9,10 @@ from tailstack.design import Design, compile_design, load_design
 from tailstack.errors import Problem
 from tailstack.montecarlo.simulate import Progress
 from tailstack.results import Verification
+from tailstack.results.verdicts import check_sentence, decisive_check, urgency
 from tailstack.verification import PreparedDesign, Sampling, prepare, verify_prepared
 
 from ..problems import RequestError
-from ..rendering.sentences import check_sentence
-from ..rendering.verdict import decisive_check, urgency
 from .assembling import ReportOptions, assemble, drawing_options, drawn_norms
 from .changes import changes_of
 from .paired import FEWEST, SECTIONS, paired_difference

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from tailstack.results import Check, Finding, Optimisation, Score, Verdict, Verification
+from tailstack.results.verdicts import STATED, check_sentence, decisive_check
 from tailstack.scoring import P95
 
 from ..rendering.score import estimate_interval, shares_of
-from ..rendering.sentences import check_sentence, dominant_sentence, largest_sentence, margin_sentence, trust_sentence
-from ..rendering.verdict import STATED, decisive_check
+from ..rendering.sentences import dominant_sentence, largest_sentence, margin_sentence, trust_sentence
 from .records import Headline
 
 

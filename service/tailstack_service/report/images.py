@@ -13,17 +13,13 @@ from tailstack.arrays import Array
 from tailstack.design import Design, compile_design
 from tailstack.estimation.checks import OVERLAP_PX, imaged_fiducials
 from tailstack.geometry.camera import depths
+from tailstack.results.look import FAINT, FONT, INK, LIMIT_COLOUR, MUTED
 from tailstack.system import System
 
 from .beams import Beam, beams_of
 from .svg import (
-    FAINT,
-    FONT,
-    INK,
     LABEL_COLOUR,
-    LIMIT_COLOUR,
     LONGEST,
-    MUTED,
     WIDTH,
     MarkedPoint,
     box,

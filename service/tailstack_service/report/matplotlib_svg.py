@@ -17,7 +17,6 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from cycler import cycler
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import GraphicsContextBase, RendererBase
@@ -32,55 +31,11 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from matplotlib.transforms import Transform
 
 from tailstack.arrays import Array
+from tailstack.results.look import FONT, INK, MUTED, STYLE
 
 from ..rendering.tables import columns
-from .svg import CHARACTER, COLOURS, FAINT, FONT, GRID, INK, MUTED, picture, trim
+from .svg import CHARACTER, picture, trim
 
-STYLE: dict[Any, Any] = {
-    "font.family": ["DejaVu Sans"],  # comes with matplotlib: the heights of lines are its own
-    "font.size": FONT,
-    "text.color": INK,
-    "text.parse_math": False,  # a dollar sign in a name is a dollar sign
-    "axes.prop_cycle": cycler(color=COLOURS),
-    "axes.edgecolor": FAINT,
-    "axes.facecolor": "none",
-    "axes.linewidth": 1.0,
-    "axes.labelcolor": MUTED,
-    "axes.labelsize": FONT,
-    "axes.labelpad": 3.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.spines.left": False,
-    "axes.axisbelow": True,
-    "axes.grid": True,
-    "axes.xmargin": 0.0,
-    "axes.ymargin": 0.0,
-    "grid.color": GRID,
-    "grid.linewidth": 0.7,
-    "xtick.color": FAINT,
-    "xtick.labelcolor": MUTED,
-    "xtick.labelsize": FONT,
-    "xtick.major.size": 4.0,
-    "xtick.major.width": 1.0,
-    "ytick.color": FAINT,
-    "ytick.labelcolor": MUTED,
-    "ytick.labelsize": FONT,
-    "ytick.major.size": 0.0,
-    "ytick.major.pad": 5.0,
-    "lines.linewidth": 1.8,
-    "lines.scale_dashes": False,
-    "lines.markersize": 5.2,
-    "lines.markeredgewidth": 1.5,
-    "lines.solid_capstyle": "butt",
-    "patch.linewidth": 0.0,
-    "legend.frameon": False,
-    "legend.fontsize": FONT,
-    "legend.borderpad": 0.0,
-    "legend.borderaxespad": 0.0,
-    "legend.columnspacing": 1.6,
-    "legend.handlelength": 2.0,
-    "legend.handletextpad": 0.5,
-}
 _drawing = Lock()  # matplotlib's settings are one for the whole process
 
 

@@ -19,7 +19,9 @@ from threading import Lock
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from .svg import FAINT, MUTED, VERMILION, WIDTH, broken
+from tailstack.results.look import FAINT, MUTED, VERMILION
+
+from .svg import WIDTH, broken
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

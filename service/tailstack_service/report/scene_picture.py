@@ -16,17 +16,15 @@ import numpy as np
 from tailstack.arrays import Array
 from tailstack.design import Design, compile_design
 from tailstack.errors import IllPosedError
+from tailstack.results.look import FONT, INK, MUTED
 from tailstack.scoring import score
 from tailstack.system import System
 
 from .images import images_parts
 from .scene import LOOKS, Camera, Item, Point3, Scene, differ, scene_of
 from .svg import (
-    FONT,
-    INK,
     LABEL_COLOUR,
     LONGEST,
-    MUTED,
     MarkedPoint,
     broken,
     in_lines,

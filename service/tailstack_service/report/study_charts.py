@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from tailstack.results.look import BLUE, COLOURS, FAINT, INK, MUTED, VERMILION
 from tailstack.studies.bench.compare import StudyComparison
 from tailstack.studies.bench.levels import LevelCompared
 from tailstack.studies.coupling import Ratio, StudyCoupling
@@ -15,7 +16,7 @@ from ..rendering.studies.coupling import COMPARISONS, cases_of
 from ..rendering.studies.linearity import deviation, points_by_place
 from ..rendering.tables import percent
 from .page import DASHED, DOTTED, beside, draw_cells, name_at_right, titled_page
-from .svg import BLUE, COLOURS, FAINT, INK, MUTED, VERMILION, broken
+from .svg import broken
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,8 +1,7 @@
 """SVG elements of the pictures of a layout, their shapes and colours, and where labels go beside their points.
 
-Colours are those of Okabe and Ito (https://jfly.uni-koeln.de/color/), some darkened to be read as text: told apart
-by colour-blind readers.  Every kind of mark has its own shape as well, so a picture can be printed in grey.
-Lengths are units of the page; one decimal is written.
+Colours are those of ``tailstack.results.look``.  Every kind of mark has its own shape as well, so a picture can be
+printed in grey.  Lengths are units of the page; one decimal is written.
 """
 
 from __future__ import annotations
@@ -16,18 +15,14 @@ from typing import Literal
 import numpy as np
 
 from tailstack.arrays import Array
+from tailstack.results.look import BLUE, FONT, GREEN, INK, PURPLE, VERMILION
 
 from ..rendering.tables import columns, shorten
 
 Kind = Literal["fiducial", "new", "target", "pivot 1", "pivot 2"]
 
 WIDTH = 720  # of a page
-FONT = 11
 LONGEST = 300  # letters of a name
-LIMIT_COLOUR, VALUE_COLOUR = "#b3261e", "#0072b2"
-INK, MUTED, FAINT, PALE, GRID = "#222222", "#555555", "#8a8a8a", "#efefef", "#e3e3e3"
-BLUE, VERMILION, GREEN, PURPLE = "#0072b2", "#d55e00", "#00795a", "#a8477f"
-COLOURS = (BLUE, VERMILION, GREEN, PURPLE, "#8a6d00", "#5b9bc8")  # of curves, one after the other
 
 
 def picture(

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from .outline import Bar, Bars, Column, Outline, checks_table, table, verdict_sentence
+from .record import Result
 from .verdicts import Check, Finding, Provenance, Vector3
 from .verification import TargetEstimate, Verification
 
@@ -219,7 +221,7 @@ class PlacementValue:
 
 
 @dataclass(frozen=True, slots=True)
-class Optimisation:
+class Optimisation(Result):
     """A design that keeps its limit at least cost (or what was asked for), verified by Monte Carlo.
 
     ``status``: what was asked for is verified.  The check in the certificate judges all of the design's requirements,
@@ -296,3 +298,53 @@ class Optimisation:
         """What was not asked for, as the check judged it."""
         checks = self.certificate.verification.verdict.checks
         return tuple(check for check in checks if check.requirement in self.not_asked)
+
+    def outline(self) -> Outline:
+        """What changed, what it costs, and what the check says of the new design."""
+        verdict = self.certificate.verification.verdict
+        changes = table(
+            ChangedTolerance, "tolerances", "Tolerances", self.tolerances,
+            Column("label", "tolerance"), Column("before_half_width", "half-width before"),
+            Column("after_half_width", "after"), Column("unit", "unit"),
+            Column("at_target_before_mm", "at the tool before, mm", 3), Column("at_target_mm", "after, mm", 3),
+            Column("grade", "grade"),
+        )  # fmt: skip
+        fiducials = table(
+            MovedFiducial, "fiducials", "Fiducials, con, mm", self.moved,
+            Column("label", "fiducial"),
+            *(Column(f"before_{axis}_mm", f"{axis} before", 2) for axis in "xyz"),
+            *(Column(f"after_{axis}_mm", f"{axis} after", 2) for axis in "xyz"),
+        )  # fmt: skip
+        bars = [Bar(entry.label, entry.at_target_mm, before=entry.at_target_before_mm) for entry in self.tolerances]
+        chart = Bars("What each half-width moves the worst target by", "half-width times lever, mm", tuple(bars))
+        if not bars:
+            one = Bar("worst target", self.p95_after_mm, before=self.p95_before_mm)
+            chart = Bars("P95 of the worst target", "P95, mm", (one,))
+        return Outline(
+            "Optimised design",
+            self.provenance.design_name,
+            self.verdict_status,
+            f"{self._cost_sentence()} {verdict_sentence(verdict)}",
+            (
+                changes,
+                fiducials,
+                table(
+                    ShadowPrice,
+                    "limits",
+                    "What each limit costs",
+                    self.shadow_prices,
+                    Column("sentence", "by a small step"),
+                ),
+                table(FrontPoint, "front", "Front of cost and limit", self.front),
+                checks_table(verdict),
+            ),
+            chart,
+            (*self.influence, *verdict.findings),
+        )
+
+    def _cost_sentence(self) -> str:
+        """What it costs, against what the design as it stood did."""
+        p95 = f"P95 of the worst target is {self.p95_after_mm:.3f} mm"
+        p95 += "." if self.p95_before_mm is None else f", before {self.p95_before_mm:.3f} mm."
+        before = "" if self.cost_before is None else f", before {self.cost_before:.4g}"
+        return f"Cost {self.cost_after:.4g}{before}. {p95}"

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
+from .outline import Bar, Bars, Column, Outline, Table, checks_table, row_of, table, verdict_sentence
+from .record import Result
 from .verdicts import Matrix3, Provenance, Vector3, Verdict, ViewCheck
+
+MOST_BARS = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +199,7 @@ class Validity:
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class Score(Result):
     """First order: bias, covariance, tail and budget at every target."""
 
     schema: Literal["tailstack/score/1"]
@@ -209,3 +214,73 @@ class Score:
     """Requirements held against first order."""
     provenance: Provenance
     """Which design, by which version, under which model, and what is not included."""
+
+    @property
+    def worst_target(self) -> TargetScore:
+        """The target with the largest P95 at the tool."""
+        return max(self.targets, key=lambda target: target.p95_mm)
+
+    def outline(self) -> Outline:
+        """Errors at the targets and the budget of the worst of them."""
+        worst = self.worst_target
+        lines = single_lines(worst.contributors)
+        errors = table(
+            TargetScore, "targets", "Error at the tool", self.targets,
+            Column("name", "target"), Column("mean_norm_mm", "mean, mm", 3), Column("p95_mm", "P95, mm", 3),
+            Column("cvar95_mm", "mean of the worst 5 %, mm", 3), Column("limit_mm", "limit, mm"),
+        )  # fmt: skip
+        budget = Table(
+            "budget",
+            f"Budget at target {worst.name}: what each source of error contributes",
+            tuple(row_of(line, target=target.name) for target in self.targets for line in target.contributors),
+            (
+                Column("source", "source"), Column("half_width", "half-width, σ of noise"), Column("unit", "unit"),
+                Column("percent", "share of the variance, %", 1, bar=True),
+                Column("dp95_per_unit", "P95, mm per unit"), Column("p95_without_mm", "P95 without it, mm", 3),
+            ),
+            tuple(
+                row_of(line, source=source_name(line), percent=100 * line.variance_share)
+                for line in lines
+                if line.variance_share > 0 or line.law == "bounded"
+            ),
+        )  # fmt: skip
+        shares = [Bar(source_name(line), 100 * line.variance_share) for line in lines if line.variance_share > 0]
+        rest = sum(bar.value for bar in shares[MOST_BARS:])
+        more = [Bar(f"{len(shares) - MOST_BARS} more", rest)] if len(shares) > MOST_BARS else []
+        limit = "" if worst.limit_mm is None else f", limit {worst.limit_mm:g} mm"
+        return Outline(
+            "First-order score",
+            self.provenance.design_name,
+            self.verdict.status,
+            verdict_sentence(self.verdict),
+            (errors, budget, checks_table(self.verdict)),
+            Bars(
+                f"Budget at target {worst.name}: P95 {worst.p95_mm:.3f} mm{limit}",
+                "share of the variance, %",
+                (*shares[:MOST_BARS], *more),
+            ),
+            self.verdict.findings,
+        )
+
+
+class Line(Protocol):
+    """What is said of one line of a budget, wherever it stands."""
+
+    @property
+    def label(self) -> str: ...
+    @property
+    def component(self) -> str: ...
+
+
+def source_name(line: Line) -> str:
+    """A line of the budget as people call it: the label of its source and the component."""
+    return line.label if line.component == "all" else f"{line.label} {line.component}"
+
+
+def single_lines(contributors: Sequence[Contributor]) -> list[Contributor]:
+    """Lines that do not overlap: components, and contributors without any; largest share first."""
+    counts: dict[str, int] = {}
+    for entry in contributors:
+        counts[entry.name] = counts.get(entry.name, 0) + 1
+    own = [entry for entry in contributors if entry.component != "all" or counts[entry.name] == 1]
+    return sorted(own, key=lambda entry: entry.variance_share, reverse=True)

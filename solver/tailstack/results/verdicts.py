@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Literal
@@ -11,6 +12,7 @@ Matrix3 = tuple[Vector3, Vector3, Vector3]
 Interval = tuple[float, float]
 
 Severity = Literal["error", "warning", "note"]
+STATED = ("requirement-failed", "requirement-inconclusive")  # rules of findings that repeat the verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,3 +152,40 @@ class Provenance:
     """What was done to the design's numbers on the way, and what it leaves open."""
     not_included: tuple[str, ...]
     """Errors that no number here includes."""
+
+
+# --- what decides, in words -------------------------------------------------------------------------------
+
+_ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
+
+
+def urgency(check: Check) -> tuple[int, float]:
+    """Sorts checks: failures before open questions before the rest, then by value over limit, largest first."""
+    return _ORDER[check.status], -check.value_mm / check.limit_mm
+
+
+def decisive_check(checks: Sequence[Check]) -> Check | None:
+    """The check that the verdict rests on: the worst status, then the largest value over its limit."""
+    return min(checks, key=urgency, default=None)
+
+
+def check_sentence(check: Check, who: str = "The design") -> str:
+    """A requirement at the target that decides it: kept, missed or open, with its numbers."""
+    shots = f"{100 * check.quantile:.6g} % of "
+    if check.min_yield is None:
+        shots += "shots"
+    else:
+        shots = f"{100 * check.min_yield:.6g} % of installed units, in {shots}their own shots"
+    low, high = check.interval_mm
+    ends = f"at least {low:.3f}, no upper end is known" if high is None else f"between {low:.3f} and {high:.3f}"
+    found = (
+        f"in {shots}, {ERRORS[check.error]} (target {check.target}) is at most {check.value_mm:.3f} mm "
+        f"(P{100 * check.quantile:.6g}; {ends})"
+    )
+    limit = f"the limit of {check.limit_mm:g} mm"
+    units = "" if check.yield_fraction is None else f"; {check.yield_fraction:.1%} of units keep it"
+    if check.status == "pass":
+        return f"{who} keeps {check.requirement}: {found}, within {limit}{units}."
+    if check.status == "fail":
+        return f"{who} misses {check.requirement}: {found}, above {limit}{units}."
+    return f"Undecided for {check.requirement}: {found}, and {limit} lies in between{units}."

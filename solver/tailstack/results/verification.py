@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from .outline import Bar, Bars, Column, Outline, checks_table, table, verdict_sentence
+from .record import Result
 from .verdicts import Interval, Provenance, Vector3, Verdict
 
 
@@ -92,7 +94,7 @@ class Reprojection:
 
 
 @dataclass(frozen=True, slots=True)
-class Verification:
+class Verification(Result):
     """Monte Carlo on the full nonlinear chain."""
 
     schema: Literal["tailstack/verification/1"]
@@ -125,3 +127,26 @@ class Verification:
     """Requirements held against the sampled errors."""
     provenance: Provenance
     """Which design, by which version, under which model, and what is not included."""
+
+    def outline(self) -> Outline:
+        """Sampled errors at the targets, with their intervals."""
+        errors = table(
+            TargetEstimate, "targets", f"Error at the tool, {self.trials:,} trials", self.targets,
+            Column("name", "target"), Column("mean_norm_mm", "mean, mm", 3), Column("p95_mm", "P95, mm", 4),
+            Column("p95_low_mm", "from", 4), Column("p95_high_mm", "to", 4),
+            Column("cvar95_mm", "mean of the worst 5 %, mm", 3), Column("first_order_p95_mm", "first-order P95, mm", 4),
+        )  # fmt: skip
+        bars = tuple(
+            Bar(target.name, target.p95_mm, target.p95_interval_mm, None if beyond is None else beyond.limit_mm)
+            for target in self.targets
+            for beyond in (target.exceedance,)
+        )
+        return Outline(
+            "Monte Carlo check",
+            self.provenance.design_name,
+            self.verdict.status,
+            verdict_sentence(self.verdict),
+            (errors, checks_table(self.verdict)),
+            Bars(f"P95 of the error at the tool, {self.trials:,} trials", "P95 with its interval, mm", bars),
+            self.verdict.findings,
+        )

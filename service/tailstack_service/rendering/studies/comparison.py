@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tailstack.results import Interval
+from tailstack.results.score import source_name
 from tailstack.studies.bench.compare import StudyComparison, write_interval
 from tailstack.studies.bench.explain import Explanation
 from tailstack.studies.bench.levels import LevelCompared, QuantilePoint
 
-from ..sentences import source_name
 from ..tables import number, paint, percent, table, visible, wrap
 from ..verdict import design_line, findings_text, join_blocks, provenance_text
 

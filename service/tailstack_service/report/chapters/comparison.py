@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from tailstack.results import Contributor, Score, TargetEstimate, TargetScore
+from tailstack.results.score import source_name
 from tailstack.scoring import P95
 
-from ...rendering.sentences import source_name
 from ...rendering.verdict import decided_by
 from ..blocks import (
     Block,

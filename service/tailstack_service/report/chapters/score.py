@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 from tailstack.results import Score, TargetEstimate, TargetScore
 from tailstack.results import headline_of as headline_words
+from tailstack.results.score import source_name
 from tailstack.scoring import P95
 
 from ...rendering.score import worst_target
-from ...rendering.sentences import source_name, units_sentence
+from ...rendering.sentences import units_sentence
 from ...rendering.tables import signed_decimal
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
 from ..charts import Scaled, draw_scale, draw_shares, draw_without

@@ -19,9 +19,10 @@ from tailstack.results import (
     ViewCheck,
 )
 from tailstack.results import headline_of as words
+from tailstack.results.verdicts import urgency
 
 from ...rendering.score import group, heading_of
-from ...rendering.verdict import decided_by, urgency
+from ...rendering.verdict import decided_by
 from ..blocks import Bullets, Cell, Column, Facts, Row, Table
 from ..records import Allowance
 

@@ -1,0 +1,57 @@
+"""What every result can do beside holding its fields: be shown in a notebook, be drawn, be taken as data or table."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from ..errors import MissingExtraError, Problem
+from . import plot
+from .notebook import html_of
+from .outline import Outline, plain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+class Result:
+    """An answer of the library: a frozen record that says of itself (``outline``) what people see of it first."""
+
+    __slots__ = ()
+
+    def outline(self) -> Outline:
+        """Verdict, tables and chart, from which what follows is made."""
+        raise NotImplementedError
+
+    def to_dict(self) -> dict[str, Any]:
+        """The record as dictionaries, lists, texts, numbers and None: what its JSON holds, units in every name."""
+        record: dict[str, Any] = plain(self)
+        return record
+
+    def to_frame(self, table: str | None = None) -> Any:
+        """One of the result's tables as a pandas DataFrame, units in the names of its columns.
+
+        table: its name; the first unless said.  Raises ValueError for a name that this result does not have,
+        MissingExtraError where pandas is not installed.
+        """
+        tables = {entry.name: entry for entry in self.outline().tables}
+        name = next(iter(tables)) if table is None else table
+        if name not in tables:
+            raise ValueError(f"{type(self).__name__} has the tables {', '.join(tables)}; got {name!r}")
+        try:
+            pandas = import_module("pandas")  # no part of any extra: who wants a frame has it
+        except ModuleNotFoundError as error:
+            detail = "to_frame() needs the Python package pandas, which is not installed here"
+            raise MissingExtraError(Problem("", "missing-extra", detail, "pip install pandas")) from error
+        return pandas.DataFrame(list(tables[name].rows), columns=tables[name].columns or None)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The result's chart; gives back its axes, in which everything can be changed.
+
+        ax: where to draw; without it in a new figure.  Raises MissingExtraError where matplotlib is not installed.
+        """
+        return plot.draw(self.outline().chart, ax)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return html_of(self.outline())
