@@ -8167,6 +8167,8 @@ export interface components {
         Vary: string;
         /** @description Path of the job. */
         Location: string;
+        /** @description Path of the page. */
+        PageLocation: string;
         /** @description Path of the result. */
         ResultLocation: string;
         /** @description Seconds after which it is worth asking again; absent once it is not. */
@@ -9668,6 +9670,15 @@ export interface operations {
                     "application/json": components["schemas"]["Index"];
                     "text/html": string;
                 };
+            };
+            /** @description A browser, where the package holds no web page: to /docs. */
+            307: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    Location: components["headers"]["PageLocation"];
+                    [name: string]: unknown;
+                };
+                content?: never;
             };
             421: components["responses"]["Problem421"];
             422: components["responses"]["Problem422"];

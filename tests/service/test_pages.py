@@ -93,10 +93,12 @@ def test_the_page_needs_no_key_and_what_it_asks_for_does(workbench: Path, tmp_pa
         check_problem(client.get("/v1/jobs"), 401, "unauthenticated")
 
 
-def test_without_a_page_a_browser_is_told_what_a_program_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_a_page_a_browser_is_led_to_that_of_the_api(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(pages, "WORKBENCH", tmp_path / "nothing")
     with client_with() as client:
-        assert client.get("/", headers={"Accept": BROWSER}).json()["links"]
+        led = client.get("/", headers={"Accept": BROWSER})
+        assert (led.status_code, led.headers["location"]) == (307, "/docs")
+        assert "/docs" in [link["path"] for link in client.get("/").json()["links"]]
         check_problem(client.get("/assets/page-4f1c2a.js"), 404, "not-found")
 
 

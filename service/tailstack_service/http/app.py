@@ -23,11 +23,12 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from tailstack.errors import Problem, TailstackError
 
-from ..jobs.store import audit, keys
+from ..jobs.store import audit, designs, keys
 from ..problems import TransportError
 from ..settings import Settings, load_settings
 from . import events, information, jobs, pages, posting
 from .access import Access
+from .kept_designs import KeptDesigns
 from .metrics import NO_ROUTE, Metrics
 from .origins import Origins, read_origins
 from .places import Places, stopping_error
@@ -70,6 +71,12 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
     async def record_use(key_id: str, tenant: str, address: str) -> None:
         await storage.write(audit.note_use, key_id, tenant, address)
 
+    async def read_design(tenant: str, sha256: str) -> bytes | None:
+        return await storage.run(designs.read_design, tenant, sha256)
+
+    async def keep_designs(entries: list[tuple[str, str, bytes]]) -> None:
+        await storage.write(designs.keep_designs, entries, settings.max_kept_designs)
+
     stopping = threading.Event()
     app.state.service = Service(
         settings=settings,
@@ -77,6 +84,7 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
         storage=storage,
         access=Access(settings, find_key, record_use),
         metrics=Metrics(),
+        kept_designs=KeptDesigns(read_design, keep_designs, off=settings.max_kept_designs == 0),
         places=Places(settings.short_workers, settings.max_waiting, settings.max_seconds, stopping, warm=warm_up),
     )
     app.add_middleware(Refusals, service=app.state.service)
@@ -106,6 +114,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
             yield
         finally:
             await service.places.close()
+            await service.kept_designs.close()
             await asyncio.to_thread(service.storage.close)
 
 

@@ -93,6 +93,7 @@ HEADERS: dict[str, Any] = {
     "CacheControl": header("How long the answer may be used without asking.", required=True),
     "Vary": header("A cache keeps answers to different credentials apart.", required=True),
     "Location": header("Path of the job.", {"type": "string", "format": "uri-reference"}, required=True),
+    "PageLocation": header("Path of the page.", {"type": "string", "format": "uri-reference"}, required=True),
     "ResultLocation": header("Path of the result.", {"type": "string", "format": "uri-reference"}, required=True),
     "RetryAfter": header("Seconds after which it is worth asking again; absent once it is not.", WHOLE),
     "ComeBack": header("Seconds after which it is worth asking again.", WHOLE, required=True),

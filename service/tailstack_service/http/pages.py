@@ -25,6 +25,7 @@ from .openapi import extra, media_types, reference, response_of
 
 router = APIRouter(tags=["information"], default_response_class=Response)
 WORKBENCH = Path(__file__).parents[1] / "workbench"  # index.html, and assets/ whose names hold a hash of their content
+DOCS_PAGE = Path(__file__).parents[1] / "docs_page"  # Swagger UI (openapi/docs_page.py), and what starts it
 HTML = "text/html; charset=utf-8"
 MEDIA_TYPES = {
     ".css": "text/css; charset=utf-8",
@@ -65,6 +66,7 @@ class Index:
 
 
 LINKS = (
+    Link("/docs", "the API as a page on which every operation can be tried"),
     Link("/openapi.json", "the OpenAPI document: every path"),
     Link("/v1/schemas", "JSON Schemas of every document that is sent or answered"),
     Link("/health/ready", "whether requests should be sent here"),
@@ -135,16 +137,29 @@ def _takes(request: Request, header: str, wanted: str) -> bool:
         200: response_of(
             "Where to go from here.",
             media_types(JSON, reference("schemas", "Index")) | media_types("text/html", {"type": "string"}),
-        )
+        ),
+        307: response_of("A browser, where the package holds no web page: to /docs.", Location="PageLocation"),
     },
     openapi_extra=extra(problems=(422,)),
 )
 async def index(request: Request) -> Response:
-    if _takes(request, "accept", "text/html") and "index.html" in await asyncio.to_thread(read_files, WORKBENCH):
+    if not _takes(request, "accept", "text/html"):
+        return record_response(Index(__version__, LINKS), headers={"Vary": "Accept"})
+    if "index.html" in await asyncio.to_thread(read_files, WORKBENCH):
         return await send_file(request, WORKBENCH, "index.html", CURRENT, POLICY)
-    return record_response(Index(__version__, LINKS), headers={"Vary": "Accept"})
+    return Response(b"", 307, {"Location": "/docs", "Cache-Control": CURRENT, "Vary": "Accept"})
 
 
 @router.get("/assets/{name}", include_in_schema=False)
 async def asset(request: Request) -> Response:
     return await send_file(request, WORKBENCH / "assets", request.path_params["name"], FOR_EVER)
+
+
+@router.get("/docs", include_in_schema=False)
+async def docs(request: Request) -> Response:
+    return await send_file(request, DOCS_PAGE, "index.html", CURRENT, POLICY)
+
+
+@router.get("/docs/{name}", include_in_schema=False)
+async def docs_file(request: Request) -> Response:
+    return await send_file(request, DOCS_PAGE, request.path_params["name"], CURRENT)

@@ -15,8 +15,8 @@ from fastapi import APIRouter, Depends, Request, Response
 from tailstack import __version__
 from tailstack.errors import Problem
 
-from ..jobs.store import designs, results
 from ..jobs.store import jobs as stored
+from ..jobs.store import results
 from ..jobs.store.errors import StoreUnavailable
 from ..jobs.store.jobs import Job
 from ..jobs.store.usage import sum_cpu_seconds
@@ -32,7 +32,7 @@ from .body import strict_body
 from .dependencies import Needs, TheService
 from .jobs import accepted_response, failure_response, result_response
 from .openapi import describe
-from .service import Service, keep_design, note_policy, service_of
+from .service import Service, note_policy, service_of
 
 log = logging.getLogger("tailstack.service")
 HOUR = 3600.0
@@ -54,8 +54,7 @@ def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
         if found.base_sha256 is not None:
             base = await _find_base(request, found.base_sha256)
             found = await _receive(request, operation, replace(sent, base=base))
-        for sha256, body in found.designs if service.settings.max_kept_designs else ():
-            await keep_design(request, sha256, body)
+        service.kept_designs.keep(request.state.caller.tenant, found.designs)
         if found.terms is not None:
             await note_policy(request, dict(found.terms))
         if found.job is not None:
@@ -73,7 +72,7 @@ async def _receive(request: Request, operation: Operation, sent: Sent) -> Recept
 
 async def _find_base(request: Request, sha256: str) -> bytes:
     """The design that a request names.  Raises TransportError 404, StoreUnavailable."""
-    base = await service_of(request).storage.run(designs.read_design, request.state.caller.tenant, sha256)
+    base = await service_of(request).kept_designs.find(request.state.caller.tenant, sha256)
     if base is None:
         detail = f"no design with the SHA-256 {sha256} is kept here"
         hint = "send the design whole, in the field design"

@@ -15,12 +15,13 @@ from starlette.requests import Request
 
 from tailstack.errors import Problem, TailstackError
 
-from ..jobs.store import audit, database, designs
+from ..jobs.store import audit, database
 from ..jobs.store.database import Database
 from ..jobs.store.errors import StoreUnavailable
 from ..jobs.store.schema import open_database
 from ..settings import Settings
 from .access import Access
+from .kept_designs import KeptDesigns
 from .metrics import Metrics
 from .places import Places
 
@@ -31,7 +32,6 @@ T = TypeVar("T")
 THREADS = 8  # of each kind; more would only wait for one another
 LOOK_SECONDS = 2.0  # for a database to show that it can be used
 LATE_SECONDS = 0.5  # that a call is waited for after it should have given itself up
-KEEPING_SECONDS = 0.25  # that an answer waits for its design to be kept
 ENDING_SECONDS = 2.0  # for calls under way when the service stops
 
 
@@ -135,6 +135,7 @@ class Service:
     storage: Storage
     access: Access
     metrics: Metrics
+    kept_designs: KeptDesigns
     places: Places  # for what is computed while the caller waits
     seats: Counter[str] = field(default_factory=Counter)  # taken by streams and waits, by tenant; the event loop's own
 
@@ -175,19 +176,3 @@ async def note_policy(request: Request, terms: dict[str, Any]) -> None:
     except TailstackError as error:
         fields = {"action": "not-audited", "request": request.state.request_id, "tenant": caller.tenant}
         log.warning("by what a gate was judged is not in the audit log: %s", error, extra=fields)
-
-
-async def keep_design(request: Request, sha256: str, body: bytes) -> None:
-    """Keep a design that was sent, so that the caller's next requests may name it.
-
-    Without the database, or where it is slow, the request is answered all the same: whoever then names the design is
-    told to send it whole.
-    """
-    service, tenant = service_of(request), request.state.caller.tenant
-    most = service.settings.max_kept_designs
-    try:
-        async with asyncio.timeout(KEEPING_SECONDS):
-            await service.storage.write(designs.keep_design, tenant, sha256, body, most)
-    except (TailstackError, TimeoutError) as error:
-        fields = {"action": "not-kept", "request": request.state.request_id, "tenant": tenant}
-        log.warning("a design that was sent cannot be named later: %s", error or "no time", extra=fields)

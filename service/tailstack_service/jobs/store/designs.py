@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import sqlalchemy as sa
@@ -11,26 +12,24 @@ from . import tables
 from .database import Database, insert, now, reading, writing
 from .results import digest
 
-FRESH_SECONDS = 10.0  # a design that was sent again so soon keeps its place
+ORDER_SECONDS = 1e-6  # by which designs that are kept together follow one another
 _DESIGN = tables.designs.c
 
 
-def keep_design(db: Database, tenant: str, sha256: str, body: bytes, most: int) -> None:
-    """Keep a design of a tenant as the one that was sent last, and of all the tenant's the last ``most``."""
-    with reading(db) as connection:
-        query = sa.select(_DESIGN.body, _DESIGN.sent_at).where(_DESIGN.tenant == tenant, _DESIGN.sha256 == sha256)
-        row = connection.execute(query).first()
-        if row is not None and row.body == body and row.sent_at > now(db, connection) - FRESH_SECONDS:
-            return
+def keep_designs(db: Database, entries: Sequence[tuple[str, str, bytes]], most: int) -> None:
+    """Keep designs (tenant, SHA-256, JSON), those that were sent last at the end; of each tenant its last ``most``."""
     with writing(db) as connection:
-        values: dict[str, Any] = {"tenant": tenant, "sha256": sha256, "body": body, "body_sha256": digest(body)}
-        values["sent_at"] = now(db, connection)
-        statement = insert(db.dialect, tables.designs).values(values)
-        changed = {name: statement.excluded[name] for name in ("body", "body_sha256", "sent_at")}
-        connection.execute(statement.on_conflict_do_update(index_elements=["tenant", "sha256"], set_=changed))
-        last = sa.select(_DESIGN.sent_at).where(_DESIGN.tenant == tenant).order_by(_DESIGN.sent_at.desc())
-        oldest = last.limit(1).offset(most - 1).scalar_subquery()
-        connection.execute(sa.delete(tables.designs).where(_DESIGN.tenant == tenant, _DESIGN.sent_at < oldest))
+        at = now(db, connection)
+        for tenant, sha256, body in entries:
+            values: dict[str, Any] = {"tenant": tenant, "sha256": sha256, "body": body, "body_sha256": digest(body)}
+            statement = insert(db.dialect, tables.designs).values(values | {"sent_at": at})
+            changed = {name: statement.excluded[name] for name in ("body", "body_sha256", "sent_at")}
+            connection.execute(statement.on_conflict_do_update(index_elements=["tenant", "sha256"], set_=changed))
+            at += ORDER_SECONDS
+        for tenant in {tenant for tenant, _, _ in entries}:
+            last = sa.select(_DESIGN.sent_at).where(_DESIGN.tenant == tenant).order_by(_DESIGN.sent_at.desc())
+            oldest = last.limit(1).offset(most - 1).scalar_subquery()
+            connection.execute(sa.delete(tables.designs).where(_DESIGN.tenant == tenant, _DESIGN.sent_at < oldest))
 
 
 def read_design(db: Database, tenant: str, sha256: str) -> bytes | None:

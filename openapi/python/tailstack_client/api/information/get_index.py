@@ -23,11 +23,15 @@ def _get_kwargs() -> dict[str, Any]:
     return _kwargs
 
 
-def _parse_response(*, client: AuthenticatedClient | Client, response: httpx.Response) -> Index | Problem | None:
+def _parse_response(*, client: AuthenticatedClient | Client, response: httpx.Response) -> Any | Index | Problem | None:
     if response.status_code == 200:
         response_200 = Index.from_dict(response.json())
 
         return response_200
+
+    if response.status_code == 307:
+        response_307 = cast(Any, None)
+        return response_307
 
     if response.status_code == 421:
         response_421 = Problem.from_dict(response.json())
@@ -50,7 +54,9 @@ def _parse_response(*, client: AuthenticatedClient | Client, response: httpx.Res
         return None
 
 
-def _build_response(*, client: AuthenticatedClient | Client, response: httpx.Response) -> Response[Index | Problem]:
+def _build_response(
+    *, client: AuthenticatedClient | Client, response: httpx.Response
+) -> Response[Any | Index | Problem]:
     return Response(
         status_code=HTTPStatus(response.status_code),
         content=response.content,
@@ -62,7 +68,7 @@ def _build_response(*, client: AuthenticatedClient | Client, response: httpx.Res
 def sync_detailed(
     *,
     client: AuthenticatedClient | Client,
-) -> Response[Index | Problem]:
+) -> Response[Any | Index | Problem]:
     """Where to go from here
 
      Browsers, which ask for text/html, are shown a page; programs are told what there is.
@@ -72,7 +78,7 @@ def sync_detailed(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Response[Index | Problem]
+        Response[Any | Index | Problem]
     """
 
     kwargs = _get_kwargs()
@@ -87,7 +93,7 @@ def sync_detailed(
 def sync(
     *,
     client: AuthenticatedClient | Client,
-) -> Index | Problem | None:
+) -> Any | Index | Problem | None:
     """Where to go from here
 
      Browsers, which ask for text/html, are shown a page; programs are told what there is.
@@ -97,7 +103,7 @@ def sync(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Index | Problem
+        Any | Index | Problem
     """
 
     return sync_detailed(
@@ -108,7 +114,7 @@ def sync(
 async def asyncio_detailed(
     *,
     client: AuthenticatedClient | Client,
-) -> Response[Index | Problem]:
+) -> Response[Any | Index | Problem]:
     """Where to go from here
 
      Browsers, which ask for text/html, are shown a page; programs are told what there is.
@@ -118,7 +124,7 @@ async def asyncio_detailed(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Response[Index | Problem]
+        Response[Any | Index | Problem]
     """
 
     kwargs = _get_kwargs()
@@ -131,7 +137,7 @@ async def asyncio_detailed(
 async def asyncio(
     *,
     client: AuthenticatedClient | Client,
-) -> Index | Problem | None:
+) -> Any | Index | Problem | None:
     """Where to go from here
 
      Browsers, which ask for text/html, are shown a page; programs are told what there is.
@@ -141,7 +147,7 @@ async def asyncio(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Index | Problem
+        Any | Index | Problem
     """
 
     return (

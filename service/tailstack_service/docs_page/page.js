@@ -1,0 +1,18 @@
+// Shows the OpenAPI document of this very service: whatever host it names, requests go where the page came from.
+fetch("/openapi.json").then((answer) => answer.json()).then((document) => {
+  SwaggerUIBundle({
+    spec: { ...document, servers: [{ url: "/", description: "this service" }] },
+    dom_id: "#operations",
+    deepLinking: true,
+    defaultModelsExpandDepth: 0,
+    displayRequestDuration: true,
+    docExpansion: "list",
+    filter: true,
+    validatorUrl: null,
+    // Options of a JSON body stand in it: the query is for bodies of YAML, and is refused beside JSON
+    requestInterceptor: (request) => {
+      if (request.headers["Content-Type"] === "application/json") request.url = request.url.split("?")[0];
+      return request;
+    },
+  });
+});
