@@ -98,6 +98,19 @@ def features_here() -> set[str]:
     return {feature for feature, present in llvm.get_host_cpu_features().items() if present}
 
 
+# What the x86-64 psABI asks of a level, highest first, by LLVM's names
+_V3 = {"sse4.2", "ssse3", "popcnt", "cx16", "sahf", "avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe"}
+LEVELS = {"x86-64-v4": _V3 | {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}, "x86-64-v3": _V3}
+
+
+def levels_here() -> list[str]:
+    """Levels that this processor (with its hypervisor and its system) has, highest first."""
+    if platform.machine().lower() not in ("x86_64", "amd64"):
+        return []
+    here = features_here()
+    return [level for level, needed in LEVELS.items() if needed <= here]
+
+
 def refuse_unusable(*, disabled: bool, name: str | None, features: str | None) -> None:
     """Raises KernelError for what NUMBA_DISABLE_JIT, NUMBA_CPU_NAME and NUMBA_CPU_FEATURES (None: not set) rule out."""
     if disabled:

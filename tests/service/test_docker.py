@@ -340,58 +340,10 @@ def test_a_member_is_signed_by_the_authority_and_may_be_both_ends(tmp_path: Path
 # --- kernels --------------------------------------------------------------------------------------
 
 
-def test_the_package_finds_the_kernels_of_the_image() -> None:
-    """What tailstack looks for beside its modules is where the Dockerfile puts what it compiles."""
-    from tailstack import kernels
-
-    (line,) = [rest for name, rest in instructions("RUN") if "compile_kernels.py" in rest]
-    compiled = re.search(r"compile_kernels\.py (\S+)", line)
-    linked = re.search(r"ln -s (\S+) (\S+)", line)
-    assert compiled is not None
-    assert linked is not None
-    assert compiled[1] == linked[1]
-    app = next(re.search(r"--target (\S+)", rest) for _, rest in instructions("RUN") if "--target" in rest)
-    assert app is not None
-    package = Path(kernels.__file__).parent
-    assert Path(linked[2]) == Path(app[1]) / "tailstack" / kernels.PREBUILT.relative_to(package)
-    assert f"--from=builder {compiled[1]} {compiled[1]}" in [rest for _, rest in instructions("COPY")]
-
-
-@pytest.mark.parametrize(
-    ("processor", "built", "given", "expected"),
-    [
-        ("x86-64-v4", ("x86-64-v4", "x86-64-v3"), {}, ("x86-64-v4", "")),
-        ("x86-64-v3", ("x86-64-v4", "x86-64-v3"), {}, ("x86-64-v3", "")),
-        ("x86-64-v4", ("x86-64-v3",), {}, ("x86-64-v3", "")),
-        ("x86-64-v4", (), {}, (None, None)),
-        ("x86-64-v4", ("x86-64-v4", "x86-64-v3"), {"NUMBA_CPU_NAME": "x86-64-v3"}, ("x86-64-v3", "")),
-        ("x86-64-v4", ("x86-64-v4",), {"NUMBA_CPU_NAME": "znver5"}, ("znver5", None)),
-        ("x86-64-v4", ("x86-64-v4",), {"NUMBA_CPU_FEATURES": "+fma"}, ("x86-64-v4", "+fma")),
-    ],
-)
-def test_the_highest_level_that_processor_and_image_have(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, processor: str, built: tuple[str, ...], given: dict[str, str],
-    expected: tuple[str | None, str | None],
-) -> None:  # fmt: skip
-    monkeypatch.syspath_prepend(str(DOCKER / "image"))
-    import tailstack_kernels
-
-    for level in built:
-        (tmp_path / level).touch()
-    levels = list(tailstack_kernels.LEVELS)
-    monkeypatch.setattr(tailstack_kernels, "levels_of_processor", lambda: levels[levels.index(processor) :])
-    before = dict(os.environ)
-    chosen = given | tailstack_kernels.choose(given, tmp_path)
-    assert (chosen.get("NUMBA_CPU_NAME"), chosen.get("NUMBA_CPU_FEATURES")) == expected
-    assert dict(os.environ) == before  # a choice that leaks compiles later processes for another processor
-
-
-def test_the_start_of_every_interpreter_of_the_image_writes_the_choice() -> None:
-    """The line of the .pth file, run as ``site`` runs it."""
-    (line,) = [entry for entry in (DOCKER / "image" / "tailstack.pth").read_text().splitlines() if " " in entry]
-    assert line.startswith("import ")  # or site takes it for a directory
-    program = f"import os\n{line}\nprint(os.environ['NUMBA_CPU_NAME'], repr(os.environ['NUMBA_CPU_FEATURES']))"
-    given = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA_")}
-    given |= {"NUMBA_CPU_NAME": "x86-64-v3", "PYTHONPATH": str(DOCKER / "image")}
-    done = subprocess.run([sys.executable, "-c", program], env=given, capture_output=True, text=True, timeout=60)
-    assert done.stdout.split() == ["x86-64-v3", "''"], done.stderr
+def test_the_image_holds_the_wheel_of_kernels_beside_tailstack() -> None:
+    """What is compiled while the image is built is installed as it is for everybody, and so found in the same way."""
+    (build,) = [rest for name, rest in instructions("RUN") if "kernels_wheel/build.py" in rest]
+    assert build.index("compileall") < build.index("build.py -o dist") < build.index("install --no-index")
+    assert re.search(r"install --no-index --no-deps --target /opt/tailstack/app dist/tailstack_kernels-\*\.whl", build)
+    assert "NUMBA_CPU_NAME" not in DOCKERFILE
+    assert (DOCKER / "image" / "tailstack.pth").read_text() == "/opt/tailstack/app\n"  # nothing runs at every start

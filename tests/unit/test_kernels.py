@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 
 from family import die_with_parent
-from tailstack import kernels, sources
+from tailstack import kernels, processor, sources
 
 PACKAGE = Path(kernels.__file__).parent
 CALLEE = """
@@ -57,6 +57,11 @@ class Checkout:
 
     def write(self, file: str, text: str) -> None:
         (self.root / "tailstack" / file).write_text(text, encoding="utf-8")
+
+    def install(self) -> Path:
+        """Make what was compiled so far the kernels that came with the installation."""
+        package = self.root / "tailstack_kernels"
+        return self.store.rename(package)
 
     def run(self, program: str, **variables: str) -> subprocess.CompletedProcess[str]:
         given = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_CACHE")}
@@ -123,8 +128,9 @@ def test_a_change_of_what_no_kernel_reaches_compiles_nothing(first: Checkout) ->
 
 
 def test_kernels_of_other_versions_of_the_compiler_are_not_used(first: Checkout) -> None:
-    for library in ("numba", "llvmlite", "numpy"):
+    for library in ("numba", "llvmlite"):
         assert f"{library} {version(library)}" in kernels.BUILT_WITH
+    assert f"numpy {version('numpy').rpartition('.')[0]}" in kernels.BUILT_WITH  # numba looks at no more of it
     before = "kernels.BUILT_WITH = kernels.BUILT_WITH.replace('llvmlite ', 'llvmlite 9')"
     assert first.ask(before) == {"number": 20.0, "loaded": 0, "compiled": 2}
 
@@ -182,14 +188,78 @@ def test_without_a_place_to_keep_kernels_the_number_comes_and_the_reason_is_said
 
 
 def test_kernels_that_came_with_the_installation_are_used_and_only_read(first: Checkout) -> None:
-    prebuilt = first.root / "tailstack" / "prebuilt"
-    first.store.rename(prebuilt)
-    prebuilt.chmod(0o500)
+    installed = first.install()
+    installed.chmod(0o500)
+    for file in installed.iterdir():
+        os.utime(file, (0, 0))
     assert first.ask() == {"number": 20.0, "loaded": 1, "compiled": 0}
     assert not first.store.exists()
+    assert {file.stat().st_mtime for file in installed.iterdir()} == {0}
     first.write("geometry/factor.py", "FACTOR = 13.0\n")
     assert first.ask() == {"number": 26.0, "loaded": 1, "compiled": 1}
     assert len(list(first.store.iterdir())) == 1
+
+
+LEVEL = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}
+WHY = "print(kernels.why_not_installed(), file=__import__('sys').stderr)"
+
+
+@pytest.mark.skipif("x86-64-v3" not in processor.levels_here(), reason="kernels of a level cannot be run here")
+def test_kernels_of_a_level_are_used_by_every_processor_that_has_it(tmp_path: Path) -> None:
+    """And numba goes on compiling for this processor."""
+    made = checkout(tmp_path / "one", tmp_path / "store")
+    assert made.ask(**LEVEL) == {"number": 20.0, "loaded": 0, "compiled": 2}
+    made.install()
+    program = "import numba, llvmlite.binding as llvm; from tailstack.tail.caller import answer; answer(1.0)\n"
+    ours = "print(kernels.target()[1] == llvm.get_host_cpu_name(), numba.config.CPU_NAME)"
+    assert made.run(program + "from tailstack import kernels; " + ours).stdout == "True None\n"
+    assert made.ask(WHY) == {"number": 20.0, "loaded": 1, "compiled": 0, "stderr": "\n"}
+    assert not made.store.exists()
+    assert made.ask("kernels.level_targets = lambda: []\n" + WHY) == {
+        "number": 20.0, "loaded": 0, "compiled": 2,
+        "stderr": f"those installed were built for x86-64-v3, here is {kernels.target()[1]}\n",
+    }  # fmt: skip
+    other = "kernels.BUILT_WITH = kernels.BUILT_WITH.replace('numba ', 'numba 9')"
+    said = made.ask(other + "\n" + WHY)
+    assert (said["loaded"], said["compiled"]) == (0, 2)
+    ours = f"numba {version('numba')}"
+    assert said["stderr"] == f"those installed were built with {ours}, here is {ours.replace('numba ', 'numba 9')}\n"
+    made.write("geometry/factor.py", "FACTOR = 11.0\n")
+    said = made.ask(WHY)
+    assert (said["number"], said["compiled"]) == (22.0, 1)
+    assert said["stderr"] == "those installed were built from other sources\n"
+
+
+def test_a_constant_that_a_library_computed_is_part_of_the_name(first: Checkout) -> None:
+    """numpy or scipy of tomorrow may come to another digit, with the same sources."""
+    table = "import os\nimport numpy as np\nFACTOR = np.float64(os.environ.get('DIGIT', '10.0'))\n"
+    first.write("geometry/factor.py", table)
+    assert first.ask() == {"number": 20.0, "loaded": 1, "compiled": 1}
+    assert first.ask(DIGIT="10.5") == {"number": 21.0, "loaded": 1, "compiled": 1}
+    assert first.ask() == {"number": 20.0, "loaded": 1, "compiled": 0}
+
+
+def test_what_a_file_holds_does_not_depend_on_the_folder_of_the_sources(first: Checkout, tmp_path: Path) -> None:
+    second = checkout(tmp_path / "elsewhere", tmp_path / "other")
+    assert second.ask(PYTHONHASHSEED="7") == {"number": 20.0, "loaded": 0, "compiled": 2}
+    files = {path.name: path.read_bytes() for path in first.store.iterdir()}
+    assert files == {path.name: path.read_bytes() for path in second.store.iterdir()}
+
+
+def test_whoever_is_without_a_home_computes_and_leaves_nothing_behind(first: Checkout) -> None:
+    """Such a user has no entry among the users either; "~" is then no folder."""
+    before = "import os; os.path.expanduser = lambda path: path\n"
+    program = before + ASK.format(before="")
+    given = {"HOME": "", "XDG_CACHE_HOME": "relative", "NUMBA_CACHE_DIR": ""}
+    if os.geteuid() == 0:  # who may write anywhere: the folder alone
+        done = first.run(before + "from tailstack import kernels; print(kernels.writable_directory())", **given)
+        assert done.stdout == "/nonexistent/tailstack/kernels\n"
+    else:
+        done = first.run(program, **given)
+        assert json.loads(done.stdout)["number"] == 20.0
+        assert done.stderr.count("cannot be written") == 1
+    assert not (first.root / "~").exists()
+    assert not (first.root / "relative").exists()
 
 
 def test_files_that_nobody_loaded_for_a_month_go(first: Checkout) -> None:

@@ -6,7 +6,6 @@ import argparse
 import os
 import platform
 import sys
-import tempfile
 from collections.abc import Callable
 
 from tailstack.errors import MissingExtraError
@@ -82,40 +81,31 @@ def _threads() -> str:
 
 def _compile_cache() -> str:
     """Kernels are kept in NUMBA_CACHE_DIR, or in the user's cache."""
-    from tailstack.kernels import writable_directory
+    from tailstack.kernels import TRAFFIC, is_writable, writable_directory
 
-    folder = writable_directory()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return f"writable: {folder}"
-    except OSError as error:
-        words = f"not writable: {folder} ({error.strerror}); set NUMBA_CACHE_DIR to a folder that is"
-        raise RuntimeError(words) from None
+    if is_writable():
+        return f"writable: {writable_directory()}"
+    raise RuntimeError(f"{TRAFFIC.unwritable}; set NUMBA_CACHE_DIR to a folder that can be")
 
 
 def _kernels() -> str:
-    """Which kernels are stored for these sources and this processor, and whether their files are undamaged."""
-    from importlib import import_module
+    """Where the machine code of every kernel is that commands call, and whether its file is undamaged."""
+    from tailstack import kernels
+    from tailstack.ahead import EVERY
 
-    from tailstack import kernels, sources
+    from ..console.compilation import describe_calls
 
-    for file in kernels.files_with_kernels():
-        import_module("tailstack." + file.removesuffix(".py").replace("/", "."))
+    described = describe_calls(("doctor",))
     if without := kernels.kernels_without_store():
         raise RuntimeError(f"{kernels.BUILT_WITH} keeps no kernels: every process compiles {without[0]} and the others")
-    folders = (kernels.PREBUILT, kernels.writable_directory())
-    files = [file for folder in folders for file in kernels.stored_kernels(folder)]
-    current = [file for file in files if file.current]
-    damaged = [file.path for file in current if not file.sound]
+    used = {call.file() for call in EVERY}
+    folders = (*kernels.installed_directories(), kernels.writable_directory())
+    damaged = [
+        one.path for folder in folders for one in kernels.stored_kernels(folder) if one.path in used and not one.sound
+    ]
     if damaged:
         raise RuntimeError(f"{len(damaged)} damaged, which are compiled again when needed; delete {damaged[0]}")
-    here = {file.name for file in current} & kernels.KERNELS.keys()
-    return (
-        f"{len(here)} of {len(kernels.KERNELS)} are compiled from these sources "
-        f"({sources.digest_of_all(sources.SOURCES)[:12]}) with {kernels.BUILT_WITH} for {kernels.target()[1]}; "
-        f"files of other sources, versions or processors, not used: {len(files) - len(current)}"
-    )
+    return f"{described}; for {kernels.BUILT_WITH}"
 
 
 def _known_value() -> str:

@@ -43,7 +43,7 @@ def build_parser(verb: str | None = None, name: str | None = None) -> argparse.A
     parsers = parser.add_subparsers(dest="verb", metavar="VERB", parser_class=Parser)
     for one in verbs() if verb is None else (verb,):
         if one in OWN:
-            module = import_module(f"tailstack_service.cli.{one}")
+            module = import_module(f"tailstack_service.cli.{one.replace('-', '_')}")
             own = parsers.add_parser(
                 one,
                 help=module.HELP,
@@ -94,11 +94,18 @@ def _leave_quickly() -> None:
 def _run_verb(arguments: argparse.Namespace) -> int:
     from tailstack.errors import TailstackError
     from tailstack.extras import name_missing_extra
+    from tailstack.preparation import prepare_with
 
     from ..console.arguments import page_of
     from ..console.refusals import report_error, report_failure
     from ..rendering.page import write_on
 
+    def compile_ahead() -> None:
+        from ..console.compilation import compile_for
+
+        compile_for([arguments.verb])
+
+    prepare_with(compile_ahead)  # which is not called where every kernel is there
     answer: Answer = Answer("", NOT_EVALUATED)
     try:
         with name_missing_extra(), write_on(page_of(arguments)):
@@ -113,6 +120,8 @@ def _run_verb(arguments: argparse.Namespace) -> int:
         return report_error(error, arguments)
     except Exception as error:
         return report_failure(error, arguments)
+    finally:
+        prepare_with(None)
     return int(answer.exit_code)
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from functools import cache
 
 FIRST = ("demo", "init", "example")
-LAST = ("serve", "worker", "jobs", "db", "keys", "words", "schema", "openapi", "doctor", "completion", "version")
+LAST = (
+    "serve", "worker", "jobs", "db", "keys", "words", "schema", "openapi", "doctor", "warm-up", "completion", "version",
+)  # fmt: skip
 SPELLINGS = {"optimize": "optimise"}  # of verbs, accepted as well
 OWN = frozenset({*FIRST, *LAST, "gate", "report"})  # modules of this package: gate and report take more than a design
 

@@ -6,14 +6,19 @@ import sys
 import threading
 import time
 from types import TracebackType
-from typing import TextIO
+from typing import ClassVar, Self, TextIO
 
 QUIET_SECONDS = 1.0  # shorter work says nothing
 TERMINAL_EVERY, LOG_EVERY = 0.25, 10.0  # a log gets its first lines sooner: after 1, 3, 7, 15 s
 
 
 class Progress:
-    """``with Progress("verify") as progress: progress.report(done, total)``; a thread writes the line."""
+    """``with Progress("verify") as progress: progress.report(done, total)``; a thread writes the line.
+
+    One inside another speaks alone until it ends.
+    """
+
+    _open: ClassVar[list[Progress]] = []  # the innermost last
 
     def __init__(self, what: str, stream: TextIO | None = None) -> None:
         self.what = what
@@ -41,7 +46,8 @@ class Progress:
             parts.append(f"{100 * self.fraction:.0f} %, about {left:.0f} s left")
         return ", ".join([*parts, self.detail] if self.detail else parts)
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> Self:
+        self._open.append(self)
         self._thread.start()
         return self
 
@@ -50,6 +56,7 @@ class Progress:
     ) -> None:
         self._done.set()
         self._thread.join()
+        self._open.remove(self)
         if self._shown and self._terminal:
             self._write("\r\x1b[K")
 
@@ -60,6 +67,8 @@ class Progress:
     def _tick(self) -> None:
         wait = QUIET_SECONDS
         while not self._done.wait(wait):
+            if self._open[-1] is not self:
+                continue
             self._shown = True
             self._write(f"\r{self.line()[:98]}\x1b[K" if self._terminal else self.line() + "\n")
             wait = TERMINAL_EVERY if self._terminal else min(2 * wait, LOG_EVERY)

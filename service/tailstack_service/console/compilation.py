@@ -1,0 +1,135 @@
+"""Kernels that are not compiled yet: compiled in as many processes as there are processors, and said so meanwhile."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+import threading
+import time
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, TextIO
+
+from ..processes.interpreter import make_command, make_environment
+from .progress import Progress
+
+if TYPE_CHECKING:
+    from tailstack.ahead import Call
+
+# What a verb computes, by the names of tailstack.ahead; every other verb may compute everything
+_COMPUTATIONS: dict[str, tuple[str, ...]] = {
+    "score": ("score",),
+    "sweep": ("score",),
+    "verify": ("score", "verify"),
+    "gate": ("score", "verify"),
+}
+_lent: list[tempfile.TemporaryDirectory[str]] = []  # kept for as long as this process runs
+
+
+def computations_of(verbs: Iterable[str]) -> set[str]:
+    """The computations that these verbs may need."""
+    from tailstack.ahead import COMPUTATIONS
+
+    return {name for verb in verbs for name in _COMPUTATIONS.get(verb, COMPUTATIONS)}
+
+
+def compile_for(verbs: Iterable[str]) -> int:
+    """Compile what these verbs call and nobody has compiled.  How many kernels that were."""
+    from tailstack import kernels
+    from tailstack.ahead import calls_for
+
+    calls = calls_for(computations_of(verbs))
+    missing = [call for call in calls if call.file() is None]
+    if missing and not kernels.kernels_without_store():
+        _compile(missing)
+    return len(missing)
+
+
+class CompilationProgress(Progress):
+    """How many kernels are compiled, of how many, and how long the rest takes."""
+
+    def __init__(self, calls: Sequence[Call], processes: int, reason: str, stream: TextIO | None = None) -> None:
+        super().__init__("compiling kernels, once on this machine", stream)
+        self._calls, self._processes, self._reason = calls, processes, reason
+        self._count, self._seconds_done, self._began = 0, 0.0, time.monotonic()
+
+    def note(self, call: Call) -> None:
+        """One of them is compiled."""
+        self._count += 1
+        self._seconds_done += call.seconds
+
+    def _seconds_left(self) -> float:
+        """By the pace so far; before the first is done, by that of the machine on which the table was made."""
+        total = sum(call.seconds for call in self._calls)
+        if self._count == 0:
+            return total / self._processes
+        return (total / self._seconds_done - 1) * (time.monotonic() - self._began)
+
+    def line(self) -> str:
+        """One line of progress as it stands."""
+        parts = [f"{self.what}: {self._count} of {len(self._calls)}"]
+        if self._count < len(self._calls):
+            parts.append(f"about {max(1.0, self._seconds_left()):.0f} s")
+        return ", ".join(parts) + (f" ({self._reason})" if self._reason else "")
+
+
+def _compile(calls: Sequence[Call]) -> None:
+    """In processes of their own, each with the next of the calls until none is left, the slowest first."""
+    from tailstack import kernels
+    from tailstack.cores import usable_cores
+
+    reason = kernels.why_not_installed() if kernels.installed_directories() else ""
+    environment = make_environment()
+    if not kernels.is_writable():
+        place = tempfile.TemporaryDirectory(prefix="tailstack-kernels-")
+        _lent.append(place)
+        kernels.lend_directory(Path(place.name))
+        environment["NUMBA_CACHE_DIR"] = place.name
+    waiting: SimpleQueue[Call] = SimpleQueue()
+    for call in calls:
+        waiting.put(call)
+    count = min(usable_cores(), len(calls))
+    with CompilationProgress(calls, count, reason) as progress:
+        threads = [
+            threading.Thread(target=_feed, args=(waiting, environment, progress), daemon=True) for _ in range(count)
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+
+
+def _feed(waiting: SimpleQueue[Call], environment: dict[str, str], progress: CompilationProgress) -> None:
+    """One process, for as long as there are calls.  What is left when it breaks down is compiled where it is called."""
+    from tailstack.ahead import EVERY
+
+    with suppress(Empty, OSError), subprocess.Popen(
+        make_command("tailstack.ahead"), env=environment, text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+    ) as process:  # fmt: skip
+        assert process.stdin is not None
+        assert process.stdout is not None
+        while True:
+            call = waiting.get_nowait()
+            process.stdin.write(f"{EVERY.index(call)}\n")
+            process.stdin.flush()
+            if not process.stdout.readline():
+                return
+            progress.note(call)
+
+
+def describe_calls(verbs: Iterable[str]) -> str:
+    """Where the machine code is that these verbs call, and why it is not what came with the installation."""
+    from tailstack import kernels
+    from tailstack.ahead import calls_for
+
+    calls = calls_for(computations_of(verbs))
+    places = [kernels.place_of(path) for path in (call.file() for call in calls) if path is not None]
+    words = [f"{places.count(place)} {place}" for place in dict.fromkeys(places)]
+    if len(places) < len(calls):
+        words.append(f"{len(calls) - len(places)} not compiled yet")
+    here = f"{len(calls)} kernels: {', '.join(words)}"
+    reason = kernels.why_not_installed()
+    return f"{here} ({reason})" if reason else here

@@ -1,0 +1,150 @@
+"""Kernels compiled before the first call asks for them: which those are, by what is computed, and how to compile one.
+
+A kernel is compiled for the types of its arguments.  Python calls some thirty kernels, each with one combination
+of types (one with two); those that only other kernels call are compiled into these.  The table names them, so that they
+can be compiled in several processes at once, counted before the first is done, and put into the distribution of
+kernels.  What is missing in it is compiled when it is called; a test holds the table against what is really called.
+
+``python -m tailstack.ahead`` compiles the calls whose numbers it reads, one a line, and answers each with the line.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from numba import types
+
+from . import kernels
+
+# Seconds of one processor (an AMD EPYC of 2024) with what the kernel calls, the kernel, and its arguments: f float64,
+# i int64, u uint64, b bool; with a number, a C-contiguous array of so many dimensions, with r a read-only one;
+# NAME(...) a named tuple of the kernel's module, or of the one beside it that stands before a dot.
+_FRAME = "Frame(f1 f1 f2 f2 f1 f2 i f)"
+_TABLES = (
+    "plan.Tables(i2r i1r i1r f2r f2r f1r f2r f1r f1r f1r f2r f2r f3r f2r f1r i2r f2r f1r f2r f2r f2r f2r f1r f1r)"
+)  # fmt: skip
+_EXCHANGE = "ExchangeModel(f3 f2 f2 f3 f1 f1 f2)"
+_TABLE = {
+    "score": f"""
+        9.9 tail.declared.solve_on_axes         f f {_FRAME} Accuracy(f f f)
+        6.5 tail.lattice.build                  f {_FRAME} Accuracy(f f f) b
+        2.2 tail.gaussian.norm_gradient_jit     f1 f2 f
+        2.0 tail.gaussian.norm_quantile_jit     f1 f2 f
+        2.0 tail.gaussian.norm_quantiles        f f2 f2
+        1.9 propagation.noise.noise_gains       f3 f2 f1 f4 f3 f4 f3
+        1.6 tail.lattice.on_principal_axes      f1 f2 f2
+        1.3 propagation.nonlinearity.matrix_gains  f2 f2 f1
+        1.0 tail.declared.excess_integral       f f {_FRAME} f1 f1
+        0.8 tail.gaussian.excess_quantile       f f1 f1
+        0.7 tail.lattice.ball_sums              f i f1 f1
+        0.5 tail.contour.tail_nodes             f b f1 f1
+        0.5 geometry.symmetric.eigen_symmetric  f2
+        0.4 tail.gaussian.law_on_axes           f1 f1 f
+        0.3 tail.declared.start_radius          f {_FRAME}
+        0.3 tail.declared.end_of                {_FRAME} f1 f
+        0.3 tail.lattice.reach_of               {_FRAME} f
+        0.3 tail.spectrum.principal_axes        f1 f2
+        0.2 tail.spectrum.brought_near          f1 f1
+        0.2 tail.declared.column_slopes         f1 f2 f2
+        0.1 tail.gaussian.norm_mean_jit         f1 f2
+        0.1 tail.spectrum._law_fault            f1 f2
+        0.1 tail.lattice.balls                  f f1
+    """,
+    "verify": f"""
+        9.6 montecarlo.kernel.run_trials        {_TABLES} Draws(u1 i1 i1 f2) Results(f1 f1 f1) f1
+        0.5 montecarlo.kernel.reduce_block      f1 i f1 f2 f3 f1 f1
+        0.4 montecarlo.streams.draw_columns     i2 u1 i1 i1 f1 f2
+        0.2 montecarlo.streams.draw_columns     i2r u1 i1 i1 f1 f2
+    """,
+    "optimise": f"""
+        3.0 optimisation.starts.exchange        f2 i2 Candidates(f3 i1 i1) Spacing(f f) {_EXCHANGE} i
+        0.4 optimisation.starts.apart_from_copies  f3 f3 Spacing(f f)
+        0.3 optimisation.starts.keeps_distance  f2 i1 f2 f3 Spacing(f f)
+    """,
+}  # fmt: skip
+COMPUTATIONS = tuple(_TABLE)
+_SCALARS = {"f": types.float64, "i": types.int64, "u": types.uint64, "b": types.boolean}
+
+
+@dataclass(frozen=True)
+class Call:
+    """One kernel with one combination of types."""
+
+    kernel: str
+    arguments: str
+    seconds: float  # of one processor, roughly
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """The kernel itself; its module is imported for it."""
+        import_module(self._module)
+        return kernels.KERNELS[self.kernel]
+
+    @cached_property
+    def signature(self) -> tuple[types.Type, ...]:
+        """The types, as numba has them."""
+        words = iter(re.findall(r"[\w.]+\(?|\)", self.arguments))
+        return tuple(self._types(words))
+
+    @property
+    def _module(self) -> str:
+        return f"{__package__}.{self.kernel.rpartition('.')[0]}"
+
+    def _types(self, words: Iterator[str]) -> Iterator[types.Type]:
+        """What the words mean, up to the bracket that closes."""
+        for word in words:
+            if word == ")":
+                return
+            if word.endswith("("):
+                yield types.BaseTuple.from_types(tuple(self._types(words)), self._tuple_class(word[:-1]))
+            elif len(word) == 1:
+                yield _SCALARS[word]
+            else:
+                yield types.Array(_SCALARS[word[0]], int(word[1]), "C", readonly=word.endswith("r"))
+
+    def _tuple_class(self, name: str) -> Any:
+        beside, _, name = name.rpartition(".")
+        module = f"{self._module.rpartition('.')[0]}.{beside}" if beside else self._module
+        return getattr(import_module(module), name)
+
+    def file(self) -> Path | None:
+        """Where its machine code is, with which its first call compiles nothing."""
+        return kernels.stored_file(self.dispatcher, self.signature)
+
+    def compile(self) -> None:
+        """Load it, or compile it and keep it."""
+        self.dispatcher.compile(self.signature)
+
+
+def _read_table() -> dict[str, tuple[Call, ...]]:
+    lines = {name: [line.split(maxsplit=2) for line in text.strip().splitlines()] for name, text in _TABLE.items()}
+    return {name: tuple(Call(k, types, float(s)) for s, k, types in parts) for name, parts in lines.items()}
+
+
+CALLS = _read_table()
+EVERY = tuple(call for calls in CALLS.values() for call in calls)
+
+
+def calls_for(computations: Iterable[str]) -> tuple[Call, ...]:
+    """What these computations call, the slowest first."""
+    chosen = set(computations)
+    return tuple(sorted((c for n, calls in CALLS.items() if n in chosen for c in calls), key=lambda c: -c.seconds))
+
+
+def main() -> None:
+    """Compile what stdin names until it ends."""
+    for line in sys.stdin:
+        EVERY[int(line)].compile()
+        sys.stdout.write(line)
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

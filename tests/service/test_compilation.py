@@ -1,0 +1,98 @@
+"""Kernels that are missing: compiled in processes beside, counted aloud, kept where that is possible."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from family import die_with_parent
+from tailstack import ahead
+from tailstack_service.console.compilation import CompilationProgress
+
+# Three that take a moment, as if a verb needed no others
+PROGRAM = """
+import json, sys
+import numpy as np
+from tailstack_service.console import compilation, progress
+from tailstack import ahead, kernels
+from tailstack.preparation import prepare_with
+progress.QUIET_SECONDS = 0.01
+few = ("tail.lattice.balls", "tail.spectrum._law_fault", "tail.declared.column_slopes")
+ahead.calls_for = lambda _: tuple(call for call in ahead.EVERY if call.kernel in few)
+prepare_with(lambda: compilation.compile_for(["score"]))
+from tailstack.tail.lattice import balls
+from tailstack.tail.spectrum import _law_fault
+balls(1.0, np.array([0.5])); _law_fault(np.zeros(3), np.eye(3))
+print(json.dumps([kernels.TRAFFIC.compiled, kernels.TRAFFIC.loaded]))
+"""
+
+
+def start(place: Path, **variables: str) -> subprocess.Popen[str]:
+    given = {name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
+    given |= {"HOME": str(place), "PYTHONPATH": os.pathsep.join(path for path in sys.path if path), **variables}
+    return subprocess.Popen(
+        [sys.executable, "-c", PROGRAM], env=given, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=die_with_parent,
+    )  # fmt: skip
+
+
+def stored(place: Path) -> set[str]:
+    return {path.name.rpartition("-")[0] for path in place.glob("*.kernel")}
+
+
+def test_what_a_command_needs_is_compiled_once_and_counted(tmp_path: Path) -> None:
+    first = start(tmp_path)
+    out, err = first.communicate(timeout=600)
+    assert json.loads(out) == [0, 2], err  # none here: other processes did it
+    assert re.fullmatch(r"(compiling kernels, once on this machine: [0-3] of 3(, about \d+ s)?\n)+", err), err
+    assert stored(tmp_path / ".cache" / "tailstack" / "kernels") >= {"tail.lattice.balls", "tail.spectrum._law_fault"}
+    out, err = start(tmp_path).communicate(timeout=600)
+    assert (json.loads(out), err) == ([0, 2], "")
+
+
+def test_two_first_commands_at_once_leave_whole_files(tmp_path: Path) -> None:
+    started = [start(tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache")) for _ in range(2)]
+    assert [json.loads(process.communicate(timeout=600)[0]) for process in started] == [[0, 2], [0, 2]]
+    place = tmp_path / "cache" / "tailstack" / "kernels"
+    assert not list(place.glob(".*"))
+    assert stored(place) >= {"tail.lattice.balls", "tail.spectrum._law_fault", "tail.declared.column_slopes"}
+
+
+def test_without_a_place_to_keep_them_they_are_compiled_beside_all_the_same(tmp_path: Path) -> None:
+    (tmp_path / "home").touch()  # no folder can be made in it
+    process = start(tmp_path / "home", TMPDIR=str(tmp_path))
+    out, err = process.communicate(timeout=600)
+    assert json.loads(out) == [0, 2], err
+    assert err.count("cannot be written") == 1
+    assert "set NUMBA_CACHE_DIR" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["home"]  # what was lent is gone
+
+
+def test_an_eta_is_given_from_the_first_moment() -> None:
+    """closed_form: shares of the table's seconds; before the first kernel is done they are the only guide."""
+    calls = ahead.calls_for(("optimise",))
+    progress = CompilationProgress(calls, 2, "those installed were built from other sources", io.StringIO())
+    total = sum(call.seconds for call in calls)
+    reason = " (those installed were built from other sources)"
+    assert progress.line() == f"compiling kernels, once on this machine: 0 of 3, about {total / 2:.0f} s{reason}"
+    progress._began -= 9.0
+    progress.note(calls[0])
+    left = 9.0 * (total - calls[0].seconds) / calls[0].seconds
+    assert progress.line() == f"compiling kernels, once on this machine: 1 of 3, about {left:.0f} s{reason}"
+    for call in calls[1:]:
+        progress.note(call)
+    assert progress.line() == f"compiling kernels, once on this machine: 3 of 3{reason}"
+
+
+def test_an_unknown_verb_is_refused_with_those_that_there_are(capsys: pytest.CaptureFixture[str]) -> None:
+    from tailstack_service.cli.main import main
+
+    assert main(["warm-up", "--for", "scre"]) == 2
+    assert "there is no verb 'scre'" in capsys.readouterr().err

@@ -1,0 +1,179 @@
+"""Both wheels in an environment of their own, without a network: the first score compiles nothing.
+
+The environment sees the libraries of this one.  The kernels of the wheel are kept on the machine of the tests, by the
+names of everything they follow from: they are compiled here when one of the sources that they reach has changed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from service_scenes import EXAMPLES, ROOT
+
+from tailstack import ahead, kernels, processor
+
+pytestmark = pytest.mark.skipif(not processor.levels_here(), reason="no kernels are distributed for this processor")
+
+COUNT = len(ahead.CALLS["score"])
+BUILD = ROOT / "solver" / "kernels_wheel" / "build.py"
+SCORE = """
+import json, socket, sys
+def refuse(*_, **__):
+    raise OSError("there is no network")
+socket.socket.connect = refuse
+from tailstack_service.cli.main import main
+code = main(["score", "design.yaml"])
+from tailstack import kernels
+print(json.dumps([code, kernels.TRAFFIC.compiled, kernels.TRAFFIC.loaded, kernels.TRAFFIC.installed]), file=sys.stderr)
+"""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """Where both wheels are installed."""
+
+    place: Path
+    python: str
+    packages: Path
+
+    def run(self, program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+        left_out = ("TAILSTACK_", "NUMBA_", "PYTHON", "XDG_")
+        given = {name: value for name, value in os.environ.items() if not name.startswith(left_out)}
+        given |= {"HOME": str(self.place / "home"), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+        return subprocess.run(
+            [self.python, "-c", program, *arguments], cwd=self.place, env=given, capture_output=True, text=True,
+            timeout=600, check=False,
+        )  # fmt: skip
+
+
+def quietly(*command: str, **variables: str) -> str:
+    done = subprocess.run(
+        command, cwd=ROOT, env={**os.environ, **variables}, capture_output=True, text=True, timeout=900, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel of tailstack as a release has it, and that of the kernels of a score for the highest level here."""
+    place = tmp_path_factory.mktemp("wheels")
+    quietly(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(place), TAILSTACK_RELEASE="1")
+    path = os.pathsep.join(path for path in sys.path if path)
+    quietly(
+        sys.executable, str(BUILD), "-o", str(place), "--only", "score", "--levels", processor.levels_here()[0],
+        "--store", str(kernels.writable_directory()), PYTHONPATH=path,
+    )  # fmt: skip
+    return place
+
+
+@pytest.fixture
+def installed(wheels: Path, tmp_path: Path) -> Environment:
+    quietly(sys.executable, "-m", "venv", "--without-pip", str(tmp_path / "environment"))
+    python = str(tmp_path.joinpath("environment", *Path(sys.executable).parts[-2:]))
+    packages = Path(quietly(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip())
+    (packages / "libraries.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
+    quietly(
+        sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", "--no-index", "--ignore-installed",
+        *map(str, wheels.glob("*.whl")),
+    )  # fmt: skip
+    shutil.copy(EXAMPLES / "demo.yaml", tmp_path / "design.yaml")
+    return Environment(tmp_path, python, packages)
+
+
+def test_the_first_score_after_an_installation_compiles_nothing(installed: Environment) -> None:
+    first = installed.run(SCORE)
+    assert first.returncode == 0, first.stderr
+    assert "compiling" not in first.stderr
+    code, compiled, loaded, from_installation = json.loads(first.stderr.splitlines()[-1])
+    assert (code in (0, 1), compiled) == (True, 0)
+    assert loaded == from_installation > 5
+    assert not (installed.place / "home").exists()  # nothing had to be kept
+    assert installed.run(SCORE).stdout == first.stdout
+    says = installed.run("from tailstack_service.cli.main import main; main(['warm-up', '--for', 'score'])").stdout
+    assert says == f"{COUNT} kernels: {COUNT} installed, for {processor.levels_here()[0]}; none compiled now\n"
+
+
+ASK = """
+from tailstack import kernels
+{}
+from tailstack_service.console.compilation import describe_calls
+print(describe_calls(["score"]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "words"),
+    [
+        ("kernels.BUILT_WITH = kernels.BUILT_WITH.replace('numba 0', 'numba 9')", "built with numba 0"),
+        ("kernels.level_targets = lambda: []", "built for x86-64-v"),
+    ],
+    ids=["another numba", "a processor without a level"],
+)
+def test_kernels_that_do_not_fit_are_not_used_and_it_is_said_why(
+    installed: Environment, before: str, words: str
+) -> None:
+    said = installed.run(ASK.format(before))
+    assert f"{COUNT} kernels: {COUNT} not compiled yet (those installed were {words}" in said.stdout, said.stderr
+
+
+def test_of_an_altered_source_only_its_own_kernels_are_compiled(installed: Environment) -> None:
+    with open(installed.packages / "tailstack" / "propagation" / "nonlinearity.py", "a") as source:
+        source.write("# altered\n")
+    done = installed.run(SCORE)
+    code, compiled, loaded, from_installation = json.loads(done.stderr.splitlines()[-1])
+    assert code in (0, 1), done.stderr
+    assert (compiled, loaded - from_installation) == (0, 1)  # by a process of its own, and loaded from the user's cache
+    assert list((installed.place / "home" / ".cache" / "tailstack" / "kernels").glob("propagation.nonlinearity.*"))
+    says = installed.run("from tailstack_service.cli.main import main; main(['warm-up', '--for', 'score'])").stdout
+    assert f"{COUNT - 1} installed" in says
+    assert "1 in " in says
+    assert "(those installed were built from other sources)" in says
+
+
+def test_the_wheel_of_a_release_asks_for_kernels_and_that_of_a_checkout_does_not(
+    installed: Environment, tmp_path: Path
+) -> None:
+    metadata = next(installed.packages.glob("tailstack-*.dist-info/METADATA")).read_text(encoding="utf-8")
+    version = next(line.split()[1] for line in metadata.splitlines() if line.startswith("Version: "))
+    assert re.search(rf"^Requires-Dist: tailstack-kernels ?=={re.escape(version)}\.\*$", metadata, re.MULTILINE)
+    quietly(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path), TAILSTACK_RELEASE="")
+    assert "tailstack-kernels" not in quietly("unzip", "-p", str(next(tmp_path.glob("*.whl"))), "*/METADATA")
+
+
+def test_an_installer_that_may_not_take_the_kernels_takes_the_empty_wheel(tmp_path: Path) -> None:
+    """independent: pip's own resolver, between the two wheels of a version and one of a numba that is not ours."""
+    from kernels_wheel import build
+
+    build.write_wheel(tmp_path, "1.0.post1", ["py3-none-any"], {}, ["numba ==1.0"])
+    build.write_wheel(tmp_path, "1.0", ["py3-none-any"], {}, [])
+    for numba in ("1.0", "2.0"):
+        _empty_wheel(tmp_path, numba)
+    chosen = {}
+    for numba in ("1.0", "2.0"):
+        report = quietly(
+            sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--no-index", "--quiet",
+            "--report", "-", "--find-links", str(tmp_path), "tailstack-kernels==1.0.*", f"numba=={numba}",
+        )  # fmt: skip
+        packages = {one["metadata"]["name"]: one["metadata"]["version"] for one in json.loads(report)["install"]}
+        chosen[numba] = packages["tailstack-kernels"]
+    assert chosen == {"1.0": "1.0.post1", "2.0": "1.0"}
+
+
+def _empty_wheel(place: Path, version: str) -> None:
+    import zipfile
+
+    about = f"numba-{version}.dist-info"
+    with zipfile.ZipFile(place / f"numba-{version}-py3-none-any.whl", "w") as wheel:
+        wheel.writestr(f"{about}/METADATA", f"Metadata-Version: 2.1\nName: numba\nVersion: {version}\n")
+        wheel.writestr(f"{about}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
+        wheel.writestr(f"{about}/RECORD", "")
