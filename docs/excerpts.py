@@ -1,6 +1,6 @@
 """What pages quote is run: ``python docs/excerpts.py [PAGE...]`` compares, ``--write`` brings the quotes up to date.
 
-A page is followed from its top, as a reader would, in a folder that holds nothing but ``examples``:
+A page is followed from its top in an empty folder, as a reader would:
 
 - ```` ```console ````: lines that begin with ``$`` are commands for one shell that lasts as long as the page; what
   follows a command is what it prints, on both streams.  A line ``...`` stands for any number of lines left out.
@@ -132,7 +132,6 @@ def run(quotes: Sequence[Quote]) -> list[list[str]]:
     path = os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", "")))
     keep = {key: value for key, value in os.environ.items() if not key.startswith(("TAILSTACK_", "PYTEST_"))}
     with TemporaryDirectory() as folder:
-        Path(folder, "examples").symlink_to(ROOT / "examples")
         done = subprocess.run(
             ["bash", "-c", script], cwd=folder, text=True, encoding="utf-8", check=False, timeout=600,
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
