@@ -143,8 +143,8 @@ def test_a_notebook_shows_verdict_and_tables(kind: type[Result]) -> None:
 def test_a_score_is_shown_with_p95_limit_and_budget() -> None:
     record = score(load_design(EXAMPLES / "demo.yaml"))
     words = " ".join(tree_of(record).itertext())
-    assert "P95 of the error at the tool, target tip, is 1.144 mm (1.132 to 1.155, first order)" in words
-    assert "the limit is 1 mm" in words
+    assert "the error at the tool (target tip) is at most 1.144 mm (P95; between 1.132 and 1.155)" in words
+    assert "above the limit of 1 mm" in words
     cells = ["".join(cell.itertext()) for row in tree_of(record).iter("tr") for cell in row]
     largest = max(record.targets[0].contributors, key=lambda line: (line.component != "all") * line.variance_share)
     assert cells[cells.index(f"{100 * largest.variance_share:.1f}") - 3] == f"{largest.label} {largest.component}"
@@ -275,7 +275,7 @@ def test_a_notebook_runs(tmp_path: Path) -> None:
     imports, shown, drawn, frame, titled, wrong = json.loads(done.stdout)
     assert imports == []
     (page,) = [output["data"]["text/html"] for output in shown]
-    assert "is 1.144 mm" in "".join(page)
+    assert "is at most 1.144 mm" in "".join(page)
     assert [sorted(output["data"]) for output in drawn] == [["image/png", "text/plain"]]  # the picture, once
     assert "variance_share" in "".join(frame[0]["data"]["text/html"])
     assert sum("image/png" in output.get("data", {}) for output in titled) == 1, titled
