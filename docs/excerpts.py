@@ -31,7 +31,8 @@ PAGES = ("README.md", "docs/tutorials/*.md", "docs/troubleshooting.md")
 FENCE = re.compile(r"^```(\w+)(?: title=\"([^\"]+)\")?[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SCRIPTS = {"bash": "bash", "python": "python -"}
 LEFT_OUT = "..."
-PROGRESS = re.compile(r"[a-z]+: \d+ s\b")  # on stderr, of what takes longer than a second: as the machine happens to be
+# On stderr, of what takes longer than a second, as the machine happens to be
+PROGRESS = re.compile(r"[a-z]+: \d+ s\b|compiling kernels, once on this machine")
 END = "--- end of an answer ---"  # no command prints it
 COLUMNS = "80"
 

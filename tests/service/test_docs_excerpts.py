@@ -132,5 +132,13 @@ def test_writing_brings_a_page_up_to_date_and_keeps_what_is_left_out(excerpts: M
     assert (tmp_path / "page.md").read_text(encoding="utf-8") == PAGE
 
 
+def test_progress_is_left_out_because_it_depends_on_the_machine(excerpts: ModuleType, tmp_path: Path) -> None:
+    lines = (
+        "'optimise: 3 s, 86 %, about 1 s left' 'compiling kernels, once on this machine: 3 of 31, about 20 s' 'wrote x'"
+    )
+    assert differences(excerpts, tmp_path, f"```console\n$ printf '%s\\n' {lines}\nwrote x\n```\n") == []
+    assert differences(excerpts, tmp_path, "```console\n$ echo wrote y\nwrote x\n```\n")
+
+
 def test_a_change_that_does_not_fit_the_file_ends_the_page(excerpts: ModuleType, tmp_path: Path) -> None:
     assert differences(excerpts, tmp_path, PAGE.replace("-two\n", "-twice\n"))
