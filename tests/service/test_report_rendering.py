@@ -175,7 +175,7 @@ def test_a_report_without_a_check_says_what_it_rests_on() -> None:
     assert report.headline.basis == "first order"
     assert report.distributions[0].sampled is None
     page = Page(render("report", to_json(report), "html")[0])
-    assert "first order" in "".join(page.texts)
+    assert "Requirements, by estimate" in "".join(page.texts)
 
 
 # --- HTML -----------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ import pytest
 
 from tailstack.studies.coupling import choose_decimals
 from tailstack_service.cli.main import main
+from tailstack_service.rendering.page import Page, write_on
 from tailstack_service.rendering.studies.coupling import COMPARISONS, coupling_text
 from tailstack_service.report.study_charts import draw_coupling
 from tailstack_service.schemas import json_schema, record_of
@@ -60,7 +61,8 @@ def test_first_order_says_what_is_seen_against_the_vector_sum(document: dict) ->
 
 def test_text_fits_the_page_and_holds_every_ratio(document: dict) -> None:
     study = record_of("study-coupling", document["study"])
-    text = coupling_text(study)
+    with write_on(Page(100, details=True)):
+        text = coupling_text(study)
     assert max(map(len, text.splitlines())) <= 100
     for case in study.cases:
         assert f"{case.p95_together_mm:.4g}" in text
@@ -78,7 +80,8 @@ def test_what_there_is_none_of_is_told(document: dict) -> None:
     long = "a target with a long name, " * 3
     cases = tuple(replace(case, target=long, gain=None, noise_rms_biased_mm=None) for case in study.cases)
     bare = replace(study, cases=cases)
-    text = coupling_text(bare)
+    with write_on(Page(100, details=True)):
+        text = coupling_text(bare)
     assert max(map(len, text.splitlines())) <= 100
     assert text.count("none") >= 2 * len(cases)
     figure = draw_coupling(bare)

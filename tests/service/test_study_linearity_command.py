@@ -16,6 +16,7 @@ from test_report_figures import check_picture
 from tailstack.design import compile_design, load_design
 from tailstack.studies.linearity import Grid, study_linearity
 from tailstack_service.cli.main import main
+from tailstack_service.rendering.page import Page, write_on
 from tailstack_service.rendering.studies.linearity import linearity_csv, linearity_text
 from tailstack_service.report.study_charts import draw_linearity
 from tailstack_service.schemas import json_schema, record_of
@@ -49,8 +50,9 @@ def test_json_is_the_published_record(printed: dict) -> None:
 
 def test_text_has_every_point_and_its_class(printed: dict) -> None:
     study = record_of("study-linearity", printed["study"])
-    text = linearity_text(study)
-    assert max(map(len, text.splitlines())) <= 100
+    with write_on(Page(details=True)):
+        text = linearity_text(study)
+    assert max(map(len, text.splitlines())) <= 80
     rows = [line.split() for line in text.splitlines() if line[:1].isdigit() and "fiducials" not in line]
     assert [row[:2] for row in rows] == [
         [f"{spread:g}", f"{noise:g}"] for _ in study.counts for spread in study.spreads for noise in study.noises_px
@@ -63,17 +65,17 @@ def test_text_has_every_point_and_its_class(printed: dict) -> None:
         assert f"{line.lowest_ratio:.3f} .. {line.highest_ratio:.3f}" in text
 
 
-def test_many_rotations_stand_below_one_another_on_a_page_of_100_columns(tmp_path: Path) -> None:
+def test_many_rotations_stand_below_one_another_on_a_page_of_80_columns(tmp_path: Path) -> None:
     design = compile_design(load_design(write_json(tmp_path / "design.json", small_design())))
     rotations = tuple(range(0, 27, 2))
     study = study_linearity(
         design, Grid(noises_px=(0.5,), rotations_deg=rotations, spreads=(1.0,), counts=(8,)), trials=2**13
     )
     text = linearity_text(study)
-    assert max(map(len, text.splitlines())) <= 100
-    heads = [line.split()[4:] for line in text.splitlines() if line.startswith("8 fiducials,")]
+    assert max(map(len, text.splitlines())) <= 80
+    heads = [line.split()[3:] for line in text.splitlines() if line.startswith("8 fiducials,")]
     assert [float(part) for head in heads for part in head if part != "deg"] == list(rotations)
-    shown = [line.split()[3:] for line in text.splitlines() if line.startswith("1    ")]
+    shown = [line.split()[2:] for line in text.splitlines() if line.startswith("1    ")]
     values = [float(part) for row in shown for part in row if part[-1:].isdigit()]
     assert values == pytest.approx([100 * (point.ratio - 1) for point in study.points], abs=0.51)
     assert not any(part in ("+0.0", "-0.0", "+0.00", "-0.00", "+0", "-0") for row in shown for part in row)

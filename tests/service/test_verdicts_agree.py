@@ -179,7 +179,7 @@ def test_the_first_page_of_a_report_lists_each_requirement(report: bytes, checks
     assert len(rows) == len(checks)
     for row in rows:
         same_row(row, checks[row[0]])
-        assert row[2].replace(" of the TCP error", "") == words_of(checks[row[0]])
+        assert row[2].replace(" of the error at the tool", "") == words_of(checks[row[0]])
     reader = Rows()
     reader.feed(page[page.index("<nav") :])
     for row in (row for row in reader.rows if row[0] in checks):  # the chapter's own table
@@ -237,7 +237,9 @@ def pdf_text(content: bytes) -> str:
 def test_paper_says_the_same(report: bytes, checks: dict[str, dict[str, Any]]) -> None:
     text = pdf_text(render("report", report, "pdf")[0])
     for name, check in checks.items():
-        found = re.search(rf"{name} tip P[\d.]+ of the TCP error[^−+]*?((?:[\d.]+ ){{4}}[−+][\d.]+) (\w+)", text)
+        found = re.search(
+            rf"{name} tip P[\d.]+ of the error at the tool[^−+]*?((?:[\d.]+ ){{4}}[−+][\d.]+) (\w+)", text
+        )
         assert found, name
         same_row([*found[1].split(), found[2]], check)
 

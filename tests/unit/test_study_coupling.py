@@ -214,9 +214,9 @@ def test_words_follow_the_intervals(cube: StudyCoupling) -> None:
     def with_sum(ratio: Ratio) -> CouplingCase:
         return replace(case, against_vector_sum=ratio, coupling=tell_coupling(ratio))
 
-    assert write_conclusions([with_sum(open_)])[0].startswith("No coupling is seen")
-    assert "not more than the parts" in write_conclusions([with_sum(below)])[0]
-    assert "In 1 of 2 cases the tail is more" in write_conclusions([with_sum(above), with_sum(below)])[0]
+    assert write_conclusions([with_sum(open_)])[0].startswith("Together they make no more than their sum")
+    assert "no more than their sum" in write_conclusions([with_sum(below)])[0]
+    assert "In 1 of 2 cases P95 is more" in write_conclusions([with_sum(above), with_sum(below)])[0]
     exceeded = replace(case, against_sum=above)
     assert "is exceeded in 1 of 1 cases" in write_conclusions([exceeded])[0]
     assert write_conclusions([replace(case, against_quadrature=below)])[1].startswith(

@@ -84,7 +84,9 @@ def _list_designs(record: GateRecord) -> str:
         name = f" ({visible(design.name)})" if design.name else ""
         rates = [number.error_rate for number in design.numbers if number.error_rate is not None]
         basis += f"; each status wrong with a probability of at most {100 * max(rates):.3g} %" if rates else ""
-        blocks.append(f"{visible(design.file)}{name}{kind}: {verdict}" + (f" ({basis})" if basis else ""))
+        line = f"{visible(design.file)}{name}{kind}: {design.verdict}" + (f" ({basis})" if basis else "")
+        # the verdict is painted once the line is laid out, for colours take no room
+        blocks.append(wrap(line, first="", indent="  ").replace(f": {design.verdict}", f": {verdict}", 1))
         if design.numbers:
             with write_on(replace(current(), width=current().width - 2)):
                 lines = _write_table(design.numbers).splitlines()

@@ -8,7 +8,7 @@ from math import isclose, log2, sqrt
 from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import Problem
-from tailstack.results import Contributor, TargetScore
+from tailstack.results import ERRORS, Contributor, TargetScore
 from tailstack.results.look import BAR, BAR_PALE, COLOURS, FAINT, FONT, INK, LIMIT_COLOUR, MUTED, VALUE_COLOUR
 from tailstack.results.score import single_lines, source_name
 from tailstack.results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
@@ -87,7 +87,7 @@ def draw_without(
     lines = sorted(lines, key=lambda entry: entry.p95_without_mm)[:MOST_BARS]
     rows = Rows.of([budget_line(entry) for entry in lines] or ["nothing is random"], LETTERS)
     with open_page(name, rows.height + 82) as page:
-        axes = rows.axes(page, NAMES, 34, WIDTH - 90, "first-order P95 at the target, mm")
+        axes = rows.axes(page, NAMES, 34, WIDTH - 90, "estimated P95 at the target, mm")
         axes.set_xlim(0, 1.08 * max(p95_mm, limit_mm or 0.0, 1e-9))
         for middle, entry in zip(rows.middles, lines, strict=False):
             axes.barh(middle, p95_mm, height=ROW - 6, color=BAR_PALE)
@@ -110,14 +110,14 @@ def draw_distribution(
 ) -> str:  # fmt: skip
     """Histogram of the sampled errors and the first-order law, with P95, its interval and the limit."""
     edges, wide = shown.edges_mm, shown.edges_mm[1] - shown.edges_mm[0]
-    words = f"Error at target {shown.target}: the first-order law is drawn as a line"
+    words = f"Error at target {shown.target}: the estimated distribution is drawn as a line"
     with open_page(name, 316) as page:
         axes = page.axes(LEFT, 44, RIGHT, 254, "error at the tool, mm")
         page.say(8, 16, "density, 1/mm", color=MUTED)
         axes.set_xlim(edges[0], max(edges[-1], 1.2 * (limit_mm or 0.0)))
         middles = [edge + wide / 2 for edge in edges[:-1]]
         law = axes.plot(middles, [share / wide for share in shown.first_order], color=LAW_COLOUR, clip_on=False)
-        legend: list[tuple[Any, str]] = [(law[0], "first-order law")]
+        legend: list[tuple[Any, str]] = [(law[0], "estimate")]
         if shown.sampled is not None:
             beyond = [limit_mm is not None and edge >= limit_mm for edge in edges[:-1]]
             axes.bar(
@@ -276,12 +276,12 @@ def draw_tolerances(
             top += 158
         _explain_tolerances(page, shown, other, called, top + 12)
         quantile = f"P{100 * shown.judgement.quantile:g}"
-        title = f"{quantile} of the {_error(shown)} error at target {shown.target} over each half-width"
+        title = f"{quantile} of {_error(shown)} at target {shown.target} over each half-width"
         return page.svg(title, _words(shown))
 
 
 def _error(shown: ToleranceCurves) -> str:
-    return "TCP" if shown.judgement.error == "tcp" else "localisation"
+    return ERRORS[shown.judgement.error]
 
 
 def _ends(shown: ToleranceCurves, other: ToleranceCurves | None) -> tuple[float, float]:
@@ -344,7 +344,7 @@ def _explain_tolerances(
 ) -> None:
     line_of, quantile = page.sample, f"P{100 * shown.judgement.quantile:g}"
     target = printable(shown.target, 30)
-    marks = [(line_of(color=VALUE_COLOUR), f"{quantile} of the {_error(shown)} error at {target}, mm, first order")]
+    marks = [(line_of(color=VALUE_COLOUR), f"{quantile} of {_error(shown)} at {target}, mm, estimate")]
     marks.append((line_of(color=VALUE_COLOUR, marker="o", linestyle=""), f"as it is, {shown.quantile_mm:.3f} mm"))
     if shown.judgement.limit_mm is not None:
         limit = line_of(color=LIMIT_COLOUR, linestyle=DASHED, linewidth=1.4)
@@ -459,7 +459,7 @@ def draw_errors(
             axes.axvline(limit_mm, color=LIMIT_COLOUR, linewidth=1.6, linestyle=DOTTED)
             marks.append((page.sample(color=LIMIT_COLOUR, linestyle=DOTTED), f"limit {limit_mm:g} mm"))
         page.explain(12, 7, marks, labelcolor="linecolor", prop={"weight": "bold", "size": FONT})
-        how = f"Monte Carlo in bins, {first.trials:,} and {second.trials:,} trials" if sampled else "first-order law"
+        how = f"Monte Carlo in bins, {first.trials:,} and {second.trials:,} trials" if sampled else "estimate"
         page.say(12, 38, f"{how}; upright lines: {'P95' if limit_mm is None else 'P95 and limit'}", color=MUTED)
         words = f"P95 is {p95_mm[0]:.3f} mm {called[0]} and {p95_mm[1]:.3f} mm {called[1]}; {how}."
         words += "" if limit_mm is None else f" The limit is {limit_mm:g} mm."
@@ -537,7 +537,7 @@ def _axis_name(axis: SweepAxis) -> str:
 
 
 def _how(sweep: Sweep) -> str:
-    return "first order" if sweep.check == "score" else f"Monte Carlo, seed {sweep.seed}; bars: intervals"
+    return "estimate" if sweep.check == "score" else f"Monte Carlo, seed {sweep.seed}; bars: intervals"
 
 
 def _sweep_title(sweep: Sweep) -> str:

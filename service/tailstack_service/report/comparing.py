@@ -194,7 +194,7 @@ def difference_sentence(found: Difference) -> str:
     if found.interval_mm is None or found.confidence is None:
         word = "smaller" if found.difference_mm < 0 else "larger"
         size = f"{abs(found.difference_mm):.3f} mm{share} {word}"
-        return f"To first order, P95 at {found.target} is {size} with the second design{ends}."
+        return f"By estimate, P95 at {found.target} is {size} with the second design{ends}."
     low, high = found.interval_mm
     within = f"({found.confidence:.0%} interval {low:+.3f} to {high:+.3f} mm)".replace("-", "−")
     if found.conclusion == "not decided":
@@ -217,7 +217,7 @@ def _budget(first: Report, second: Report, target: str) -> list[str]:
     was, now = (values.get(name, 0.0) ** 0.5 for values in (before, after))
     return [
         f"What changed most is {label}: {way} spread at {target}, {was:.3f} mm in the first and "
-        f"{now:.3f} mm in the second design (standard deviation, first order)."
+        f"{now:.3f} mm in the second design (standard deviation, estimate)."
     ]
 
 

@@ -521,7 +521,7 @@ def _layers(items: Sequence[Item], system: System, called: str) -> tuple[Layer, 
         Layer("targets", "Targets", True),
         Layer("tcp", "Error at the tool, 95 % ellipsoid", True),
         Layer("bias", "Bias at the tool", True),
-        Layer("localisation", "Error as localised, 95 % ellipsoid", False),
+        Layer("localisation", "Error as located, 95 % ellipsoid", False),
         Layer("pivots", "Pivots of the interfaces", True),
         Layer("levers", "Lever arms to the first target", False),
         Layer("locators", "Locators", True),
@@ -543,8 +543,8 @@ def _note(beams: Sequence[Beam], magnification: float) -> str:
     if magnification > 0:
         size = "are drawn to scale" if magnification == 1 else f"are magnified {magnification:g} times"
         words += (
-            f" Error ellipsoids and biases {size}: first order, the ellipsoid that holds 95 % of a Gaussian with the "
-            "covariance, about target + bias."
+            f" Error ellipsoids and biases {size}: estimated, the ellipsoid that holds 95 % of a normal scatter as "
+            "large, about target + bias."
         )
     unknown = [printable(beam.view.name, LONGEST) for beam in beams if not beam.stated]
     if unknown:

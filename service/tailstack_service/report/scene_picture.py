@@ -321,7 +321,7 @@ _WORDS = {
 }  # fmt: skip
 _LOOK_WORDS = {
     "tcp": "error at the tool", "tcp-before": "error at the tool, {before}", "bias": "bias",
-    "bias-before": "bias, {before}", "localisation": "error as localised", "keep-out": "keep-out zone",
+    "bias-before": "bias, {before}", "localisation": "error as located", "keep-out": "keep-out zone",
     "region": "target region", "locator": "locator", "beam": "beam", "moved": "moved",
 }  # fmt: skip
 

@@ -120,7 +120,7 @@ def draw_linearity(study: StudyLinearity) -> str:
     across, down = CELL[0] * len(study.rotations_deg), CELL[1] * len(study.noises_px)
     width = max(130 + (across + 22) * len(study.spreads), 800)
     points = points_by_place(study)
-    title = f"First order over Monte Carlo: {study.provenance.design_name}"
+    title = f"Estimate over simulation: {study.provenance.design_name}"
     with titled_page("study", title, "", (down + 44) * len(study.counts) + 100, width) as (page, top):
         marks = [
             (
@@ -197,7 +197,7 @@ def draw_coupling(study: StudyCoupling, target: str | None = None) -> str:
             axes.set_ylim(len(shown), 0)
             axes.spines["top"].set_visible(True)
             _draw_ratios(axes, [which(case) for case in shown])
-        note = f"dot and bar: measured, {percent(study.confidence, 0)} % interval, each by itself; diamond: first order"
+        note = f"dot and bar: measured, {percent(study.confidence, 0)} % interval, each by itself; diamond: estimate"
         page.say(15, page.height - 14, f"{note}; {study.trials:,} trials each, seed {study.seed}", color=MUTED)
         return page.svg(title, " ".join(case.sentence for case in shown))
 

@@ -627,34 +627,37 @@ def _judge_sum(cases: Sequence[CouplingCase]) -> str:
     over = sum(tell_side(widen(case.against_sum, len(cases))) > 0 for case in cases)
     furthest = max((abs(case.against_vector_sum.value - 1) for case in cases), default=0.0)
     if not more and not less:
-        said = "No coupling is seen: in no case can P95 be told from that of the parts added as vectors"
+        said = "Together they make no more than their sum: in no case is P95 told from that of both added shot by shot"
     elif not more:
-        said = f"The tail is not more than the parts: in {less} of {len(cases)} cases it is less than that of the "
-        said += "parts added as vectors" + (", in the others no difference is seen" if less < len(cases) else "")
+        said = f"Together they make no more than their sum: in {less} of {len(cases)} cases P95 is less than that of "
+        said += "both added shot by shot" + (", in the others no difference is seen" if less < len(cases) else "")
     else:
-        said = f"In {more} of {len(cases)} cases the tail is more than that of the parts added as vectors"
+        said = f"In {more} of {len(cases)} cases P95 is more than that of both added shot by shot"
         said += f", in {less} it is less" if less else ""
     said += f" (largest difference {100 * furthest:.2g} %; all intervals together 95 %)"
     exceeded = f"is exceeded in {over} of {len(cases)} cases" if over else "is exceeded nowhere"
     return f"{said}. The plain sum of both P95 {exceeded}."
 
 
+MOVES = {"physical": "the structure moves", "eq18": "the told coordinates move"}  # by reading
+
+
 def _judge_quadrature(cases: Sequence[CouplingCase]) -> str:
     above = [case for case in cases if tell_side(widen(case.against_quadrature, len(cases))) > 0]
     if not above:
-        return "P95 is nowhere seen above the quadrature sum of the parts."
+        return "P95 is nowhere seen above the root of the sum of squares of the parts."
     most = max(above, key=lambda case: case.against_quadrature.value)
     predicted = 100 * ((most.against_quadrature.first_order or 1.0) - 1)
     return (
-        f"P95 is above the quadrature sum in {len(above)} of {len(cases)} cases, at most by "
-        f"{write_percent(most.against_quadrature)} ({most.installation}, {most.reading}), where first order, in which "
-        f"the two only add, says {predicted:+.2f} %: quadrature is not how a bias and noise combine."
+        f"P95 is above the root of the sum of squares of the parts in {len(above)} of {len(cases)} cases, at most by "
+        f"{write_percent(most.against_quadrature)} ({most.installation}, {MOVES[most.reading]}); the estimate, where "
+        f"they only add, says {predicted:+.2f} % there. So do not combine a known displacement and noise by squares."
     )
 
 
 def _judge_first_order(cases: Sequence[CouplingCase]) -> str:
     ends = [end for case in cases for end in widen(case.against_first_order, len(cases)).interval]
     return (
-        "P95 over first order's own prediction, all intervals together: "
+        "P95 against the estimate, all intervals together: "
         f"{100 * (min(ends) - 1):+.2f} .. {100 * (max(ends) - 1):+.2f} %."
     )

@@ -315,26 +315,25 @@ def write_sentences(points: Sequence[LinearityPoint]) -> tuple[str, ...]:
         found = [is_beyond(point, limit) for point in done]
         shares.append(f"within {name} at {found.count(False)} ({found.count(None)} open)")
     said = [
-        f"Of {_count_points(len(done))} first order is, with the whole interval, {', '.join(shares)}. Open: the "
+        f"Of {_count_points(len(done))} the estimate is, with the whole interval, {', '.join(shares)}. Open: the "
         "interval reaches across the limit."
     ]
     name, limit = LEVELS[1]
     far = [point for point in done if is_beyond(point, limit)]
     if far:
         hopeful = sum(point.errs == "optimistic" for point in far)
-        gentle = min(point.nu or 0.0 for point in far)
         said.append(
-            f"Surely beyond {name} it is optimistic at {_count_points(hopeful)}, pessimistic at {len(far) - hopeful}; "
-            f"the smallest nu among them is {gentle:.2g}."
+            f"Where it is surely further off than {name}, it is too small at {_count_points(hopeful)} and too large at "
+            f"{len(far) - hopeful}."
         )
     else:
-        said.append(f"Nowhere on this grid is it surely further than {name} from Monte Carlo.")
+        said.append(f"Nowhere on this grid is it surely further off than {name}.")
     corrected = [_is_nearer(point) for point in done if point.second_order_ratio is not None]
     if corrected:
         said.append(
-            f"Second order is offered at {_count_points(len(corrected))}: nearer to Monte Carlo than first order at "
-            f"{corrected.count(True)}, farther at {corrected.count(False)}, open at {corrected.count(None)}. Elsewhere "
-            "it is refused."
+            f"The second-order correction is offered at {_count_points(len(corrected))}: nearer to the simulation than "
+            f"the estimate at {corrected.count(True)}, farther at {corrected.count(False)}, open at "
+            f"{corrected.count(None)}. Elsewhere it is refused."
         )
     return tuple(said)
 

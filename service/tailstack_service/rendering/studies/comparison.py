@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tailstack.results import Interval
+from tailstack.results import ERRORS, Interval
 from tailstack.results.score import source_name
 from tailstack.studies.bench.compare import StudyComparison, write_interval
 from tailstack.studies.bench.explain import Explanation
 from tailstack.studies.bench.levels import LevelCompared, QuantilePoint
 
+from ..page import current
+from ..sentences import trust_sentence
 from ..tables import number, paint, percent, table, visible, wrap
-from ..verdict import design_line, findings_text, join_blocks, provenance_text
+from ..verdict import design_line, findings_text, heading, join_blocks, more_text, provenance_text
 
 TAIL_ROWS, MOST_TAILS = 6, 4
 VERDICT_COLOUR = {"agrees": "pass", "differs": "fail", "not testable": "inconclusive"}
@@ -19,18 +21,23 @@ VERDICT_COLOUR = {"agrees": "pass", "differs": "fail", "not testable": "inconclu
 
 def comparison_text(study: StudyComparison) -> str:
     """Bias and spread with intervals, every test, the tail, what would explain a difference, and what all that says."""
+    details = current().details
+    if details:
+        trust = wrap(f"validity of first order: {study.validity.statement}")
+    else:
+        trust = wrap(f"{trust_sentence(study.validity)}.", first="how good the prediction is: ", indent="  ")
     return join_blocks(
         _heading(study),
+        "\n".join(wrap(said, first="* ", indent="  ") for said in study.conclusions),
         _means(study),
-        _biases(study.levels),
-        _tests(study.levels),
-        _tails(study.levels),
+        _biases(study.levels, study.frame),
+        *((_tests(study.levels), _tails(study.levels)) if details else ()),
         _factors(study.explanations),
         _values(study),
-        "\n".join(wrap(said, first="* ", indent="  ") for said in study.conclusions),
         findings_text(study.findings),
-        wrap(f"validity of first order: {study.validity.statement}"),
+        trust,
         provenance_text(study.provenance),
+        more_text(),
         paint(f"measurements and prediction: {study.verdict}", VERDICT_COLOUR[study.verdict]),
     )
 
@@ -39,6 +46,9 @@ def _heading(study: StudyComparison) -> str:
     made, file = study.provenance, study.file
     benches = max((level.benches for level in study.levels), default=0)
     held = f"against {benches:,} simulated benches, seed {study.seed}" if benches else "beside the prediction"
+    if not current().details:
+        what = f"{visible(file.name)}, {file.rows} rows, {held}: {ERRORS[study.error]}"
+        return "\n".join([heading(made, what, ""), *(wrap(note, first="note: ", indent="  ") for note in file.notes)])
     how = (
         f"{visible(file.name)} (sha256 {file.sha256[:12]}): {file.rows} rows, {file.form} in {file.unit} · "
         f"{study.error} error, frame {study.frame} · {held} · {made.reading} reading · tailstack "
@@ -74,13 +84,17 @@ def _means(study: StudyComparison) -> str:
         "level, target", "trials\n(inst.)", "mean\nmm", "interval\nmm", "predicted\nmm", "range of such\nbenches, mm",
         "spread\nratio", "interval\n",
     )  # fmt: skip
+    if not current().details:
+        title = "size of the error: its mean, and its spread from trial to trial over the predicted spread"
+        kept = (0, 1, 2, 4, 5, 6)
+        return wrap(title) + "\n" + table([header[k] for k in kept], [[row[k] for k in kept] for row in rows])
     of = {level.spread.of for level in study.levels if level.spread is not None}
     what = "root of the trace of the covariance" if of == {"vectors"} else "standard deviation of the error norm"
     title = f"mean error norm, and spread from trial to trial over the predicted one ({what}); "
     return wrap(title + f"{percent(study.confidence, 0)} % each") + "\n" + table(header, rows)
 
 
-def _biases(levels: Sequence[LevelCompared]) -> str:
+def _biases(levels: Sequence[LevelCompared], frame: str) -> str:
     rows = []
     for level in levels:
         bias = level.bias
@@ -102,6 +116,10 @@ def _biases(levels: Sequence[LevelCompared]) -> str:
     header = (
         "level, target", "axis", "measured\nmm", "interval\nmm", "predicted\nmm", "range of such\nbenches, mm", "",
     )  # fmt: skip
+    if not current().details:
+        kept = (0, 1, 2, 4, 5, 6)
+        text = table([header[k] for k in kept], [[row[k] for k in kept] for row in rows], left=2)
+        return f"mean error along each axis, frame {frame}\n{text}"
     owner = " and ".join(dict.fromkeys(level.bias.interval_of for level in levels if level.bias is not None))
     return f"mean error vector; the interval is of the mean of {owner}\n" + table(header, rows, left=2)
 
@@ -156,7 +174,8 @@ def _factors(explained: Sequence[Explanation]) -> str:
     ]
     header = ("contributor", "plausible factor", "held against")
     return (
-        "one contributor alone: how many times its declared size is plausible (95 %), all else as declared\n"
+        wrap("one contributor alone: how many times its declared size is plausible (95 %), all else as declared")
+        + "\n"
         + table(header, rows)
     )
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from tailstack.results import ERRORS
 from tailstack.studies.coupling import CouplingCase, Ratio, StudyCoupling, choose_decimals, write_percent
 
+from ..page import current
 from ..tables import number, percent, table, wrap
-from ..verdict import design_line, join_blocks, provenance_text
+from ..verdict import design_line, heading, join_blocks, more_text, provenance_text
 
 MOST_DECIMALS = 3  # in a table; --json has all
+WHAT = "Do installation error and image noise together make more error than each by itself lets expect?"
+SHORT = 5  # columns of the table of P95 without details
 READINGS = {
     "physical": "the structure really moves, and its images with it",
     "eq18": "the coordinates told to the estimator move, the images do not",
@@ -33,6 +37,19 @@ def coupling_text(study: StudyCoupling, target: str | None = None) -> str:
     others = len({case.target for case in study.cases}) - 1
     more = f" ({others} more with --json)" if others else ""
     confidence = percent(study.confidence, 0)
+    if not current().details:
+        return join_blocks(
+            heading(study.provenance, WHAT, ""),
+            "\n".join(wrap(said, first="* ", indent="  ") for said in study.conclusions),
+            wrap(f"installation: {study.installation}") + "\n" + wrap(f"noise: {study.noise}"),
+            wrap(f"P95 of {ERRORS[study.error]} at {shown[0].target}{more}, mm"),
+            *(
+                f"{wrap(READINGS[name])}\n\n{_quantiles([case for case in shown if case.reading == name], SHORT)}"
+                for name in READINGS
+            ),
+            provenance_text(study.provenance),
+            more_text(),
+        )
     return join_blocks(
         _heading(study),
         wrap(f"installation: {study.installation}") + "\n" + wrap(f"noise: {study.noise}"),
@@ -71,7 +88,7 @@ def _reading(name: str, cases: Sequence[CouplingCase]) -> str:
     return f"{name} reading: {READINGS[name]}\n\n{_quantiles(cases)}\n\n{_ratios(cases)}"
 
 
-def _quantiles(cases: Sequence[CouplingCase]) -> str:
+def _quantiles(cases: Sequence[CouplingCase], kept: int | None = None) -> str:
     rows = [
         (
             case.installation,
@@ -86,10 +103,10 @@ def _quantiles(cases: Sequence[CouplingCase]) -> str:
         for case in cases
     ]  # fmt: skip
     header = (
-        "installation\nerror", "installation\nalone", "noise\nalone", "both\ntogether", "added as\nvectors",
+        "installation\nerror", "installation\nalone", "noise\nalone", "both\ntogether", "added shot\nby shot",
         "first\norder", "noise rms\nnominal", "noise rms\nbiased",
     )  # fmt: skip
-    return table(header, rows)
+    return table(header[:kept], [row[:kept] for row in rows])
 
 
 def _ratios(cases: Sequence[CouplingCase]) -> str:

@@ -2,38 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
+from tailstack.results import ERRORS
 from tailstack.studies.linearity import LinearityPoint, StudyLinearity, Within
 
+from ..page import current
 from ..rows import csv_text, reasons_text
 from ..tables import number, percent, table, visible, wrap
-from ..verdict import design_line, join_blocks, provenance_text
+from ..verdict import heading, join_blocks, more_text, provenance_text
 
 MARK: dict[Within, str] = {"1 %": " ", "5 %": "~", "20 %": "+", "beyond": "#"}
 MOST_REASONS = 8
-MOST_COLUMNS = 6  # rotations in a table
 
 
 def linearity_text(study: StudyLinearity) -> str:
     """The map as a table for each count of fiducials, what it says, and how the validity statement did."""
-    made = study.provenance
-    how = (
-        f"first order against Monte Carlo · P95 of the {study.error} error at {visible(study.target)} · up to "
-        f"{study.trials:,} trials a point, seed {study.seed} · {made.reading} reading · tailstack "
-        f"{made.tailstack_version}"
+    details = current().details
+    what = (
+        f"How far the estimate of `tailstack score` can be trusted: P95 of {ERRORS[study.error]} at "
+        f"{visible(study.target)}, estimated and simulated."
     )
+    method = f"first order against Monte Carlo, up to {study.trials:,} trials a point, seed {study.seed}"
     return join_blocks(
-        design_line(made) + "\n" + wrap(how),
-        wrap(study.varied),
-        "first order over Monte Carlo, less one, in %:   within 1 %   ~ within 5 %   + within 20 %   # beyond\n"
-        f"? the {percent(study.confidence, 0)} % interval leaves the class open   - refused",
-        *(_count_tables(study, count) for count in study.counts),
+        heading(study.provenance, what, method),
         "\n".join(wrap(said, first="* ", indent="  ") for said in study.sentences),
-        _calibration_table(study),
-        wrap(f"intervals: {study.interval_method}."),
+        wrap(study.varied),
+        wrap(
+            "by how many % the estimate is off: no mark within 1 %, ~ within 5 %, + within 20 %, # beyond; ? open, as "
+            f"the {percent(study.confidence, 0)} % interval reaches across; - refused"
+        ),
+        *(_count_table(study, count) for count in study.counts),
+        *((_calibration_table(study), wrap(f"intervals: {study.interval_method}.")) if details else ()),
         reasons_text([point.reason for point in study.points], MOST_REASONS, numbered=False),
-        provenance_text(made),
+        provenance_text(study.provenance),
+        more_text(),
     )
 
 
@@ -51,26 +52,25 @@ def deviation(point: LinearityPoint) -> str:
     return text if float(text) else text[1:]
 
 
-def _count_tables(study: StudyLinearity, count: int) -> str:
-    """As many tables below one another as the page's width takes."""
-    chunks = [study.rotations_deg[k : k + MOST_COLUMNS] for k in range(0, len(study.rotations_deg), MOST_COLUMNS)]
-    return "\n\n".join(_count_table(study, count, rotations) for rotations in chunks)
-
-
-def _count_table(study: StudyLinearity, count: int, rotations: Sequence[float]) -> str:
-    points = points_by_place(study)
+def _count_table(study: StudyLinearity, count: int) -> str:
+    points, details, rotations = points_by_place(study), current().details, study.rotations_deg
     rows = []
     for spread in study.spreads:
         for noise in study.noises_px:
             here = [points[noise, rotation, spread, count] for rotation in rotations]
             nu = next((point.nu for point in here if point.nu is not None), None)
-            row = [f"{spread:g}", f"{noise:g}", number(nu, 2)]
+            row = [f"{spread:g}", f"{noise:g}", *([number(nu, 2)] if details else [])]
             for point in here:
                 mark = " " if point.within is None else MARK[point.within]
                 row.append(f"{deviation(point)} {mark}{' ' if point.sure or point.within is None else '?'}")
             rows.append(row)
-    header = [f"{count} fiducials,\nspread", "noise\npx", "nu\n", *(f"{r:g} deg\n%  " for r in rotations)]
-    return table(header, rows)
+    header = [
+        f"{count} fiducials,\nspread",
+        "noise\npx",
+        *(["nu\n"] if details else []),
+        *(f"{r:g} deg\n%  " for r in rotations),
+    ]
+    return table(header, rows, left=2)
 
 
 def _calibration_table(study: StudyLinearity) -> str:

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from tailstack.studies.paper.reproduce import Geometry, PaperCell, StudyPaper
 
+from ..page import current
 from ..rows import csv_text, plain_text
 from ..tables import number, table, visible, wrap
-from ..verdict import join_blocks
+from ..verdict import join_blocks, more_text
 
+TABLES = (
+    ("S1", "S1: installation error at 1 px"),
+    ("S2", "S2: installation level and pixel noise"),
+    ("S3", "S3: standard deviations at 2 px, simulated"),
+)
 LETTERS = "ABCDEFGH"
 QUANTITY = {"mean": "mean", "p95": "P95", "std_x": "std x", "std_y": "std y", "std_z": "std z"}
 EXACT = 1e-9
@@ -15,19 +21,52 @@ EXACT = 1e-9
 
 def paper_text(study: StudyPaper) -> str:
     """Every table, printed cells beside ours, what is outside and why."""
+    if not current().details:
+        return _short_text(study)
     return join_blocks(
         _heading(study),
-        *(_table_text(study, name, words) for name, words in (
-            ("S1", "S1: installation error at 1 px"),
-            ("S2", "S2: installation level and pixel noise"),
-            ("S3", "S3: standard deviations at 2 px, Monte Carlo"),
-        )),
+        *(_table_text(study, name, words) for name, words in TABLES),
         _tool_text(study),
         _means_text(study),
         _bench_text(study),
         *(_geometry_text(letter, geometry) for letter, geometry in zip(LETTERS, study.geometries, strict=False)),
         *(wrap(f"{one.about}: {one.sentence}", indent="  ") for one in study.statements),
     )  # fmt: skip
+
+
+def _short_text(study: StudyPaper) -> str:
+    """The printed tables beside ours, and which cells no such geometry gives."""
+    named = [
+        wrap(
+            f"{visible(geometry.name)}"
+            + (", a geometry fitted to these tables, as the paper prints none" if geometry.compared else "")
+            + f"; pivot to target {geometry.lever_mm:.0f} mm",
+            first=f"{letter}: ",
+            indent="   ",
+        )
+        for letter, geometry in zip(LETTERS, study.geometries, strict=False)
+    ]
+    intro = (
+        f"The paper's tables as printed and as simulated with {study.trials:,} shots a value, in mm. * marks what is "
+        f"further off than chance explains ({study.band:.0%} of experiments of {study.published_trials:,} shots stay "
+        "within); - was not printed."
+    )
+    return join_blocks(
+        wrap(study.source),
+        "\n".join([wrap(intro), *named]),
+        *(_table_text(study, name, words) for name, words in TABLES),
+        *(_outside_text(letter, one) for letter, one in zip(LETTERS, study.geometries, strict=False)),
+        more_text(),
+    )
+
+
+def _outside_text(letter: str, geometry: Geometry) -> str:
+    if not geometry.compared:
+        return ""
+    outside = [f"{cell.table} {cell.row}, {QUANTITY[cell.quantity]}" for cell in geometry.cells if cell.outside]
+    listed = f": {'; '.join(outside)}" if outside else ""
+    said = f"{geometry.compared_cells} values compared, {len(outside)} further off than chance explains{listed}."
+    return wrap(said, first=f"{letter}: ", indent="   ")
 
 
 def _heading(study: StudyPaper) -> str:
@@ -57,6 +96,7 @@ def _value(cell: PaperCell) -> str:
 
 
 def _table_text(study: StudyPaper, name: str, words: str) -> str:
+    details = current().details
     chosen = [[cell for cell in geometry.cells if cell.table == name] for geometry in study.geometries]
     printed = {(one.row, one.column): f"{one.value:g}" for one in study.printed if one.table == name}
     columns = [_columns(cell) for cell in chosen[0]]
@@ -66,14 +106,15 @@ def _table_text(study: StudyPaper, name: str, words: str) -> str:
         row = [f"{cell.row}, {QUANTITY[cell.quantity]}" if name != "S3" else QUANTITY[cell.quantity]]
         row += [printed.get(column, "-") if (column := columns[place][k]) else "-" for k in kinds]
         for geometry, cells in zip(study.geometries, chosen, strict=True):
-            row.append(_value(cells[place]))
-            if geometry.compared:
+            outside = "*" if cells[place].outside else " "
+            row.append(_value(cells[place]) + ("" if details or not geometry.compared else outside))
+            if geometry.compared and details:
                 z = cells[place].z
                 row.append("-" if z is None else f"{z:+.2f}{'*' if cells[place].outside else ' '}")
         rows.append(row)
     header = [words, *(("printed,\n3-D, mm", "printed,\ntool, mm")[k] for k in kinds)]
     for letter, geometry in zip(LETTERS, study.geometries, strict=False):
-        header += [f"{letter}\nmm", "\nz"] if geometry.compared else [f"{letter}\nmm"]
+        header += [f"{letter}\nmm", "\nz"] if geometry.compared and details else [f"{letter}\nmm"]
     return table(header, rows)
 
 

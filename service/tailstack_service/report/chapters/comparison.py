@@ -8,6 +8,7 @@ from tailstack.results import Contributor, Score, TargetEstimate, TargetScore
 from tailstack.results.score import source_name
 from tailstack.scoring import P95
 
+from ...rendering.sentences import name_basis
 from ...rendering.verdict import decided_by
 from ..blocks import (
     Block,
@@ -80,7 +81,9 @@ def comparison_document(found: Comparison, sha256: str) -> Document:
 def _numbers(found: Comparison) -> tuple[KeyNumber, ...]:
     worst = found.differences[0]
     quantiles = [
-        KeyNumber(f"P95, {which.lower()} design", f"{value:.3f} mm", f"target {worst.target}, {worst.basis}")
+        KeyNumber(
+            f"P95, {which.lower()} design", f"{value:.3f} mm", f"target {worst.target}, {name_basis(worst.basis)}"
+        )
         for which, value in zip(TOLD, (worst.first_p95_mm, worst.second_p95_mm), strict=True)
     ]
     return (*quantiles, KeyNumber("Difference", f"{_with_sign(worst.difference_mm)} mm", _ends(worst)))
@@ -88,7 +91,7 @@ def _numbers(found: Comparison) -> tuple[KeyNumber, ...]:
 
 def _ends(found: Difference) -> str:
     if found.interval_mm is None:
-        return "first order"
+        return "estimate"
     low, high = found.interval_mm
     return f"{_with_sign(low)} to {_with_sign(high)} mm, {found.confidence:.0%}"
 
@@ -107,8 +110,8 @@ def _scales(found: Comparison) -> Iterator[Figure]:
         beside = (("mean", target.mean_norm_mm), ("CVaR95", target.cvar95_mm))
         ends = target.p95_interval_mm if isinstance(target, TargetEstimate) else (target.p95_mm, target.p95_mm)
         svg = draw_scale(Scaled(worst.target, target.p95_mm, ends, limit, beside, reach_mm=reach), name)
-        bar = "the bar is the interval" if isinstance(target, TargetEstimate) else "to first order"
-        yield Figure(name, svg, f"{which} design. Norm of the TCP error at target {worst.target}: {bar}.")
+        bar = "the bar is the interval" if isinstance(target, TargetEstimate) else "by estimate"
+        yield Figure(name, svg, f"{which} design. Size of the error at the tool, target {worst.target}: {bar}.")
 
 
 def _at(report: Report, name: str) -> tuple[TargetScore | TargetEstimate, float | None]:
@@ -198,7 +201,7 @@ def _errors(found: Comparison) -> Iterator[Figure]:
                 drawn[0][entry.target], drawn[1][entry.target], (entry.first_p95_mm, entry.second_p95_mm),
                 limits[entry.target], DESIGNS, name,
             )  # fmt: skip
-            yield Figure(name, svg, f"Target {entry.target}: norm of the TCP error of both designs.")
+            yield Figure(name, svg, f"Target {entry.target}: size of the error at the tool, both designs.")
 
 
 def _change_blocks(found: Comparison) -> tuple[Block, ...]:
@@ -238,7 +241,7 @@ def _budgets(found: Comparison) -> Iterator[Block]:
         )
         name = f"budgets-{k + 1}"
         svg = draw_budgets(a, b, DESIGNS, name)
-        yield Figure(name, svg, f"Target {difference.target}: what each source adds to the spread, to first order.")
+        yield Figure(name, svg, f"Target {difference.target}: what each source adds to the spread, by estimate.")
         yield _budget_table(found.first.score, found.second.score, difference.target, k)
 
     yield from _curves(found, found.differences[0].target)
@@ -252,9 +255,7 @@ def _curves(found: Comparison, target: str) -> Iterator[Figure]:
     )
     if second.curves:
         svg = draw_tolerances(second, "tolerances", first, (DESIGNS[1], DESIGNS[0]))
-        yield Figure(
-            "tolerances", svg, f"Target {target}: the quantile to first order over each half-width, both designs."
-        )
+        yield Figure("tolerances", svg, f"Target {target}: the estimated error over each half-width, both designs.")
 
 
 Key = tuple[str, str]
@@ -280,7 +281,7 @@ def _budget_table(first: Score, second: Score, target: str, place: int) -> Table
         rows.append(Row(tuple(cells)))
     return Table(
         "Budgets" if place == 0 else f"Budgets {place + 1}",
-        f"Budgets at target {target}, to first order",
+        f"Budgets at target {target}, by estimate",
         (
             Column("Contributor"), Column("Unit"),
             Column("Half-width, first", "unit", "significant"), Column("Half-width, second", "unit", "significant"),

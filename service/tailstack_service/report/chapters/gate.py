@@ -15,6 +15,7 @@ from ...gate.records import (
     find_largest_p95,
     split_findings,
 )
+from ...rendering.sentences import name_basis
 from ..blocks import (
     Block,
     Bullets,
@@ -132,7 +133,7 @@ DESIGNS: tuple[tuple[Column, Callable[[GatedDesign], Cell]], ...] = (
     (Column("File"), lambda design: design.file),
     (Column("Design"), lambda design: design.name or "could not be read"),
     (Column("Class"), lambda design: design.design_class or ""),
-    (Column("Basis"), lambda design: design.basis),
+    (Column("Basis"), lambda design: name_basis(design.basis)),
     (Column("Trials", "", "whole"), lambda design: design.trials),
     (Column("Largest P95", "mm", "fixed", 4), find_largest_p95),
     (Column("Verdict", kind="status"), lambda design: design.verdict),

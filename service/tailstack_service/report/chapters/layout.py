@@ -32,7 +32,7 @@ def layout_blocks(
     caption = f"{of}The layout in the connector frame con, mm: nominal positions"
     if scene.magnification > 0:
         size = "to scale" if scene.magnification == 1 else f"{scene.magnification:g} times their size"
-        caption += f"; ellipsoids of 95 % of a Gaussian error, about target plus bias, {size}"
+        caption += f"; ellipsoids that hold 95 % of a normal scatter, about target plus bias, {size}"
     caption += "." if old is None else f". In grey: {called}."
     images = draw_images(design, f"{title}: what each view sees", f"{name}-images", None if old is None else old[0])
     seen = f"{of}What each view sees: as the structure sits with its known bias, no noise."

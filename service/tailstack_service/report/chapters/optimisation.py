@@ -42,7 +42,7 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
     check = found.certificate.verification
     more = len(found.binding) - MOST_BINDING
     listed = "; ".join(found.binding[:MOST_BINDING]) + (f"; and {more} more" if more > 0 else "")
-    binding = f"What binds: {listed}." if found.binding else "Nothing binds."
+    binding = f"What keeps it from being better: {listed}." if found.binding else "Nothing keeps it from being better."
     return Document(
         kind="Optimised design",
         title=found.provenance.design_name,
@@ -106,7 +106,7 @@ def sentence_of(words: str) -> str:
 
 def optimisation_numbers(found: Optimisation) -> tuple[KeyNumber, ...]:
     before = "not determined" if found.p95_before_mm is None else f"{found.p95_before_mm:.3f} mm before"
-    numbers = [KeyNumber("P95, first order", f"{found.p95_after_mm:.3f} mm", before)]
+    numbers = [KeyNumber("P95, estimate", f"{found.p95_after_mm:.3f} mm", before)]
     worst = found.worst_target
     low, high = worst.p95_interval_mm
     numbers.append(KeyNumber("P95, Monte Carlo", f"{worst.p95_mm:.3f} mm", f"{low:.3f} to {high:.3f} mm, {worst.name}"))
@@ -168,15 +168,15 @@ def change_blocks(found: Optimisation) -> tuple[Block, ...]:
     if found.shadow_prices:
         prices = [Row((entry.name, entry.unit, entry.cost_per_unit, entry.sentence)) for entry in found.shadow_prices]
         blocks.append(Table(
-            "Shadow prices", "What one unit of a limit or bound is worth",
+            "Shadow prices", "What one unit more of a limit or bound changes",
             (
-                Column("Limit or bound"), Column("Unit"), Column("Worth", "per unit", "significant", 4),
+                Column("Limit or bound"), Column("Unit"), Column("Change", "per unit", "significant", 4),
                 Column("In words"),
             ),
             tuple(prices),
         ))  # fmt: skip
     if found.binding:
-        blocks.append(Bullets(tuple(f"Binds: {entry}" for entry in found.binding)))
+        blocks.append(Bullets(tuple(f"Keeps it from being better: {entry}" for entry in found.binding)))
     return tuple(blocks)
 
 

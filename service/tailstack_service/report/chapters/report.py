@@ -76,7 +76,7 @@ def budget_chapter(report: Report, suffix: str = "") -> tuple[Block, ...]:
         curves = tolerance_curves(design, target.name, judgement_of(check))
         if curves.curves:
             name = f"tolerances-{k + 1}{suffix}"
-            caption = f"Target {target.name}: the quantile to first order over each half-width, the others as they are."
+            caption = f"Target {target.name}: the estimated error over each half-width, the others as they are."
             blocks.append(Figure(name, draw_tolerances(curves, name), caption))
     return tuple(blocks)
 
@@ -95,8 +95,8 @@ def error_chapter(report: Report, suffix: str = "") -> tuple[Block, ...]:
             Figure(
                 name,
                 draw_distribution(shown, p95, interval, target.limit_mm, name),
-                f"Target {shown.target}: norm of the TCP error, first-order law"
-                + (" and Monte Carlo." if sampled is not None else "."),
+                f"Target {shown.target}: size of the error at the tool, as estimated"
+                + (" and as simulated." if sampled is not None else "."),
             )
         )
     if report.verification is not None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tailstack.results import Score, TargetEstimate, TargetScore
+from tailstack.results import ERRORS, Score, TargetEstimate, TargetScore
 from tailstack.results import headline_of as headline_words
 from tailstack.results.score import source_name
 from tailstack.scoring import P95
 
 from ...rendering.score import worst_target
-from ...rendering.sentences import units_sentence
+from ...rendering.sentences import name_basis, units_sentence
 from ...rendering.tables import signed_decimal
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
 from ..charts import Scaled, draw_scale, draw_shares, draw_without
@@ -37,7 +37,7 @@ def score_document(score: Score, sha256: str) -> Document:
     headline = headline_of(score, None)
     command = "tailstack score design.yaml --json"
     return Document(
-        kind="First-order score",
+        kind="Estimated error",
         title=score.provenance.design_name,
         tone=tone_of(headline.status),
         status=headline.status,
@@ -64,8 +64,8 @@ def score_document(score: Score, sha256: str) -> Document:
 def key_numbers(headline: Headline) -> tuple[KeyNumber, ...]:
     """What decides, its limit and the margin, in large type."""
     low, high = headline.interval_mm
-    ends = f"{low:.3f} to {'unknown' if high is None else f'{high:.3f}'} mm, {headline.basis}"
-    error = "the error" if headline.error == "tcp" else f"the {headline.error} error"
+    ends = f"{low:.3f} to {'unknown' if high is None else f'{high:.3f}'} mm, {name_basis(headline.basis)}"
+    error = "the error" if headline.error == "tcp" else ERRORS[headline.error]
     label = f"{headline.headline} of {error}" if headline.min_yield is None else headline.headline
     numbers = [KeyNumber(label, f"{headline.value_mm:.3f} mm", ends)]
     if headline.limit_mm is None:
@@ -89,8 +89,8 @@ def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEs
         headline.target, headline.value_mm, headline.interval_mm, headline.limit_mm, _beside(headline, targets),
         headline.headline, headline.error,
     )  # fmt: skip
-    error = headline.error.replace("tcp", "TCP")
-    caption = f"Norm of the {error} error at target {headline.target}, {headline.basis}: the bar is the interval."
+    size = f"Size of {ERRORS[headline.error]}, target {headline.target}"
+    caption = f"{size}, by {name_basis(headline.basis)}: the bar is the interval."
     return Figure("headline", draw_scale(shown, "headline"), caption)
 
 
@@ -143,7 +143,7 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = (), kept_apart
             Figure(
                 f"without{suffix}",
                 draw_without(target.contributors, target.name, target.p95_mm, limit, f"without{suffix}"),
-                f"Target {target.name}: first-order P95 were one contributor perfect and all others as they are.",
+                f"Target {target.name}: the estimated P95 if one contributor were perfect and all others as they are.",
             ),
             budget_table(target, "Budget" if k == 0 else f"Budget {k + 1}", allowances),
         ]
@@ -157,10 +157,10 @@ def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]
     said = []
     tightest = max(score.verdict.checks, key=lambda check: check.value_mm / check.limit_mm, default=None)
     if tightest is not None:
-        error = f"the {tightest.error.replace('tcp', 'TCP')} error at {tightest.target}"
+        error = f"{ERRORS[tightest.error]} at {tightest.target}"
         what = headline_words(tightest.quantile, tightest.min_yield, error)
         said.append(
-            f"What binds: {tightest.requirement}, {what}, {tightest.value_mm:.3f} mm to first order against a limit of "
+            f"Nearest to its limit is {tightest.requirement}: {what}, an estimated {tightest.value_mm:.3f} mm against "
             f"{tightest.limit_mm:g} mm."
         )
         # a requirement on each unit has no slack by this measure; the pooled one of the worst target then has

@@ -67,7 +67,7 @@ def linearity_document(study: StudyLinearity, sha256: str) -> Document:
         KeyNumber("Within 1 %", f"{len(within):,}", f"of {len(evaluated):,}, by the whole interval"),
         KeyNumber("Promises broken", f"{broken:,}", "by the whole interval"),
     )
-    caption = "First-order P95 over that of Monte Carlo: where it is within 1, 5 and 20 %."
+    caption = "Estimated P95 over the simulated one: where it is within 1, 5 and 20 %."
     axes = (
         f"Noises {_list_numbers(study.noises_px)} px; rotations {_list_numbers(study.rotations_deg)} deg; spreads "
         f"{_list_numbers(study.spreads)}; {_list_numbers(study.counts)} fiducials"
@@ -77,7 +77,7 @@ def linearity_document(study: StudyLinearity, sha256: str) -> Document:
         f"--count {_join(study.counts)} --error {study.error}"
     )
     return Document(
-        kind="Study: where first order holds",
+        kind="Study: where the estimate holds",
         title=study.provenance.design_name,
         tone="neutral",
         status="study",
@@ -125,7 +125,7 @@ def _linearity_table(study: StudyLinearity) -> Table:
             Column("Noise", "px", "given"),
             Column("Rotation", "deg", "given"),
             Column("nu", kind="significant", digits=2),
-            Column("First order", "mm", "significant", 4),
+            Column("Estimate", "mm", "significant", 4),
             Column("Second order", "mm", "significant", 4, on_page=False),
             Column("Monte Carlo", "mm", "significant", 4),
             Column("Ratio", kind="fixed", digits=4),
@@ -217,7 +217,7 @@ def _coupling_quantiles(study: StudyCoupling) -> Table:
             Column("Noise alone", "mm", "fixed"),
             Column("Together", "mm", "fixed"),
             Column("Added as vectors", "mm", "fixed"),
-            Column("First order", "mm", "fixed"),
+            Column("Estimate", "mm", "fixed"),
             Column("Noise rms nominal", "mm", "fixed", on_page=False),
             Column("Noise rms biased", "mm", "fixed", on_page=False),
         ),
@@ -245,7 +245,7 @@ def _coupling_ratios(study: StudyCoupling) -> Table:
             Column("Value", kind="fixed", digits=4),
             Column("From", kind="fixed", digits=4),
             Column("To", kind="fixed", digits=4),
-            Column("First order", kind="fixed", digits=4),
+            Column("Estimate", kind="fixed", digits=4),
         ),
         tuple(rows),
         most=MOST_ROWS,
@@ -426,7 +426,7 @@ def _cells_table(geometry: Geometry, number: int) -> Table:
             Column("Statistic"),
             Column("Ours", "mm", "significant", 4),
             Column("Standard error", "mm", "significant", 2),
-            Column("First order", "mm", "significant", 4),
+            Column("Estimate", "mm", "significant", 4),
             Column("Other reading", "mm", "significant", 4),
             Column("At the tool", "mm", "significant", 4),
             Column("Printed", "mm", "significant", 4),

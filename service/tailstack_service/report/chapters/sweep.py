@@ -32,7 +32,7 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
         sentence = f"P95 of the TCP error {ends} {over}"
         sentence += "." if not refused else f"; {len(refused):,} could not be evaluated and are not among them."
         figures = _figure(sweep)
-    how = "by Monte Carlo" if sweep.check == "verification" else "to first order"
+    how = "by Monte Carlo" if sweep.check == "verification" else "by estimate"
     blocks: list[Block] = [_table(sweep)]
     if refused:
         blocks.append(Bullets(tuple(f"{_place(sweep, p.values)}: {p.reason}" for p in refused[:20])))
@@ -81,7 +81,7 @@ def _matters(sweep: Sweep) -> tuple[str, ...]:
 
 def _method(sweep: Sweep) -> tuple[Block, ...]:
     if sweep.check == "score":
-        how = "Each point is scored to first order, at the geometry that its own numbers give."
+        how = "Each point is estimated, at the geometry that its own numbers give."
     elif sweep.trials is None:
         how = (
             f"Each point is checked by Monte Carlo on the full chain, to the solver's own precision, seed {sweep.seed}."
@@ -140,7 +140,7 @@ def _table(sweep: Sweep) -> Table:
             Column("P95 to", "mm", "fixed", 4),
             Column("Mean |e|", "mm", "fixed", 4),
             Column("|bias|", "mm", "fixed", 4),
-            Column("P95 as localised", "mm", "fixed", 4),
+            Column("P95 as located", "mm", "fixed", 4),
             Column("Verdict", kind="status"),
         ),
         tuple(rows),

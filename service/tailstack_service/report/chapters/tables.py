@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tailstack.results import (
+    ERRORS,
     Check,
     Contributor,
     Finding,
@@ -22,18 +23,19 @@ from tailstack.results import headline_of as words
 from tailstack.results.verdicts import urgency
 
 from ...rendering.score import group, heading_of
+from ...rendering.sentences import name_basis
 from ...rendering.verdict import decided_by
 from ..blocks import Bullets, Cell, Column, Facts, Row, Table
 from ..records import Allowance
 
 BUDGET_NOTE = (
     "Half-width, standard deviation and sensitivity are per component in the unit named (image noise: one standard "
-    "deviation); dP95/dh is what one unit of half-width is worth. A line of a whole contributor sums up the components "
+    "deviation); dP95/dh is what one unit of it changes P95 by. A line of a whole contributor sums up the components "
     "below it."
 )
 SLACK_NOTE = (
-    " Half-width at limit: the one at which the tightest requirement on all units together is just met, to first "
-    "order, if nothing else changes; slack is what is left to it, negative where it has to shrink, empty where not "
+    " Half-width at limit: the one at which the tightest requirement on all units together is just met, by "
+    "estimate, if nothing else changes; slack is what is left to it, negative where it has to shrink, empty where not "
     "even zero is enough. Slack can be spent once: two tolerances cannot both use it up."
 )
 COST_NOTE = " Cost: by the prices of the design's optimise section; a half-width without a price has none."
@@ -44,17 +46,18 @@ def targets_table(score: Score) -> Table:
     rows = []
     for target in sorted(score.targets, key=lambda entry: entry.p95_mm, reverse=True):
         rows.append(_target_row(target.name, target))
-        rows.append(_target_row("as localised", target.localisation, 1))
+        rows.append(_target_row("as located", target.localisation, 1))
     return Table(
         name="Targets",
-        caption="First order: the error at each target, in the frame named",
+        caption="Estimate: the error at each target, in the frame named",
         columns=(
             Column("Target"), Column("Frame"), *_axes("Bias"), *_axes("Std"), Column("Mean |e|", "mm", "fixed"),
             Column("P95", "mm", "fixed", 4), Column("CVaR95", "mm", "fixed"), Column("Limit", "mm", "significant", 4),
             Column("Beyond limit", "%", "percent", 2),
         ),
         rows=tuple(rows),
-        note="Bias and standard deviation by axis of the frame; P95 and CVaR95 of the error's norm, bias included.",
+        note="Bias and standard deviation by axis of the frame; P95 and CVaR95 (the mean of the worst 5 %) of the "
+        "error's size, bias included. As located: the target as found in the images, before flange and robot.",
     )  # fmt: skip
 
 
@@ -78,16 +81,16 @@ def estimates_table(check: Verification, of: str = "") -> Table:
     rows = []
     for target in sorted(check.targets, key=lambda entry: entry.p95_mm, reverse=True):
         rows.append(_estimate_row(target.name, target))
-        rows.append(_estimate_row("as localised", target.localisation, 1))
+        rows.append(_estimate_row("as located", target.localisation, 1))
     confidence = f"{100 * check.targets[0].confidence:g} %" if check.targets else ""
     return Table(
         name="Monte Carlo",
-        caption=f"Monte Carlo on the full chain{of}: the error at each target; intervals of {confidence} confidence",
+        caption=f"Simulation (Monte Carlo){of}: the error at each target; intervals of {confidence} confidence",
         columns=(
             Column("Target"), *_axes("Bias"), *_axes("Std"), Column("Mean |e|", "mm", "fixed"),
             Column("P95", "mm", "fixed", 4), Column("P95 from", "mm", "fixed", 4), Column("P95 to", "mm", "fixed", 4),
             Column("CVaR95", "mm", "fixed"), Column("Worst met", "mm", "fixed"),
-            Column("Beyond limit", "%", "percent", 2), Column("First order / MC", "", "fixed", 4),
+            Column("Beyond limit", "%", "percent", 2), Column("Estimate / simulated", "", "fixed", 4),
         ),
         rows=tuple(rows),
     )  # fmt: skip
@@ -109,7 +112,7 @@ def requirements_table(verdict: Verdict) -> Table | None:
     rows = [Row(requirement_cells(check, count)) for check, count in decided_by(verdict.checks)]
     if not rows:
         return None
-    caption = f"Requirements, {'to first order' if verdict.basis == 'first order' else 'by Monte Carlo'}"
+    caption = f"Requirements, by {name_basis(verdict.basis)}"
     return Table("Requirements", caption, REQUIREMENT_COLUMNS, tuple(rows), MARGIN_NOTE)
 
 
@@ -131,7 +134,7 @@ def requirement_cells(check: Check, count: int) -> tuple[Cell, ...]:
 
 
 def what_is_limited(check: Check) -> str:
-    return words(check.quantile, check.min_yield, f"the {check.error.replace('tcp', 'TCP')} error")
+    return words(check.quantile, check.min_yield, ERRORS[check.error])
 
 
 def checks_table(*verdicts: Verdict, name: str = "Checks", of: str = "") -> Table:
@@ -139,8 +142,8 @@ def checks_table(*verdicts: Verdict, name: str = "Checks", of: str = "") -> Tabl
     judged = [(verdict.basis, check) for verdict in verdicts for check in verdict.checks]
     rows = [
         Row((
-            check.requirement, check.target, what_is_limited(check), basis, check.yield_fraction, check.min_yield,
-            check.value_mm, *check.interval_mm, check.limit_mm, check.margin_mm, check.status,
+            check.requirement, check.target, what_is_limited(check), name_basis(basis), check.yield_fraction,
+            check.min_yield, check.value_mm, *check.interval_mm, check.limit_mm, check.margin_mm, check.status,
         ))
         for basis, check in sorted(judged, key=lambda entry: urgency(entry[1]))
     ]  # fmt: skip
@@ -153,8 +156,8 @@ def checks_table(*verdicts: Verdict, name: str = "Checks", of: str = "") -> Tabl
         ),
         rows=tuple(rows),
         note="A requirement passes only if the upper end of the interval is within the limit, and fails only if the "
-        f"lower end is beyond it. {MARGIN_NOTE} First order: the interval is the calibrated error of the "
-        "linearisation.",
+        f"lower end is beyond it. {MARGIN_NOTE} Estimate: the interval is how far a simulation may "
+        "be from it.",
     )  # fmt: skip
 
 
@@ -178,7 +181,7 @@ def budget_table(target: TargetScore, name: str = "Budget", allowances: Sequence
     kept = 9 if not known else 13 if with_cost else 12
     return Table(
         name=name,
-        caption=f"Budget at target {target.name} (first order, P95 {target.p95_mm:.4f} mm)",
+        caption=f"Budget at target {target.name} (estimate, P95 {target.p95_mm:.4f} mm)",
         columns=(
             Column("Contributor"), Column("Law"), Column("Half-width", "unit", "significant"), Column("Unit"),
             Column("Std", "unit", "significant", on_page=not known),

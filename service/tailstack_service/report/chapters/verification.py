@@ -32,7 +32,7 @@ def verification_document(check: Verification, sha256: str) -> Document:
     numbers = [
         *key_numbers(headline),
         KeyNumber("Trials", f"{check.trials:,}", f"seed {check.seed}"),
-        KeyNumber("First order / Monte Carlo", f"{check.first_order_ratio:.4f}", "ratio of the two P95"),
+        KeyNumber("Estimate / simulation", f"{check.first_order_ratio:.4f}", "ratio of the two P95"),
     ]
     return Document(
         kind="Monte Carlo check",
