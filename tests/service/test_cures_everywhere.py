@@ -11,6 +11,9 @@ import httpx
 import pytest
 from service_scenes import EXAMPLES, ROOT, check_problem, client_with, small_design
 
+from tailstack.design import check_design, load_design
+from tailstack.design.plausibility import PLAUSIBILITY
+from tailstack.design.presets import PRESETS
 from tailstack_service.cli.main import main
 
 DEMO = EXAMPLES / "demo.yaml"
@@ -134,6 +137,15 @@ def test_yaml_that_is_sent_as_json(client: httpx.Client) -> None:
     assert entry["hint"] == ""
 
 
+def test_a_decimal_comma_between_braces_is_pointed_at_in_a_body_of_yaml(client: httpx.Client) -> None:
+    text = DEMO.read_text().replace("rx: { half_width_deg: 0.10,", "rx: { half_width_deg: 0,10,")
+    answer = client.post("/v1/scores", content=text.encode(), headers=YAML)
+    (entry,) = check_problem(answer, 400, "malformed-document")["errors"]
+    assert entry["pointer"] == "/interfaces/structure_connector/tolerances/rx/half_width_deg"
+    assert "write it with a point: 0.10" in entry["hint"]
+    assert entry["line"] == next(k for k, line in enumerate(text.splitlines(), 1) if "0,10" in line)
+
+
 def test_json_around_a_design_that_is_sent_as_yaml(client: httpx.Client) -> None:
     body = json.dumps({"design": small_design()}).encode()
     found = check_problem(client.post("/v1/scores", content=body, headers=YAML), 422, "invalid-design")
@@ -238,9 +250,19 @@ def test_an_implausible_value_is_remarked_by_every_way_in(
         assert "If radians were meant, write 0.0974" in met["message"]
 
 
-def test_the_page_on_designs_lists_every_remark() -> None:
-    from tailstack.design.plausibility import PLAUSIBILITY
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_first_design_is_not_remarked(capsys: pytest.CaptureFixture[str], preset: str) -> None:
+    known = PRESETS[preset]
+    numbers = {"source_isocentre_mm": "700", "pixel_mm": "0.4"}
+    flags = [word for name in known.missing for word in (f"--{name.replace('_', '-')}", numbers[name])]
+    made = main(["init", "-", "-y", "--preset", preset, "--size-mm", "40", "--target", "0,0,30", *flags])
+    text = capsys.readouterr().out
+    assert made == 0
+    findings = check_design(load_design(text))[1]
+    assert [finding.message for finding in findings if finding.rule in PLAUSIBILITY] == []
 
+
+def test_the_page_on_designs_lists_every_remark() -> None:
     page = (ROOT / "docs" / "design.md").read_text()
     table = page.partition("## What is remarked as implausible")[2].partition("\n## ")[0]
     listed = [line.split("`")[1] for line in table.splitlines() if line.startswith("| `")]

@@ -70,7 +70,7 @@ def test_a_policy_that_switches_off_what_would_judge_does_not_pass(rules: tuple[
     (finding,) = of_rule(record, "not-evaluated")
     assert "p95 is off" in finding.message
     (named,) = of_rule(record, "not-judged")
-    assert "tip-accuracy (P95 of the tcp error within 0.01 mm) was not judged" in named.message
+    assert "tip-accuracy (P95 of the error at the tool within 0.01 mm) was not judged" in named.message
     (left,) = record.designs[0].not_judged
     assert (left.requirement, left.target, left.rule) == ("tip-accuracy", "tip", "p95")
 

@@ -24,6 +24,7 @@ log = logging.getLogger("tailstack.service")
 PROBLEM = "application/problem+json"
 STORE_RETRY_SECONDS = 2
 LONGEST_PATH = 120  # characters of an unknown path that the answer repeats
+MOST_STEPS, LONGEST_STEP = 8, 20  # of an unknown path that is compared with the routes: ids can be long
 CLIENT_LEFT = 499  # for the log: nobody reads the answer
 
 
@@ -91,7 +92,7 @@ async def _answer_unrouted(request: Request, error: Any) -> Response:
 
 def _name_route(request: Request, path: str) -> str:
     """The route that a path may be a slip of, as a question; empty where none is near."""
-    given = path.split("/")
+    given = [step[:LONGEST_STEP] for step in path.split("/")[:MOST_STEPS]]
     routes: dict[str, tuple[str, str]] = {}  # the route with this path's own ids in it: method and template
     for template, methods in request.app.state.addresses:
         steps = template.split("/")
@@ -100,7 +101,7 @@ def _name_route(request: Request, path: str) -> str:
         method = request.method if request.method in methods else methods[0]
         if filled not in routes or method == request.method:
             routes[filled] = (method, template)
-    nearest = find_nearest(path, routes)
+    nearest = find_nearest("/".join(given), routes)
     return "did you mean {} {}?".format(*routes[nearest[0]]) if nearest else ""
 
 
