@@ -544,6 +544,66 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/presets": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Published C-arm geometries
+         * @description What the field preset of a view takes, with its numbers and their source.
+         */
+        get: operations["list_presets"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/examples": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Designs to begin with
+         * @description Those that the package holds, each with what it shows and the path of its document.
+         */
+        get: operations["list_examples"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/examples/{name}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * A design to begin with
+         * @description It stands alone: fiducials that the example has in a file of their own are in it.
+         */
+        get: operations["get_example"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/problems/{slug}": {
         parameters: {
             query?: never;
@@ -2119,6 +2179,37 @@ export interface components {
              * @description Sampled shots; null: nothing was drawn.
              */
             trials: number | null;
+        };
+        /** ExampleEntry */
+        ExampleEntry: {
+            /**
+             * Name
+             * @description Name of the example.
+             */
+            name: string;
+            /**
+             * Title
+             * @description Name of its design.
+             */
+            title: string;
+            /**
+             * Description
+             * @description What it shows; may be empty.
+             */
+            description: string;
+            /**
+             * Url
+             * @description Path of the design.
+             */
+            url: string;
+        };
+        /** ExampleList */
+        ExampleList: {
+            /**
+             * Examples
+             * @description Every example that is one design.
+             */
+            examples: components["schemas"]["ExampleEntry"][];
         };
         /** Exceedance */
         Exceedance: {
@@ -5345,6 +5436,68 @@ export interface components {
                 number,
                 number
             ];
+        };
+        /**
+         * PresetEntry
+         * @description A published C-arm geometry; what its source does not state is null, and a view has to state it.
+         */
+        PresetEntry: {
+            /**
+             * Name
+             * @description What the field `preset` of a view takes.
+             */
+            name: string;
+            /**
+             * Title
+             * @description The device.
+             */
+            title: string;
+            /**
+             * Source Detector Mm
+             * @description Distance from the X-ray source to the detector, mm.
+             */
+            source_detector_mm: number;
+            /**
+             * Source Isocentre Mm
+             * @description Distance from the X-ray source to the isocentre, mm.
+             */
+            source_isocentre_mm: number | null;
+            /**
+             * Pixel Mm
+             * @description Pixel pitch at the detector, mm.
+             */
+            pixel_mm: number | null;
+            /**
+             * Image Size Px
+             * @description Width and height of the image, px.
+             */
+            image_size_px: [
+                number,
+                number
+            ] | null;
+            /**
+             * View Must State
+             * @description Fields that a view with this preset has to state itself.
+             */
+            view_must_state: string[];
+            /**
+             * Source
+             * @description Where the numbers are from.
+             */
+            source: string;
+            /**
+             * Remark
+             * @description What is to be known about them; may be empty.
+             */
+            remark: string;
+        };
+        /** PresetList */
+        PresetList: {
+            /**
+             * Presets
+             * @description Every preset.
+             */
+            presets: components["schemas"]["PresetEntry"][];
         };
         /**
          * PresetView
@@ -9595,6 +9748,82 @@ export interface operations {
             404: components["responses"]["Problem404"];
             421: components["responses"]["Problem421"];
             422: components["responses"]["Problem422"];
+            500: components["responses"]["Problem500"];
+        };
+    };
+    list_presets: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Published C-arm geometries. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PresetList"];
+                };
+            };
+            421: components["responses"]["Problem421"];
+            500: components["responses"]["Problem500"];
+        };
+    };
+    list_examples: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Designs to begin with. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ExampleList"];
+                };
+            };
+            421: components["responses"]["Problem421"];
+            500: components["responses"]["Problem500"];
+        };
+    };
+    get_example: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /**
+                 * @description Name of an example.
+                 * @example demo
+                 */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The design. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Design"];
+                };
+            };
+            404: components["responses"]["Problem404"];
+            421: components["responses"]["Problem421"];
             500: components["responses"]["Problem500"];
         };
     };

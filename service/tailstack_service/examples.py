@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 ELSEWHERE = ("fiducials",)  # folders that hold parts of designs
+OF_DESIGNS = ("", "gallery", "paper")  # folders whose designs stand for themselves
 
 
 def example_folder() -> Path:
@@ -26,3 +30,46 @@ def list_examples() -> dict[str, str]:
         contents = sorted(path.name for path in below.iterdir() if re.fullmatch(r"\w+\.(yaml|csv)", path.name))
         found[below.name] = f"a folder: {', '.join(contents)}"
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class ExampleDesign:
+    """A design to begin with."""
+
+    name: str  # of the file, its folder before it: gallery-flat_plate
+    title: str  # name of the design
+    words: str  # what it shows: the first paragraph of its comments
+    path: Path
+
+
+@cache
+def list_example_designs() -> dict[str, ExampleDesign]:
+    """Every example that is one design, by its name."""
+    found = {}
+    for folder in OF_DESIGNS:
+        for path in sorted((example_folder() / folder).glob("*.yaml")):
+            name = f"{folder}-{path.stem}" if folder else path.stem
+            text = path.read_text(encoding="utf-8")
+            title = re.search(r"^name: (.+)$", text, re.MULTILINE)
+            found[name] = ExampleDesign(name, title[1] if title else name, _first_paragraph(text), path)
+    return found
+
+
+def _first_paragraph(text: str) -> str:
+    """Of the comments that a design begins with, without the line that is for editors."""
+    words = []
+    for line in text.splitlines():
+        if line.startswith("# yaml-language-server:"):
+            continue
+        if not line.startswith("# "):
+            break
+        words.append(line.removeprefix("# "))
+    return " ".join(words)
+
+
+@cache
+def read_example(name: str) -> dict[str, Any]:
+    """An example as plain data that stands alone: fiducials of a file are in it.  Raises KeyError."""
+    from tailstack.design import design_to_data, load_design
+
+    return design_to_data(load_design(list_example_designs()[name].path))

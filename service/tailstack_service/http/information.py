@@ -16,7 +16,9 @@ from tailstack.cures import ask_meant
 from tailstack.errors import Problem, TailstackError
 from tailstack.json_text import write_json
 
+from ..documents import to_json
 from ..drafts import DRAFTS
+from ..examples import list_example_designs, read_example
 from ..jobs.store.workers import check_readiness
 from ..operations.sent import single
 from ..problems import CATALOGUE, ProblemType, RequestError, TransportError
@@ -78,7 +80,56 @@ class Version:
     """Value of the field `schema` of each document that this version reads and writes."""
 
 
-DESCRIBED = (Health, Readiness, SchemaList, Version, ProblemType)  # what is answered beside published records
+@dataclass(frozen=True, slots=True)
+class PresetEntry:
+    """A published C-arm geometry; what its source does not state is null, and a view has to state it."""
+
+    name: str
+    """What the field `preset` of a view takes."""
+    title: str
+    """The device."""
+    source_detector_mm: float
+    """Distance from the X-ray source to the detector, mm."""
+    source_isocentre_mm: float | None
+    """Distance from the X-ray source to the isocentre, mm."""
+    pixel_mm: float | None
+    """Pixel pitch at the detector, mm."""
+    image_size_px: tuple[int, int] | None
+    """Width and height of the image, px."""
+    view_must_state: tuple[str, ...]
+    """Fields that a view with this preset has to state itself."""
+    source: str
+    """Where the numbers are from."""
+    remark: str
+    """What is to be known about them; may be empty."""
+
+
+@dataclass(frozen=True, slots=True)
+class PresetList:
+    presets: tuple[PresetEntry, ...]
+    """Every preset."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExampleEntry:
+    name: str
+    """Name of the example."""
+    title: str
+    """Name of its design."""
+    description: str
+    """What it shows; may be empty."""
+    url: str
+    """Path of the design."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExampleList:
+    examples: tuple[ExampleEntry, ...]
+    """Every example that is one design."""
+
+
+# What is answered beside published records
+DESCRIBED = (Health, Readiness, SchemaList, Version, ProblemType, PresetList, ExampleList)
 READINESS = media_types(JSON, reference("schemas", "Readiness"))
 
 
@@ -217,6 +268,55 @@ async def schema(request: Request) -> Response:
         raise RequestError(Problem("/draft", "unknown-value", detail))
     body = await asyncio.to_thread(lambda: write_json(json_schema(name, draft)))
     return Response(body, media_type="application/schema+json")
+
+
+@router.get(
+    "/v1/presets",
+    operation_id="list_presets",
+    summary="Published C-arm geometries",
+    description="What the field preset of a view takes, with its numbers and their source.",
+    responses={200: response_of("Published C-arm geometries.", media_types(JSON, reference("schemas", "PresetList")))},
+    openapi_extra=extra(),
+)
+async def presets() -> Response:
+    return Response(await asyncio.to_thread(_presets), media_type=JSON)
+
+
+@cache
+def _presets() -> bytes:
+    from tailstack.design import list_presets
+
+    entries = ({**preset, "view_must_state": tuple(preset["view_must_state"])} for preset in list_presets())
+    return to_json(PresetList(tuple(PresetEntry(**entry) for entry in entries)))
+
+
+@router.get(
+    "/v1/examples",
+    operation_id="list_examples",
+    summary="Designs to begin with",
+    description="Those that the package holds, each with what it shows and the path of its document.",
+    responses={200: response_of("Designs to begin with.", media_types(JSON, reference("schemas", "ExampleList")))},
+    openapi_extra=extra(),
+)
+async def examples() -> Response:
+    found = await asyncio.to_thread(list_example_designs)
+    entries = (ExampleEntry(one.name, one.title, one.words, f"/v1/examples/{one.name}") for one in found.values())
+    return record_response(ExampleList(tuple(entries)))
+
+
+@router.get(
+    "/v1/examples/{name}",
+    operation_id="get_example",
+    summary="A design to begin with",
+    description="It stands alone: fiducials that the example has in a file of their own are in it.",
+    responses={200: response_of("The design.", media_types(JSON, reference("schemas", "Design")))},
+    openapi_extra=extra(_path_parameter("name", "Name of an example.", "demo"), problems=(404,)),
+)
+async def example(request: Request) -> Response:
+    name, known = request.path_params["name"], await asyncio.to_thread(list_example_designs)
+    if name not in known:
+        raise _unknown_name_error(f"no example is called {name[:60]!r}", f"one of {', '.join(known)}")
+    return Response(await asyncio.to_thread(lambda: write_json(read_example(name))), media_type=JSON)
 
 
 @router.get(

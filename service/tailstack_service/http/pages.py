@@ -68,6 +68,8 @@ class Index:
 LINKS = (
     Link("/docs", "the API as a page on which every operation can be tried"),
     Link("/openapi.json", "the OpenAPI document: every path"),
+    Link("/v1/examples", "designs to begin with"),
+    Link("/v1/presets", "published C-arm geometries"),
     Link("/v1/schemas", "JSON Schemas of every document that is sent or answered"),
     Link("/health/ready", "whether requests should be sent here"),
 )

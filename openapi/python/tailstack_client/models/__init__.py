@@ -42,6 +42,8 @@ from .difference import Difference
 from .difference_basis import DifferenceBasis
 from .difference_conclusion import DifferenceConclusion
 from .error_distribution import ErrorDistribution
+from .example_entry import ExampleEntry
+from .example_list import ExampleList
 from .exceedance import Exceedance
 from .explanation import Explanation
 from .explanation_kind import ExplanationKind
@@ -128,6 +130,8 @@ from .paper_cell_table import PaperCellTable
 from .per_unit import PerUnit
 from .placed_point import PlacedPoint
 from .placement_value import PlacementValue
+from .preset_entry import PresetEntry
+from .preset_list import PresetList
 from .printed_cell import PrintedCell
 from .printed_cell_table import PrintedCellTable
 from .printed_cell_unit import PrintedCellUnit
@@ -245,6 +249,8 @@ __all__ = (
     "DifferenceBasis",
     "DifferenceConclusion",
     "ErrorDistribution",
+    "ExampleEntry",
+    "ExampleList",
     "Exceedance",
     "Explanation",
     "ExplanationKind",
@@ -331,6 +337,8 @@ __all__ = (
     "PerUnit",
     "PlacedPoint",
     "PlacementValue",
+    "PresetEntry",
+    "PresetList",
     "PrintedCell",
     "PrintedCellTable",
     "PrintedCellUnit",
