@@ -65,6 +65,8 @@ def test_no_page_of_the_site_fetches_anything_from_elsewhere(site: Path) -> None
         sources = Sources()
         sources.feed(page.read_text(encoding="utf-8"))
         assert sources.fetched
+        # for these two the theme's script would ask unpkg.com and api.github.com
+        assert not re.search(r'class="mermaid"|data-md-component="source"', page.read_text(encoding="utf-8")), page
         assert [address for address in sources.fetched if is_outside(address)] == [], page
     for sheet in site.rglob("*.css"):
         addresses = re.findall(r"url\(([^)]*)\)|@import\s+([^;]+)", sheet.read_text(encoding="utf-8"))
