@@ -78,6 +78,11 @@ def test_options_of_a_request_are_cured_like_fields(client: httpx.Client) -> Non
     assert check_problem(answer, 422, "invalid-request")["errors"][0]["hint"] == "did you mean precision?"
 
 
+def test_a_schema_that_is_misspelt_at_the_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["schema", "desgin"]) == 2
+    assert "did you mean design? one of design, validation" in capsys.readouterr().err
+
+
 def test_a_policy_is_cured_like_a_design(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     policy = tmp_path / "policy.yaml"
     for text, cure in (

@@ -192,3 +192,19 @@ def test_headers_that_leave_a_unit_open_are_refused(text, line):
         read_fiducials(text.encode(), "b.csv", DEFAULT_LIMITS)
     problem = caught.value.problems[0]
     assert (problem.code, problem.line) == ("csv-header", line)
+
+
+@pytest.mark.parametrize(
+    ("schema", "cure"),
+    [
+        ("tailstack/policy/1", "tailstack gate DESIGN --policy FILE"),
+        ("tailstack/waivers/1", "tailstack gate DESIGN --waivers FILE"),
+        ("tailstack/score/1", "tailstack report FILE"),
+        ("tailstack/design/2", "schema: tailstack/design/1"),
+        ("design", "schema: tailstack/design/1"),
+    ],
+)
+def test_another_document_than_a_design(schema, cure):
+    problem = refused(f"name: x\nschema: {schema}\n")
+    assert (problem.pointer, problem.code, problem.line) == ("/schema", "unsupported-schema", 2)
+    assert cure in problem.hint

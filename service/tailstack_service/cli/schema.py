@@ -24,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
+    from tailstack.cures import ask_meant
     from tailstack.errors import Problem
 
     from ..console.editors import schema_file, schema_text
@@ -38,9 +39,8 @@ def run(arguments: argparse.Namespace) -> Answer:
             raise RequestError(Problem("", "missing-parameter", "-o writes one schema; none is named", hint))
         return Answer("".join(f"{name:<18}{words}\n" for name, words in names.items()))
     if arguments.name not in names:
-        raise RequestError(
-            Problem("", "unknown-schema", f"no schema is called {arguments.name!r}", f"one of {', '.join(names)}")
-        )
+        hint = f"{ask_meant(arguments.name, names)} one of {', '.join(names)}".strip()
+        raise RequestError(Problem("", "unknown-schema", f"no schema is called {arguments.name!r}", hint))
     text = schema_text(json_schema(arguments.name, arguments.draft))
     if arguments.output is None:
         return Answer(text.encode())

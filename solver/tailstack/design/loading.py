@@ -153,9 +153,19 @@ def _check_schema_name(source: Source) -> None:
             "/schema" if "schema" in data else "",
             "unsupported-schema",
             f"this version reads {SCHEMA_NAME}; got {got}",
-            f"schema: {SCHEMA_NAME}",
+            _name_other(data.get("schema")) or f"schema: {SCHEMA_NAME}",
         )
         raise DesignError(place(problem, source))
+
+
+def _name_other(schema: Any) -> str:
+    """What a document of another of our schemas is for; empty for one that may be a design."""
+    if not isinstance(schema, str) or not schema.startswith("tailstack/") or schema.startswith("tailstack/design/"):
+        return ""
+    kind = schema.split("/")[1]
+    if kind in ("policy", "waivers"):
+        return f"it goes beside designs: tailstack gate DESIGN --{kind} FILE"
+    return "it is no design; if tailstack wrote it, it is a result: tailstack report FILE"
 
 
 def holds_points(data: Any) -> bool:
