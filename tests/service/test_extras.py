@@ -160,7 +160,7 @@ def test_python_is_told_too() -> None:
 def third_party_imports() -> set[str]:
     """Top-level names of every import statement of the two packages, but for the standard library's and our own."""
     names = set()
-    for file in [*(ROOT / "solver").rglob("*.py"), *(ROOT / "service").rglob("*.py")]:
+    for file in [*(ROOT / "solver" / "tailstack").rglob("*.py"), *(ROOT / "service").rglob("*.py")]:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 names |= {alias.name.partition(".")[0] for alias in node.names}
@@ -186,8 +186,19 @@ def test_the_extras_of_pyproject_bring_what_is_imported() -> None:
     for extra, modules in MODULES_OF.items():
         brought = {plain(requirement) for requirement in extras[extra]}
         own = {name for module in modules for name in distributions_of(module)}
-        # These come with fastapi, uvicorn, matplotlib and distributed; and uvicorn takes uvloop by itself
-        assert own - {"starlette", "h11", "cycler", "dask"} == brought - {"tailstack", "uvloop"}, extra
+        assert own - COME_ALONG <= brought, extra
+        assert brought - {"tailstack", "uvloop"} <= own, extra  # uvicorn takes uvloop by itself
+
+
+COME_ALONG = {"starlette", "h11", "cycler", "dask"}  # with fastapi, uvicorn, matplotlib and distributed
+
+
+def test_the_lock_of_the_core_holds_what_the_core_needs_and_is_part_of_the_others() -> None:
+    core = (ROOT / "requirements-core.lock").read_text(encoding="utf-8")
+    assert {plain(requirement) for requirement in PROJECT["dependencies"]} <= locked_core()
+    whole = (ROOT / "requirements-run.lock").read_text(encoding="utf-8")
+    pinned = re.compile(r"^[a-z].*==[^ ]+", re.MULTILINE)
+    assert set(pinned.findall(core)) <= set(pinned.findall(whole))
 
 
 def test_all_is_every_extra() -> None:
