@@ -55,7 +55,7 @@ MEASUREMENTS: dict[str, Measurement] = {
         Target("a durable unit beyond its computing, against one fsync of a 4 kB file there", 10, 3, "×", "<"),
     )),
     "first-score": Measurement(commands.first_score, (
-        Target("first score after pip install of the built wheel, against the second", 3, 1.5, "×", "<"),
+        Target("first score after pip install of the built wheels, against the second", 3, 1.5, "×", "<"),
     )),
     "start": Measurement(commands.start, (
         Target('validate, whole command, against `python -c "import pydantic, yaml"`', 3, None, "×", "<"),

@@ -53,19 +53,28 @@ class CompilationProgress(Progress):
     def __init__(self, calls: Sequence[Call], processes: int, reason: str, stream: TextIO | None = None) -> None:
         super().__init__("compiling kernels, once on this machine", stream)
         self._calls, self._processes, self._reason = calls, processes, reason
-        self._count, self._seconds_done, self._began = 0, 0.0, time.monotonic()
+        self._count, self._seconds_done, self._seconds_begun, self._began = 0, 0.0, 0.0, time.monotonic()
+
+    def begin(self, call: Call) -> None:
+        """One of them is being compiled."""
+        self._seconds_begun += call.seconds
 
     def note(self, call: Call) -> None:
         """One of them is compiled."""
         self._count += 1
         self._seconds_done += call.seconds
+        self._seconds_begun -= call.seconds
 
     def _seconds_left(self) -> float:
-        """By the pace so far; before the first is done, by that of the machine on which the table was made."""
-        total = sum(call.seconds for call in self._calls)
+        """By the pace so far, with what is begun taken for half done.
+
+        Before the first is done, by the pace of the machine on which the table was made, for as long as that can be.
+        """
+        total, elapsed = sum(call.seconds for call in self._calls), time.monotonic() - self._began
+        done = self._seconds_done + 0.5 * self._seconds_begun
         if self._count == 0:
-            return total / self._processes
-        return (total / self._seconds_done - 1) * (time.monotonic() - self._began)
+            done = min(elapsed * self._processes, 0.9 * self._seconds_begun)
+        return (total - done) * elapsed / done if done else total / self._processes
 
     def line(self) -> str:
         """One line of progress as it stands."""
@@ -113,6 +122,7 @@ def _feed(waiting: SimpleQueue[Call], environment: dict[str, str], progress: Com
         assert process.stdout is not None
         while True:
             call = waiting.get_nowait()
+            progress.begin(call)
             process.stdin.write(f"{EVERY.index(call)}\n")
             process.stdin.flush()
             if not process.stdout.readline():
