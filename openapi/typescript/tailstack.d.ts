@@ -34,7 +34,7 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * First-order score: P95 bound, covariance, budget
+         * Estimate of the error: P95, where it comes from, verdict
          * @description First order through every stage at the biased geometry: bias, covariance and quantiles of the error under the declared laws, their bounds, the budget of every tolerance, the validity of the linearisation, the verdict. Takes milliseconds; more with second_order.
          */
         post: operations["create_score"];
@@ -74,7 +74,7 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Check of the full nonlinear chain by Monte Carlo
+         * Check by simulation of many shots (Monte Carlo)
          * @description Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance, worst trial, the verdict. One seed, one answer. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
          */
         post: operations["create_verification"];
@@ -154,7 +154,7 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Where first order holds: a map over noise, rotation, spread and count
+         * How far the estimate can be trusted: a map over noise, rotation, spread and count
          * @description First order, second order and Monte Carlo over a grid of noise, rotation, spread and count: where the first-order P95 is within 1, 5 and 20 %, where it is optimistic, and whether the validity number nu knew. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
          */
         post: operations["create_study_linearity"];
@@ -8405,7 +8405,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description First-order score: P95 bound, covariance, budget. */
+            /** @description Estimate of the error: P95, where it comes from, verdict. */
             200: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
@@ -8499,7 +8499,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description Check of the full nonlinear chain by Monte Carlo: with Prefer: wait, in time. */
+            /** @description Check by simulation of many shots (Monte Carlo): with Prefer: wait, in time. */
             200: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
@@ -8801,7 +8801,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description Where first order holds: a map over noise, rotation, spread and count: with Prefer: wait, in time. */
+            /** @description How far the estimate can be trusted: a map over noise, rotation, spread and count: with Prefer: wait, in time. */
             200: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];

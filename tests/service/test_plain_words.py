@@ -123,6 +123,14 @@ def test_details_say_how_it_was_computed(printed: Any, arguments: tuple[str, ...
     assert [word for word in words if word not in text] == []
 
 
+def test_help_is_plain(capsys: pytest.CaptureFixture[str]) -> None:
+    pages = [["--help"], *([verb, "--help"] for verb in ("score", "verify", "optimise", "sweep", "gate", "validate"))]
+    pages += [["study", name, "--help"] for name in ("paper", "linearity", "coupling", "compare")]
+    for page in pages:
+        assert main(page) == 0
+        assert met_in(capsys.readouterr().out) == [], page
+
+
 # --- the report -------------------------------------------------------------------------------------------
 
 

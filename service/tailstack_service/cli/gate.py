@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--policy", metavar="FILE", help="rules and limits (default: the designs' own requirements)")
     parser.add_argument(
         "--mode", choices=MODES, default="auto",
-        help="analytic: first order. verify: Monte Carlo. auto (default): Monte Carlo near a limit",
+        help="analytic: estimate. verify: simulate (Monte Carlo). auto (default): simulate near a limit",
     )  # fmt: skip
     parser.add_argument(
         "--fail-level", choices=("error", "warning"), default="error", help="findings that fail (default %(default)s)"

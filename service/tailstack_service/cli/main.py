@@ -32,7 +32,7 @@ def build_parser(verb: str | None = None, name: str | None = None) -> argparse.A
     """
     parser = Parser(
         prog=name or program(),
-        description="Tolerance stack-up of X-ray reference structures, judged by its tail.",
+        description="Tolerance stack-up of X-ray reference structures: where the tool ends up, and what to change.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,

@@ -28,7 +28,7 @@ VERB_OF = {
 }
 
 # Verbs that are families: their members are operations whose verbs begin with them
-FAMILIES = {"study": "studies: the paper's tables, reach of first order, coupling, measurements"}
+FAMILIES = {"study": "studies: the paper's tables, reach of the estimate, coupling, measurements"}
 
 
 class _Registry(Mapping[str, "Operation"]):

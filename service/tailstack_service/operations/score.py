@@ -1,4 +1,4 @@
-"""First order: bias, covariance, P95, bounds and budget at every target, and the verdict."""
+"""An estimate of the error at the tool, where it comes from, and the verdict, in milliseconds."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ OPERATION = Operation(
     name="score",
     verb="score",
     path="/v1/scores",
-    summary="First-order score: P95 bound, covariance, budget",
+    summary="Estimate of the error: P95, where it comes from, verdict",
     description="First order through every stage at the biased geometry: bias, covariance and quantiles of the error "
     "under the declared laws, their bounds, the budget of every tolerance, the validity of the linearisation, the "
     "verdict. Takes milliseconds; more with second_order.",

@@ -1,7 +1,7 @@
-"""Installation error and noise together against the parts: noise gain, quadrature, plain sum, first order.
+"""Installation error and noise, simulated each by itself and together, and held against their sums.
 
 As designed and at fixed installation errors of the structure, in both readings: the structure really moves
-(physical), or the coordinates told to the estimator do (the paper's Eq 18).
+(physical), or the coordinates told to the estimator do.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_design(parser)
     parser.add_argument(
         "--trials", type=whole(LEAST_TRIALS, MOST_TRIALS), metavar="N",
-        help="trials of each case (default 262144; fewer with many targets or a model that takes a plain SVD)",
+        help="trials of each case (default 262144; fewer with many targets or an unusual model)",
     )  # fmt: skip
     parser.add_argument("--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="seed (default %(default)s)")
     parser.add_argument(

@@ -1,6 +1,6 @@
-"""First order, second order and Monte Carlo over a grid of noise, rotation, spread and count.
+"""How far the estimate of a score can be trusted: it is held against a simulation over a grid.
 
-Where the first-order P95 is within 1, 5 and 20 %, where it is optimistic, and whether the validity number nu knew.
+Varied are noise, rotation, spread and the number of fiducials; the estimated P95 is within 1, 5 or 20 %, or beyond.
 Every axis takes V1,V2,... in place of its default values.
 """
 
@@ -205,7 +205,7 @@ OPERATION = Operation(
     name="study-linearity",
     verb="study linearity",
     path="/v1/studies/linearity",
-    summary="Where first order holds: a map over noise, rotation, spread and count",
+    summary="How far the estimate can be trusted: a map over noise, rotation, spread and count",
     description="First order, second order and Monte Carlo over a grid of noise, rotation, spread and count: where the "
     "first-order P95 is within 1, 5 and 20 %, where it is optimistic, and whether the validity number nu knew.",
     title="answer of study linearity: first order over Monte Carlo, point by point of a grid",

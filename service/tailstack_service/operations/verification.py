@@ -1,4 +1,4 @@
-"""Monte Carlo on the full nonlinear chain: P95 with its interval, exceedance, and the verdict."""
+"""A simulation of many shots: P95 with its interval, how many miss the limit, and the verdict."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ OPERATION = Operation(
     name="verification",
     verb="verify",
     path="/v1/verifications",
-    summary="Check of the full nonlinear chain by Monte Carlo",
+    summary="Check by simulation of many shots (Monte Carlo)",
     description="Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance, "
     "worst trial, the verdict. One seed, one answer.",
     title="answer of verify: Monte Carlo on the full chain",

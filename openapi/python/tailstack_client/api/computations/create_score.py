@@ -114,7 +114,7 @@ def sync_detailed(
     client: AuthenticatedClient,
     body: ScoreRequest,
 ) -> Response[Problem | Score]:
-    """First-order score: P95 bound, covariance, budget
+    """Estimate of the error: P95, where it comes from, verdict
 
      First order through every stage at the biased geometry: bias, covariance and quantiles of the error
     under the declared laws, their bounds, the budget of every tolerance, the validity of the
@@ -147,7 +147,7 @@ def sync(
     client: AuthenticatedClient,
     body: ScoreRequest,
 ) -> Problem | Score | None:
-    """First-order score: P95 bound, covariance, budget
+    """Estimate of the error: P95, where it comes from, verdict
 
      First order through every stage at the biased geometry: bias, covariance and quantiles of the error
     under the declared laws, their bounds, the budget of every tolerance, the validity of the
@@ -175,7 +175,7 @@ async def asyncio_detailed(
     client: AuthenticatedClient,
     body: ScoreRequest,
 ) -> Response[Problem | Score]:
-    """First-order score: P95 bound, covariance, budget
+    """Estimate of the error: P95, where it comes from, verdict
 
      First order through every stage at the biased geometry: bias, covariance and quantiles of the error
     under the declared laws, their bounds, the budget of every tolerance, the validity of the
@@ -206,7 +206,7 @@ async def asyncio(
     client: AuthenticatedClient,
     body: ScoreRequest,
 ) -> Problem | Score | None:
-    """First-order score: P95 bound, covariance, budget
+    """Estimate of the error: P95, where it comes from, verdict
 
      First order through every stage at the biased geometry: bias, covariance and quantiles of the error
     under the declared laws, their bounds, the budget of every tolerance, the validity of the

@@ -139,7 +139,7 @@ def sync_detailed(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | StudyLinearity]:
-    """Where first order holds: a map over noise, rotation, spread and count
+    """How far the estimate can be trusted: a map over noise, rotation, spread and count
 
      First order, second order and Monte Carlo over a grid of noise, rotation, spread and count: where
     the first-order P95 is within 1, 5 and 20 %, where it is optimistic, and whether the validity number
@@ -179,7 +179,7 @@ def sync(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | StudyLinearity | None:
-    """Where first order holds: a map over noise, rotation, spread and count
+    """How far the estimate can be trusted: a map over noise, rotation, spread and count
 
      First order, second order and Monte Carlo over a grid of noise, rotation, spread and count: where
     the first-order P95 is within 1, 5 and 20 %, where it is optimistic, and whether the validity number
@@ -214,7 +214,7 @@ async def asyncio_detailed(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | StudyLinearity]:
-    """Where first order holds: a map over noise, rotation, spread and count
+    """How far the estimate can be trusted: a map over noise, rotation, spread and count
 
      First order, second order and Monte Carlo over a grid of noise, rotation, spread and count: where
     the first-order P95 is within 1, 5 and 20 %, where it is optimistic, and whether the validity number
@@ -252,7 +252,7 @@ async def asyncio(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | StudyLinearity | None:
-    """Where first order holds: a map over noise, rotation, spread and count
+    """How far the estimate can be trusted: a map over noise, rotation, spread and count
 
      First order, second order and Monte Carlo over a grid of noise, rotation, spread and count: where
     the first-order P95 is within 1, 5 and 20 %, where it is optimistic, and whether the validity number

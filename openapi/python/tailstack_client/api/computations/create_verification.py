@@ -139,7 +139,7 @@ def sync_detailed(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | Verification]:
-    """Check of the full nonlinear chain by Monte Carlo
+    """Check by simulation of many shots (Monte Carlo)
 
      Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance,
     worst trial, the verdict. One seed, one answer. Becomes a job. With Prefer: wait=N the answer is the
@@ -178,7 +178,7 @@ def sync(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | Verification | None:
-    """Check of the full nonlinear chain by Monte Carlo
+    """Check by simulation of many shots (Monte Carlo)
 
      Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance,
     worst trial, the verdict. One seed, one answer. Becomes a job. With Prefer: wait=N the answer is the
@@ -212,7 +212,7 @@ async def asyncio_detailed(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Job | Problem | Verification]:
-    """Check of the full nonlinear chain by Monte Carlo
+    """Check by simulation of many shots (Monte Carlo)
 
      Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance,
     worst trial, the verdict. One seed, one answer. Becomes a job. With Prefer: wait=N the answer is the
@@ -249,7 +249,7 @@ async def asyncio(
     prefer: str | Unset = UNSET,
     idempotency_key: str | Unset = UNSET,
 ) -> Job | Problem | Verification | None:
-    """Check of the full nonlinear chain by Monte Carlo
+    """Check by simulation of many shots (Monte Carlo)
 
      Monte Carlo on the full nonlinear chain: quantiles with distribution-free intervals, exceedance,
     worst trial, the verdict. One seed, one answer. Becomes a job. With Prefer: wait=N the answer is the
