@@ -2211,7 +2211,10 @@ export interface components {
              */
             examples: components["schemas"]["ExampleEntry"][];
         };
-        /** Exceedance */
+        /**
+         * Exceedance
+         * @description How often the error is beyond a limit.
+         */
         Exceedance: {
             /**
              * Limit Mm
@@ -5840,7 +5843,10 @@ export interface components {
              */
             reproduces_printed: boolean | null;
         };
-        /** Provenance */
+        /**
+         * Provenance
+         * @description Which design, by which version, under which model, and what is not included.
+         */
         Provenance: {
             /**
              * Design Name
@@ -6302,6 +6308,7 @@ export interface components {
         };
         /**
          * RotationForm
+         * @description How small rotations act.
          * @enum {string}
          */
         RotationForm: "full" | "small_angle";
@@ -7734,6 +7741,7 @@ export interface components {
         };
         /**
          * Triangulation
+         * @description The frame in which the rays to a target are met.
          * @enum {string}
          */
         Triangulation: "normalised" | "published";

@@ -53,6 +53,9 @@ NOT_INCLUDED = (
 def score(design: Design | System, *, second_order: bool = False) -> Score:
     """Score a design to first order, every target and requirement.
 
+    Bias (mm) and covariance (mm2) are those of the error at the tool, in tcp, and of the located target, in con; P95 is
+    the quantile of the error's norm under the declared laws, mm; the budget has each source of error by itself.
+
     ``second_order`` adds the second-order correction where its series holds (milliseconds; refused, with the reason,
     where it does not).  Raises DesignError for a document that breaks its rules and IllPosedError for a
     geometry that does not determine the answer.

@@ -24,10 +24,10 @@ TORSOR_COMPONENTS = ("rx", "ry", "rz", "tx", "ty", "tz")
 class Law(StrEnum):
     """Law of one scalar tolerance of half-width h.  BOUNDED has no law: only its worst case counts."""
 
-    NORMAL = "normal"
-    UNIFORM = "uniform"
-    TRIANGULAR = "triangular"
-    BOUNDED = "bounded"
+    NORMAL = "normal"  # standard deviation h / coverage factor
+    UNIFORM = "uniform"  # standard deviation h / sqrt(3)
+    TRIANGULAR = "triangular"  # standard deviation h / sqrt(6)
+    BOUNDED = "bounded"  # anywhere within +-h
 
 
 STD_PER_HALF_WIDTH = {Law.UNIFORM: 1 / sqrt(3), Law.TRIANGULAR: 1 / sqrt(6), Law.BOUNDED: 0.0}
@@ -41,11 +41,15 @@ class Reading(StrEnum):
 
 
 class RotationForm(StrEnum):
+    """How small rotations act."""
+
     FULL = "full"  # Rx Ry Rz (Eq 12)
     SMALL_ANGLE = "small_angle"  # I + [omega]x (Eq 13)
 
 
 class Triangulation(StrEnum):
+    """The frame in which the rays to a target are met."""
+
     NORMALISED = "normalised"  # in the fiducials' Hartley frame: equivariant to motion and units
     PUBLISHED = "published"  # plain 4x4 SVD in connector millimetres (Eqs 4-7)
 
@@ -59,7 +63,7 @@ class Sources:
     """
 
     names: tuple[str, ...]  # component names, e.g. ("rx", ..., "tz") or locator names
-    laws: tuple[Law, ...]
+    laws: tuple[Law, ...]  # of each source
     half_width: Array  # (k,) rad | mm | N
     coverage_factor: Array  # (k,) only meaningful for NORMAL, 1 elsewhere
     units: tuple[str, ...]  # native unit of each source: "rad", "mm", "N"
@@ -73,6 +77,7 @@ class Sources:
 
     @property
     def count(self) -> int:
+        """k."""
         return len(self.names)
 
 
@@ -100,26 +105,32 @@ class Mount:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    name: str
+    """One X-ray view."""
+
+    name: str  # as in the design
     projection: Array  # (3, 4) con mm -> px, scaled so that |P[2, :3]| = 1 and depths are positive
     fiducial_noise_px: float  # standard deviation per image coordinate
-    target_noise_px: float
+    target_noise_px: float  # the same of the target's image
     image_size_px: tuple[int, int] | None  # (width, height); None: not stated, visibility not checked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Target:
-    name: str
+    """A target point, or one sample of a target region."""
+
+    name: str  # as in the design; zone[3] of a region
     position_mm: Array  # (3,) con
     region: str | None = None  # the target region it samples, if any
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Requirement:
-    name: str
+    """A limit on a quantile of an error's norm."""
+
+    name: str  # as in the design
     error: str  # "tcp" or "localisation"
-    quantile: float
-    limit_mm: float
+    quantile: float  # 0.95 for P95
+    limit_mm: float  # what the quantile must not exceed
     confidence: float  # two-sided confidence of the interval the verdict is taken from
     targets: tuple[str, ...]  # target names
     risk: str = "pooled"  # or "per_unit"
@@ -138,25 +149,25 @@ class Requirement:
 class System:
     """A design, compiled.  Immutable; every array is read-only."""
 
-    name: str
-    views: tuple[View, ...]
-    fiducial_labels: tuple[str, ...]
+    name: str  # of the design
+    views: tuple[View, ...]  # two or more
+    fiducial_labels: tuple[str, ...]  # N of them
     fiducials_mm: Array  # (N, 3) con, nominal
     manufacturing_law: Law  # NORMAL, UNIFORM or TRIANGULAR
     manufacturing_half_width_mm: Array  # (N, 3)
-    manufacturing_coverage_factor: float
+    manufacturing_coverage_factor: float  # only meaningful for NORMAL
     structure_connector: Mount  # seat of the structure on the connector, T_err1, acts in con
     connector_flange: Mount  # connector on the end effector's flange, T_err2, acts in con
-    T_flange_con: Array  # (4, 4)
-    T_tcp_flange: Array  # (4, 4)
+    T_flange_con: Array  # (4, 4) con -> flange, mm
+    T_tcp_flange: Array  # (4, 4) flange -> tcp, mm
     hand_eye: Mount  # acts in tcp, after T_tcp_flange
     execution_bias_mm: Array  # (3,) tcp: deflection under the nominal load
     execution: Sources  # direction is (3, k), tcp: repeatability and load
-    targets: tuple[Target, ...]
-    requirements: tuple[Requirement, ...]
-    reading: Reading = Reading.PHYSICAL
-    rotation_form: RotationForm = RotationForm.FULL
-    triangulation: Triangulation = Triangulation.NORMALISED
+    targets: tuple[Target, ...]  # regions expanded
+    requirements: tuple[Requirement, ...]  # none: nothing is promised
+    reading: Reading = Reading.PHYSICAL  # of the structure's installation error
+    rotation_form: RotationForm = RotationForm.FULL  # of every torsor
+    triangulation: Triangulation = Triangulation.NORMALISED  # of every target
     design_sha256: str | None = None  # of the document it was compiled from
     notes: tuple[str, ...] = field(default=())  # assumptions recorded on the way (e.g. RAS converted to LPS)
 
@@ -172,6 +183,7 @@ class System:
 
     @property
     def T_tcp_con(self) -> Array:
+        """(4, 4) con -> tcp, mm."""
         return self.T_tcp_flange @ self.T_flange_con
 
     @property

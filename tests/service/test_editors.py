@@ -254,3 +254,16 @@ def test_editor_checks_a_design_that_was_written(session: Editor, tmp_path: Path
     assert session.open(folder / "small.yaml") == []
     wrong = typed(session, "written/wrong", (folder / "small.yaml").read_text().replace("limit_mm:", "limit_cm:", 1))
     assert any("limit_cm is not allowed" in each["message"] for each in session.open(wrong))
+
+
+def test_a_folder_of_examples_stands_by_itself_in_an_editor(tmp_path: Path, editor_tools: None) -> None:
+    """Policy and waivers, too: each line leads to a schema in the folder, and nothing is wrong."""
+    folder = tmp_path / "gate"
+    assert main(("example", "ci-gate", "-o", str(folder))) == 0
+    documents = sorted(folder.glob("[!.]*.yaml"))
+    assert {named_schema(path).name for path in documents} == {
+        f"tailstack-{kind}.schema.json" for kind in ("design", "policy", "waivers")
+    }
+    assert all(named_schema(path).parent == folder for path in documents)
+    with editor(folder) as opened:
+        assert [opened.open(path) for path in documents] == [[]] * len(documents)

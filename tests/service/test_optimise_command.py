@@ -89,7 +89,7 @@ def test_the_answer_ends_with_the_verdict_and_what_to_type_next(call: Any, tmp_p
     assert out.splitlines()[-2:] == ["verdict: pass (Monte Carlo)", f"next: tailstack verify {new}"]
     assert err.splitlines() == [
         "note: [floor] moving fiducials cannot bring P95 below 0.98 mm",
-        f"wrote {tmp_path / SCHEMA}, with which editors complete and check designs (docs/editors.md)",
+        f"wrote {tmp_path / SCHEMA}, with which editors complete and check YAML (docs/editors.md)",
         f"wrote {new}",
     ]
     assert new.read_text(encoding="utf-8").startswith(f"# yaml-language-server: $schema={SCHEMA}\n")

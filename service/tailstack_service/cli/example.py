@@ -85,11 +85,16 @@ def _write_design(source: Path, target: Path, *, force: bool) -> str:
 
 def _write_folder(source: Path, target: Path, *, force: bool) -> str:
     """Every file of a folder."""
+    from ..console.editors import write_document
+
     names = [path.relative_to(source) for path in _files(source)]
     refuse_overwriting([target / name for name in names], force=force)
     for name in names:
         (target / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(source / name, target / name)
+        if name.suffix == ".yaml":
+            write_document(target / name, (source / name).read_text(encoding="utf-8"))
+        else:
+            shutil.copyfile(source / name, target / name)
         print(f"wrote {target / name}", file=sys.stderr)
     return ""
 

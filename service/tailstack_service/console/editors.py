@@ -14,11 +14,12 @@ from typing import Any
 
 from tailstack.json_text import write_json
 
+from ..drafts import published_schema
 from .files import is_stream, replace_file
 
 HEAD = "# yaml-language-server: $schema="
 _HEAD_LINE = re.compile(r"^# yaml-language-server:.*\n", re.MULTILINE)
-_DESIGN = re.compile(r"^schema: tailstack/design/1\b", re.MULTILINE)
+_KIND = re.compile(r"^schema: tailstack/(design|policy|waivers)/1\b", re.MULTILINE)
 
 
 def schema_file(name: str) -> str:
@@ -32,31 +33,39 @@ def schema_text(schema: dict[str, Any]) -> str:
 
 
 def write_document(path: Path, text: str) -> None:
-    """Write a design as the user's own file.  Raises OSError, and then leaves what was there.
+    """Write a design, a policy or waivers as the user's own file.  Raises OSError, and then leaves what was there.
 
-    YAML gets a head line with the nearest schema of designs, in its folder or above it, up to the root of the
+    YAML gets a head line with the nearest schema of its kind, in its folder or above it, up to the root of the
     repository; where there is none, the schema is put beside it and stderr says so.
     """
-    is_yaml = path.suffix.lower() in (".yaml", ".yml")
-    if is_yaml and _DESIGN.search(text) and not is_stream(str(path)):
-        text = HEAD + _place_schema(path) + "\n" + _HEAD_LINE.sub("", text, count=1)
+    kind = _KIND.search(text) if path.suffix.lower() in (".yaml", ".yml") else None
+    if kind is not None and not is_stream(str(path)):
+        text = HEAD + _place_schema(path, kind[1]) + "\n" + _HEAD_LINE.sub("", text, count=1)
     replace_file(path, text)
 
 
-def _place_schema(document: Path) -> str:
+def _place_schema(document: Path, kind: str) -> str:
     """Where the schema is, seen from a document's folder.  Raises OSError."""
     folder = Path(os.path.realpath(document)).parent  # a link is written where it leads
-    name = schema_file("design")
+    name = schema_file(kind)
     for up, place in enumerate((folder, *folder.parents)):
         if (place / name).is_file():
             return "../" * up + name
         if (place / ".git").exists():
             break
-    from tailstack.design import design_json_schema
-
-    from ..drafts import published_schema
-
     beside = document.parent / name
-    replace_file(folder / name, schema_text(published_schema("design", design_json_schema(), "7")))
-    print(f"wrote {beside}, with which editors complete and check designs (docs/editors.md)", file=sys.stderr)
+    replace_file(folder / name, schema_text(published_schema(kind, _schema_of(kind), "7")))
+    print(f"wrote {beside}, with which editors complete and check YAML (docs/editors.md)", file=sys.stderr)
     return name
+
+
+def _schema_of(kind: str) -> dict[str, Any]:
+    """The schema of a document that people write, in draft 2020-12."""
+    if kind == "design":
+        from tailstack.design import design_json_schema
+
+        return design_json_schema()
+    from ..gate.rules import policy_json_schema
+    from ..gate.waivers import waivers_json_schema
+
+    return policy_json_schema() if kind == "policy" else waivers_json_schema()

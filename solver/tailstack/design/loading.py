@@ -40,9 +40,9 @@ from .refusals import place, refuse
 class Design:
     """A design as it was read: the checked document, its fiducials, where everything stands, its hash."""
 
-    document: DesignDocument
-    fiducials: FiducialList
-    source: Source
+    document: DesignDocument  # its fields as they were written: lengths in mm, angles in degrees
+    fiducials: FiducialList  # labels and positions, con, mm, wherever they were read
+    source: Source  # the plain data, and where it came from
     sha256: str  # of the canonical content: defaults filled in, a fiducial file replaced by what it holds
 
     @property

@@ -566,13 +566,13 @@ def _build(loader: Any, file: str | None, limits: Limits) -> tuple[Any, Place]:
 class Limits:
     """Bounds on what is read.  Everything beyond them is refused, and the refusal states them."""
 
-    document_bytes: int = 1_000_000
-    fiducial_file_bytes: int = 1_000_000
-    nodes: int = 50_000
-    depth: int = 24
-    fiducials: int = 1000
-    targets: int = 200
-    views: int = 16
+    document_bytes: int = 1_000_000  # of a design
+    fiducial_file_bytes: int = 1_000_000  # of a fiducial file
+    nodes: int = 50_000  # values in a document, aliases counted at the size of what they stand for
+    depth: int = 24  # of nesting
+    fiducials: int = 1000  # of a design
+    targets: int = 200  # of a design, regions expanded
+    views: int = 16  # of a design
     problems: int = 25  # how many problems are listed before "and more"
 
 

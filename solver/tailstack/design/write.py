@@ -191,8 +191,8 @@ DOCUMENTS = (".yaml", ".yml", ".json")
 class Conversion:
     """The converted text, and what was done to the numbers on the way."""
 
-    text: str
-    notes: tuple[str, ...]
+    text: str  # of the new file
+    notes: tuple[str, ...]  # sentences: what was converted, left out or renamed
 
 
 def convert(

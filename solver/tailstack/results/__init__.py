@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         TargetScore,
         Validity,
     )
+    from .sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
     from .verdicts import (
         ERRORS,
         Check,
@@ -84,6 +85,7 @@ _HOME = {
         ),
         "verification",
     ),
+    **dict.fromkeys(("Sweep", "SweepAxis", "SweepPoint", "SweepTarget"), "sweep"),
 }  # fmt: skip
 
 __all__ = [
@@ -115,6 +117,10 @@ __all__ = [
     "SecondOrder",
     "Severity",
     "ShadowPrice",
+    "Sweep",
+    "SweepAxis",
+    "SweepPoint",
+    "SweepTarget",
     "TargetEstimate",
     "TargetScore",
     "Validity",

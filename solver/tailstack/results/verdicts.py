@@ -134,6 +134,8 @@ class ViewCheck:
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
+    """Which design, by which version, under which model, and what is not included."""
+
     design_name: str
     """Name of the design."""
     design_sha256: str | None

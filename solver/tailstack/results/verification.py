@@ -12,6 +12,8 @@ from .verdicts import Interval, Provenance, Vector3, Verdict
 
 @dataclass(frozen=True, slots=True)
 class Exceedance:
+    """How often the error is beyond a limit."""
+
     limit_mm: float
     """The limit, mm."""
     probability: float

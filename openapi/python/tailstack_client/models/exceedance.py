@@ -16,7 +16,8 @@ T = TypeVar("T", bound="Exceedance")
 
 @_attrs_define
 class Exceedance:
-    """
+    """How often the error is beyond a limit.
+
     Attributes:
         limit_mm (float): The limit, mm.
         probability (float): Share of trials whose error is beyond it.

@@ -32,7 +32,7 @@ class Layout:
         views (list[ImagedView]): One for each view.
         scene (LayoutSceneType0 | None): What reports and the web page turn in space, if it was asked for: its shape may
             change with the version.
-        provenance (Provenance):
+        provenance (Provenance): Which design, by which version, under which model, and what is not included.
     """
 
     schema: Literal["tailstack/layout/1"]

@@ -68,7 +68,7 @@ class Optimisation:
             front (list[FrontPoint]): Points of the front of cost and limit; empty unless asked for.
             design_before (OptimisationDesignBefore): The design document that it started from, complete.
             design (OptimisationDesign): The new design document, complete.
-            provenance (Provenance):
+            provenance (Provenance): Which design, by which version, under which model, and what is not included.
             not_asked (list[str]): Requirements that `optimise.requirement` left out; the check judges them all the same.
             verdict_status (OptimisationVerdictStatus): Of all requirements of the new design, asked for or not: that of the
                 check's verdict. Default: 'pass'.

@@ -16,7 +16,8 @@ T = TypeVar("T", bound="Provenance")
 
 @_attrs_define
 class Provenance:
-    """
+    """Which design, by which version, under which model, and what is not included.
+
     Attributes:
         design_name (str): Name of the design.
         design_sha256 (None | str): SHA-256 of the design's canonical content, fiducials included; null where it could

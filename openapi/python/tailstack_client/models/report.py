@@ -43,7 +43,7 @@ class Report:
         allowances (list[Allowance]): How far each half-width could go by itself, at the targets of `distributions`.
         design (ReportDesign): The design document, complete.
         reproduction (Reproduction): How to get the same numbers again.
-        provenance (Provenance):
+        provenance (Provenance): Which design, by which version, under which model, and what is not included.
     """
 
     schema: Literal["tailstack/report/1"]

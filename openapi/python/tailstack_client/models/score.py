@@ -32,7 +32,7 @@ class Score:
         validity (Validity): How far to trust the linearisation: nu and what it was calibrated to mean.
         views (list[ViewCheck]): Visibility of the fiducials in each view.
         verdict (Verdict): ``pass`` only when the upper end of every check's interval is within its limit.
-        provenance (Provenance):
+        provenance (Provenance): Which design, by which version, under which model, and what is not included.
     """
 
     schema: Literal["tailstack/score/1"]

@@ -47,7 +47,7 @@ class StudyComparison:
         conclusions (list[str]): What can be said of the comparison.
         findings (list[Finding]): Remarks about design and measurements.
         validity (Validity): How far to trust the linearisation: nu and what it was calibrated to mean.
-        provenance (Provenance):
+        provenance (Provenance): Which design, by which version, under which model, and what is not included.
     """
 
     schema: Literal["tailstack/study-comparison/1"]

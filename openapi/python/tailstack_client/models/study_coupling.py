@@ -39,7 +39,7 @@ class StudyCoupling:
         cases (list[CouplingCase]): Every installation error in every reading at every target.
         conclusions (list[str]): What can be said of the cases.
         validity (Validity): How far to trust the linearisation: nu and what it was calibrated to mean.
-        provenance (Provenance):
+        provenance (Provenance): Which design, by which version, under which model, and what is not included.
     """
 
     schema: Literal["tailstack/study-coupling/1"]

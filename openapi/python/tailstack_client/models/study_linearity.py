@@ -43,7 +43,7 @@ class StudyLinearity:
         calibration (list[Calibration]): How the validity statement did, one entry for each thing that it may say.
         sentences (list[str]): What can be said of the grid.
         varied (str): What was changed in the design, in words.
-        provenance (Provenance):
+        provenance (Provenance): Which design, by which version, under which model, and what is not included.
     """
 
     schema: Literal["tailstack/study-linearity/1"]

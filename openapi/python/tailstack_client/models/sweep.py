@@ -34,7 +34,7 @@ class Sweep:
         trials (int | None): Trials asked for at every point; null: a score, or as many as the precision takes.
         max_trials (int | None): At most so many at every point; null: a score, or trials were asked for.
         points (list[SweepPoint]): Every combination of the axes' values, the last axis running fastest.
-        provenance (Provenance):
+        provenance (Provenance): Which design, by which version, under which model, and what is not included.
     """
 
     schema: Literal["tailstack/sweep/1"]

@@ -45,7 +45,7 @@ class Verification:
             images.
         first_order_ratio (float): First-order P95 over the sampled one at the worst target.
         verdict (Verdict): ``pass`` only when the upper end of every check's interval is within its limit.
-        provenance (Provenance):
+        provenance (Provenance): Which design, by which version, under which model, and what is not included.
     """
 
     schema: Literal["tailstack/verification/1"]

@@ -1,0 +1,232 @@
+"""The page of the Python interface, made from docstrings: ``python docs/python_api.py`` writes docs/python.md.
+
+What a page says of a name stands beside the name in the sources: a docstring, the text below a field of a record, the
+comment beside a field of a compiled design.  ``--check`` writes nothing and fails when the page differs.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import inspect
+import re
+import sys
+import textwrap
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import tailstack
+import tailstack.design
+import tailstack.results
+from tailstack import errors, sweeping, system
+from tailstack.results.record import Result
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "python.md"
+WIDTH = 120
+REMEDY = "run docs/python_api.py with the environment's Python, look at what changed, and commit it"
+
+HEAD = """\
+# Python
+
+<!-- made by docs/python_api.py from the docstrings: change those -->
+
+```python
+from tailstack import load_design, score, sweep, verify
+
+design = load_design("examples/demo.yaml")
+found = score(design)  # a few milliseconds
+print(found.targets[0].p95_mm, found.verdict.status)
+
+check = verify(design, trials=200_000, seed=1)  # Monte Carlo on the full chain
+print(check.targets[0].p95_interval_mm)
+
+sharper = design.with_value("views.*.fiducial_noise_px", 0.1)  # a new design; the first one stays
+print(score(sharper).targets[0].p95_mm)
+
+grid = sweep(design, {"interfaces.connector_flange.tolerances.rx.half_width_deg": [0.05, 0.1, 0.2]})
+print(grid.to_frame()[["p95_mm", "verdict"]])  # pandas, where it is installed
+grid.plot()  # matplotlib: pip install 'tailstack[report]'
+```
+
+In a notebook a result as the last line of a cell is shown with its verdict, the errors at its targets and the budget;
+`.plot()` draws it, `.to_frame()` gives a table, `.to_dict()` the same as its JSON.
+
+Lengths are in mm and angles in degrees wherever a name says so; only the [compiled design](#the-compiled-design) is in
+rad. Frames are those of the [conventions](conventions.md): `con` (connector), `flange`, `tcp`. What is refused is an
+exception of [tailstack.errors](#what-is-refused), whose text says where, what arrived and what to do.
+
+The modules below these names are not part of the interface; they may change with every version.
+"""
+
+DESIGN_NAMES = (
+    "Design", "load_design", "check_design", "compile_design", "design_to_data", "design_to_yaml", "design_to_json",
+    "revise_design", "Revision", "convert", "convert_file", "Conversion", "list_presets", "design_json_schema",
+    "Limits",
+)  # fmt: skip
+VERBS = ("score", "verify", "optimise", "sweep")
+COMPILED = ("System", "View", "Target", "Requirement", "Mount", "Sources", "Law", "Reading", "RotationForm",
+            "Triangulation")  # fmt: skip
+
+
+def page() -> str:
+    """The whole page."""
+    parts = [HEAD, "## Designs\n", *(describe(getattr(tailstack.design, name), 3) for name in DESIGN_NAMES)]
+    parts += ["## What is computed\n", *(describe(getattr(tailstack, name), 3) for name in VERBS)]
+    parts += [describe(sweeping.read_axes, 3), "## What every result can do\n", members_of(Result, 3)]
+    parts.append("## Records\n")
+    parts.append(
+        wrapped(
+            "Frozen dataclasses; the names of their fields are a contract, and the same as in the JSON of `--json` and "
+            "of the service. Vectors are tuples `(x, y, z)`, matrices tuples of three rows, intervals `(low, high)`."
+        )
+    )
+    parts += [describe(kind, 3) for kind in records()]
+    parts += ["## What is refused\n", describe(errors.Problem, 3)]
+    parts += [describe(kind, 3) for kind in refusals()]
+    parts.append("## The compiled design\n")
+    parts.append(wrapped(doc_of(system, sections=False)))
+    parts += [describe(getattr(system, name), 3) for name in COMPILED]
+    return "\n".join(part.rstrip("\n") + "\n" for part in parts if part)
+
+
+def records() -> list[type]:
+    """The records of results, those that are asked for first."""
+    kinds = [getattr(tailstack.results, name) for name in tailstack.results.__all__]
+    kinds = [kind for kind in kinds if inspect.isclass(kind) and hasattr(kind, "__dataclass_fields__")]
+    return sorted(kinds, key=lambda kind: (not issubclass(kind, Result), kind.__module__, line_of(kind)))
+
+
+def refusals() -> list[type]:
+    """The public exceptions, the general one first."""
+    kinds = [getattr(tailstack, name) for name in tailstack.__all__ if name.endswith("Error")]
+    return sorted([*kinds, sweeping.SweepError], key=lambda kind: (kind is not errors.TailstackError, kind.__name__))
+
+
+# --- one name -----------------------------------------------------------------------------------------
+
+
+def describe(thing: Any, level: int) -> str:
+    """A function, a class or an exception, from its source."""
+    if inspect.isfunction(thing):
+        return "\n".join([f"{'#' * level} {thing.__name__}\n", signature_of(node_of(thing)), wrapped(doc_of(thing))])
+    parts = [f"{'#' * level} {thing.__name__}\n", wrapped(doc_of(thing))]
+    if issubclass(thing, errors.TailstackError):
+        parts.append(f"`slug`: `{thing.slug}`, exit code of the command: {thing.exit_code}.\n")
+    if rows := list(fields_of(thing)):
+        parts.append(table(rows))
+    methods = members_of(thing, level + 1) if Result not in thing.__mro__ else ""
+    return "\n".join(part for part in (*parts, methods) if part)
+
+
+def members_of(kind: type, level: int) -> str:
+    """The public methods of a class that are written in it."""
+    parts = []
+    for node in node_of(kind).body:
+        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+            words = wrapped(ast.get_docstring(node) or "")
+            if any(isinstance(entry, ast.Name) and entry.id == "property" for entry in node.decorator_list):
+                parts.append(f"{'#' * level} {kind.__name__}.{node.name}\n\n{words}" if words else "")
+            else:
+                parts.append("\n".join([f"{'#' * level} {kind.__name__}.{node.name}\n", signature_of(node), words]))
+    return "\n".join(part for part in parts if part)
+
+
+def fields_of(kind: type) -> Iterator[tuple[str, str, str]]:
+    """Name, type and meaning of each field: the text below it, or the comment beside it."""
+    node, lines = node_of(kind), source_of(kind)
+    for entry, below in pairwise([*node.body, ast.Pass()]):
+        if isinstance(entry, ast.AnnAssign) and isinstance(entry.target, ast.Name):
+            words = comment_beside(lines, entry)
+            if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
+                words = str(below.value.value)
+            yield entry.target.id, ast.unparse(entry.annotation), words
+        elif isinstance(entry, ast.Assign) and isinstance(entry.value, ast.Constant) and is_enumeration(kind):
+            assert isinstance(entry.targets[0], ast.Name)
+            yield entry.targets[0].id, repr(entry.value.value), comment_beside(lines, entry)
+
+
+def comment_beside(lines: list[str], entry: ast.stmt) -> str:
+    """The comment at the end of a field's last line."""
+    line = lines[(entry.end_lineno or entry.lineno) - 1][entry.end_col_offset or 0 :]
+    return line.partition("#")[2].strip()
+
+
+def is_enumeration(kind: type) -> bool:
+    return any(base.__name__ == "Enum" for base in kind.__mro__)
+
+
+def line_of(kind: type) -> int:
+    return inspect.getsourcelines(kind)[1]
+
+
+def source_of(thing: Any) -> list[str]:
+    return textwrap.dedent(inspect.getsource(thing)).splitlines()
+
+
+def node_of(thing: Any) -> Any:
+    """The definition of a function or class."""
+    return ast.parse("\n".join(source_of(thing))).body[0]
+
+
+def signature_of(node: ast.FunctionDef) -> str:
+    """How it is called, without self; one parameter a line where that is long."""
+    arguments = node.args
+    if arguments.args and arguments.args[0].arg == "self":
+        arguments.args = arguments.args[1:]
+    returns = f" -> {ast.unparse(node.returns)}" if node.returns else ""
+    parts = re.split(r", (?=\*|\w+\s*[:=])", ast.unparse(arguments))
+    parts = [part.replace("=", " = ", 1) if ": " in part else part for part in parts]
+    one = f"{node.name}({', '.join(parts)}){returns}"
+    if len(one) > 100:
+        one = f"{node.name}(\n" + "".join(f"    {part},\n" for part in parts) + f"){returns}"
+    return f"```text\n{one}\n```\n"
+
+
+# --- words --------------------------------------------------------------------------------------------
+
+
+def doc_of(thing: Any, *, sections: bool = True) -> str:
+    node = ast.parse(inspect.getsource(thing)) if inspect.ismodule(thing) else node_of(thing)
+    words = ast.get_docstring(node) or ""
+    return words if sections else words.partition("\n\n")[2]
+
+
+def wrapped(words: str) -> str:
+    """Paragraphs of a docstring as Markdown."""
+    paragraphs = [plain(" ".join(part.split())) for part in inspect.cleandoc(words).split("\n\n") if part.strip()]
+    lines = [textwrap.fill(part, WIDTH, break_long_words=False, break_on_hyphens=False) for part in paragraphs]
+    return "\n\n".join(lines) + "\n" if lines else ""
+
+
+def plain(words: str) -> str:
+    """A docstring's marks as those of Markdown."""
+    words = re.sub(r":\w+:`~?([^`]+)`", r"`\1`", words)
+    return words.replace("``", "`").replace(".  ", ". ")
+
+
+def table(rows: list[tuple[str, str, str]]) -> str:
+    """Fields with their types and meanings."""
+    cells = [(f"`{name}`", f"`{kind}`", plain(" ".join(words.split()))) for name, kind, words in rows]
+    lines = [" | ".join(("field", "type", "meaning")), "---|---|---"]
+    lines += [" | ".join(cell.replace("|", "\\|") for cell in row) for row in cells]
+    return "\n".join(f"| {line} |" if "---|" not in line else f"|{line}|" for line in lines) + "\n"
+
+
+def main(arguments: list[str]) -> int:
+    made = page()
+    if arguments == ["--check"]:
+        now = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
+        if now == made:
+            return 0
+        sys.stderr.writelines(difflib.unified_diff(now.splitlines(True), made.splitlines(True), "page", "sources", n=0))
+        sys.stderr.write(f"docs/python.md is not what the docstrings say: {REMEDY}\n")
+        return 1
+    PAGE.write_text(made, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))
