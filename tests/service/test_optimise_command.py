@@ -210,33 +210,10 @@ def test_the_second_signal_leaves_at_once(call: Any, tmp_path: Path) -> None:
 # --- progress -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("objective", "stages"),
-    [
-        ("cost", ("start", "check")),
-        ("cost", ("start", "count", "grades", "check")),
-        ("pareto", ("start", "check", "front")),
-    ],
-)
-def test_the_fraction_grows_from_nothing_to_the_end(objective: str, stages: tuple[str, ...]) -> None:
-    progress = Progress("optimise")
-    report = reporter(progress, objective)
-    seen = []
-    for stage in stages:
-        for done in range(1, 5):
-            report(stage, done, 4, None if done == 1 else 1500.0 / done)
-            seen.append(progress.fraction)
-    assert seen == sorted(seen)
-    assert 0 < seen[0] < 0.25
-    assert seen[-1] == pytest.approx(1)
-    assert progress.detail == f"{stages[-1]} 4 of 4, cost 375"
-
-
 def test_the_incumbent_is_named_for_what_it_is() -> None:
     progress = Progress("optimise")
     reporter(progress, "quantile")("start", 2, 8, 0.98765432)
     assert progress.detail == "start 2 of 8, least quantile over limit so far 0.98765"
-    assert f"{100 * 6 * 2 / 8 / 7:.0f} %, about " in progress.line()  # six parts of seven are starts
 
 
 def test_the_incumbent_never_gets_worse() -> None:
@@ -248,14 +225,6 @@ def test_the_incumbent_never_gets_worse() -> None:
     assert progress.detail == "start 3 of 4, least cost so far 1595.5"
     report("start", 4, 4, None)
     assert progress.detail == "start 4 of 4"
-
-
-def test_starts_that_were_cut_short_do_not_hold_up_the_fraction() -> None:
-    progress = Progress("optimise")
-    report = reporter(progress, "cost")
-    report("start", 2, 64, 1500.0)
-    report("check", 1, 2, 1500.0)
-    assert progress.fraction > 0.9
 
 
 def test_a_log_gets_its_lines_at_growing_distances() -> None:

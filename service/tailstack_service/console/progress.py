@@ -1,15 +1,22 @@
-"""Progress on stderr for whatever takes longer than a second: what runs, how far, how long still."""
+"""Progress on stderr for whatever takes longer than a second: what runs, how far, how long still.
+
+A terminal shows a bar as wide as it is; a log, which keeps every line, gets lines at growing distances.
+"""
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import ClassVar, Self, TextIO
 
 QUIET_SECONDS = 1.0  # shorter work says nothing
 TERMINAL_EVERY, LOG_EVERY = 0.25, 10.0  # a log gets its first lines sooner: after 1, 3, 7, 15 s
+NARROWEST_BAR, COLUMNS = 10, 80  # of a bar; of a terminal that does not say how wide it is
+OVERDUE = 0.3  # what took so much longer than was thought still takes that part of it, at least
 
 
 class Progress:
@@ -20,31 +27,79 @@ class Progress:
 
     _open: ClassVar[list[Progress]] = []  # the innermost last
 
-    def __init__(self, what: str, stream: TextIO | None = None) -> None:
+    def __init__(self, what: str, stream: TextIO | None = None, *, clock: Callable[[], float] = time.monotonic) -> None:
         self.what = what
         self.stream = sys.stderr if stream is None else stream
+        self.clock = clock
         self.fraction = 0.0
         self.detail = ""
-        self._begun = self._since = time.monotonic()
+        self._begun = clock()
+        self._first: tuple[float, float] | None = None  # report that said how far: when, seconds, and how far
+        self._left: Callable[[float], float | None] = lambda _elapsed: None  # seconds, when so many have passed
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._tick, daemon=True)
         self._shown = False
 
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the beginning."""
+        return self.clock() - self._begun
+
     def report(self, done: float, total: float, detail: str = "") -> None:
-        """How far the work is; ``total`` 0 means that nobody knows."""
-        if self.fraction == 0:
-            self._since = time.monotonic()
+        """How far the work is, which goes on as fast as it did; ``total`` 0 means that nobody knows."""
         self.fraction = min(done / total, 1.0) if total else 0.0
         self.detail = detail
+        self._left = lambda _elapsed: None
+        if not 0 < self.fraction < 1:
+            return
+        now = self.elapsed
+        if self._first is None:
+            self._first = now, self.fraction
+        then, before = self._first
+        if self.fraction > before:  # what came before the first report is not part of the pace
+            left = (1 - self.fraction) * (now - then) / (self.fraction - before)
+        else:
+            left = (1 / self.fraction - 1) * now
+        self._left = lambda elapsed: max(left - (elapsed - now), OVERDUE * (elapsed - now - left))
+
+    def report_left(self, left: Callable[[float], float | None], detail: str = "") -> None:
+        """How long the work still takes when so many seconds have passed; None: nobody knows.
+
+        The fraction is then that of the time.
+        """
+        self._left, self.detail = left, detail
+        elapsed = self.elapsed
+        if (seconds := left(elapsed)) is not None:
+            self.fraction = max(self.fraction, elapsed / max(elapsed + seconds, 1e-9))
+
+    def seconds_left(self) -> float | None:
+        """As it stands now; None if nobody knows."""
+        seconds = self._left(self.elapsed)
+        return None if seconds is None else max(seconds, 0.0)
 
     def line(self) -> str:
         """One line of progress as it stands."""
-        elapsed = time.monotonic() - self._begun
-        parts = [f"{self.what}: {elapsed:.0f} s"]
-        if 0 < self.fraction < 1:
-            left = elapsed / self.fraction - elapsed
-            parts.append(f"{100 * self.fraction:.0f} %, about {left:.0f} s left")
+        parts = [f"{self.what}: {self.elapsed:.0f} s"]
+        left = self.seconds_left()
+        if left is not None:
+            parts.append(f"{100 * self.fraction:.0f} %, about {max(left, 1):.0f} s left")
         return ", ".join([*parts, self.detail] if self.detail else parts)
+
+    def bar(self, columns: int) -> str:
+        """The same in exactly so many columns, as a bar; what does not fit beside it is left out."""
+        left = self.seconds_left()
+        if left is None or columns < len(self.what) + NARROWEST_BAR + 8:
+            return self.line()[:columns]
+        head = f"{self.what} {100 * self.fraction:3.0f} % "
+        tail = f" about {max(left, 1):.0f} s left" if left < 120 else f" about {left / 60:.0f} min left"
+        room = columns - len(head) - NARROWEST_BAR
+        tail = tail if len(tail) <= room else ""
+        if self.detail and len(tail) + 2 < room:
+            tail = f"{tail}, {self.detail}"[:room]
+        width = columns - len(head) - len(tail)
+        full = round(self.fraction * width)
+        on, off = ("█", "░") if "utf" in (getattr(self.stream, "encoding", None) or "").lower() else ("#", ".")
+        return head + on * full + off * (width - full) + tail
 
     def __enter__(self) -> Self:
         self._open.append(self)
@@ -64,13 +119,21 @@ class Progress:
     def _terminal(self) -> bool:
         return self.stream.isatty()
 
+    def _columns(self) -> int:
+        """Of the terminal, as wide as it is just now."""
+        try:
+            columns = os.get_terminal_size(self.stream.fileno()).columns
+        except (OSError, ValueError):
+            columns = 0
+        return (columns or COLUMNS) - 1  # the last one would begin another line
+
     def _tick(self) -> None:
         wait = QUIET_SECONDS
         while not self._done.wait(wait):
-            if self._open[-1] is not self:
+            if self._open and self._open[-1] is not self:
                 continue
             self._shown = True
-            self._write(f"\r{self.line()[:98]}\x1b[K" if self._terminal else self.line() + "\n")
+            self._write(f"\r{self.bar(self._columns())}\x1b[K" if self._terminal else self.line() + "\n")
             wait = TERMINAL_EVERY if self._terminal else min(2 * wait, LOG_EVERY)
 
     def _write(self, text: str) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
+from tailstack.cores import usable_cores
 from tailstack.errors import Problem
 from tailstack.results import Optimisation
 
@@ -23,6 +24,7 @@ from ..console.progress import Progress
 from ..problems import RequestError
 from .operation import Again, Call, Command, Demand, HeldDesign, Operation, Repetition
 from .options import Options, Seed, within
+from .remaining import RemainingTime
 
 if TYPE_CHECKING:
     from tailstack.design import Design
@@ -31,8 +33,9 @@ if TYPE_CHECKING:
     from .revision import Places
     from .sent import Request
 
-# In their order, with rough shares of the time.
-STAGES = {"start": 6.0, "count": 6.0, "grades": 2.0, "check": 1.0, "front": 6.0}
+# What the steps of a stage are called, where its own name says too little
+STAGES = {"layout": "starting layout", "point": "starting point", "polish": "polishing", "settle": "exact law",
+          "compare": "layout compared with"}  # fmt: skip
 STOPPING = "stopping: checking the best design found so far; press Ctrl-C again to leave without it"
 
 
@@ -191,7 +194,7 @@ def _search(design: Design, arguments: argparse.Namespace, places: Places) -> tu
                 design,
                 seed=arguments.seed,
                 starts=arguments.starts,
-                progress=reporter(progress, wanted.goal),
+                progress=reporter(progress, wanted.goal, expect(design)),
                 stop=stop.ask,
             )
             stop.ask()  # a second signal may have come since the last poll
@@ -206,25 +209,43 @@ def _search(design: Design, arguments: argparse.Namespace, places: Places) -> tu
 # --- progress and stopping ------------------------------------------------------------------------
 
 
-def reporter(progress: Progress, objective: str) -> Callable[[str, int, int, float | None], None]:
-    """What the optimiser calls after each step: fraction of the whole, step, incumbent."""
-    expected = {"start", "check"} | ({"front"} if objective == "pareto" else set())
+def expect(design: Design) -> RemainingTime:
+    """What shapes the course of an optimisation."""
+    from tailstack.design import compile_design
+
+    wanted = design.document.optimise
+    assert wanted is not None
+    front_points = 9 if wanted.front is None else wanted.front.points
+    graded = any(one.grades for one in wanted.tolerances or ())
+    return RemainingTime(
+        cores=usable_cores(),
+        front_points=front_points if wanted.goal == "pareto" else 0,
+        per_unit=any(one.risk == "per_unit" for one in design.document.requirements),
+        settles=wanted.goal != "quantile" and not graded,
+        compares=bool(wanted.box or wanted.region or wanted.regions) and not graded,
+        targets=len(compile_design(design).targets),
+        fiducials=len(design.fiducials.labels),
+    )
+
+
+def reporter(
+    progress: Progress, objective: str, remaining: RemainingTime | None = None
+) -> Callable[[str, int, int, float | None], None]:
+    """What the optimiser calls after each step: how long it still takes, the step, the incumbent."""
+    remaining = RemainingTime(usable_cores()) if remaining is None else remaining
     what = "quantile over limit" if objective == "quantile" else "cost"
-    furthest, best = 0.0, float("inf")
+    best = float("inf")
 
     def report(stage: str, done: int, total: int, least: float | None) -> None:
-        nonlocal furthest, best
-        expected.add(stage)
-        shares = [STAGES[name] for name in STAGES if name in expected]
-        reached = [name for name in STAGES if name in expected].index(stage)  # what comes before it is over
-        furthest = max(furthest, (sum(shares[:reached]) + shares[reached] * done / total) / sum(shares))
+        nonlocal best
+        remaining.report(stage, done, total, progress.elapsed)
         known = ""
         if least is not None and stage in ("check", "front"):  # of the design that was checked
             known = f", {what} {least:.5g}"
-        elif least is not None:
+        elif least is not None and stage == "start":
             best = min(best, least)
             known = f", least {what} so far {best:.5g}"
-        progress.report(furthest, 1.0, f"{stage} {done} of {total}{known}")
+        progress.report_left(remaining.left, f"{STAGES.get(stage, stage)} {done} of {total}{known}")
 
     return report
 

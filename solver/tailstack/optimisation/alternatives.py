@@ -25,7 +25,6 @@ from .request import Request
 from .search import (
     Control,
     Search,
-    Stop,
     evaluate_demands,
     farthest,
     least_quantile,
@@ -150,7 +149,7 @@ def _point(problem: PlacementProblem, search: Search, found: VerifiedOptimum, fa
 CARELESS = 30
 
 
-def value_placement(search: Search, seed: int, stop: Stop | None = None) -> PlacementValue | None:
+def value_placement(search: Search, seed: int, control: Control) -> PlacementValue | None:
     """Compare with what the placement would have been otherwise; None without free fiducials."""
     problem, best = search.program.problem, search.best_objective
     if not problem.places:
@@ -166,10 +165,11 @@ def value_placement(search: Search, seed: int, stop: Stop | None = None) -> Plac
     layouts = careless_layouts(problem, search.estimator, steering, CARELESS, seed)
     tried = 0
     for layout in layouts:
-        if stop is not None and stop():
+        if control.stops():
             break
         tried += 1
         reached = value(layout)
+        control.report("compare", tried, len(layouts), best)
         if reached is not None:
             found.append(reached)
     median, worst = (float(np.median(found)), float(np.max(found))) if found else (None, None)

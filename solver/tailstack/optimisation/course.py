@@ -48,8 +48,9 @@ def optimise(
     """Move what is free in a design to what its ``optimise`` section asks for, under the design's own limits.
 
     ``seed`` and ``starts`` default to the document's, ``threads`` to every core; the answer does not depend on it.
-    ``progress(stage, done, total, least objective so far)`` is called after every start, count, check and point of a
-    front; what it raises ends the work.  ``stop()`` is polled; once it is true the best found so far is settled,
+    ``progress(stage, done, total, least objective so far)`` is called after every layout to start from, programme,
+    point to start at, start, polished optimum, settled optimum, check, point of a front and layout compared with; what
+    it raises ends the work.  ``stop()`` is polled; once it is true the best found so far is settled,
     verified and returned, ``certificate.stopped`` says so.  The design returned is verified: the upper confidence
     limit of every quantile, from a fresh seed, is within its limit.
 
@@ -73,7 +74,7 @@ def optimise_task(task: Task, searcher: Searcher, control: Control) -> Optimisat
         front: tuple[FrontPoint, ...] = ()
         if task.request.section.goal == "pareto":
             front = searcher.trace_front(task.counts.index(optimum.count), optimum.search)
-        value = None if task.request.graded else value_placement(optimum.search, task.seed, control.stop)
+        value = None if task.request.graded else value_placement(optimum.search, task.seed, control)
         return report(task, optimum, counts, front, value)
 
 
@@ -159,6 +160,7 @@ def take_first_verified(task: Task, searches: list[Search], control: Control) ->
                 exact = None
                 if found.program.problem.objective != "quantile" and not task.request.graded:
                     exact = settle(first, np.ones(len(first.terms)))
+                    control.report("settle", 1, 1, exact.cost)
                 optimum = tighten(task.request, first, CheckSettings(task.seed), control, start=exact)
                 return replace(optimum, search=found, exact=exact)
             except NotConvergedError as error:

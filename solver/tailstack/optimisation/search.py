@@ -61,6 +61,10 @@ class Control:
         if self.progress is not None:
             self.progress(stage, done, total, least)
 
+    def reporter(self, stage: str) -> Callable[[int, int], None]:
+        """Of the steps of one stage, without an objective."""
+        return lambda done, total: self.report(stage, done, total, None)
+
     def stops(self) -> bool:
         return self.stop is not None and self.stop()
 
@@ -72,6 +76,9 @@ class Control:
                 stage, position * total + done, searches * total, least
             ),
         )
+
+
+ALONE = Control()  # nobody is told, and nobody ends it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,17 +132,17 @@ def search(
 
     Raises InfeasibleError, and NotConvergedError when it was stopped before anything converged.
     """
-    prepared = prepare_search(problem, starts=starts, seed=seed, threads=threads)
-    return _solve_prepared(prepared, Control(threads, progress, stop))
+    control = Control(threads, progress, stop)
+    return _solve_prepared(prepare_search(problem, starts=starts, seed=seed, control=control), control)
 
 
 def prepare_search(
-    problem: PlacementProblem, *, starts: int = 8, seed: int = 0, threads: int | None = None
+    problem: PlacementProblem, *, starts: int = 8, seed: int = 0, control: Control = ALONE
 ) -> PreparedSearch:
     """The programme of a problem and where it is to be solved from.  Raises InfeasibleError."""
     terms = tuple(terms_of(problem, demand) for demand in problem.demands)
     estimator = estimator_of(problem.system)
-    layouts = starting_layouts(problem, estimator, farthest(problem, terms), starts, seed)
+    layouts = starting_layouts(problem, estimator, farthest(problem, terms), starts, seed, control.reporter("layout"))
     active = terms
     if len(terms) > MANY_DEMANDS:
         # At half-widths that use up the limit, not at the smallest: a lever may lead where noise does not.
@@ -143,20 +150,22 @@ def prepare_search(
         choices = [replace(here, fiducials_mm=layout) for layout in layouts[:3] if not is_flat(layout)]
         leading = leading_demands(problem, terms, choices, LEADING)
         active = tuple(term for k, term in enumerate(terms) if k in leading)
-    lanes = min(usable_cores() if threads is None else threads, len(layouts))
-    return _prepare(build_program(problem, estimator, active, lanes), terms, estimator, layouts)
+    lanes = min(usable_cores() if control.threads is None else control.threads, len(layouts))
+    program = build_program(problem, estimator, active, lanes)
+    control.report("programme", 1, 1, None)
+    return _prepare(program, terms, estimator, layouts, control)
 
 
 def _prepare(
-    program: Program, terms: tuple[DemandTerms, ...], estimator: Estimator, layouts: list[Array]
+    program: Program, terms: tuple[DemandTerms, ...], estimator: Estimator, layouts: list[Array], control: Control
 ) -> PreparedSearch:
-    starts, ends = _lead(program, _starts(program, layouts))
+    starts, ends = _lead(program, _starts(program, layouts, control))
     return PreparedSearch(program, terms, estimator, tuple(starts), ends)
 
 
 def explore(program: Program, terms: tuple[DemandTerms, ...], estimator: Estimator, layouts: list[Array]) -> Search:
     """Solve from given layouts."""
-    return _solve_prepared(_prepare(program, terms, estimator, layouts), Control())
+    return _solve_prepared(_prepare(program, terms, estimator, layouts, ALONE), ALONE)
 
 
 def _solve_prepared(prepared: PreparedSearch, control: Control) -> Search:
@@ -191,10 +200,12 @@ def conclude_search(prepared: PreparedSearch, points: Points, control: Control) 
     if not ends:
         raise _explain_failure(program, starts)
     solved = sorted(ends.values(), key=lambda item: item.point.objective)
-    polished = [
-        Iterate(solve(program, item.point.x, item.parameters, warm=item.point), item.parameters)
-        for item in solved[:POLISHED]
-    ]
+    polished = []
+    for item in solved[:POLISHED]:
+        point = solve(program, item.point.x, item.parameters, warm=item.point)
+        polished.append(Iterate(point, item.parameters))
+        least = objective_for_people(program, solved[0].point.objective)
+        control.report("polish", len(polished), min(POLISHED, len(solved)), least)
     best = sorted((item for item in polished if item.point.solved), key=lambda item: item.point.objective) or solved
     return Search(
         program=program,
@@ -315,10 +326,14 @@ def rms_distance_mm(layout: Array, reference: Array) -> float:
     return float(np.sqrt(squared[linear_sum_assignment(squared)].mean()))
 
 
-def _starts(program: Program, layouts: list[Array]) -> list[Start]:
+def _starts(program: Program, layouts: list[Array], control: Control) -> list[Start]:
     """Starts at the layouts that determine the targets: the present one may not, and be optimised for that."""
-    solid = [layout for layout in layouts if not is_flat(layout)]
-    return [start_at(program, layout) for layout in solid or layouts]
+    solid = [layout for layout in layouts if not is_flat(layout)] or layouts
+    starts = []
+    for layout in solid:
+        starts.append(start_at(program, layout))
+        control.report("point", len(starts), len(solid), None)
+    return starts
 
 
 def least_quantile(program: Program, starts: list[Start]) -> Iterate:

@@ -9,6 +9,7 @@ their smallest; it costs about 5 ms and runs on the same compiled gains as the s
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
 from typing import NamedTuple
 
@@ -113,11 +114,16 @@ def _spread(
 
 
 def starting_layouts(
-    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], starts: int, seed: int
+    problem: PlacementProblem,
+    estimator: Estimator,
+    terms: tuple[DemandTerms, ...],
+    starts: int,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[Array]:
     """``starts`` layouts (N, 3) mm: the present one, clipped to its regions, then exchanged random ones.
 
-    Start k depends on (seed, k) alone, so that more starts only add.
+    Start k depends on (seed, k) alone, so that more starts only add.  ``progress(done, total)`` is called after each.
     """
     present = _clip_to_regions(problem, problem.system.fiducials_mm)
     if not problem.places:
@@ -143,6 +149,8 @@ def starting_layouts(
         free = list(problem.free_fiducials)
         layout[free] = ((points - estimator.told_shift_mm) @ inverse.T)[free]
         layouts.append(_clip_to_regions(problem, layout))
+        if progress is not None:
+            progress(k + 1, starts)
     return layouts
 
 

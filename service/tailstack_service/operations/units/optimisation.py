@@ -169,7 +169,7 @@ def _prepare(design: bytes, seed: int | None, starts: int | None, position: int)
     """A search before its starts are solved, or its refusal: that takes a search of its own to find."""
     task = _task(design, seed, starts)
     try:
-        return prepare_search(task.problems[position], starts=task.starts, seed=task.seed, threads=1)
+        return prepare_search(task.problems[position], starts=task.starts, seed=task.seed, control=ONE_THREAD)
     except (InfeasibleError, NotConvergedError) as refused:
         return refused.with_traceback(None)  # its frames hold the programme
 

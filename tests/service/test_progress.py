@@ -1,0 +1,202 @@
+"""The line of progress: how long still, on recorded courses; the bar, as wide as the terminal; lines for a log.
+
+Recorded courses (tests/data/courses, by the script beside them): what ``optimise`` reported, in seconds of an otherwise
+idle machine with two cores.  Nothing here waits for a clock.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import pty
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from service_scenes import ROOT
+
+from tailstack.design import load_design
+from tailstack_service.console.progress import Progress
+from tailstack_service.operations.optimisation import expect, reporter
+from tailstack_service.operations.remaining import RemainingTime
+
+COURSES = sorted((ROOT / "tests" / "data" / "courses").glob("*.json"))
+KINDS = ("per_unit", "settles", "compares", "targets", "fiducials")
+RESOLUTION = 1.0  # seconds: what is shown has none
+
+
+class Clock:
+    """Time as a test says it."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def watch(course: dict[str, Any], look: Callable[[float, Progress], None]) -> None:
+    """Go through a course, and look 200 times at what is shown."""
+    clock = Clock()
+    progress = Progress("optimise", io.StringIO(), clock=clock)
+    points = 9 if course["goal"] == "pareto" else 0
+    kind = {name: course[name] for name in KINDS}
+    report = reporter(progress, course["goal"], RemainingTime(cores=2, front_points=points, **kind))
+    events = list(course["events"])
+    for step in range(200):
+        seconds = course["end"] * step / 200
+        while events and events[0][0] <= seconds:
+            at, stage, done, total = events.pop(0)
+            clock.now = 100.0 + at
+            report(stage, done, total, None)
+        clock.now = 100.0 + seconds
+        look(seconds, progress)
+
+
+def shown_left(progress: Progress) -> float | None:
+    """As a person reads it."""
+    found = re.search(r"about (\d+) s left", progress.line())
+    return None if found is None else float(found[1])
+
+
+def test_there_are_courses_of_every_kind() -> None:
+    assert len(COURSES) >= 8
+    goals = {json.loads(course.read_text())["goal"] for course in COURSES}
+    assert {"cost", "pareto"} <= goals
+
+
+def test_what_shapes_a_course_is_read_from_the_design() -> None:
+    """The recorded courses of examples, and the examples."""
+    for course, name in (
+        ("demo8", "demo"),
+        ("plate", "flat_plate"),
+        ("locators", "locators_321"),
+        ("tube", "tube_carrier"),
+    ):
+        content = json.loads((ROOT / "tests" / "data" / "courses" / f"{course}.json").read_text())
+        expected = expect(load_design(ROOT / "examples" / f"{name}.yaml"))
+        assert {kind: getattr(expected, kind) for kind in KINDS} == {kind: content[kind] for kind in KINDS}
+
+
+@pytest.mark.parametrize("course", COURSES, ids=lambda course: course.stem)
+def test_after_its_first_tenth_the_time_left_is_within_a_factor_of_two(
+    course: Path,
+) -> None:
+    content = json.loads(course.read_text())
+    wrong: list[tuple[float, float | None, float]] = []
+
+    def look(seconds: float, progress: Progress) -> None:
+        left, truth = progress.seconds_left(), content["end"] - seconds
+        if seconds < max(0.1 * content["end"], RESOLUTION):  # nothing is shown before a second has passed
+            return
+        if left is None or not (truth / 2 <= left <= 2 * truth or abs(left - truth) <= RESOLUTION):
+            wrong.append((round(seconds, 2), left, round(truth, 2)))
+
+    watch(content, look)
+    assert wrong == []
+
+
+@pytest.mark.parametrize("course", COURSES, ids=lambda course: course.stem)
+def test_the_bar_grows_to_its_end_and_never_shrinks(course: Path) -> None:
+    fractions: list[float] = []
+    watch(json.loads(course.read_text()), lambda _, progress: fractions.append(progress.fraction))
+    assert fractions == sorted(fractions)
+    assert fractions[-1] > 0.85
+
+
+# --- work whose steps are alike -------------------------------------------------------------------
+
+
+def test_what_came_before_the_first_step_is_not_taken_for_the_pace() -> None:
+    """Ten seconds of loading, then a second for each of a hundred."""
+    clock = Clock()
+    progress = Progress("sweep", io.StringIO(), clock=clock)
+    for done in range(1, 41):
+        clock.now = 100.0 + 10 + done
+        progress.report(done, 100)
+    assert progress.line() == "sweep: 50 s, 40 %, about 60 s left"
+    clock.now += 5
+    assert shown_left(progress) == 55  # it goes on between two reports
+
+
+def test_a_step_that_takes_too_long_does_not_end_at_nothing() -> None:
+    clock = Clock()
+    progress = Progress("gate", io.StringIO(), clock=clock)
+    progress.report(1, 2)
+    clock.now += 100
+    assert (shown_left(progress) or 0) >= 10
+
+
+def test_nobody_knows_how_long() -> None:
+    progress = Progress("report", io.StringIO(), clock=Clock())
+    progress.report(0, 0, "drawing")
+    assert progress.line() == "report: 0 s, drawing"
+
+
+# --- a terminal -----------------------------------------------------------------------------------
+
+
+class Screen(io.StringIO):
+    """A terminal that can show every letter, or none beyond ASCII."""
+
+    def __init__(self, encoding: str) -> None:
+        super().__init__()
+        self._encoding = encoding
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        return self._encoding
+
+
+def at_work(encoding: str = "utf-8") -> Progress:
+    """A third of a work that takes 90 s."""
+    clock = Clock()
+    progress = Progress("optimise", Screen(encoding), clock=clock)
+    clock.now += 30
+    progress.report(1, 3, "start 5 of 8, least cost so far 1746.2")
+    return progress
+
+
+@pytest.mark.parametrize("columns", [30, 50, 79, 119, 200])
+def test_the_bar_is_as_wide_as_the_terminal(columns: int) -> None:
+    bar = at_work().bar(columns)
+    assert len(bar) == columns
+    assert bar.startswith("optimise  33 % █")
+    drawn = bar.count("█") + bar.count("░")
+    assert drawn >= 10
+    assert bar.count("█") == pytest.approx(drawn / 3, abs=0.5)
+
+
+def test_a_wide_terminal_shows_phase_per_cent_and_time_left() -> None:
+    bar = at_work().bar(100)
+    assert bar.endswith("░ about 60 s left, start 5 of 8, least cost so far 1746.2")
+
+
+def test_a_terminal_without_the_letters_gets_others() -> None:
+    assert "#" in at_work("ascii").bar(79)
+    assert at_work("ascii").bar(79).isascii()
+
+
+def test_a_narrow_terminal_gets_what_fits() -> None:
+    assert at_work().bar(12) == "optimise: 30"
+
+
+def test_the_width_is_that_of_the_terminal_just_now() -> None:
+    import fcntl
+    import struct
+    import termios
+
+    master, slave = pty.openpty()
+    with os.fdopen(master, "rb", buffering=0), os.fdopen(slave, "w") as stream:
+        progress = Progress("verify", stream)
+        for columns in (80, 133):
+            fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+            assert progress._columns() == columns - 1
+
+
+def test_a_log_gets_lines_without_bars() -> None:
+    progress = at_work()
+    assert progress.line() == "optimise: 30 s, 33 %, about 60 s left, start 5 of 8, least cost so far 1746.2"
