@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 ELSEWHERE = ("fiducials",)  # folders that hold parts of designs
+LINE = 60  # characters about a folder
 OF_DESIGNS = ("", "gallery", "paper")  # folders whose designs stand for themselves
 
 
@@ -21,14 +23,10 @@ def example_folder() -> Path:
 
 def list_examples() -> dict[str, str]:
     """Names of designs and folders, each with one line about it."""
-    folder = example_folder()
-    found = {}
-    for path in sorted(folder.glob("*.yaml")):
-        name = re.search(r"^name: (.+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
-        found[path.stem] = name[1] if name else ""
-    for below in sorted(path for path in folder.iterdir() if path.is_dir() and path.name not in ELSEWHERE):
+    found = {name: example.title for name, example in list_example_designs().items()}
+    for below in sorted(path for path in example_folder().iterdir() if path.is_dir() and path.name not in ELSEWHERE):
         contents = sorted(path.name for path in below.iterdir() if re.fullmatch(r"\w+\.(yaml|csv)", path.name))
-        found[below.name] = f"a folder: {', '.join(contents)}"
+        found[below.name] = shorten(f"a folder: {', '.join(contents)}", LINE, placeholder=" ...")
     return found
 
 

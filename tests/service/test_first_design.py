@@ -168,6 +168,17 @@ def test_a_folder_is_written_as_a_folder(call: Any) -> None:
     assert call("gate", "gate/pass.yaml", "--policy", "gate/policy.yaml", "--mode", "analytic")[0] in (0, 4)
 
 
+@pytest.mark.parametrize("name", ["paper-c_arm", "paper/c_arm.yaml"])
+def test_a_design_of_a_folder_is_an_example_too(call: Any, name: str) -> None:
+    code, out, _ = call("example", name)
+    assert code == 0
+    assert load_design(out).sha256 == load_design(EXAMPLES / "paper" / "c_arm.yaml").sha256
+
+
+def test_the_list_fits_a_terminal_of_a_hundred_columns(call: Any) -> None:
+    assert max(map(len, call("example")[1].splitlines())) <= 100
+
+
 def test_an_unknown_example_is_answered_with_the_nearest(call: Any) -> None:
     code, out, err = call("example", "flat_plat")
     assert (code, out) == (2, "")

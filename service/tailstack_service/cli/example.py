@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.errors import Problem
 
-    from ..examples import example_folder, list_examples
+    from ..examples import example_folder, list_example_designs, list_examples
     from ..problems import RequestError
 
     known = list_examples()
@@ -38,17 +38,18 @@ def run(arguments: argparse.Namespace) -> Answer:
         width = max(map(len, known)) + 2
         listed = "".join(f"{name:<{width}}{words}\n" for name, words in known.items())
         return Answer(f"{listed}next: {program()} example demo -o demo.yaml\n")
-    name = arguments.name.removesuffix(".yaml").rstrip("/")
+    name = arguments.name.removesuffix(".yaml").rstrip("/").replace("/", "-")  # gallery/flat_plate, too
     if name not in known:
         detail = f"no example is called {arguments.name!r}{suggest(name, known)}"
         raise RequestError(Problem("", "unknown-example", detail, f"one of {', '.join(known)}"))
-    source = example_folder() / name
-    if source.is_dir():
+    designs = list_example_designs()
+    if name not in designs:
+        source = example_folder() / name
         if arguments.output is None:
             detail = f"{name} is a folder of files"
             raise RequestError(Problem("", "option-missing", detail, f"tailstack example {name} -o {name}"))
         return Answer(_write_folder(source, Path(arguments.output), force=arguments.force))
-    design = source.with_suffix(".yaml")
+    design = designs[name].path
     if arguments.output is None:
         return Answer(_alone(design).encode())
     return Answer(_write_design(design, Path(arguments.output), force=arguments.force))
