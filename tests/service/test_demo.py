@@ -40,7 +40,7 @@ def test_the_demo_does_the_whole_job(tmp_path: Path, capsys: pytest.CaptureFixtu
         documents[name] = json.loads((written / f"{name}.json").read_bytes())
         Draft202012Validator(json_schema(name)).validate(documents[name])
     assert yaml.safe_load((written / "optimised.yaml").read_text()) == documents["optimisation"]["design"]
-    for title in ("Score: first order", "Check: Monte Carlo", "Optimised: ", "Before -> after", str(written)):
+    for title in ("Estimate", "Check by simulation", "Optimised: ", "Before -> after", str(written)):
         assert title in out
     assert max(len(line) for line in out.splitlines() if str(tmp_path) not in line) <= 100
     assert "verdict: pass (Monte Carlo)" in out[out.index("Before -> after") :]

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..console.answer import Answer, exit_code_of
+from ..console.arguments import add_details
 from ..console.program import program
 from ..examples import example_folder
 
@@ -30,6 +31,7 @@ ANNOUNCE_SECONDS = 1.0  # between lines of progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_details(parser)
     parser.add_argument(
         "-o", "--output", metavar="DIR", default="out/demo", help="directory for what comes out (default %(default)s)"
     )
@@ -94,13 +96,13 @@ def run(arguments: argparse.Namespace) -> Answer:
         body = service.ask("POST", "/v1/scores", {"design": design}).content
         score = read_record("score", body)
         save("score.json", body)
-        show("Score: first order", score_text(score))
+        show("Estimate", score_text(score))
 
         announce(f"checking the design by simulation: POST /v1/verifications, to {100 * PRECISION:g} %")
         body, _ = run_job(service, "/v1/verifications", {"design": design, "precision": PRECISION, "seed": 1}, announce)
         before = read_record("verification", body)
         save("verification.json", body)
-        show("Check: Monte Carlo on the full chain", verification_text(before))
+        show("Check by simulation", verification_text(before))
 
         announce("looking for a better one: POST /v1/optimisations, a second or two per start")
         body, result = run_job(service, "/v1/optimisations", {"design": design}, announce)
