@@ -94,6 +94,7 @@ def test_draft_7_by_command_file_and_http_is_the_same(tmp_path: Path, capsys: py
         assert answer.headers["content-type"] == "application/schema+json"
         assert answer.json() == json.loads(printed)
         assert client.get("/v1/schemas/design").json() == json_schema("design")
+        assert client.get("/v1/schemas/design", params={"draft": ""}).status_code == 422
         refused = client.get("/v1/schemas/design", params={"draft": "4"})
         assert refused.status_code == 422
         assert refused.json()["errors"][0]["pointer"] == "/draft"

@@ -261,7 +261,8 @@ async def schema(request: Request) -> Response:
     if name not in TITLES:
         hint = ask_meant(name, TITLES, f"one of {', '.join(TITLES)}")
         raise _unknown_name_error(f"no schema is called {name[:60]!r}", hint)
-    asked = single(request.query_params.multi_items(), "draft") or DRAFTS[0]
+    asked = single(request.query_params.multi_items(), "draft")
+    asked = DRAFTS[0] if asked is None else asked
     draft = next((known for known in DRAFTS if known == asked), None)
     if draft is None:
         detail = f"draft is one of {', '.join(DRAFTS)}; got {asked[:40]!r}"

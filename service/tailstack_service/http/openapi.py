@@ -200,13 +200,18 @@ def describe(operation: Operation) -> dict[str, Any]:
     """The arguments of a route that say what an operation takes and gives."""
     answers = _answers_at_once(operation) if operation.immediate else _job_answers(operation)
     own = () if operation.immediate else (parameter("Prefer"), parameter("IdempotencyKey"))
-    problems = BODY_PROBLEMS if operation.immediate else (*BODY_PROBLEMS, 429)
+    problems = {*BODY_PROBLEMS, *(() if operation.immediate else (429,)), *((404,) if _takes_parts(operation) else ())}
     return {
         "summary": operation.summary,
         "description": operation.description + ("" if operation.immediate or operation.at_once else BECOMES_A_JOB),
         "responses": answers,
-        "openapi_extra": extra(*own, *_query_parameters(operation), body=_body(operation), problems=problems),
+        "openapi_extra": extra(*own, *_query_parameters(operation), body=_body(operation), problems=sorted(problems)),
     }
+
+
+def _takes_parts(operation: Operation) -> bool:
+    """Whether the design may be named by its hash, and patched."""
+    return operation.request is None and tuple(operation.designs) == ("design",)
 
 
 def component(name: str) -> str:
@@ -443,7 +448,7 @@ def _request_schema(operation: Operation) -> dict[str, Any]:
     designs = {
         field: {**reference("schemas", "Design"), "description": words} for field, words in operation.designs.items()
     }
-    in_parts = tuple(designs) == ("design",)
+    in_parts = _takes_parts(operation)
     return {
         "type": "object",
         "additionalProperties": False,
