@@ -249,7 +249,7 @@ class Score(Result):
         more = [Bar(f"{len(shares) - MOST_BARS} more", rest)] if len(shares) > MOST_BARS else []
         limit = "" if worst.limit_mm is None else f", limit {worst.limit_mm:g} mm"
         return Outline(
-            "First-order score",
+            "Score, an estimate",
             self.provenance.design_name,
             self.verdict.status,
             verdict_sentence(self.verdict),

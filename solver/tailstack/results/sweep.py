@@ -106,7 +106,7 @@ class Sweep(Result):
             f"; {refused:,} could not be computed, the column reason says why." if refused else "."
         )
         return Outline(
-            "Sweep, " + ("first order" if self.check == "score" else "Monte Carlo"),
+            "Sweep, " + ("estimates" if self.check == "score" else "Monte Carlo checks"),
             self.provenance.design_name,
             "",
             sentence,
