@@ -35,7 +35,7 @@ def test_the_demo_design_is_shipped(unpacked: Path) -> None:
     assert shipped.read_bytes() == (EXAMPLES / "demo.yaml").read_bytes()
     done = call(unpacked, "validate", str(shipped))
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith(f"{shipped}: valid")
+    assert done.stdout.replace("\n", "").startswith(f"{shipped}: valid")  # a long path goes on in the next line
 
 
 def test_schemas_and_openapi_come_out_of_it(unpacked: Path) -> None:
