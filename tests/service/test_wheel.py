@@ -38,6 +38,13 @@ def test_the_demo_design_is_shipped(unpacked: Path) -> None:
     assert done.stdout.replace("\n", "").startswith(f"{shipped}: valid")  # a long path goes on in the next line
 
 
+def test_the_page_of_the_api_is_shipped(unpacked: Path) -> None:
+    ours = ROOT / "service" / "tailstack_service" / "docs_page"
+    shipped = {path.name: path.read_bytes() for path in (unpacked / "tailstack_service" / "docs_page").iterdir()}
+    assert shipped == {path.name: path.read_bytes() for path in ours.iterdir()}
+    assert {"index.html", "LICENSE", "NOTICE", "swagger-ui-bundle.js"} <= set(shipped)
+
+
 def test_schemas_and_openapi_come_out_of_it(unpacked: Path) -> None:
     assert call(unpacked, "schema", "design").returncode == 0
     done = call(unpacked, "openapi")

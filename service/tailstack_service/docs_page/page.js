@@ -1,4 +1,9 @@
 // Shows the OpenAPI document of this very service: whatever host it names, requests go where the page came from.
+const dark = matchMedia("(prefers-color-scheme: dark)");
+const shade = () => document.documentElement.classList.toggle("dark-mode", dark.matches);
+dark.addEventListener("change", shade);
+shade();
+
 fetch("/openapi.json").then((answer) => answer.json()).then((document) => {
   SwaggerUIBundle({
     spec: { ...document, servers: [{ url: "/", description: "this service" }] },
