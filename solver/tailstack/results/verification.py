@@ -136,7 +136,8 @@ class Verification(Result):
             TargetEstimate, "targets", f"Error at the tool, {self.trials:,} trials", self.targets,
             Column("name", "target"), Column("mean_norm_mm", "mean, mm", 3), Column("p95_mm", "P95, mm", 4),
             Column("p95_low_mm", "from", 4), Column("p95_high_mm", "to", 4),
-            Column("cvar95_mm", "mean of the worst 5 %, mm", 3), Column("first_order_p95_mm", "P95 by the estimate, mm", 4),
+            Column("cvar95_mm", "mean of the worst 5 %, mm", 3),
+            Column("first_order_p95_mm", "P95 by the estimate, mm", 4),
         )  # fmt: skip
         bars = tuple(
             Bar(target.name, target.p95_mm, target.p95_interval_mm, None if beyond is None else beyond.limit_mm)
