@@ -220,7 +220,7 @@ def test_words_follow_the_intervals(cube: StudyCoupling) -> None:
     exceeded = replace(case, against_sum=above)
     assert "is exceeded in 1 of 1 cases" in write_conclusions([exceeded])[0]
     assert write_conclusions([replace(case, against_quadrature=below)])[1].startswith(
-        "P95 is nowhere seen above the quadrature"
+        "P95 is nowhere seen above the root of the sum of squares"
     )
 
 

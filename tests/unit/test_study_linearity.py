@@ -191,7 +191,7 @@ def test_a_point_that_determines_nothing_is_a_row_with_its_reason():
     assert (good.status, bad.status) == ("ok", "refused")
     assert bad.reason
     assert bad.ratio is bad.within is bad.nu is None
-    assert "Of 1 point first order" in study.sentences[0]
+    assert "Of 1 point the estimate" in study.sentences[0]
 
 
 def test_a_locator_keeps_its_shift_and_loses_its_turn():
@@ -230,7 +230,7 @@ def test_second_order_is_called_nearer_only_where_the_interval_says_so(
     base = examine_place(cube8_system(), 0, "tcp", Place(0.5, 0.0, 1.0, 8), 2**13, 1)
     said = write_sentences([replace(base, ratio=ratio, ratio_interval=interval, second_order_ratio=second)])[-1]
     counts = {True: (1, 0, 0), False: (0, 1, 0), None: (0, 0, 1)}[nearer]
-    words = "at 1 point: nearer to Monte Carlo than first order at {}, farther at {}, open at {}."
+    words = "at 1 point: nearer to the simulation than the estimate at {}, farther at {}, open at {}."
     assert words.format(*counts) in said
     if nearer is not None:  # and it holds at both ends
         for end in interval:
@@ -269,13 +269,10 @@ def test_words_and_calibration_count_what_is_there():
     assert (warned.lowest_ratio, warned.highest_ratio) == (0.7, 1.3)
     said = write_sentences(points)
     assert said[0].startswith(
-        "Of 7 points first order is, with the whole interval, within 1 % at 1 (1 open), within 5 % at 3 (1 open), "
+        "Of 7 points the estimate is, with the whole interval, within 1 % at 1 (1 open), within 5 % at 3 (1 open), "
         "within 20 % at 4 (1 open)."
     )
-    assert (
-        "Surely beyond 5 % it is optimistic at 2 points, pessimistic at 1; the smallest nu among them is 0.31"
-        in (said[1])
-    )
+    assert "Where it is surely further off than 5 %, it is too small at 2 points and too large at 1." in (said[1])
     assert "Nowhere" in write_sentences(points[:3])[1]
 
 
