@@ -175,6 +175,14 @@ def test_a_wide_terminal_shows_phase_per_cent_and_time_left() -> None:
     assert bar.endswith("░ about 60 s left, start 5 of 8, least cost so far 1746.2")
 
 
+@pytest.mark.parametrize("columns", range(30, 120))
+def test_what_stands_beside_the_bar_is_whole(columns: int) -> None:
+    """A cost of 17 is not one of 1746.2."""
+    tail = at_work().bar(columns).rpartition("░")[2]
+    parts = ["", " about 60 s left", ", start 5 of 8", ", least cost so far 1746.2"]
+    assert tail in ["".join(parts[: count + 1]) for count in range(4)]
+
+
 def test_a_terminal_without_the_letters_gets_others() -> None:
     assert "#" in at_work("ascii").bar(79)
     assert at_work("ascii").bar(79).isascii()

@@ -94,8 +94,10 @@ class Progress:
         tail = f" about {max(left, 1):.0f} s left" if left < 120 else f" about {left / 60:.0f} min left"
         room = columns - len(head) - NARROWEST_BAR
         tail = tail if len(tail) <= room else ""
-        if self.detail and len(tail) + 2 < room:
-            tail = f"{tail}, {self.detail}"[:room]
+        for part in self.detail.split(", ") if self.detail else ():
+            if len(f"{tail}, {part}") > room:  # half a number would be another one
+                break
+            tail = f"{tail}, {part}"
         width = columns - len(head) - len(tail)
         full = round(self.fraction * width)
         on, off = ("█", "░") if "utf" in (getattr(self.stream, "encoding", None) or "").lower() else ("#", ".")
