@@ -93,11 +93,10 @@ class Progress:
         head = f"{self.what} {100 * self.fraction:3.0f} % "
         tail = f" about {max(left, 1):.0f} s left" if left < 120 else f" about {left / 60:.0f} min left"
         room = columns - len(head) - NARROWEST_BAR
-        tail = tail if len(tail) <= room else ""
-        for part in self.detail.split(", ") if self.detail else ():
-            if len(f"{tail}, {part}") > room:  # half a number would be another one
-                break
-            tail = f"{tail}, {part}"
+        parts = [tail, *(f", {part}" for part in self.detail.split(", ") if part)]
+        while parts and sum(map(len, parts)) > room:  # whole parts: half a number would be another one
+            parts.pop()
+        tail = "".join(parts)
         width = columns - len(head) - len(tail)
         full = round(self.fraction * width)
         on, off = ("█", "░") if "utf" in (getattr(self.stream, "encoding", None) or "").lower() else ("#", ".")
