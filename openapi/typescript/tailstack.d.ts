@@ -8326,6 +8326,8 @@ export interface components {
         CacheControl: string;
         /** @description A cache keeps answers to different credentials apart. */
         Vary: string;
+        /** @description A cache keeps the page and the document apart. */
+        VaryAccept: string;
         /** @description Path of the job. */
         Location: string;
         /** @description Path of the page. */
@@ -9912,6 +9914,7 @@ export interface operations {
             200: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
+                    Vary: components["headers"]["VaryAccept"];
                     [name: string]: unknown;
                 };
                 content: {
@@ -9924,6 +9927,8 @@ export interface operations {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];
                     Location: components["headers"]["PageLocation"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    Vary: components["headers"]["VaryAccept"];
                     [name: string]: unknown;
                 };
                 content?: never;

@@ -92,6 +92,7 @@ HEADERS: dict[str, Any] = {
     "ETag": header("Strong validator of the body.", required=True),
     "CacheControl": header("How long the answer may be used without asking.", required=True),
     "Vary": header("A cache keeps answers to different credentials apart.", required=True),
+    "VaryAccept": header("A cache keeps the page and the document apart.", required=True),
     "Location": header("Path of the job.", {"type": "string", "format": "uri-reference"}, required=True),
     "PageLocation": header("Path of the page.", {"type": "string", "format": "uri-reference"}, required=True),
     "ResultLocation": header("Path of the result.", {"type": "string", "format": "uri-reference"}, required=True),

@@ -139,8 +139,14 @@ def _takes(request: Request, header: str, wanted: str) -> bool:
         200: response_of(
             "Where to go from here.",
             media_types(JSON, reference("schemas", "Index")) | media_types("text/html", {"type": "string"}),
+            Vary="VaryAccept",
         ),
-        307: response_of("A browser, where the package holds no web page: to /docs.", Location="PageLocation"),
+        307: response_of(
+            "A browser, where the package holds no web page: to /docs.",
+            Location="PageLocation",
+            Cache_Control="CacheControl",
+            Vary="VaryAccept",
+        ),
     },
     openapi_extra=extra(problems=(422,)),
 )
