@@ -1,0 +1,173 @@
+// The service behind the page: requests, refusals, and the scores and layouts that follow the design.
+
+import { computed, effect, signal, untracked } from "@preact/signals";
+import type { components } from "../../../openapi/typescript/tailstack";
+import { design, gesture, type Json, mergePatch, type Path, valueAt } from "./state";
+
+export type Score = components["schemas"]["Score"];
+export type TargetScore = components["schemas"]["TargetScore"];
+export type Layout = components["schemas"]["Layout"];
+export interface Refusal {
+  status: number;
+  title: string;
+  type: string;
+  errors: { pointer: string; detail: string; hint: string; rule: string }[];
+}
+
+export const key = signal<string | null>(null); // in memory only: it is gone with the page
+export const keyWanted = signal(false);
+export const reachable = signal(true);
+
+/** Ask, and know a refusal from a service that is not there. */
+export async function send(method: string, path: string, body?: unknown, headers: Record<string, string> = {}): Promise<Response> {
+  const given: Record<string, string> = { ...headers };
+  if (body !== undefined && !given["Content-Type"]) given["Content-Type"] = "application/json";
+  if (key.value) given.Authorization = `Bearer ${key.value}`;
+  const address = new URL(path.replace(/^\//, ""), new URL(".", location.href));
+  const content = body === undefined ? undefined : typeof body === "string" ? body : JSON.stringify(body);
+  try {
+    const response = await fetch(address, { method, body: content, headers: given, cache: "no-store" });
+    reachable.value = true;
+    if (response.status === 401) keyWanted.value = true;
+    return response;
+  } catch (error) {
+    reachable.value = false;
+    throw error;
+  }
+}
+
+export async function readRefusal(response: Response): Promise<Refusal> {
+  const problem = await response.json().catch(() => ({}));
+  const errors = (problem.errors ?? []).map((entry: Json) => ({
+    pointer: String(entry.pointer ?? "").replace(/^\/design(?=\/|$)/, ""),
+    detail: String(entry.detail ?? ""),
+    hint: String(entry.hint ?? ""),
+    rule: String(entry.code ?? ""),
+  }));
+  const title = problem.title ?? `The service answered with ${response.status}`;
+  if (!errors.length) errors.push({ pointer: "", detail: problem.detail ?? title, hint: "", rule: "" });
+  return { status: response.status, title, type: problem.type ?? "", errors };
+}
+
+export const pathOf = (pointer: string): Path =>
+  pointer.split("/").slice(1).map((part) => {
+    const name = part.replace(/~1/g, "/").replace(/~0/g, "~");
+    return /^\d+$/.test(name) ? Number(name) : name;
+  });
+
+export const pointerOf = (path: Path): string =>
+  path.map((part) => `/${String(part).replace(/~/g, "~0").replace(/\//g, "~1")}`).join("");
+
+/** A place in the design in words: "fiducials › F3 › position_mm". */
+export function placeInWords(data: Json, pointer: string): string {
+  const path = pathOf(pointer);
+  return path.map((part, k) => {
+    const item = typeof part === "number" ? valueAt(data, path.slice(0, k + 1)) : null;
+    return item?.label ?? item?.name ?? String(part);
+  }).join(" › ");
+}
+
+// --- one score in flight, the latest design wins -------------------------------------------------------------
+
+interface Answer {
+  design: Json; // the object that was sent: the answer is current while it is the page's design
+  score: Score;
+}
+
+export const layout = signal<Layout | null>(null); // of the last design that had one
+export const answer = signal<Answer | null>(null); // the last good one
+export const refusal = signal<{ design: Json; problem: Refusal } | null>(null);
+export const busy = signal(false);
+export const inFlight = signal(0);
+export const mostInFlight = signal(0);
+export const current = computed(() => answer.value !== null && answer.value.design === design.value);
+export const refused = computed(() => (refusal.value?.design === design.value ? refusal.value!.problem : null));
+export const scored = signal(0); // answers shown so far
+
+let wanted: Json = null;
+let base: { data: Json; sha256: string } | null = null; // a design that the service knows: patches of it are sent
+let retry = 0;
+
+effect(() => {
+  wanted = design.value;
+  key.value; // with another key it is asked again
+  if (wanted) untracked(() => void follow());
+});
+
+async function follow(): Promise<void> {
+  if (busy.value) return;
+  busy.value = true;
+  try {
+    while (wanted) {
+      const sent = wanted;
+      wanted = null;
+      await scoreOnce(sent);
+      // What is dragged moves in the pictures at once; where everything is follows when it is let go
+      if (!wanted && !gesture.value.length && answer.value?.design === sent) await drawOnce(sent);
+    }
+  } finally {
+    busy.value = false;
+  }
+}
+
+async function scoreOnce(sent: Json): Promise<void> {
+  const patch = base && { design_sha256: base.sha256, patch: mergePatch(base.data, sent) };
+  inFlight.value += 1;
+  mostInFlight.value = Math.max(mostInFlight.value, inFlight.value);
+  try {
+    const response = await send("POST", "/v1/scores", patch ?? { design: sent });
+    if (response.ok) {
+      const score = (await response.json()) as Score;
+      if (!patch) base = score.provenance.design_sha256 ? { data: sent, sha256: score.provenance.design_sha256 } : null;
+      answer.value = { design: sent, score };
+      refusal.value = null;
+      scored.value += 1;
+      retry = 0;
+      return;
+    }
+    const problem = await readRefusal(response);
+    if (patch && /unknown-design|design_sha256/.test(problem.type + problem.errors[0].pointer + problem.errors[0].rule)) {
+      base = null; // the service has forgotten it: whole, then
+      wanted ??= sent;
+    } else if (response.status === 503 || response.status === 429) {
+      later(sent, Number(response.headers.get("Retry-After") ?? 1));
+      refusal.value = { design: sent, problem };
+    } else refusal.value = { design: sent, problem };
+  } catch {
+    refusal.value = { design: sent, problem: unreachable() };
+    later(sent, Math.min(10, 0.5 * 2 ** retry++));
+  } finally {
+    inFlight.value -= 1;
+  }
+}
+
+let drawn: Json = null; // the design of the layout that is shown
+
+/** Where things are: asked for when no newer score is wanted, so that nothing is beside a score in flight. */
+async function drawOnce(sent: Json): Promise<void> {
+  if (drawn === sent) return;
+  try {
+    const response = await send("POST", "/v1/layouts", { design: sent, scene: true });
+    if (!response.ok) return;
+    layout.value = (await response.json()) as Layout;
+    drawn = sent;
+  } catch {
+    // the score that comes next says that the service is away
+  }
+}
+
+function later(sent: Json, seconds: number): void {
+  window.setTimeout(() => {
+    if (design.value === sent) {
+      wanted = sent;
+      void follow();
+    }
+  }, 1000 * seconds);
+}
+
+export const unreachable = (): Refusal => ({
+  status: 0,
+  title: "The service does not answer",
+  type: "",
+  errors: [{ pointer: "", detail: "The design is kept in this browser; the page asks again by itself.", hint: "start it again with tailstack serve", rule: "unreachable" }],
+});

@@ -1,0 +1,209 @@
+// What is changed by typing and sliding: beads, half-widths, noise, angles and distances of the views.
+
+import { useLayoutEffect, useRef } from "preact/hooks";
+import { cancelGesture, design, edit, finishGesture, type Json, type Path, preview, selected, valueAt } from "../state";
+import { brief } from "../words";
+import { beads } from "./Pictures";
+
+/** Show a value in a field, unless something else is just being typed there. */
+export function showValue(field: HTMLInputElement | null, value: Json): void {
+  if (!field) return;
+  const pending = document.activeElement === field && field.value !== field.defaultValue;
+  field.defaultValue = value === undefined || value === null ? "" : String(value); // what undo looks at: see main.tsx
+  if (!pending) field.value = field.defaultValue;
+}
+
+/** A number that is typed; it takes effect on Enter or when the field is left. */
+export function NumberField({ path, label, unit, what, hidden = false }: { path: Path; label: string; unit: string; what?: string; hidden?: boolean }) {
+  const field = useRef<HTMLInputElement>(null), value = valueAt(design.value, path);
+  useLayoutEffect(() => showValue(field.current, value), [value]);
+  const take = () => {
+    const text = field.current!.value.trim().replace("−", "-").replace(",", "."), number = Number(text);
+    if (text === "" || !Number.isFinite(number)) field.current!.value = String(value ?? "");
+    else if (number !== value) showAndEdit(() => edit([{ path, value: number }], what ?? `${label} ${text} ${unit}`.trim()));
+  };
+  const showAndEdit = (change: () => void) => {
+    field.current!.defaultValue = field.current!.value;
+    change();
+  };
+  return (
+    <label class="field">
+      <span class={hidden ? "hidden" : ""}>{`${label}${unit ? `, ${unit}` : ""}`}</span>
+      <input ref={field} type="text" inputMode="decimal" data-pointer={path.join("/")} onBlur={take}
+        onKeyDown={(event) => { if (event.key === "Enter") take(); else if (event.key === "Escape") { event.currentTarget.value = String(value ?? ""); event.currentTarget.blur(); } }} />
+    </label>
+  );
+}
+
+export function Beads() {
+  const known = beads.value, points = design.value?.fiducials?.points;
+  if (!Array.isArray(points)) return <p class="note">The fiducials of this design come from a file or a region: use "All fields" or the text.</p>;
+  const addBead = () => {
+    const near = known.find((b) => b.label === selected.value)?.position ?? [0, 0, 0];
+    const used = new Set(known.map((b) => b.label));
+    let n = known.length + 1;
+    while (used.has(`F${n}`)) n += 1;
+    const at = near.map((v, k) => Math.round(10 * (v + [12, 8, 10][k])) / 10);
+    edit([{ path: ["fiducials", "points", points.length], value: { label: `F${n}`, position_mm: at } }], `Add F${n}`);
+    selected.value = `F${n}`;
+  };
+  return (
+    <>
+      <div class="scroll beads" tabIndex={0} role="region" aria-label="Fiducials">
+        <table>
+          <thead><tr><th>Bead</th><th class="number">x, mm</th><th class="number">y, mm</th><th class="number">z, mm</th><th><span class="hidden">Remove</span></th></tr></thead>
+          <tbody>
+            {known.map((bead) => (
+              <tr key={bead.index} class={bead.label === selected.value ? "chosen" : ""} onClick={() => (selected.value = bead.label)}>
+                <th>{bead.label}</th>
+                {["x", "y", "z"].map((axis, k) => (
+                  <td key={axis}><NumberField path={["fiducials", "points", bead.index, "position_mm", k]} label={`${bead.label} ${axis}`} unit="mm" what={`Move ${bead.label}`} hidden /></td>
+                ))}
+                <td><button type="button" class="small" aria-label={`Lose ${bead.label}: take it out`} title="Take it out (undo brings it back)"
+                  onClick={() => edit([{ path: ["fiducials", "points", bead.index], value: undefined }], `Lose ${bead.label}`)}>×</button></td>
+              </tr>
+            ))}
+          </tbody>
+        </table>
+      </div>
+      <p><button type="button" onClick={addBead}>Add a bead</button></p>
+    </>
+  );
+}
+
+// --- half-widths ---------------------------------------------------------------------------------------------------
+
+interface Slide {
+  path: Path;
+  label: string;
+  unit: string;
+  grades: number[];
+}
+
+const UNIT = /_(mm|deg|px|n|k|mm_per_n)$/;
+
+/** Every half-width and standard deviation of the design, wherever it stands. */
+function slides(data: Json): Slide[] {
+  const found: Slide[] = [];
+  const visit = (part: Json, path: Path, words: string[]) => {
+    if (part === null || typeof part !== "object") return;
+    for (const [name, value] of Object.entries(part)) {
+      const at = [...path, Array.isArray(part) ? Number(name) : name];
+      if (typeof value === "number" && /^(half_width|std|fiducial_noise|target_noise)/.test(name) && UNIT.test(name)) {
+        const what = /noise/.test(name) ? [name.replace(/_px$/, "").replace(/_/g, " ")] : [];
+        found.push({ path: at, label: [...words, ...what].join(", "), unit: UNIT.exec(name)![1].replace("deg", "°"), grades: [] });
+      } else if (value && typeof value === "object" && name !== "optimise" && name !== "requirements") {
+        const item = Array.isArray(part) ? (value as Json).name ?? (value as Json).label ?? name : (value as Json).label ? `${name.replace(/_/g, " ")} (${(value as Json).label})` : name.replace(/_/g, " ");
+        visit(value, at, name === "tolerances" || name === "interfaces" ? words : [...words, item]);
+      }
+    }
+  };
+  for (const part of ["interfaces", "fiducials", "views", "execution"]) visit(data?.[part], [part], part === "interfaces" || part === "views" ? [] : [part]);
+  return found;
+}
+
+const LOW = 1e-3, HIGH = 10; // of the slider, in the field's unit
+const toSlider = (value: number) => Math.round(1000 * (Math.log(Math.max(value, LOW) / LOW) / Math.log(HIGH / LOW)));
+const fromSlider = (at: number) => Number((LOW * (HIGH / LOW) ** (at / 1000)).toPrecision(2));
+
+/** So many steps in the second digit from a value. */
+function nudge(value: number, steps: number): number {
+  const step = 10 ** (Math.floor(Math.log10(Math.max(value, LOW))) - 1);
+  return Math.min(HIGH, Math.max(LOW, Number((value + steps * step).toPrecision(2))));
+}
+
+/** Half-widths that the design's process grades offer for a component, for the slider to stop at. */
+function gradesOf(data: Json, path: Path): number[] {
+  const text = JSON.stringify(data?.optimise?.grades ?? data?.optimise?.processes ?? []);
+  const name = String(path[path.length - 1]);
+  return [...text.matchAll(new RegExp(`"${name}":([\\d.eE+-]+)`, "g"))].map((m) => Number(m[1])).filter((v) => v > 0);
+}
+
+export function HalfWidths() {
+  const data = design.value, list = slides(data), groups = new Map<string, Slide[]>();
+  for (const slide of list) {
+    const group = slide.path.slice(0, slide.path[0] === "interfaces" || slide.path[0] === "views" ? 2 : 1).join(".");
+    groups.set(group, [...(groups.get(group) ?? []), { ...slide, grades: gradesOf(data, slide.path) }]);
+  }
+  return (
+    <div class="slides">
+      {[...groups].map(([group, members]) => (
+        <fieldset key={group}>
+          <legend>{groupName(data, members[0].path)}</legend>
+          {members.map((slide) => <Slider key={slide.path.join("/")} slide={slide} />)}
+        </fieldset>
+      ))}
+    </div>
+  );
+}
+
+function groupName(data: Json, path: Path): string {
+  if (path[0] === "views") return `View ${valueAt(data, path.slice(0, 2))?.name ?? path[1]}`;
+  if (path[0] === "interfaces") {
+    const label = valueAt(data, path.slice(0, 2))?.label;
+    return `${String(path[1]).replace(/_/g, " to ")}${label ? `: ${label}` : ""}`;
+  }
+  return path[0] === "fiducials" ? "Fiducials" : "Execution";
+}
+
+function Slider({ slide }: { slide: Slide }) {
+  const value = valueAt(design.value, slide.path) as number, name = String(slide.path[slide.path.length - 2] ?? "");
+  const short = /^[rt][xyz]$/.test(name) ? name : slide.label.split(", ").slice(-1)[0];
+  const marks = `grades ${slide.path.join(" ")}`.replace(/\W+/g, "-");
+  const slideTo = (at: number) => {
+    let next = fromSlider(at);
+    const near = slide.grades.find((grade) => Math.abs(toSlider(grade) - at) < 12);
+    if (near !== undefined) next = near;
+    preview([{ path: slide.path, value: next }]);
+  };
+  return (
+    <div class="slide">
+      <span class="name">{short}</span>
+      <input type="range" min={0} max={1000} step={1} value={toSlider(value)} list={slide.grades.length ? marks : undefined}
+        aria-label={`${slide.label}: half-width`} aria-valuetext={`${brief(value)} ${slide.unit}`}
+        onInput={(event) => slideTo(event.currentTarget.valueAsNumber)} onChange={() => finishGesture(`${slide.label}`)}
+        onKeyDown={(event) => {
+          const way = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 5, PageDown: -5 }[event.key];
+          if (event.key === "Escape") cancelGesture();
+          if (!way) return;
+          event.preventDefault();
+          edit([{ path: slide.path, value: nudge(value, way) }], slide.label);
+        }} />
+      {slide.grades.length > 0 && <datalist id={marks}>{slide.grades.map((g) => <option key={g} value={toSlider(g)} />)}</datalist>}
+      <NumberField path={slide.path} label={slide.label} unit={slide.unit} hidden />
+      <span class="unit">{slide.unit}</span>
+    </div>
+  );
+}
+
+// --- views and pivots ------------------------------------------------------------------------------------------------
+
+export function Geometry() {
+  const data = design.value, views: Json[] = Array.isArray(data?.views) ? data.views : [];
+  const numbers = (part: Json, path: Path, skip: RegExp): { path: Path; label: string; unit: string }[] =>
+    Object.entries(part ?? {}).flatMap(([name, value]) => {
+      const unit = UNIT.exec(name)?.[1].replace("deg", "°") ?? "", label = name.replace(UNIT, "").replace(/_/g, " ");
+      if (skip.test(name)) return [];
+      if (typeof value === "number") return [{ path: [...path, name], label, unit }];
+      if (Array.isArray(value) && value.length === 3 && value.every((v) => typeof v === "number")) {
+        return value.map((_, k) => ({ path: [...path, name, k], label: `${label} ${"xyz"[k]}`, unit }));
+      }
+      return [];
+    });
+  const groups = [
+    ...views.map((view, k) => ({ name: `View ${view?.name ?? k + 1}`, fields: numbers(view, ["views", k], /noise/) })),
+    ...Object.entries(data?.interfaces ?? {}).map(([name, part]) => ({ name: name.replace(/_/g, " to "), fields: [...numbers(part, ["interfaces", name], /^$/), ...numbers((part as Json)?.bias, ["interfaces", name, "bias"], /^$/).map((f) => ({ ...f, label: `known bias ${f.label}` }))] })),
+    ...(Array.isArray(data?.targets) ? data.targets.slice(0, 12).map((target: Json, k: number) => ({ name: `Target ${target?.name ?? k + 1}`, fields: numbers(target, ["targets", k], /^$/) })) : []),
+    ...(Array.isArray(data?.requirements) ? data.requirements.map((r: Json, k: number) => ({ name: `Requirement ${r?.name ?? k + 1}`, fields: numbers(r, ["requirements", k], /^$/) })) : []),
+  ];
+  return (
+    <div class="geometry">
+      {groups.filter((g) => g.fields.length).map((group) => (
+        <fieldset key={group.name}>
+          <legend>{group.name}</legend>
+          {group.fields.map((field: { path: Path; label: string; unit: string }) => <NumberField key={field.path.join("/")} {...field} what={`${group.name}: ${field.label}`} />)}
+        </fieldset>
+      ))}
+    </div>
+  );
+}

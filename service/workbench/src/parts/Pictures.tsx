@@ -1,0 +1,246 @@
+// The X-ray images and the three elevations: beads, targets, borders; beads are dragged, or moved with the keyboard.
+
+import { computed, signal } from "@preact/signals";
+import { useRef } from "preact/hooks";
+import { answer, layout } from "../api";
+import { add, length, moveInImage, pixelDirections, type Pixel, type Projection, project, rounded, roundStep, type Vector } from "../geometry";
+import { cancelGesture, design, edit, finishGesture, type Json, parse, preview, selected, variants } from "../state";
+import { brief } from "../words";
+
+interface Bead {
+  index: number;
+  label: string;
+  position: Vector;
+}
+
+/** The fiducials that the page can move: those that the design lists point by point. */
+export const beads = computed<Bead[]>(() => {
+  const points = design.value?.fiducials?.points;
+  if (!Array.isArray(points)) return [];
+  return points.flatMap((point: Json, index: number) => {
+    const p = point?.position_mm;
+    const sound = Array.isArray(p) && p.length === 3 && p.every((v: unknown) => typeof v === "number" && Number.isFinite(v));
+    return sound ? [{ index, label: String(point.label ?? `${index + 1}`), position: p as Vector }] : [];
+  });
+});
+
+export const ghost = signal<string | null>(null); // name of the variant that is drawn below
+const ghosts = computed<Bead[]>(() => {
+  const variant = variants.value.find((v) => v.name === ghost.value);
+  const points = variant && parse(variant.text).data?.fiducials?.points;
+  return (Array.isArray(points) ? points : []).map((p: Json, index: number) => ({ index, label: p.label, position: p.position_mm }));
+});
+
+const targets = computed<{ name: string; position: Vector }[]>(() =>
+  (layout.value?.targets ?? []).map((target) => ({ name: target.label, position: target.position_mm as Vector })));
+
+const where = (p: readonly number[]) => ["x", "y", "z"].map((axis, k) => `${axis} ${p[k].toFixed(2)}`).join(", ").replace(/-/g, "−");
+
+const editOf = (bead: Bead, position: Vector) => [{ path: ["fiducials", "points", bead.index, "position_mm"], value: rounded(position) }];
+
+// --- a picture, whatever maps points to it ------------------------------------------------------------------------
+
+interface Plane {
+  name: string;
+  unit: string;
+  box: [number, number, number, number]; // left, top, width, height in units of the picture
+  to(point: readonly number[]): Pixel | null;
+  target(point: readonly number[]): Pixel | null; // the same for what does not sit on the structure
+  from(point: readonly number[], at: Pixel): Vector; // the point moved to a place of the picture
+  steps(point: readonly number[]): [Vector, Vector]; // directions in con for one mm right and one mm down
+  frame?: [number, number, number, number];
+  margin?: number;
+  axes?: [string, string];
+}
+
+const NUDGE = (event: KeyboardEvent) => (event.shiftKey ? 10 : event.altKey ? 0.1 : 1);
+
+function Picture({ plane, words }: { plane: Plane; words: string }) {
+  const svg = useRef<SVGSVGElement>(null);
+  const held = useRef<{ bead: Bead; from: Pixel; at: Pixel } | null>(null);
+  const [left, top, width, height] = plane.box;
+  const scale = Math.max(width, height) / 400; // so that marks are as large in every picture
+  const placed = beads.value.map((bead) => ({ bead, at: plane.to(bead.position) }));
+  const chosen = placed.find(({ bead }) => bead.label === selected.value) ?? placed[0];
+
+  const place = (event: PointerEvent): Pixel => {
+    const matrix = svg.current!.getScreenCTM()!.inverse();
+    const p = new DOMPoint(event.clientX, event.clientY).matrixTransform(matrix);
+    return [p.x, p.y];
+  };
+  const grab = (event: PointerEvent, bead: Bead, at: Pixel) => {
+    if (event.button) return;
+    event.preventDefault();
+    selected.value = bead.label;
+    held.current = { bead, from: place(event), at };
+    svg.current!.setPointerCapture(event.pointerId);
+    svg.current!.focus({ preventScroll: true });
+  };
+  const move = (event: PointerEvent) => {
+    if (!held.current) return;
+    const { bead, from, at } = held.current, now = place(event);
+    preview(editOf(bead, plane.from(bead.position, [at[0] + now[0] - from[0], at[1] + now[1] - from[1]])));
+  };
+  const drop = () => {
+    if (held.current) finishGesture(`Move ${held.current.bead.label}`);
+    held.current = null;
+  };
+  const press = (event: KeyboardEvent) => {
+    const arrows: Record<string, [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+    const way = arrows[event.key];
+    if (event.key === "Escape") {
+      held.current = null;
+      cancelGesture();
+    } else if (way && chosen && !event.ctrlKey && !event.metaKey) {
+      const [right, down] = plane.steps(chosen.bead.position), by = NUDGE(event);
+      const moved = add(add(chosen.bead.position, right, way[0] * by), down, way[1] * by);
+      edit(editOf(chosen.bead, moved), `Move ${chosen.bead.label}`);
+    } else if ((event.key === "n" || event.key === "p") && placed.length) {
+      const k = placed.indexOf(chosen!), next = (k + (event.key === "n" ? 1 : placed.length - 1)) % placed.length;
+      selected.value = placed[selected.value ? next : 0].bead.label;
+    } else return;
+    event.preventDefault();
+  };
+
+  const outside = ([x, y]: Pixel) => {
+    if (!plane.frame) return false;
+    const [l, t, w, h] = plane.frame;
+    return x < l || y < t || x > l + w || y > t + h;
+  };
+  const crowded = placed.length > 24;
+  const bar = roundStep(width / 4);
+  return (
+    <figure class="picture">
+      <figcaption>{plane.name}</figcaption>
+      <svg
+        ref={svg} viewBox={`${left} ${top} ${width} ${height}`} tabindex={0} role="application" class="movable"
+        aria-label={`${words} ${chosen ? `Chosen: ${chosen.bead.label} at ${where(chosen.bead.position)} mm.` : "No bead."} Arrow keys move it by 1 mm, with Shift by 10, with Alt by 0.1; N and P choose the next and the one before.`}
+        onPointerMove={move} onPointerUp={drop} onPointerCancel={() => { held.current = null; cancelGesture(); }} onKeyDown={press}
+      >
+        <rect class="ground" x={left} y={top} width={width} height={height} />
+        {plane.frame && <rect class="detector" x={plane.frame[0]} y={plane.frame[1]} width={plane.frame[2]} height={plane.frame[3]} />}
+        {plane.frame && plane.margin ? (
+          <rect class="margin" x={plane.frame[0] + plane.margin} y={plane.frame[1] + plane.margin}
+            width={plane.frame[2] - 2 * plane.margin} height={plane.frame[3] - 2 * plane.margin} />
+        ) : null}
+        {ghosts.value.map((old) => {
+          const at = plane.to(old.position);
+          return at && <circle key={`old ${old.index}`} class="ghost" cx={at[0]} cy={at[1]} r={5 * scale} />;
+        })}
+        {targets.value.slice(0, 200).map((target) => {
+          const at = plane.target(target.position), r = 6 * scale;
+          return at && (
+            <g key={`target ${target.name}`} class="target">
+              <title>{`target ${target.name}: ${where(target.position)} mm`}</title>
+              <path d={`M${at[0] - r} ${at[1] - r}l${2 * r} ${2 * r}M${at[0] + r} ${at[1] - r}l${-2 * r} ${2 * r}`} />
+              {targets.value.length <= 8 && <text x={at[0] + 8 * scale} y={at[1] + 4 * scale} font-size={12 * scale}>{clip(target.name)}</text>}
+            </g>
+          );
+        })}
+        {placed.map(({ bead, at }) => at && (
+          <g key={bead.index} data-bead={bead.label} class={`bead${bead.label === selected.value ? " chosen" : ""}${outside(at) ? " outside" : ""}`}
+            onPointerDown={(event) => grab(event, bead, at)}>
+            <title>{`${bead.label}: ${where(bead.position)} mm${plane.unit === "px" ? `; u ${at[0].toFixed(1)}, v ${at[1].toFixed(1)} px` : ""}`}</title>
+            <circle class="reach" cx={at[0]} cy={at[1]} r={12 * scale} />
+            <circle class="mark" cx={at[0]} cy={at[1]} r={5 * scale} />
+            {(!crowded || bead.label === selected.value) && <text x={at[0] + 8 * scale} y={at[1] - 5 * scale} font-size={12 * scale}>{clip(bead.label)}</text>}
+          </g>
+        ))}
+        <g class="scale" aria-hidden="true">
+          <path d={`M${left + 12 * scale} ${top + height - 10 * scale}h${bar}`} />
+          <text x={left + 12 * scale} y={top + height - 14 * scale} font-size={11 * scale}>{`${bar} ${plane.unit}`}</text>
+          {plane.axes && <text x={left + width - 8 * scale} y={top + height - 10 * scale} font-size={11 * scale} text-anchor="end">{`→ ${plane.axes[0]}   ↑ ${plane.axes[1]}`}</text>}
+        </g>
+      </svg>
+    </figure>
+  );
+}
+
+const enlarged = signal<ReadonlySet<string>>(new Set()); // views whose picture shows the part with beads and targets
+
+function toggle(view: string): void {
+  const next = new Set(enlarged.value);
+  if (!next.delete(view)) next.add(view);
+  enlarged.value = next;
+}
+
+/** The part of an image with beads, in steps, so that it stands still while a bead is dragged. */
+function part(P: Projection): [number, number, number, number] {
+  const seen = beads.value.map((b) => project(P, b.position)).filter((p) => p !== null);
+  const ends = [0, 1].map((k) => [Math.min(...seen.map((p) => p[k])), Math.max(...seen.map((p) => p[k]))]);
+  const side = 100 * Math.ceil((1.2 * Math.max(...ends.map(([low, high]) => high - low)) + 40) / 100);
+  const [x, y] = ends.map(([low, high]) => 50 * Math.round((low + high) / 100) - side / 2);
+  return [x, y, side, side];
+}
+
+const clip = (label: string) => (label.length > 18 ? `${label.slice(0, 17)}…` : label);
+
+// --- which pictures there are ---------------------------------------------------------------------------------------
+
+export function Images() {
+  const views = layout.value?.views ?? [];
+  const outside = new Map((answer.value?.score.views ?? []).map((view) => [view.view, view]));
+  return (
+    <div class="pictures" role="group" aria-label="X-ray images">
+      {views.map((view) => {
+        const P = view.projection as Projection, check = outside.get(view.view);
+        const [width, height] = view.image_size_px ?? extent(P);
+        const close = enlarged.value.has(view.view) && beads.value.length > 1;
+        const plane: Plane = {
+          name: `${view.view}: X-ray image${close ? ", enlarged" : ""}`, unit: "px",
+          box: close ? part(P) : [-0.02 * width, -0.02 * height, 1.04 * width, 1.04 * height],
+          frame: view.image_size_px ? [0, 0, width, height] : undefined, margin: view.margin_px,
+          to: (point) => project(P, point),
+          target: (point) => project(view.target_projection as Projection, point),
+          from: (point, at) => moveInImage(P, point, at),
+          steps: (point) => pixelDirections(P, point).map((d) => d.map((v) => v / length(d)) as Vector) as [Vector, Vector],
+        };
+        const margin = check?.smallest_margin_px;
+        return (
+          <div key={view.view}>
+            <Picture plane={plane} words={`Image of view ${view.view}.`} />
+            <p class="note">
+              <button type="button" class="small" aria-pressed={close} onClick={() => toggle(view.view)}>{close ? "Whole image" : "Enlarge"}</button>{" "}
+              {check?.outside.length ? <strong class="bad">{`outside the image: ${check.outside.join(", ")}`}</strong> : null}
+              {check && !check.outside.length && margin !== null ? `nearest to the edge ${brief(margin)} px; ` : ""}
+              {check ? `closest pair ${check.closest_pair.join(" and ")}, ${brief(check.closest_pair_px)} px` : ""}
+            </p>
+          </div>
+        );
+      })}
+    </div>
+  );
+}
+
+/** Where a view states no detector: what its beads and targets take. */
+function extent(P: Projection): Pixel {
+  const seen = [...beads.value.map((b) => b.position), ...targets.value.map((t) => t.position)].map((p) => project(P, p)).filter((p) => p !== null);
+  return [Math.max(100, ...seen.map((p) => 1.2 * p[0])), Math.max(100, ...seen.map((p) => 1.2 * p[1]))];
+}
+
+const ELEVATIONS: [string, 0 | 1 | 2, 0 | 1 | 2][] = [["Front (x, z)", 0, 2], ["Side (y, z)", 1, 2], ["Top (x, y)", 0, 1]];
+
+export function Elevations() {
+  const all = [...beads.value.map((b) => b.position), ...targets.value.slice(0, 50).map((t) => t.position)];
+  if (!all.length) return null;
+  return (
+    <div class="pictures three" role="group" aria-label="Elevations, frame con">
+      {ELEVATIONS.map(([name, a, b]) => {
+        const ends = (k: number) => [Math.min(...all.map((p) => p[k])), Math.max(...all.map((p) => p[k]))];
+        const [[x0, x1], [y0, y1]] = [ends(a), ends(b)];
+        // A box that changes in steps, so that it stands still while a bead is dragged
+        const side = 20 * Math.ceil((Math.max(x1 - x0, y1 - y0) * 1.25 + 10) / 20);
+        const centre = [10 * Math.round((x0 + x1) / 20), 10 * Math.round((y0 + y1) / 20)];
+        const axis = (k: number, sign: number): Vector => [0, 1, 2].map((m) => (m === k ? sign : 0)) as Vector;
+        const plane: Plane = {
+          name, unit: "mm", box: [centre[0] - side / 2, -centre[1] - side / 2, side, side], axes: ["xyz"[a], "xyz"[b]] as [string, string],
+          to: (p) => [p[a], -p[b]],
+          target: (p) => [p[a], -p[b]],
+          from: (p, at) => p.map((value, k) => (k === a ? at[0] : k === b ? -at[1] : value)) as Vector,
+          steps: () => [axis(a, 1), axis(b, -1)],
+        };
+        return <Picture key={name} plane={plane} words={`Elevation ${name}, frame con, mm.`} />;
+      })}
+    </div>
+  );
+}

@@ -1,0 +1,25 @@
+// The layout in space, by the module that turns it in reports.
+
+import { useEffect, useRef } from "preact/hooks";
+import "../../../tailstack_service/report/templates/viewer.css";
+import "../../../tailstack_service/report/templates/viewer.js";
+import { layout } from "../api";
+
+interface LayoutViewer {
+  update(scene: unknown): void;
+}
+declare global {
+  interface Window {
+    LayoutViewer: new (figure: HTMLElement, scene: unknown, number: number) => LayoutViewer;
+  }
+}
+
+export function Space() {
+  const figure = useRef<HTMLElement>(null), viewer = useRef<LayoutViewer | null>(null), scene = layout.value?.scene;
+  useEffect(() => {
+    if (!scene || !figure.current) return;
+    if (viewer.current) viewer.current.update(scene);
+    else viewer.current = new window.LayoutViewer(figure.current, scene, 1);
+  }, [scene]);
+  return <figure ref={figure} class="space" />;
+}

@@ -1,0 +1,19 @@
+// Numbers and sentences for people.
+
+/** Millimetres to the micrometre; the service's number, rounded only for the eye. */
+export const mm = (value: number | null | undefined, digits = 3): string =>
+  value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−");
+
+export const percent = (share: number | null | undefined, digits = 1): string =>
+  share === null || share === undefined ? "–" : `${(100 * share).toFixed(digits)} %`.replace("-", "−");
+
+/** Four significant digits, without a tail of zeros. */
+export const brief = (value: number | null | undefined): string =>
+  value === null || value === undefined ? "–" : String(Number(value.toPrecision(4))).replace("-", "−");
+
+export const duration = (seconds: number): string =>
+  seconds < 1.5 ? "1 s" : seconds < 90 ? `${Math.round(seconds)} s` : `${Math.floor(seconds / 60)} min ${Math.round(seconds % 60)} s`;
+
+export const VERDICTS: Record<string, string> = {
+  pass: "Pass", fail: "Fail", inconclusive: "Not decided", "not-evaluated": "Not evaluated", none: "No limit stated",
+};

@@ -1,0 +1,331 @@
+// Uses the workbench in Chromium as a designer does: {executable, sandbox, url, scenario, ...} as JSON on stdin, what was
+// found as JSON on stdout.  See tests/service/test_workbench.py.
+import { readFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { chromium } from "playwright-core";
+
+const require = createRequire(import.meta.url);
+const AXE = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
+const FLAGS = [
+  "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+  "--disable-component-update", "--disable-sync",
+];
+const asked = JSON.parse(readFileSync(0, "utf8"));
+const browser = await chromium.launch({ executablePath: asked.executable, chromiumSandbox: asked.sandbox, args: FLAGS });
+
+const watched = { messages: [], strangers: [], bytes: 0 };
+
+async function open(context, url = asked.url, answered = true) {
+  const page = await context.newPage();
+  page.on("console", (said) => ["error", "warning"].includes(said.type()) && watched.messages.push(said.text()));
+  page.on("pageerror", (error) => watched.messages.push(`error: ${error.message}`));
+  page.on("request", (request) => {
+    const address = new URL(request.url());
+    if (!["data:", "blob:"].includes(address.protocol) && address.origin !== new URL(asked.url).origin) watched.strangers.push(request.url());
+  });
+  await page.goto(url);
+  if (answered) await current(page);
+  return page;
+}
+
+const newContext = (more = {}) => browser.newContext({
+  viewport: { width: asked.width ?? 1280, height: asked.height ?? 900 }, colorScheme: asked.scheme ?? "light", reducedMotion: "reduce",
+  acceptDownloads: true, serviceWorkers: "block", ...more,
+});
+const state = (page) => page.evaluate(() => window.workbench.state());
+const current = (page) => page.waitForFunction(() => window.workbench.state().current && !window.workbench.state().busy, null, { timeout: 180000 });
+const sha = async (page) => { await current(page); return (await state(page)).score.provenance.design_sha256; };
+const take = (page, text, name = "design.yaml") =>
+  page.setInputFiles("header input[type=file]", { name, mimeType: "application/yaml", buffer: Buffer.from(text) });
+
+async function begun(context) {
+  const page = await open(context, asked.url, false);
+  await take(page, asked.design);
+  await current(page);
+  return page;
+}
+
+async function part(page, title) {
+  const details = page.locator("details.part", { has: page.getByRole("heading", { name: title, exact: true }) });
+  if (!(await details.evaluate((node) => node.open))) await details.locator("summary").first().click();
+  return details;
+}
+
+const bead = (page, label, picture = "Front (x, z)") =>
+  page.locator("figure.picture", { hasText: picture }).locator(`g.bead[data-bead="${label}"] circle.mark`);
+
+async function centre(locator) {
+  await locator.scrollIntoViewIfNeeded();
+  const box = await locator.boundingBox();
+  return [box.x + box.width / 2, box.y + box.height / 2];
+}
+
+async function axe(page) {
+  await page.evaluate(AXE);
+  const found = await page.evaluate(() => window.axe.run(document, { runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"] }));
+  return found.violations.map((v) => `${v.id}: ${v.nodes.slice(0, 3).map((n) => `${n.target} ${n.failureSummary}`).join(" | ")}`);
+}
+
+const scenarios = {
+  // From nothing: the gallery, the first score, what it shows, how much was fetched
+  async first() {
+    const context = await newContext(), page = await open(context, asked.url, false);
+    await page.getByRole("button", { name: asked.example }).click();
+    await current(page);
+    await page.locator(".space canvas").first().waitFor();
+    const sizes = await page.evaluate(() => performance.getEntriesByType("resource").concat(performance.getEntriesByType("navigation"))
+      .filter((entry) => !entry.name.includes("/v1/")).reduce((sum, entry) => sum + entry.transferSize, 0));
+    const light = await axe(page);
+    for (const title of ["Views, pivots, targets, limits", "Run", "Variants", "Take away", "All fields", "As text"]) await part(page, title);
+    await page.locator(".editor").waitFor();
+    const opened = await axe(page);
+    await page.emulateMedia({ colorScheme: "dark" });
+    const dark = await axe(page);
+    if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: true });
+    const { score } = await state(page);
+    return { sizes, light, opened, dark, p95: await page.locator("#p95").textContent(), score };
+  },
+
+  // Fifty edits of all kinds, undone one by one, done again one by one
+  async undo() {
+    const context = await newContext(), page = await begun(context), first = await sha(page);
+    let random = asked.seed;
+    const draw = (n) => { random = (Math.imul(random, 1103515245) + 12345) >>> 0; return (random >>> 8) % n; };
+    const before = (await state(page)).position;
+    for (let k = 0; k < asked.edits; k += 1) {
+      const label = `F${1 + draw(12)}`;
+      if (draw(3) === 0) {
+        const [x, y] = await centre(bead(page, label, draw(2) ? "Top (x, y)" : "AP: X-ray image"));
+        await page.mouse.move(x, y);
+        await page.mouse.down();
+        await page.mouse.move(x + 3 + draw(9), y - 2 - draw(9), { steps: 3 });
+        await page.mouse.up();
+      } else if (draw(2)) {
+        const field = page.getByLabel(`${label} y, mm`, { exact: true });
+        await field.fill(String((draw(600) - 300) / 10));
+        await field.press("Enter");
+      } else {
+        const slider = page.locator(".slide input[type=range]").nth(draw(12));
+        await slider.focus();
+        await slider.press("PageUp");
+      }
+    }
+    const last = await sha(page), end = await state(page), texts = [];
+    for (let k = end.position; k > before; k -= 1) {
+      await page.keyboard.press("Control+z");
+      texts.push((await state(page)).position);
+    }
+    const undone = await sha(page);
+    while ((await state(page)).position < end.position) await page.keyboard.press("Control+Shift+z");
+    return { first, last, undone, redone: await sha(page), steps: end.position - before, texts };
+  },
+
+  // The link holds the design; a reload and a crash lose nothing; tabs do not disturb each other
+  async keep() {
+    const context = await newContext(), page = await begun(context);
+    await context.grantPermissions(["clipboard-read", "clipboard-write"]);
+    const field = page.getByLabel("F2 x, mm", { exact: true });
+    await field.fill("27.25");
+    await field.press("Enter");
+    const mine = await sha(page);
+    await part(page, "Take away");
+    await page.getByRole("button", { name: "Link to this design" }).click();
+    await page.getByText("The link holds the whole design").waitFor();
+    const link = page.url();
+    const elsewhere = await open(await newContext(), link);
+    const linked = await sha(elsewhere);
+    await page.reload();
+    const reloaded = await sha(page);
+    const other = await open(context, asked.url);
+    const inherited = await sha(other);
+    await other.getByLabel("F2 x, mm", { exact: true }).fill("26");
+    await other.getByLabel("F2 x, mm", { exact: true }).press("Enter");
+    const theirs = await sha(other), undisturbed = await sha(page);
+    await page.reload();
+    const still = await sha(page);
+    await page.goto("chrome://crash").catch(() => null);
+    const after = await open(context, asked.url);
+    const noise = Array.from({ length: 3000 }, (_, k) => ((k * 7919 * 104729) % 1679616).toString(36)); // does not compress
+    const large = `${asked.design}\n# ${noise.join(" ").replace(/(.{100}) /g, "$1\n# ")}\n`;
+    await take(after, large);
+    await current(after);
+    await part(after, "Take away");
+    const [download] = await Promise.all([after.waitForEvent("download"), after.getByRole("button", { name: "Link to this design" }).click()]);
+    return { mine, linked, reloaded, inherited, theirs, undisturbed, still, link: link.length, file: download.suggestedFilename(), words: await after.locator(".message").textContent() };
+  },
+
+  // Names that are code, right to left, or long: shown as text, and nothing is pushed out of the page
+  async names() {
+    const context = await newContext(), page = await begun(context);
+    const wide = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
+    for (const title of ["Views, pivots, targets, limits", "All fields"]) await part(page, title);
+    const opened = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
+    if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: true });
+    return { wide, opened, scripts: await page.evaluate(() => document.querySelectorAll("#page script").length), hacked: await page.evaluate(() => window.hacked ?? null), name: await page.locator("h1 .name").textContent() };
+  },
+
+  // What cannot be answered is explained, the last number is not shown as current, and undo is one step away
+  async refused() {
+    const context = await newContext(), page = await begun(context), before = await sha(page);
+    const field = page.getByLabel("F3 z, mm", { exact: true });
+    await field.fill("-120");
+    await field.press("Enter");
+    await page.locator(".verdict.refused").waitFor();
+    const words = await page.locator(".verdict").innerText(), shown = await page.locator(".verdict").getAttribute("data-current");
+    const old = await page.locator(".verdict .numbers.old").count();
+    if (asked.shot) await page.screenshot({ path: asked.shot });
+    await page.getByRole("button", { name: "Undo the last change" }).click();
+    return { words, shown, old, before, after: await sha(page) };
+  },
+
+  // The whole job by mouse: move, loosen, verify, optimise, take the optimum, report
+  async mouse() {
+    const context = await newContext(), page = await begun(context);
+    const [x, y] = await centre(bead(page, "F5"));
+    await page.mouse.move(x, y);
+    await page.mouse.down();
+    await page.mouse.move(x + 12, y + 6, { steps: 4 });
+    await page.mouse.up();
+    const moved = await sha(page);
+    const slider = page.locator(".slide input[type=range]").first(), box = await slider.boundingBox();
+    await page.mouse.click(box.x + 0.6 * box.width, box.y + box.height / 2);
+    const loosened = await sha(page);
+    await part(page, "Run");
+    await page.getByRole("button", { name: "Verify by Monte Carlo" }).click();
+    await page.locator('.run[data-kind=verification][data-state=succeeded] table').waitFor({ timeout: 120000 });
+    await page.getByRole("button", { name: "Optimise", exact: true }).click();
+    await page.locator('.run[data-kind=optimisation][data-state=succeeded]').waitFor({ timeout: 240000 });
+    await page.getByRole("button", { name: /Take this design/ }).click();
+    const taken = await sha(page), { score } = await state(page);
+    await page.getByRole("button", { name: "Write the report" }).click();
+    const report = page.locator('.run[data-kind=report][data-state=succeeded] a', { hasText: "HTML" });
+    await report.waitFor({ timeout: 240000 });
+    if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: true });
+    const [tab] = await Promise.all([context.waitForEvent("page"), report.click()]);
+    await tab.waitForLoadState();
+    await page.bringToFront();
+    const title = await tab.title(), texts = (await state(page)).text;
+    await page.getByRole("button", { name: /^Undo/ }).first().click();
+    return { moved, loosened, taken, status: score.verdict.status, title, undone: await sha(page), comments: (texts.match(/#/g) ?? []).length };
+  },
+
+  // The same by the keyboard alone
+  async keyboard() {
+    const context = await newContext(), page = await begun(context), first = await sha(page);
+    const focused = () => page.evaluate(() => { const at = document.activeElement; return `${at?.getAttribute("aria-label") ?? ""} ${at?.textContent ?? ""} ${at?.dataset?.pointer ?? ""}`; });
+    const tabTo = async (pattern, most = 400) => {
+      for (let k = 0; k < most; k += 1) {
+        await page.keyboard.press("Tab");
+        if (pattern.test(await focused())) return;
+      }
+      throw new Error(`the keyboard does not reach ${pattern}`);
+    };
+    await page.evaluate(() => document.body.focus());
+    await tabTo(/^Elevation Front/);
+    await page.keyboard.press("n");
+    await page.keyboard.press("ArrowRight");
+    await page.keyboard.press("Shift+ArrowUp");
+    const moved = await sha(page);
+    await tabTo(/: half-width /);
+    await page.keyboard.press("ArrowRight");
+    const loosened = await sha(page);
+    await tabTo(/^ Run/);
+    await page.keyboard.press("Enter");
+    await tabTo(/^ Verify by Monte Carlo/);
+    await page.keyboard.press("Enter");
+    await page.locator('.run[data-kind=verification][data-state=succeeded] table').waitFor({ timeout: 120000 });
+    await page.keyboard.press("Tab");
+    await page.keyboard.press("Enter");
+    await page.locator('.run[data-kind=optimisation][data-state=succeeded]').waitFor({ timeout: 240000 });
+    await tabTo(/Take this design/);
+    await page.keyboard.press("Enter");
+    const taken = await sha(page);
+    await page.keyboard.press("Control+z");
+    return { first, moved, loosened, taken, undone: await sha(page) };
+  },
+
+  // The service is killed during a job and started again: the page goes on by itself
+  async restart() {
+    const context = await newContext(), page = await begun(context);
+    await part(page, "Run");
+    await page.getByRole("button", { name: "Optimise", exact: true }).click();
+    await page.locator('.run[data-kind=optimisation][data-state=running]').waitFor({ timeout: 60000 });
+    process.stderr.write("kill\n");
+    await page.getByText("The service does not answer").first().waitFor({ timeout: 30000 }).catch(() => null);
+    await page.locator('.run[data-kind=optimisation][data-state=succeeded]').waitFor({ timeout: 240000 });
+    const field = page.getByLabel("F2 x, mm", { exact: true });
+    await field.fill("28");
+    await field.press("Enter");
+    return { sha: await sha(page) };
+  },
+
+  // Many of everything: how long a change takes until its number is there
+  async large() {
+    const context = await newContext(), page = await begun(context), took = [];
+    for (let k = 0; k < 1; k += 1) {
+      const begin = Date.now(), field = page.getByLabel("F1 x, mm", { exact: true });
+      await field.fill(String(-30 - k));
+      await field.press("Enter");
+      await current(page);
+      took.push(Date.now() - begin);
+    }
+    if (asked.shot) await page.screenshot({ path: asked.shot });
+    return { took, wide: await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth) };
+  },
+
+  // The page at a width, as a picture
+  async look() {
+    const context = await newContext(), page = await begun(context);
+    await page.locator(".space canvas").first().waitFor();
+    await page.waitForTimeout(400);
+    await page.screenshot({ path: asked.shot, fullPage: asked.full ?? false });
+    return { wide: await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth) };
+  },
+};
+
+// A move of the pointer to its own number on the page; the request of the same design from here comes in between.
+scenarios.drag = async () => {
+  const context = await newContext(), page = await begun(context);
+  const [x, y] = await centre(bead(page, "F1")), took = [], alone = [];
+  await page.evaluate(() => {
+    window.moved = 0;
+    document.addEventListener("pointermove", () => { window.moved = performance.now(); }, { capture: true });
+    window.settled = () => new Promise((done) => {
+      const look = () => {
+        const { current } = window.workbench.state();
+        if (window.moved && current && document.querySelector('[data-current="true"]')) done(performance.now() - window.moved);
+        else requestAnimationFrame(look);
+      };
+      look();
+    });
+  });
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  const body = asked.json;
+  for (let k = 0; k < asked.moves; k += 1) {
+    await page.evaluate(() => { window.moved = 0; });
+    await page.mouse.move(x + 2 + 18 * Math.sin(k / 7), y + 12 * Math.cos(k / 5));
+    took.push(await page.evaluate(() => window.settled()));
+    body.design.fiducials.points[0].position_mm[0] = -30 - k / 100;
+    const begin = performance.now();
+    const answer = await fetch(new URL("v1/scores", asked.url), { method: "POST", body: JSON.stringify(body), headers: { "Content-Type": "application/json" } });
+    await answer.json();
+    alone.push(performance.now() - begin);
+  }
+  await page.mouse.up();
+  await page.mouse.move(x, y);
+  const { mostInFlight, steps, position } = await state(page);
+  // many moves at once: never more than one request, and the last design's number in the end
+  await page.mouse.down();
+  for (let k = 0; k < 60; k += 1) await page.mouse.move(x + k / 3, y);
+  await page.mouse.up();
+  await sha(page);
+  return { took, alone, mostInFlight: (await state(page)).mostInFlight, before: mostInFlight, steps, position };
+};
+
+try {
+  const found = await scenarios[asked.scenario]();
+  process.stdout.write(JSON.stringify({ ...found, watched }));
+} finally {
+  await browser.close();
+}
