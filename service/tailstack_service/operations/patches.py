@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from tailstack.design.reading import show
 from tailstack.errors import Problem, TailstackError
 
 from ..problems import RequestError
@@ -77,6 +76,8 @@ def read_partial(data: dict[str, Any], fields: Sequence[str]) -> PartialDocument
     """What a body has instead of the design, or beside it; None if that is the design alone.  Raises RequestError."""
     if tuple(fields) != ("design",) or not {NAMED, PATCH} & data.keys():
         return None
+    from tailstack.design.reading import show  # which loads what --help can do without
+
     name, patch = data.get(NAMED), data.get(PATCH, {})
     if NAMED in data and "design" in data:
         detail = f"give design or {NAMED}; both arrived"
