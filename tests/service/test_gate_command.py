@@ -285,7 +285,7 @@ def test_a_report_of_what_another_verb_wrote(folder: Path, capsys: pytest.Captur
     assert main(["score", "one.yaml", "--json"]) == 0
     (folder / "score.json").write_text(capsys.readouterr().out, encoding="utf-8")
     assert main(["report", "score.json", "-o", "."]) == 0
-    assert "First-order score" in (folder / "score.html").read_text()
+    assert '<p class="kind">Estimated error</p>' in (folder / "score.html").read_text()
 
 
 @pytest.mark.parametrize(

@@ -32,13 +32,15 @@ def render_text(record: GateRecord) -> str:
         if findings:
             groups = gather_alike(findings, _name_group)
             parts.append("\n".join([*heading, *(_write_finding(first, others) for first, *others in groups)]))
-    verdict = f"verdict: {record.verdict}"
     circumstances = (
-        f"(exit code {record.exit_code}; mode {record.mode}, seed {record.seed}, policy "
-        f"{record.provenance.policy_name}, waivers judged by {record.provenance.today}{count_not_judged(record)})"
+        f"Mode {record.mode}, seed {record.seed}, policy {record.provenance.policy_name}; waivers are those of "
+        f"{record.provenance.today}."
     )
-    painted = paint(verdict, _ROLE.get(record.verdict, "fail"))
-    parts.append(wrap(visible(f"{verdict} {circumstances}"), first="", indent="  ").replace(verdict, painted, 1))
+    parts.append(wrap(visible(circumstances), first="", indent="  "))
+    # the verdict stays on a line of its own, the last: scripts look for it there
+    verdict = f"verdict: {record.verdict}"
+    outcome = visible(f"verdict: {describe_outcome(record)}")
+    parts.append(outcome.replace(verdict, paint(verdict, _ROLE.get(record.verdict, "fail")), 1))
     # a line that begins like this is a command to the runners of GitHub and Azure, and names come from strangers
     return _COMMAND.sub(r"\1\\", "\n\n".join(parts)) + "\n"
 
