@@ -15,6 +15,8 @@ import pytest
 from postgres import required
 from service_scenes import ROOT
 
+from family import die_with_parent
+
 HOME = ROOT / "tests" / "service" / "editor"
 SERVER = "yaml-language-server"
 SETTINGS = {
@@ -42,8 +44,9 @@ class Editor:
 
     def __init__(self, folder: Path) -> None:
         self.process = subprocess.Popen(
-            [node.tools(HOME) / SERVER, "--stdio"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=folder
-        )
+            [node.tools(HOME) / SERVER, "--stdio"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=folder,
+            preexec_fn=die_with_parent,
+        )  # fmt: skip
         self.folder, self.count = folder, 0
         self.diagnostics: dict[str, list[dict[str, Any]]] = {}
 

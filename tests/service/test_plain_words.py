@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from service_scenes import EXAMPLES, ROOT
 
+from family import die_with_parent
 from tailstack.design import load_design
 from tailstack_service.cli.main import main
 from tailstack_service.cli.words import FIRST, read_glossary
@@ -176,6 +177,7 @@ def run_in_terminal(width: int, *arguments: str) -> str:
     process = subprocess.Popen(
         [sys.executable, "-m", "tailstack_service.cli.main", *arguments],
         stdout=slave, stderr=subprocess.DEVNULL, cwd=ROOT, env={**environment, "NO_COLOR": "1"},
+        preexec_fn=die_with_parent,
     )  # fmt: skip
     os.close(slave)
     said = b""

@@ -20,6 +20,7 @@ from browsing import HOME, browser, chromium
 from served import COMMAND, Served, served
 from service_scenes import EXAMPLES, ROOT
 
+from family import die_with_parent
 from tailstack import load_design, score
 from tailstack_service.documents import to_json
 
@@ -132,8 +133,9 @@ def test_a_killed_service_is_waited_for_and_its_job_goes_on(tmp_path: Path, brow
     with served(tmp_path) as running:
         port = running.url.rpartition(":")[2]
         page = subprocess.Popen(
-            ["node", str(script())], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
+            ["node", str(script())], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            preexec_fn=die_with_parent,
+        )  # fmt: skip
         assert page.stdin is not None
         assert page.stderr is not None
         page.stdin.write(asked(running.url, "restart"))
@@ -144,7 +146,7 @@ def test_a_killed_service_is_waited_for_and_its_job_goes_on(tmp_path: Path, brow
         running.process.wait(30)
         again = subprocess.Popen(
             [*COMMAND, "serve", "--port", port], env=running.environment, stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL, preexec_fn=die_with_parent,
         )  # fmt: skip
         try:
             out, error = page.communicate(timeout=SECONDS)

@@ -72,11 +72,15 @@ def _read(text: bytes, file: str, first_line: int) -> ReadResult:
             raise RequestError(Problem("/schema", "bad-result", detail, "give a report or a result of tailstack"))
         return result_of(source, schema, file)
     except (DesignError, RequestError) as error:
-        raise RequestError([_shift_lines(_add_hint(problem), file, first_line) for problem in error.problems]) from None
+        problems = [_give_hint(problem, of_design=isinstance(error, DesignError)) for problem in error.problems]
+        raise RequestError([_shift_lines(problem, file, first_line) for problem in problems]) from None
 
 
-def _add_hint(problem: Problem) -> Problem:
-    return problem if problem.hint else replace(problem, hint="give a file that tailstack report wrote, or a result")
+def _give_hint(problem: Problem, *, of_design: bool) -> Problem:
+    """What to do about a file that holds no result; the cures of a design's slips do not help there."""
+    if problem.hint and not of_design:
+        return problem
+    return replace(problem, hint="give a file that tailstack report wrote, or a result")
 
 
 def _shift_lines(problem: Problem, file: str, first_line: int) -> Problem:

@@ -236,9 +236,9 @@ def _pair(old: list[Any], new: list[Any]) -> list[tuple[int, int]] | None:
 
 
 def _identity(item: Any) -> Any:
-    """What an item is called."""
+    """What an item is called, if it is called something."""
     if isinstance(item, dict):
-        return next((item[name] for name in IDENTITIES if name in item), None)
+        return next((item[name] for name in IDENTITIES if isinstance(item.get(name), str | int | float)), None)
     return None
 
 
