@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     refuse_unusable_kernels()
     bound = bind(arguments.host, arguments.port, settings)
     log_to_stderr(settings.log_format)
-    address = f"serving on {address_of(bound)}   (Ctrl-C stops; /openapi.json describes it)"
+    address = f"serving on {address_of(bound)}   (open it in a browser; Ctrl-C stops)"
     with bound:
         serve(bound, settings, worker=not arguments.no_worker, announce=lambda: print(address, flush=True))
     return Answer("", PASS)
