@@ -32,15 +32,20 @@ def chromium() -> str:
     return found
 
 
+def place_script(name: str) -> Path:
+    """A script of ``browser/`` beside the packages that it uses: Node looks for them there.  Raises BrowserMissing."""
+    try:
+        place = node.tools(HOME).parent.parent / name
+    except node.NodeMissing as missing:
+        raise BrowserMissing(str(missing)) from None
+    place.write_bytes((HOME / name).read_bytes())
+    return place
+
+
 def look(jobs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Open pages one after the other; what each did is described in ``browser/look.mjs``.  Raises BrowserMissing."""
     executable = chromium()
-    try:
-        modules = node.tools(HOME).parent
-    except node.NodeMissing as missing:
-        raise BrowserMissing(str(missing)) from None
-    script = modules.parent / "look.mjs"  # Node looks for packages beside the script
-    script.write_bytes((HOME / "look.mjs").read_bytes())
+    script = place_script("look.mjs")
     asked = {"executable": executable, "sandbox": os.geteuid() != 0, "jobs": list(jobs)}
     done = subprocess.run(
         ["node", str(script)], input=json.dumps(asked), capture_output=True, text=True, timeout=SECONDS

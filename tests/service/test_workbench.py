@@ -16,7 +16,7 @@ from typing import Any
 import node
 import pytest
 import yaml
-from browsing import HOME, browser, chromium
+from browsing import browser, chromium, place_script
 from served import COMMAND, Served, served
 from service_scenes import EXAMPLES, ROOT
 
@@ -29,20 +29,13 @@ __all__ = ["browser"]
 DEMO = (EXAMPLES / "demo.yaml").read_text(encoding="utf-8")
 SOURCES, BUILT = ROOT / "service" / "workbench", ROOT / "service" / "tailstack_service" / "workbench"
 SECONDS = 400
+SCRIPT = "workbench.mjs"  # the scenarios
 
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory, browser: None) -> Iterator[Served]:
     with served(tmp_path_factory.mktemp("workbench")) as running:
         yield running
-
-
-def script() -> Path:
-    """The scenarios, beside the packages that they use."""
-    modules = node.tools(HOME).parent
-    place = modules.parent / "workbench.mjs"
-    place.write_bytes((HOME / "workbench.mjs").read_bytes())
-    return place
 
 
 def asked(url: str, scenario: str, design: str = DEMO, **more: Any) -> str:
@@ -57,7 +50,7 @@ def asked(url: str, scenario: str, design: str = DEMO, **more: Any) -> str:
 def used(url: str, scenario: str, design: str = DEMO, **more: Any) -> dict[str, Any]:
     """What a scenario of ``browser/workbench.mjs`` found.  Raises BrowserMissing."""
     done = subprocess.run(
-        ["node", str(script())], input=asked(url, scenario, design, **more), capture_output=True, text=True,
+        ["node", place_script(SCRIPT)], input=asked(url, scenario, design, **more), capture_output=True, text=True,
         timeout=SECONDS,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
@@ -133,8 +126,8 @@ def test_a_killed_service_is_waited_for_and_its_job_goes_on(tmp_path: Path, brow
     with served(tmp_path) as running:
         port = running.url.rpartition(":")[2]
         page = subprocess.Popen(
-            ["node", str(script())], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-            preexec_fn=die_with_parent,
+            ["node", place_script(SCRIPT)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            text=True, preexec_fn=die_with_parent,
         )  # fmt: skip
         assert page.stdin is not None
         assert page.stderr is not None

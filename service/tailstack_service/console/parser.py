@@ -5,15 +5,15 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterable, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
+
+from tailstack.cures import ask_meant
 
 from .answer import BAD_INPUT
 from .program import program, spell_commands
 
 DOCUMENTS = (".yaml", ".yml", ".json")
-CLOSE = 0.6  # of difflib: "scroe" and "score" have 0.8
 
 
 class Parser(argparse.ArgumentParser):
@@ -50,9 +50,8 @@ class Parser(argparse.ArgumentParser):
 
 def suggest(word: str, known: Iterable[str]) -> str:
     """``; did you mean X?`` if something known is like the word, else nothing."""
-    words = {name.lstrip("-"): name for name in known}
-    close = get_close_matches(word.lower().lstrip("-"), list(words), n=1, cutoff=CLOSE)
-    return f"; did you mean {words[close[0]]}?" if close else ""
+    meant = ask_meant(word, known)
+    return f"; {meant}" if meant else ""
 
 
 def refuse_verb(word: str, rest: Sequence[str], verbs: Sequence[str]) -> int:

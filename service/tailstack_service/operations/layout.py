@@ -139,18 +139,15 @@ def lay_out(design: Design, *, scene: bool = False) -> Layout:
 
 def _scene(design: Design) -> dict[str, Any]:
     """The layout in space; where it can be scored, with its errors."""
-    import json
-
     from tailstack.errors import IllPosedError
     from tailstack.scoring import score
 
-    from ..report.scene import scene_json, scene_of
+    from ..report.scene import scene_data, scene_of
 
     record = None
     with suppress(IllPosedError):
         record = score(design)
-    found: dict[str, Any] = json.loads(scene_json(scene_of(design, record, design.name)))
-    return found
+    return scene_data(scene_of(design, record, design.name))
 
 
 def _imaged(beam: Beam, labels: Sequence[str], points: Array) -> tuple[ImagedPoint, ...]:

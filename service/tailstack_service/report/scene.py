@@ -491,9 +491,9 @@ def scene_of(
     )
 
 
-def scene_json(scene: Scene) -> str:
-    """A scene as JSON for the viewer; it can stand in an HTML script element, and is the same for the same scene."""
-    data = {
+def scene_data(scene: Scene) -> dict[str, Any]:
+    """A scene as plain data for the viewer."""
+    return {
         "title": scene.title,
         "words": scene.words,
         "note": scene.note,
@@ -509,7 +509,11 @@ def scene_json(scene: Scene) -> str:
         "near": scene.near,
         "far": scene.far,
     }
-    text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))  # noqa: TID251 - in a page
+
+
+def scene_json(scene: Scene) -> str:
+    """That as JSON; it can stand in an HTML script element, and is the same for the same scene."""
+    text = json.dumps(scene_data(scene), ensure_ascii=True, allow_nan=False, separators=(",", ":"))  # noqa: TID251 - in a page
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 

@@ -2,7 +2,7 @@
 
 import { signal } from "@preact/signals";
 import { readRefusal, type Refusal, send } from "./api";
-import { design, type Json, text } from "./state";
+import { design, type Json, recall, remember, text } from "./state";
 
 export interface Run {
   id: string;
@@ -19,26 +19,14 @@ export interface Run {
 }
 
 const RUNS = "tailstack.workbench.runs", MOST = 30;
-export const runs = signal<Run[]>(recall());
+export const runs = signal<Run[]>(recall(RUNS, []));
 export const results = signal<Record<string, Json>>({});
 export const startProblem = signal<Refusal | null>(null);
 const followed = new Set<string>();
 
-function recall(): Run[] {
-  try {
-    return JSON.parse(localStorage.getItem(RUNS) ?? "[]");
-  } catch {
-    return [];
-  }
-}
-
 function keep(next: Run[]): void {
   runs.value = next.slice(0, MOST);
-  try {
-    localStorage.setItem(RUNS, JSON.stringify(runs.value));
-  } catch {
-    // full: the list lasts as long as the page
-  }
+  remember(RUNS, runs.value); // where that fails, the list lasts as long as the page
 }
 
 const change = (id: string, values: Partial<Run>) => keep(runs.value.map((run) => (run.id === id ? { ...run, ...values } : run)));

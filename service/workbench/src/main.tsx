@@ -161,8 +161,8 @@ async function fromLink(): Promise<boolean> {
 }
 
 async function begin(): Promise<void> {
-  const restored = restore();
-  if (!(await fromLink()) && !restored) position.value = -1;
+  restore();
+  await fromLink();
   render(<Page />, document.getElementById("page")!);
   void loadSchema();
   resume();

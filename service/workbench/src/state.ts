@@ -24,7 +24,7 @@ export interface Variant {
 
 const YAML = { keepSourceTokens: false, version: "1.2" as const };
 const AUTOSAVE = "tailstack.workbench.design", VARIANTS = "tailstack.workbench.variants";
-export const MOST_STEPS = 300;
+const MOST_STEPS = 300;
 
 export const steps = signal<Step[]>([]);
 export const position = signal(-1);
@@ -200,7 +200,8 @@ export function open(source: string, what: string): void {
 
 // --- keeping it ----------------------------------------------------------------------------------------------
 
-function recall<T>(key: string, otherwise: T): T {
+/** What the browser keeps under a name. */
+export function recall<T>(key: string, otherwise: T): T {
   try {
     return JSON.parse(localStorage.getItem(key) ?? "null") ?? otherwise;
   } catch {
@@ -208,7 +209,8 @@ function recall<T>(key: string, otherwise: T): T {
   }
 }
 
-function remember(key: string, value: unknown): boolean {
+/** Keep it; false where the browser does not. */
+export function remember(key: string, value: unknown): boolean {
   try {
     localStorage.setItem(key, JSON.stringify(value));
     return true;

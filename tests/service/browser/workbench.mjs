@@ -13,7 +13,7 @@ const FLAGS = [
 const asked = JSON.parse(readFileSync(0, "utf8"));
 const browser = await chromium.launch({ executablePath: asked.executable, chromiumSandbox: asked.sandbox, args: FLAGS });
 
-const watched = { messages: [], strangers: [], bytes: 0 };
+const watched = { messages: [], strangers: [] };
 
 async function open(context, url = asked.url, answered = true) {
   const page = await context.newPage();

@@ -3,7 +3,7 @@
 import { signal } from "@preact/signals";
 import { useEffect, useState } from "preact/hooks";
 import { answer, current, placeInWords, pointerOf, readRefusal, send } from "../api";
-import { commit, design, differences, edit, type Json, keepVariant, linkOf, LONGEST_LINK, open, parse, setVariants, text, variants, writeYaml } from "../state";
+import { commit, design, differences, edit, type Json, keepVariant, linkOf, LONGEST_LINK, open, parse, setVariants, text, valueAt, variants, writeYaml } from "../state";
 import { mm, VERDICTS } from "../words";
 import { ghost } from "./Pictures";
 import { save } from "./Runs";
@@ -179,13 +179,12 @@ async function once(source: string): Promise<void> {
 function Differences({ name, before }: { name: string; before: Json }) {
   const rows = differences(before, design.value);
   if (!rows.length) return <p>{`The design is variant ${name}.`}</p>;
-  const at = (path: (string | number)[]) => path.reduce((part: Json, key) => part?.[key], before);
   const brief = (value: Json) => (value === undefined ? "–" : JSON.stringify(value).slice(0, 60));
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label={`Differences from variant ${name}`}>
       <table>
         <thead><tr><th>Field</th><th class="number">{name}</th><th class="number">now</th></tr></thead>
-        <tbody>{rows.slice(0, 100).map((row) => <tr key={pointerOf(row.path)}><th>{placeInWords(design.value, pointerOf(row.path))}</th><td class="number">{brief(at(row.path))}</td><td class="number">{brief(row.value)}</td></tr>)}</tbody>
+        <tbody>{rows.slice(0, 100).map((row) => <tr key={pointerOf(row.path)}><th>{placeInWords(design.value, pointerOf(row.path))}</th><td class="number">{brief(valueAt(before, row.path))}</td><td class="number">{brief(row.value)}</td></tr>)}</tbody>
       </table>
     </div>
   );

@@ -23,9 +23,9 @@ const without = (object: Json, name: string) => Object.fromEntries(Object.entrie
 
 /** The alternative of a union that fits the value best. */
 export function choose(node: Json, value: Json): Json {
-  const full = resolve(node), options: Json[] | undefined = full.anyOf ?? full.oneOf;
+  const full = resolve(node), options: Json[] | undefined = (full.anyOf ?? full.oneOf)?.map(resolve);
   if (!options) return full;
-  const fits = options.map(resolve).map((option) => {
+  const fits = options.map((option) => {
     if (value === undefined || value === null) return option.type === "null" ? 0 : 1;
     const kind = Array.isArray(value) ? "array" : typeof value === "object" ? "object" : typeof value === "boolean" ? "boolean" : typeof value;
     const kinds = option.type === "integer" ? ["number"] : [option.type ?? (option.properties ? "object" : option.enum || option.const ? typeof (option.const ?? option.enum[0]) : kind)];
@@ -34,7 +34,7 @@ export function choose(node: Json, value: Json): Json {
     const known = Object.keys(option.properties ?? {}), missing = (option.required ?? []).filter((name: string) => !(name in value)).length;
     return 3 + Object.keys(value).filter((name) => known.includes(name)).length - 2 * missing;
   });
-  const best = options.map(resolve)[fits.indexOf(Math.max(...fits))];
+  const best = options[fits.indexOf(Math.max(...fits))];
   return { ...best, description: full.description ?? best.description };
 }
 
@@ -86,7 +86,7 @@ const Remove = ({ path }: { path: Path }) => (
 );
 
 /** A value to begin with: the schema's default or example, else the smallest thing of its shape. */
-export function example(node: Json, depth = 0): Json {
+function example(node: Json, depth = 0): Json {
   const full = resolve(node);
   if (full.examples?.length && full.examples[0] !== null) return full.examples[0];
   if (full.default !== undefined && full.default !== null) return full.default;
