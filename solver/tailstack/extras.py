@@ -19,6 +19,8 @@ MODULES_OF = {
     "pdf": ("weasyprint",),
     "postgres": ("psycopg",),
     "dask": ("dask", "distributed", "cryptography"),
+    "tables": ("openpyxl", "pyarrow"),
+    "mcp": ("mcp",),
 }  # fmt: skip
 
 
