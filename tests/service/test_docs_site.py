@@ -88,20 +88,33 @@ class Navigation(yaml.SafeLoader):
 Navigation.add_multi_constructor("tag:yaml.org,2002:python/", lambda *_: None)
 
 
-def test_readme_links_to_the_five_groups_of_the_navigation() -> None:
+def read_groups() -> dict[str, list[str]]:
+    """The groups of the navigation, with their pages."""
     configuration: Any = yaml.load((ROOT / "docs" / "mkdocs.yml").read_text(encoding="utf-8"), Navigation)
-    groups = {
+    return {
         name: [page for entry in entries for page in entry.values()]
         for group in configuration["nav"]
         for name, entries in group.items()
     }
+
+
+def test_readme_links_to_the_six_groups_of_the_navigation() -> None:
+    groups = read_groups()
+    groups["Connect"] = [page for page in groups["Connect"] if not page.startswith("docs/integrations/")]
     readme = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Read on")[2]
     listed = {
         name: re.findall(r"\]\(([^)]+)\)", text)
         for name, text in re.findall(r"^\*\*(\w+)\*\* ·(.*?)\n\n", readme, re.M | re.S)
     }
-    assert len(listed) == 5
+    assert len(listed) == 6
     assert {**listed, "Learn": ["README.md", *listed["Learn"]]} == groups
+
+
+def test_the_index_of_doors_links_to_every_page_of_a_door() -> None:
+    index = (ROOT / "docs" / "integrations.md").read_text(encoding="utf-8")
+    pages = [f"docs/integrations/{page.name}" for page in sorted((ROOT / "docs" / "integrations").glob("*.md"))]
+    assert [page for page in pages if f"]({page.removeprefix('docs/')})" not in index] == []
+    assert sorted(set(pages) - set(read_groups()["Connect"])) == []
 
 
 # --- figures and results --------------------------------------------------------------------------
