@@ -9,7 +9,6 @@ from .estimators import (
     exceedance_estimate,
     interval_ranks,
     quantile_estimate,
-    wilks_sample_size,
 )
 from .plan import ChainPlan, bounded_names, compile_plan
 from .radial import LinearChain, RadialEstimate, gains_in_plan_order, radial
@@ -43,5 +42,4 @@ __all__ = [
     "run_indices",
     "simulate",
     "simulate_to_precision",
-    "wilks_sample_size",
 ]

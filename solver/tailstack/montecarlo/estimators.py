@@ -104,18 +104,6 @@ def enclosing_ranks(trials: int, quantile: float, confidence: float) -> tuple[in
     return (low if low >= 1 else None, high if high <= trials else None)
 
 
-def wilks_sample_size(quantile: float, confidence: float, order: int = 1) -> int:
-    """Smallest n whose ``order``-th largest value is an upper confidence limit of the quantile (Wilks 1941)."""
-    _refuse_unless_probability("quantile", quantile)
-    _refuse_unless_probability("confidence", confidence)
-    n = max(order, int(log(1 - confidence) / log(quantile)))
-    while bdtr(n - order, n, quantile) < confidence:
-        n += 1
-    while n > order and bdtr(n - 1 - order, n - 1, quantile) >= confidence:
-        n -= 1
-    return n
-
-
 def with_rank(samples: Samples, target: str | int, error: str, rank: int) -> ErrorSample:
     """The sample, with its ``rank``-th smallest norm in the kept tail."""
     sample = samples.of(target, error)
