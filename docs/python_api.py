@@ -75,7 +75,12 @@ def page() -> str:
     """The whole page."""
     parts = [HEAD, "## Designs\n", *(describe(getattr(tailstack.design, name), 3) for name in DESIGN_NAMES)]
     parts += ["## What is computed\n", *(describe(getattr(tailstack, name), 3) for name in VERBS)]
-    parts += [describe(sweeping.read_axes, 3), "## What every result can do\n", members_of(Result, 3)]
+    parts += [
+        describe(sweeping.read_axes, 3),
+        describe(tailstack.DesignFunction, 3),
+        "## What every result can do\n",
+        members_of(Result, 3),
+    ]
     parts.append("## Records\n")
     parts.append(
         wrapped(

@@ -7,7 +7,8 @@ Three lines::
     print(score(design).targets[0].p95_mm, verify(design, precision=0.01).targets[0].p95_interval_mm)
 
 ``optimise(design)`` moves fiducials and sets rotational tolerances under the design's own limit, ``sweep(design,
-{path: values})`` varies numbers of it, ``design.with_value(path, value)`` is the design with one of them changed.
+{path: values})`` varies numbers of it, ``design.with_value(path, value)`` is the design with one of them changed, and
+``DesignFunction(design, paths)`` makes a function of them for another program, with the derivative of P95.
 Results are the frozen records of :mod:`tailstack.results`; refusals are the exceptions of :mod:`tailstack.errors`.
 """
 
@@ -20,6 +21,7 @@ from .version import __version__
 
 if TYPE_CHECKING:
     from .design import Design, compile_design, load_design
+    from .design_function import DesignFunction
     from .errors import (
         DesignError,
         IllPosedError,
@@ -45,6 +47,7 @@ _HOME = {
     "verify": "verification",
     "optimise": "optimisation",
     "sweep": "sweeping",
+    "DesignFunction": "design_function",
     **dict.fromkeys(
         (
             "DesignError", "IllPosedError", "InfeasibleError", "LimitError", "MissingExtraError", "NotConvergedError",
@@ -57,6 +60,7 @@ _HOME = {
 __all__ = [
     "Design",
     "DesignError",
+    "DesignFunction",
     "IllPosedError",
     "InfeasibleError",
     "LimitError",

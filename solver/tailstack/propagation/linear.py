@@ -16,7 +16,7 @@ from ..arrays import Array
 from ..errors import IllPosedError, Problem
 from ..geometry.rotation import Displacement, displacement
 from ..system import Law, Reading, System, Target, Triangulation
-from .noise import noise_gains_jit
+from .noise import noise_gains, noise_gains_jit
 from .nonlinearity import Nonlinearity, matrix_covariance, nonlinearity
 
 NO_GAIN = np.zeros((3, 0))
@@ -255,9 +255,12 @@ def image_gains(chain: Chain, target_mm: Array) -> tuple[Array, Array]:
     the target, mm per px; then 3 N of the manufacturing errors (x, y, z of each), mm per mm, if any is not 0.
     """
     views, count = len(chain.projections), len(chain.points)
-    fiducial, aimed = np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2))
-    made, perspective = np.zeros((views, count, 3, 3)), np.zeros((views, count, 2))
-    noise_gains_jit(chain.projections, chain.points, target_mm, fiducial, aimed, made, perspective)
+    # Points with an imaginary part, by which these gains are differentiated, run the source that is not compiled.
+    kind = chain.points.dtype
+    fill = noise_gains if kind == np.complex128 else noise_gains_jit
+    fiducial, aimed = np.zeros((views, count, 3, 2), kind), np.zeros((views, 3, 2), kind)
+    made, perspective = np.zeros((views, count, 3, 3), kind), np.zeros((views, count, 2), kind)
+    fill(chain.projections, chain.points, target_mm, fiducial, aimed, made, perspective)
     columns = []
     for v in range(views):
         columns += [fiducial[v].transpose(1, 0, 2).reshape(3, 2 * count), aimed[v]]

@@ -232,13 +232,40 @@ class Evaluation:
         if total.method != SAMPLED_METHOD:
             if self.frame.dimension < 3:
                 return differences(self.law, total)
-            accuracy = self.accuracy._replace(threshold=0.1 * self.accuracy.threshold)
-            lattice = build(total.quantile_mm, self.frame._replace(mean=np.zeros(3)), accuracy, True)
+            lattice = self._centred_lattice(total)
             if lattice.volume > 0.0:
                 return self._lattice_gradient(total, lattice)
         points = sample(self.law.mean, self.law.covariance, self.h, _LOG2_POINTS)
         by_mean, by_covariance, by_column = points.gradient(total.quantile_mm, self.h)
         return LawGradient(by_mean, by_covariance, self._by_source(by_column))
+
+    def _centred_lattice(self, total: LawQuantile) -> Lattice:
+        """Of the law moved to mean 0, in three dimensions, a decade finer than that of the quantile."""
+        accuracy = self.accuracy._replace(threshold=0.1 * self.accuracy.threshold)
+        return build(total.quantile_mm, self.frame._replace(mean=np.zeros(3)), accuracy, True)
+
+    def column_gradient(self, total: LawQuantile) -> Array | None:
+        """(3, k) by each entry of the columns; None where there is no lattice in three dimensions.
+
+        A uniform column h is the factor sin x / x of every term, x = k'h, whose logarithm has the derivative
+        ``(cot x - 1 / x) k`` by h.
+        """
+        if total.method == SAMPLED_METHOD or self.frame.dimension < 3:
+            return None
+        lattice = self._centred_lattice(total)
+        if lattice.volume == 0.0:
+            return None
+        k, axes = lattice.k, self.frame.axes
+        even = lattice.w * balls(total.quantile_mm, lattice.t) * np.cos(k @ self.frame.mean)
+        found = np.zeros((3, self.law.kinds.size))
+        for h, source in zip(self.frame.h, self.source, strict=True):
+            x = k @ h
+            sine, near = np.sin(x), np.abs(x) < 1e-2
+            far = np.where(near, 1.0, x)
+            slope = np.where(near, -x / 3 - x**3 / 45, np.cos(x) * sine / np.maximum(sine**2, 1e-24) - 1 / far)
+            share = 0.5 if self.law.kinds[source] == TRIANGULAR else 1.0
+            found[:, source] += share * (axes @ ((even * slope) @ k))
+        return found * (-1.0 / total.density)
 
     def _lattice_gradient(self, total: LawQuantile, lattice: Lattice) -> LawGradient:
         """lattice: of the law moved to mean 0, in three dimensions."""
@@ -318,6 +345,16 @@ def law_gradient(law: LinearLaw, total: LawQuantile, *, fine: bool = True) -> La
         _, _, by_mean, by_covariance = norm_gradient_jit(law.mean, law.covariance, total.p)
         return LawGradient(by_mean, by_covariance, np.zeros(k))
     return Evaluation(law, accuracy_for(total.p, fine)).gradient(total)
+
+
+def column_gradient(law: LinearLaw, total: LawQuantile) -> Array | None:
+    """(3, k) derivative of a quantile by each entry of the columns, mm per mm: along a column it is ``by_log_column``.
+
+    None where the law has no lattice in three dimensions, and a derivative is not known as exactly as the quantile.
+    """
+    if not law.columns.any() or total.density == 0.0:
+        return None if law.columns.any() else np.zeros_like(law.columns)
+    return Evaluation(law, accuracy_for(total.p, True)).column_gradient(total)
 
 
 def without_group(law: LinearLaw, block: Array | None, indices: Sequence[int]) -> LinearLaw:

@@ -1,0 +1,267 @@
+"""A design as a function of numbers of its document, with the exact derivative of P95: for other programs' engines.
+
+The derivative is the chain rule over what the score itself computes.  The law of an error has a mean, a covariance and
+columns (:mod:`.tail.declared`), and the derivative of its quantile by each of them is known.  How they depend on a
+number of the document is known where the number is a half-width, a standard deviation or a coordinate of a fiducial:
+half-widths multiply gains that stay as they are, and fiducials enter through the gains of image noise and of
+manufacturing alone.  Those are differentiated by a complex step (Squire and Trapp 1998): ``Im f(x + i h) / h`` with
+h = 1e-30 loses no digit, because nothing is subtracted, and ``propagation/noise.py`` has no square roots and no
+branches on values.
+
+Whether a number is of that kind is found out, not listed: the design is compiled with the number moved by one step and
+by two, and what changes must be affine in it and must be one of these things.  Any other number can be evaluated, but
+has no derivative here, and the refusal says what it moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from .arrays import Array
+from .contributors import ErrorLaw, error_law
+from .design import Design, compile_design, load_design
+from .design.pointers import Place, find_places, pointer_of, replace_value, suggest, value_at
+from .errors import DesignError, OutOfRangeError, Problem
+from .propagation.linear import Block, Chain, LinearModel, chain_of, image_gains, linearise_at
+from .results import Score
+from .scoring import P95, score
+from .system import Law, System, Target
+from .tail.declared import LawGradient, LawQuantile, column_gradient, law_gradient, law_quantile
+
+COMPLEX_STEP = 1e-30
+STEP = 2.0**-10  # of a number, or of one where it is smaller: large enough that what is not affine shows
+SAME = 1e-9  # relative: what differs by less is rounding
+
+Error = Literal["tcp", "localisation"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Slope:
+    """What one unit of a number does to a chain."""
+
+    points_mm: Array | None  # (N, 3) of the fiducials as the estimator is told them; None: they stay
+    half_width: tuple[Array, ...]  # (k,) of each block, native unit
+    std: tuple[Array, ...]
+
+
+class DesignFunction:
+    """``DesignFunction(design, inputs)``: a design as a function of some of its numbers, for other programs' engines.
+
+    design: where everything else is taken from.  inputs: the numbers, as JSON pointers or names with dots between them,
+    ``interfaces.connector_flange.tolerances.rx.half_width_deg``; ``*`` stands for every element, all of which take one
+    value.  Values are in the unit of the document.  Raises DesignError for an input that leads to no number.
+    """
+
+    def __init__(self, design: Design, inputs: Sequence[str]) -> None:
+        self.design = design
+        self.pointers = tuple(pointer_of(design.source.data, path) for path in inputs)
+        self._places = tuple(_find_numbers(design, pointer) for pointer in self.pointers)
+        self._slopes: dict[int, _Slope] = {}  # of the inputs that were differentiated by so far
+
+    @property
+    def present(self) -> Array:
+        """(n,) the inputs as they are in the design; of several elements the first."""
+        return np.array([float(value_at(self.design.source.data, places[0])) for places in self._places])
+
+    def design_at(self, values: Sequence[float] | Array) -> Design:
+        """The design with these values (n,), checked anew.  Raises DesignError with the pointer of what is wrong."""
+        given = np.asarray(values, dtype=float)
+        if given.shape != (len(self._places),):
+            detail = f"{len(self._places)} numbers are varied; values of shape {given.shape} arrived"
+            raise OutOfRangeError(Problem("", "wrong-length", detail, "give one value for each input, in their order"))
+        data = self.design.source.data
+        for places, value in zip(self._places, given.tolist(), strict=True):
+            for place in places:
+                data = replace_value(data, place, value)
+        return load_design(data, base_directory=self.design.source.directory)
+
+    def score(self, values: Sequence[float] | Array) -> Score:
+        """The score of the design with these values (n,)."""
+        return score(self.design_at(values))
+
+    def p95_gradient(
+        self, values: Sequence[float] | Array, target: str | None = None, error: Error = "tcp"
+    ) -> tuple[float, Array]:
+        """(P95 in mm, its derivative by each input (n,) in mm per unit of the document) at one target.
+
+        target: its name, by default the first.  error: ``tcp``, at the tool, or ``localisation``.  At a worst vertex of
+        bounded components the vertex stays.  Raises OutOfRangeError for an input by which the derivative is not known,
+        and where P95 itself is only sampled.
+        """
+        system = compile_design(self.design_at(values))
+        chain = chain_of(system)
+        model = linearise_at(chain, _target_named(system, target))
+        law = _Law(model, error_law(model, error, P95))
+        slopes = [self._slope(k) for k in range(len(self.pointers))]
+        by_input = [law.along(chain, slope, at) for slope, at in zip(slopes, self.pointers, strict=True)]
+        return law.quantile.quantile_mm, np.array(by_input)
+
+    def _slope(self, k: int) -> _Slope:
+        """What one unit of input k does; found once, as it is the same everywhere.  Raises OutOfRangeError."""
+        if k not in self._slopes:
+            self._slopes[k] = self._find_slope(k)
+        return self._slopes[k]
+
+    @cached_property
+    def _base(self) -> tuple[Chain, LinearModel]:
+        system = compile_design(self.design_at(self.present))
+        chain = chain_of(system)
+        return chain, linearise_at(chain, system.targets[0])
+
+    def _find_slope(self, k: int) -> _Slope:
+        step = STEP * max(abs(self.present[k]), 1.0)
+        moved = []
+        for size in (step, 2 * step):
+            values = self.present.copy()
+            values[k] += size
+            moved.append(chain_of(compile_design(self.design_at(values))))
+        chain, model = self._base
+        once, twice = moved
+        what = _foreign_change(chain, model, once)
+        arrays = [(chain.points, once.points, twice.points)]
+        for name in ("half_width", "std"):
+            every = [[getattr(block, name) for block in each.blocks] for each in (chain, once, twice)]
+            arrays += list(zip(*every, strict=True)) if not what else []
+        if not what and not all(_is_affine(*each) for each in arrays):
+            what = "a spread or a fiducial otherwise than in proportion"
+        if what:
+            detail = f"the derivative of P95 by {self.pointers[k]} is not known: it moves {what}"
+            hint = "differentiate by half-widths, noise and positions of fiducials; any number can be evaluated"
+            raise OutOfRangeError(Problem(self.pointers[k], "no-derivative", detail, hint))
+        slopes = [(second - first) / step for first, second, _ in arrays]
+        count = len(chain.blocks)
+        return _Slope(slopes[0] if slopes[0].any() else None, tuple(slopes[1 : 1 + count]), tuple(slopes[1 + count :]))
+
+
+class _Law:
+    """The law of one error at one target, and the derivative of its P95 along a change of the chain."""
+
+    def __init__(self, model: LinearModel, at: ErrorLaw) -> None:
+        self.model, self.at = model, at
+        self.quantile: LawQuantile = law_quantile(at.law, P95)
+
+    @cached_property
+    def gradient(self) -> LawGradient:
+        return law_gradient(self.at.law, self.quantile)
+
+    @cached_property
+    def by_column(self) -> Array:
+        """(3, k) derivative by each entry of the columns.  Raises OutOfRangeError."""
+        found = column_gradient(self.at.law, self.quantile)
+        if found is None:
+            detail = "P95 is sampled here, or its law lies in a plane: its derivative is only known nearly"
+            hint = "declare normal distributions, or take differences of evaluations"
+            raise OutOfRangeError(Problem("", "no-derivative", detail, hint))
+        return found
+
+    def along(self, chain: Chain, slope: _Slope, pointer: str) -> float:
+        """d P95 by one number, mm per unit of it."""
+        moved = None if slope.points_mm is None else self._image_slopes(chain, slope.points_mm)
+        total, column, first = 0.0, 0, 0  # column: of the law; first: of the gains of images
+        for number, (block, part) in enumerate(zip(self.model.blocks, self.at.parts, strict=True)):
+            gain, k = self.model.gain(block, self.at.error), len(block.laws)
+            by_points = np.zeros((3, k))
+            if block.grouped:
+                by_points = by_points if moved is None else moved[:, first : first + k]
+                first += k
+            normal = [j for j, law in enumerate(block.laws) if law is Law.NORMAL]
+            change = by_points * block.std + gain * slope.std[number]
+            if change[:, normal].any():
+                pull = self.gradient.by_covariance @ (gain * block.std)
+                total += 2 * float((pull * change)[:, normal].sum())
+            others, sources = slice(column, column + len(part.sources)), list(part.sources)
+            column += len(sources)
+            change = by_points * block.half_width + gain * slope.half_width[number]
+            if change[:, sources].any():
+                total += float((self.by_column[:, others] * change[:, sources]).sum())
+            total += self._at_ends(block, gain, slope.half_width[number], pointer)
+        return total
+
+    def _at_ends(self, block: Block, gain: Array, by_half_width: Array, pointer: str) -> float:
+        """The part of bounded sources, which move the mean to an end."""
+        total = 0.0
+        for j in np.flatnonzero(by_half_width):
+            if block.laws[j] is not Law.BOUNDED:
+                continue
+            sign = self.at.worst.signs.get((block.contributor, int(j)))
+            if sign is None:
+                detail = "a bounded half-width of 0 has a derivative to one side only"
+                raise OutOfRangeError(Problem(pointer, "no-derivative", detail, "begin above 0"))
+            total += sign * float(self.gradient.by_mean @ gain[:, j]) * float(by_half_width[j])
+        return total
+
+    def _image_slopes(self, chain: Chain, points_mm: Array) -> Array:
+        """(3, K) what moving the fiducials along ``points_mm`` (N, 3) does to the gains of images on the error."""
+        moved = replace(chain, points=chain.points + 1j * COMPLEX_STEP * points_mm)
+        gains, _ = image_gains(moved, self.model.reconstructed_mm)
+        to_error = self.model.tcp_from_localisation if self.at.error == "tcp" else np.eye(3)
+        return np.asarray(to_error @ (gains.imag / COMPLEX_STEP))
+
+
+def _foreign_change(chain: Chain, model: LinearModel, moved: Chain) -> str:
+    """What else than half-widths and fiducials differs between a chain and one with a number moved; empty: nothing."""
+    if [block.contributor for block in chain.blocks] != [block.contributor for block in moved.blocks]:
+        return "a contributor that is not there without it"
+    other = linearise_at(moved, moved.system.targets[0])
+    pairs: list[tuple[str, Array, Array]] = [
+        ("the bias", model.tcp_bias_mm, other.tcp_bias_mm),
+        ("a target", _positions(chain), _positions(moved)),
+        ("the way to the tool", model.tcp_from_localisation, other.tcp_from_localisation),
+    ]
+    still = np.abs(chain.points - moved.points).max() == 0.0
+    for block, same in zip(model.blocks, other.blocks, strict=True):
+        if not block.grouped or still:
+            pairs.append((f"the gains of {block.label or block.contributor}", block.tcp, same.tcp))
+    if not still:
+        # With the fiducials of the first chain in its place the moved one must be the first.
+        back = linearise_at(replace(moved, points=chain.points), moved.system.targets[0])
+        pairs += [
+            (f"the gains of {block.label or block.contributor}", block.tcp, same.tcp)
+            for block, same in zip(model.blocks, back.blocks, strict=True)
+        ]
+    return next((name for name, first, second in pairs if not _is_same(first, second)), "")
+
+
+def _positions(chain: Chain) -> Array:
+    """(T, 3) of the targets."""
+    return np.array([target.position_mm for target in chain.system.targets])
+
+
+def _is_same(first: Array, second: Array) -> bool:
+    return first.shape == second.shape and bool(
+        np.abs(first - second).max(initial=0.0) <= SAME * np.abs(first).max(initial=0.0)
+    )
+
+
+def _is_affine(none: Array, once: Array, twice: Array) -> bool:
+    """Whether an array goes on from two steps as it went from none to one."""
+    return _is_same(twice - once + none, once) and bool(
+        np.abs(twice - 2 * once + none).max(initial=0.0) <= SAME * np.abs(once - none).max(initial=0.0)
+    )
+
+
+def _target_named(system: System, name: str | None) -> Target:
+    named = [target for target in system.targets if name is None or target.name == name]
+    if not named:
+        known = ", ".join(target.name for target in system.targets[:20])
+        raise OutOfRangeError(Problem("", "unknown-target", f"no target is called {name!r}; there are {known}"))
+    return named[0]
+
+
+def _find_numbers(design: Design, pointer: str) -> tuple[Place, ...]:
+    """Where an input leads.  Raises DesignError."""
+    data = design.source.data
+    places = find_places(data, pointer)
+    hint = suggest(data, pointer) or "what the design leaves to its default is written out to be varied"
+    if not places:
+        raise DesignError(Problem(pointer, "not-found", f"the design as it was written has nothing at {pointer}", hint))
+    for place in places:
+        value = value_at(data, place)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise DesignError(Problem(pointer, "not-a-number", f"only numbers can be varied; got {value!r:.40}", hint))
+    return tuple(places)
