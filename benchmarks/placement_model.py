@@ -126,7 +126,7 @@ def image_covariance(layout, projections, target, to_error, fiducial_px, target_
     views, count = projections.shape[0], layout.shape[0]
     fiducial, aim = np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2))
     made, perspective = np.zeros((views, count, 3, 3)), np.zeros((views, count, 2))
-    noise_gains_jit(projections, layout, target, fiducial, aim, made, perspective)
+    noise_gains_jit(projections, layout, np.ones((views, count)), target, fiducial, aim, made, perspective)
     total = np.zeros((3, 3))
     for v in range(views):
         for r in range(3):

@@ -45,7 +45,7 @@ def first_order() -> Findings:
 
     def kernels() -> int:
         for _ in range(500):
-            noise_gains_jit(projections, points, aim, *arrays)
+            noise_gains_jit(projections, points, system.sees, aim, *arrays)
             fiducial = arrays[0].transpose(2, 0, 1, 3).reshape(3, -1)
             seen = arrays[1].transpose(1, 0, 2).reshape(3, -1)
             covariance = 0.25 * (fiducial @ fiducial.T + seen @ seen.T) + mounts

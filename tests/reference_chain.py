@@ -45,7 +45,9 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
     estimates, seen = [], []
     for view in system.views:
         noise = inputs.get(f"fiducial_noise:{view.name}", np.zeros(2 * len(points))).reshape(-1, 2)
-        estimates.append(resect(told, project(view.projection, true) + noise))
+        images = project(view.projection, true) + noise
+        seen_here = [view.sees is None or label in view.sees for label in system.fiducial_labels]
+        estimates.append(resect(told[seen_here], images[seen_here]))
         noise = inputs.get(f"target_noise:{view.name}", np.zeros(2))
         seen.append(project(view.projection, target.position_mm[None])[0] + noise)
     found = triangulate(np.stack(estimates), np.stack(seen), told, system.triangulation)

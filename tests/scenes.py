@@ -203,3 +203,10 @@ def random_system(
         targets=tuple(target(rng.uniform(-30, 60, 3), f"t{k}") for k in range(targets)),
     )
     return replace(base, **changes)
+
+
+def with_unseen(system: System, view: int, missing: tuple[str, ...]) -> System:
+    """The system with a view that does not see these fiducials."""
+    sees = tuple(label for label in system.fiducial_labels if label not in missing)
+    views = tuple(replace(each, sees=sees) if v == view else each for v, each in enumerate(system.views))
+    return replace(system, views=views)

@@ -2042,6 +2042,19 @@ export interface components {
              */
             target_noise_px: number;
             /**
+             * Sees
+             * @description Labels of the fiducials that this view's estimate uses: the others are hidden, outside the image or not told apart. Default: all of them.
+             * @example [
+             *       "F1",
+             *       "F2",
+             *       "F3",
+             *       "F4",
+             *       "F5",
+             *       "F6"
+             *     ]
+             */
+            sees?: string[];
+            /**
              * Orientation
              * @description AP: the beam runs along +y of con. LAT: along -x. In both, u runs right, v down (along -z). Give either this or beam_direction.
              * @example AP
@@ -4390,6 +4403,19 @@ export interface components {
              */
             target_noise_px: number;
             /**
+             * Sees
+             * @description Labels of the fiducials that this view's estimate uses: the others are hidden, outside the image or not told apart. Default: all of them.
+             * @example [
+             *       "F1",
+             *       "F2",
+             *       "F3",
+             *       "F4",
+             *       "F5",
+             *       "F6"
+             *     ]
+             */
+            sees?: string[];
+            /**
              * Projection
              * @description P, row by row: maps (X, Y, Z, 1), con mm, to homogeneous px. Scale and sign are free; the sign is chosen so that the fiducials lie in front of the source.
              * @example [
@@ -5236,6 +5262,19 @@ export interface components {
              * @example 0.3
              */
             target_noise_px: number;
+            /**
+             * Sees
+             * @description Labels of the fiducials that this view's estimate uses: the others are hidden, outside the image or not told apart. Default: all of them.
+             * @example [
+             *       "F1",
+             *       "F2",
+             *       "F3",
+             *       "F4",
+             *       "F5",
+             *       "F6"
+             *     ]
+             */
+            sees?: string[];
             /** @description Pinhole intrinsics, px. */
             intrinsics: components["schemas"]["Intrinsics"];
             /**
@@ -5525,6 +5564,19 @@ export interface components {
              * @example 0.3
              */
             target_noise_px: number;
+            /**
+             * Sees
+             * @description Labels of the fiducials that this view's estimate uses: the others are hidden, outside the image or not told apart. Default: all of them.
+             * @example [
+             *       "F1",
+             *       "F2",
+             *       "F3",
+             *       "F4",
+             *       "F5",
+             *       "F6"
+             *     ]
+             */
+            sees?: string[];
             /**
              * Orientation
              * @description AP: the beam runs along +y of con. LAT: along -x. In both, u runs right, v down (along -z). Give either this or beam_direction.

@@ -28,9 +28,9 @@ from . import kernels
 # NAME(...) a named tuple of the kernel's module, or of the one beside it that stands before a dot.
 _FRAME = "Frame(f1 f1 f2 f2 f1 f2 i f)"
 _TABLES = (
-    "plan.Tables(i2r i1r i1r f2r f2r f1r f2r f1r f1r f1r f2r f2r f3r f2r f1r i2r f2r f1r f2r f2r f2r f2r f1r f1r)"
+    "plan.Tables(i2r i1r i1r f2r f3r f2r f2r f2r f1r f1r f1r f2r f2r f3r f2r f1r i2r f2r f1r f2r f2r f2r f2r f1r f1r)"
 )  # fmt: skip
-_EXCHANGE = "ExchangeModel(f3 f2 f2 f3 f1 f1 f2)"
+_EXCHANGE = "ExchangeModel(f3 f2 f2 f3 f1 f1 f2 f2)"
 _TABLE = {
     "score": f"""
         9.9 tail.declared.solve_on_axes         f f {_FRAME} Accuracy(f f f)
@@ -38,7 +38,7 @@ _TABLE = {
         2.2 tail.gaussian.norm_gradient_jit     f1 f2 f
         2.0 tail.gaussian.norm_quantile_jit     f1 f2 f
         2.0 tail.gaussian.norm_quantiles        f f2 f2
-        1.9 propagation.noise.noise_gains       f3 f2 f1 f4 f3 f4 f3
+        1.9 propagation.noise.noise_gains       f3 f2 f2 f1 f4 f3 f4 f3
         1.6 tail.lattice.on_principal_axes      f1 f2 f2
         1.3 propagation.nonlinearity.matrix_gains  f2 f2 f1
         1.0 tail.declared.excess_integral       f f {_FRAME} f1 f1

@@ -112,6 +112,7 @@ class View:
     fiducial_noise_px: float  # standard deviation per image coordinate
     target_noise_px: float  # the same of the target's image
     image_size_px: tuple[int, int] | None  # (width, height); None: not stated, visibility not checked
+    sees: tuple[str, ...] | None = None  # labels of the fiducials that its estimate uses; None: all of them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,6 +181,12 @@ class System:
     def projections(self) -> Array:
         """(V, 3, 4) of all views."""
         return np.array([view.projection for view in self.views])
+
+    @property
+    def sees(self) -> Array:
+        """(V, N) 1 where a view sees a fiducial and its estimate uses it, otherwise 0."""
+        labels = self.fiducial_labels
+        return np.array([[view.sees is None or label in view.sees for label in labels] for view in self.views], float)
 
     @property
     def T_tcp_con(self) -> Array:

@@ -94,7 +94,7 @@ def test_every_gain_of_a_matrix_equals_the_difference_of_two_estimates():
             return (p / p[2, 3]).ravel()
 
         expected = derivatives([m], points, [1000.0], centred).reshape(len(points), 2, 12) * about[2, 3]
-        found = matrix_gains(m, points, centre).transpose(1, 2, 0)
+        found = matrix_gains(m, points, np.ones(len(points))).transpose(1, 2, 0)
         for part in (slice(0, 4), slice(4, 8), slice(8, 12)):
             assert np.allclose(found[..., part], expected[..., part], atol=2e-4 * np.abs(expected[..., part]).max())
 
@@ -211,3 +211,15 @@ def test_close_views_err_no_more_than_is_said(angle_deg, noise_px, level):
     first = norm_quantile(0.95, np.zeros(3), covariance(linearise(system, system.targets[0]), "localisation"))
     found = quantile_estimate(simulate(system, trials=60_000, seed=4), 0, "localisation", 0.95)
     assert abs(first / found.value_mm - 1) <= level / 100 + 0.01
+
+
+def test_a_matrix_of_what_a_view_sees_is_that_of_a_structure_of_those_fiducials():
+    """independent: fiducials really left out; the gains of one that is not seen vanish."""
+    _, matrices, points, _ = scene(2)
+    weights = np.ones(len(points))
+    weights[[1, 4]] = 0.0
+    seen = weights > 0
+    for m in matrices:
+        gains = matrix_gains(m, points, weights)
+        np.testing.assert_allclose(gains[:, seen], matrix_gains(m, points[seen], np.ones(seen.sum())), rtol=1e-9)
+        assert not gains[:, ~seen].any()

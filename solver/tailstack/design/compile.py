@@ -272,6 +272,11 @@ def frozen(values: Any) -> Array:
     return array
 
 
+def seen_by(view: Any) -> tuple[str, ...] | None:
+    """The labels of the fiducials that a view of the document lists; None: all of them."""
+    return None if view.sees is None else tuple(view.sees)
+
+
 def compile_view(view: Any, pointer: str, fiducials: Array, notes: list[str]) -> View:
     """A view of the document with its projection, con mm to px; ``notes`` is added to."""
     size: tuple[int, int] | None
@@ -284,7 +289,7 @@ def compile_view(view: Any, pointer: str, fiducials: Array, notes: list[str]) ->
     else:
         assert isinstance(view, MatrixView)
         projection, size = _read_matrix(view, pointer, fiducials), view.image_size_px
-    return View(view.name, frozen(projection), view.fiducial_noise_px, view.target_noise_px, size)
+    return View(view.name, frozen(projection), view.fiducial_noise_px, view.target_noise_px, size, seen_by(view))
 
 
 def _aim_view(view: PresetView | DistanceView) -> View:
@@ -306,7 +311,7 @@ def _aim_view(view: PresetView | DistanceView) -> View:
         np.array(view.beam),
         np.array(view.up_direction),
     )
-    return View(view.name, frozen(projection), view.fiducial_noise_px, view.target_noise_px, size)
+    return View(view.name, frozen(projection), view.fiducial_noise_px, view.target_noise_px, size, seen_by(view))
 
 
 def refuse_behind_detector(
@@ -320,6 +325,8 @@ def refuse_behind_detector(
             continue
         detector = view.source_detector_mm or PRESETS[getattr(view, "preset", "")].source_detector_mm
         depth = depths(compiled.projection, points)
+        if compiled.sees is not None:
+            depth[: len(labels)][[label not in compiled.sees for label in labels]] = -np.inf
         worst = depth.argmax()
         if depth[worst] > detector:
             count = len(fiducials)

@@ -61,9 +61,14 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
 
 
 def check_fiducials(document: DesignDocument, fiducials: FiducialList) -> list[Problem]:
-    """Labels: unique, and known where the optimiser is told to keep them."""
+    """Labels: unique, and known where a view lists what it sees or the optimiser is told to keep them."""
     place = "/fiducials/file" if document.fiducials.points is None else "/fiducials/points/{}/label"
     problems = find_duplicates(fiducials.labels, place.format, "fiducials")
+    for index, view in enumerate(document.views):
+        pointer = f"/views/{index}/sees/{{}}"
+        problems += find_duplicates(view.sees or (), pointer.format, "entries")
+        for entry, label in enumerate(view.sees or ()):
+            problems += find_unknown(pointer.format(entry), "fiducial", label, fiducials.labels)
     return problems + check_optimise_labels(document, fiducials)
 
 
@@ -266,6 +271,10 @@ def _counts(document: DesignDocument, present: int) -> list[Problem]:
     assert wanted is not None
     if wanted.count is None:
         return []
+    listed = [index for index, view in enumerate(document.views) if view.sees is not None]
+    if listed:
+        detail = f"view {document.views[listed[0]].name} lists the fiducials that it sees; their number may not change"
+        return [Problem("/optimise/count", "count-and-sees", detail, f"leave out count, or /views/{listed[0]}/sees")]
     fixed = len(wanted.fixed)
     if wanted.count.max < fixed:
         detail = f"{fixed} fiducials are fixed; count allows {wanted.count.max}"

@@ -66,6 +66,12 @@ class _AnyView(Record):
         "fiducials' noise.",
         examples=[0.3],
     )
+    sees: Annotated[list[Name], Field(min_length=1)] | None = Field(
+        default=None,
+        description="Labels of the fiducials that this view's estimate uses: the others are hidden, outside the image "
+        "or not told apart. Default: all of them.",
+        examples=[["F1", "F2", "F3", "F4", "F5", "F6"]],
+    )
 
 
 class _Aimed(_AnyView):

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from math import asin, degrees
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,12 +49,41 @@ def check_geometry(system: System) -> tuple[Finding, ...]:
 
 def examine(system: System) -> tuple[tuple[Finding, ...], tuple[ViewCheck, ...]]:
     """:func:`check_geometry` and :func:`check_views` at once."""
-    findings = _check_fiducials(system)
     sights = _look(system)
-    views = tuple(_check_view(system, each) for each in sights)
+    findings = _check_fiducials(Share("/fiducials", "", system.fiducial_labels, system.fiducials_mm))
+    for share, each in zip(shares(system), sights, strict=True):
+        if each.view.sees is not None:
+            findings += _check_fiducials(share)
+    views = tuple(map(_check_view, shares(system), sights))
     findings += _check_visibility(system, views, sights)
     findings += _check_resection(system, sights)
     return (*findings, *_check_triangulation(system)), views
+
+
+class Share(NamedTuple):
+    """The fiducials that a view sees, or all of them."""
+
+    pointer: str  # what lists them in the document
+    view: str  # "view NAME: ", or nothing for all of them
+    labels: tuple[str, ...]
+    points: Array  # (n, 3) mm, nominal
+
+
+def shares(system: System) -> tuple[Share, ...]:
+    """What each view sees."""
+    found = []
+    for index, (view, weights) in enumerate(zip(system.views, system.sees, strict=True)):
+        labels = tuple(label for label, seen in zip(system.fiducial_labels, weights, strict=True) if seen)
+        whole = view.sees is None
+        found.append(
+            Share(
+                "/fiducials" if whole else f"/views/{index}/sees",
+                "" if whole else f"view {view.name}: ",
+                labels,
+                system.fiducials_mm[weights > 0],
+            )
+        )
+    return tuple(found)
 
 
 def imaged_fiducials(system: System) -> Array:
@@ -71,12 +101,12 @@ def check_views(system: System) -> tuple[ViewCheck, ...]:
     A margin is the distance of an image from the nearest edge of the image, negative outside; a point at
     or behind the source counts as outside.
     """
-    return tuple(_check_view(system, each) for each in _look(system))
+    return tuple(map(_check_view, shares(system), _look(system)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """The N fiducials, as they stand when they are imaged, and the T targets behind them, in one view."""
+    """The N fiducials that a view sees, as they stand when they are imaged, and behind them the T targets."""
 
     view: View
     depth: Array  # (N + T,) mm
@@ -124,12 +154,13 @@ def sines_between_rays(projections: Array, targets: Array) -> Array:
 
 
 def _look(system: System) -> list[Sight]:
-    points = np.concatenate([imaged_fiducials(system), [target.position_mm for target in system.targets]])
-    return [sight(view, points) for view in system.views]
+    points, targets = imaged_fiducials(system), [target.position_mm for target in system.targets]
+    each = zip(system.views, system.sees, strict=True)
+    return [sight(view, np.concatenate([points[weights > 0], targets])) for view, weights in each]
 
 
-def _check_view(system: System, sight: Sight) -> ViewCheck:
-    labels, view = system.fiducial_labels, sight.view
+def _check_view(share: Share, sight: Sight) -> ViewCheck:
+    labels, view = share.labels, sight.view
     depth, margin = sight.depth[: len(labels)], sight.margin[: len(labels)]
     outside = ~(depth > 0) | (margin < 0)
     first, second, distance = closest_two(sight.images[: len(labels)])
@@ -151,14 +182,14 @@ def _refuse(pointer: str, code: str, detail: str, hint: str) -> Problem:
     return Problem(pointer, code, detail, hint)
 
 
-def _check_fiducials(system: System) -> list[Finding]:
-    points, labels = system.fiducials_mm, system.fiducial_labels
+def _check_fiducials(share: Share) -> list[Finding]:
+    pointer, who, labels, points = share
     if len(points) < FEWEST:
         raise IllPosedError(
             _refuse(
-                "/fiducials",
+                pointer,
                 "too-few-fiducials",
-                f"a projection has 11 unknowns and a fiducial gives 2 equations; {len(points)} fiducials arrived",
+                f"{who}a projection has 11 unknowns and a fiducial gives 2 equations; {len(points)} fiducials arrived",
                 f"use at least {FEWEST}; 8 or more give a margin",
             )
         )
@@ -166,9 +197,9 @@ def _check_fiducials(system: System) -> list[Finding]:
     if distance < TOUCHING_MM:
         raise IllPosedError(
             _refuse(
-                "/fiducials",
+                pointer,
                 "duplicate-fiducials",
-                f"{labels[first]} and {labels[second]} are at the same place ({distance:.2g} mm apart)",
+                f"{who}{labels[first]} and {labels[second]} are at the same place ({distance:.2g} mm apart)",
                 "move or remove one of them",
             )
         )
@@ -178,9 +209,9 @@ def _check_fiducials(system: System) -> list[Finding]:
     if values[1] < COLLINEAR * values[0]:
         raise IllPosedError(
             _refuse(
-                "/fiducials",
+                pointer,
                 "collinear-fiducials",
-                f"the fiducials lie on one line along {direction_name(axes[0])}: nothing is known about turning "
+                f"{who}the fiducials lie on one line along {direction_name(axes[0])}: nothing is known about turning "
                 "about it, nor across it",
                 "spread them in three dimensions",
             )
@@ -188,10 +219,10 @@ def _check_fiducials(system: System) -> list[Finding]:
     if values[2] < COPLANAR * values[0]:
         raise IllPosedError(
             _refuse(
-                "/fiducials",
+                pointer,
                 "coplanar-fiducials",
-                f"the fiducials lie in one plane with normal {direction_name(axes[2])} (thickness {thickness:.2g} mm): "
-                f"no view can tell depth along {direction_name(axes[2])} from its focal length",
+                f"{who}the fiducials lie in one plane with normal {direction_name(axes[2])} (thickness "
+                f"{thickness:.2g} mm): no view can tell depth along {direction_name(axes[2])} from its focal length",
                 f"lift at least two fiducials off the plane, along {direction_name(axes[2])}; the more the better",
             )
         )
@@ -200,9 +231,9 @@ def _check_fiducials(system: System) -> list[Finding]:
             Finding(
                 "flat-structure",
                 "warning",
-                f"the structure is flat: {thickness:.3g} mm thick along {direction_name(axes[2])}, {width:.3g} mm "
+                f"{who}the structure is flat: {thickness:.3g} mm thick along {direction_name(axes[2])}, {width:.3g} mm "
                 "wide; image noise is amplified about in the inverse ratio",
-                "/fiducials",
+                pointer,
                 thickness,
                 FLAT * width,
             )
@@ -216,10 +247,12 @@ def _check_fiducials(system: System) -> list[Finding]:
 def _check_visibility(system: System, checks: tuple[ViewCheck, ...], sights: Sequence[Sight]) -> list[Finding]:
     problems: list[Problem] = []
     findings: list[Finding] = []
+    named = shares(system)
     for index, (each, check) in enumerate(zip(sights, checks, strict=True)):
         pointer = f"/views/{index}"
         view, depth = each.view, each.depth
-        behind = [] if each.clear else [_name_of(system, index) for index in np.flatnonzero(depth <= 0).tolist()]
+        labels = named[index].labels
+        behind = [] if each.clear else [_name_of(system, labels, k) for k in np.flatnonzero(depth <= 0).tolist()]
         if behind:
             listed = ", ".join(behind[:6]) + (f" and {len(behind) - 6} more" if len(behind) > 6 else "")
             problems.append(
@@ -235,7 +268,7 @@ def _check_visibility(system: System, checks: tuple[ViewCheck, ...], sights: Seq
             text = f"the image size of view {view.name} is not stated: the field of view was not checked"
             findings.append(Finding("field-of-view-not-checked", "note", text, pointer))
         elif not (behind or each.clear):
-            problems += _outside(system, each, view.image_size_px, pointer)
+            problems += _outside(system, labels, each, view.image_size_px, pointer)
         if check.closest_pair_px < OVERLAP_PX:
             findings.append(
                 Finding(
@@ -253,21 +286,22 @@ def _check_visibility(system: System, checks: tuple[ViewCheck, ...], sights: Seq
     return findings
 
 
-def _name_of(system: System, index: int) -> str:
-    """Of the point of this index where targets follow fiducials."""
-    labels = system.fiducial_labels
+def _name_of(system: System, labels: tuple[str, ...], index: int) -> str:
+    """Of the point of this index where targets follow the fiducials with these labels."""
     if index < len(labels):
         return f"fiducial {labels[index]}"
     return f"target {system.targets[index - len(labels)].name}"
 
 
-def _outside(system: System, sight: Sight, size: tuple[int, int], pointer: str) -> list[Problem]:
+def _outside(
+    system: System, labels: tuple[str, ...], sight: Sight, size: tuple[int, int], pointer: str
+) -> list[Problem]:
     view, images, margin = sight.view, sight.images, sight.margin
     return [
         _refuse(
             pointer,
             "outside-view",
-            f"{_name_of(system, index)} is imaged at ({images[index, 0]:.0f}, {images[index, 1]:.0f}) px, "
+            f"{_name_of(system, labels, index)} is imaged at ({images[index, 0]:.0f}, {images[index, 1]:.0f}) px, "
             f"{-margin[index]:.0f} px outside view {view.name} ({size[0]} x {size[1]} px)",
             "move it, the isocentre or the source; a longer source_isocentre_mm widens the field",
         )
@@ -279,9 +313,9 @@ def _outside(system: System, sight: Sight, size: tuple[int, int], pointer: str) 
 
 
 def _check_resection(system: System, sights: Sequence[Sight]) -> list[Finding]:
-    nominal = system.fiducials_mm
     findings = []
-    for each in sights:
+    for share, each in zip(shares(system), sights, strict=True):
+        nominal = share.points
         view, images = each.view, each.images[: len(nominal)]
         object_frame = hartley_similarity(nominal)
         points = homogeneous(nominal) @ object_frame.T
@@ -297,9 +331,9 @@ def _check_resection(system: System, sights: Sequence[Sight]) -> list[Finding]:
         if strength < SINGULAR:
             raise IllPosedError(
                 _refuse(
-                    "/fiducials",
+                    share.pointer,
                     "singular-resection",
-                    f"{_why(system)}: {motion}, its focal length and principal point following, without changing "
+                    f"{_why(share)}: {motion}, its focal length and principal point following, without changing "
                     "the image of any fiducial",
                     "move two or more fiducials off the plane of the others, or add fiducials"
                     if _odd_one_out(nominal) is not None
@@ -311,7 +345,7 @@ def _check_resection(system: System, sights: Sequence[Sight]) -> list[Finding]:
                 "weak-resection",
                 "warning",
                 f"view {view.name} is barely determined: {motion} almost without changing an image of a fiducial",
-                "/fiducials",
+                share.pointer,
                 strength,
                 WEAK,
             )
@@ -326,11 +360,11 @@ def _slide(estimate: Array, change: Array) -> str:
     return direction_name(step)
 
 
-def _why(system: System) -> str:
-    odd = _odd_one_out(system.fiducials_mm)
+def _why(share: Share) -> str:
+    odd = _odd_one_out(share.points)
     if odd is None:
         return "the source and all fiducials lie on one twisted cubic curve"
-    label, normal = system.fiducial_labels[odd[0]], direction_name(odd[1])
+    label, normal = share.labels[odd[0]], direction_name(odd[1])
     return f"all fiducials but {label} lie in one plane with normal {normal}"
 
 

@@ -34,11 +34,12 @@ def triangulate(
     return np.asarray(point[..., :3] / point[..., 3:4])
 
 
-def reprojection_rms(projections: Array, points: Array, images: Array) -> Array:
+def reprojection_rms(projections: Array, points: Array, images: Array, weights: Array) -> Array:
     """RMS over fiducials and views of the reprojection distance.
 
-    projections (..., V, 3, 4), points (..., N, 3) mm, images (..., V, N, 2) px -> (...,) px.
+    projections (..., V, 3, 4), points (..., N, 3) mm, images (..., V, N, 2) px, weights (V, N): 1 where a view sees a
+    fiducial, otherwise 0 -> (...,) px.
     """
     back = homogeneous(points)[..., None, :, :] @ np.swapaxes(projections, -1, -2)
     residual = images - back[..., :2] / back[..., 2:3]
-    return np.asarray(np.sqrt((residual**2).sum(axis=-1).mean(axis=(-1, -2))))
+    return np.asarray(np.sqrt(((residual**2).sum(axis=-1) * weights).sum(axis=(-1, -2)) / weights.sum()))

@@ -158,8 +158,10 @@ def errors_by_svd(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
     sigma = tables.noise[:, None, :]  # (V, 1, kind)
     exact = np.stack([project(view.projection, true) for view in system.views], axis=1)
     images = exact + sigma[:, :, :1] * noise[:, :, :count]
-    estimates = resect(told[:, None], images)
-    reprojection = reprojection_rms(estimates, told, images)
+    weights = system.sees
+    each = [resect(told[:, used > 0], images[:, v, used > 0]) for v, used in enumerate(weights)]
+    estimates = np.stack(each, axis=1)
+    reprojection = reprojection_rms(estimates, told, images, weights)
 
     offset, sources = tables.gain_starts[3]
     gain = tables.gains[offset : offset + 3 * sources].reshape(3, sources)

@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from .lane_motion import image_fiducials, move_error, place_points, rotate, write_mount
-from .lane_resection import resect, squared_reprojection
+from .lane_resection import carry_to_object_frame, resect, squared_reprojection
 from .lanes import (
     absolute,
     any_lane,
@@ -175,7 +175,7 @@ def told_metric(tables, pose):
     squared scale of Hartley's frame of what is told, over that of the object frame, is
     ``kappa = 3 / (3 (1 + w'w) - sum w_k^2 D_k / N)``.
     """
-    into, d = tables.into_frame, tables.diagonal
+    into, d = tables.into_frame, tables.diagonal[0]
     inverse = splat(1.0 / tables.object_scale[0])
     w0, w1, w2 = load(pose, 56), load(pose, 16), load(pose, 24)
     t0 = inverse * dot3(splat(into[0]), splat(into[1]), splat(into[2]), w0, w1, w2)
@@ -266,14 +266,14 @@ def chain_errors(tables, target, pose, z, y0, y1, y2, results):
 @lane_jit
 def run_chain(tables, z, points, images, estimates, pose, results, want_reprojection):
     """One group of eight trials from its deviates ``z`` to ``results``; then flag and reprojection RMS."""
-    n, views, targets, active = tables.counts[0], tables.counts[1], tables.counts[2], tables.counts[7]
+    views, targets, active = tables.counts[1], tables.counts[2], tables.counts[7]
     for mount in range(3):
         if (active >> mount) & 1:
             write_mount(tables, mount, z, pose, 96 * mount)
     if tables.counts[3] != 0:
         place_points(tables, z, points)
     good = splat(1.0) > splat(0.0)
-    squares = splat(0.0)
+    squares, images_used = splat(0.0), 0.0
     # Eq 18 with small angles: the coordinates that the estimator is told have been stretched, not only turned
     stretched = tables.counts[4] != 0 and tables.counts[5] != 0 and (active & 1) != 0
     zero, one = splat(0.0), splat(1.0)
@@ -284,11 +284,16 @@ def run_chain(tables, z, points, images, estimates, pose, results, want_reprojec
         gu, gv = image_fiducials(tables, view, points, pose, images, z)
         estimate = estimates[112 * view : 112 * view + 112]
         if stretched:
-            good = good & resect(tables, told, images, gu, gv, estimate)
+            # What carries an estimate from the frame of its view to the object frame knows no metric
+            own = resect(tables, view, told, images, gu, gv, estimate)
+            good = good & own & (splat(1.0 * tables.counts[9]) < one)
         else:
-            good = good & resect(tables, None, images, gu, gv, estimate)
+            good = good & resect(tables, view, None, images, gu, gv, estimate)
+            if tables.counts[9] != 0:
+                carry_to_object_frame(tables, view, estimate)
+        images_used += tables.diagonal[view, 3]
         if want_reprojection:
-            squares = squares + squared_reprojection(tables, images, estimate)
+            squares = squares + squared_reprojection(tables, view, images, estimate)
     for target in range(targets):
         if stretched or tables.counts[8] != 0:
             metric = point_metric(tables, pose, told, kappa)
@@ -299,7 +304,7 @@ def run_chain(tables, z, points, images, estimates, pose, results, want_reprojec
         chain_errors(tables, target, pose, z, y0, y1, y2, results[48 * target : 48 * target + 48])
     at = 48 * targets
     store(results, at, select(good, splat(0.0), splat(1.0)))
-    store(results, at + 8, square_root(squares / splat(1.0 * views * n)))
+    store(results, at + 8, square_root(squares / splat(images_used)))
 
 
 class Draws(NamedTuple):

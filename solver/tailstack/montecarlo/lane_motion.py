@@ -159,4 +159,5 @@ def image_fiducials(tables, view, points, pose, images, z):
         v = fma(m10, x0, fma(m11, x1, fma(m12, x2, m13))) * inverse
         store(images, 16 * i, fma(noise, load(z, start + 16 * i), u))
         store(images, 16 * i + 8, fma(noise, load(z, start + 16 * i + 8), v))
-    return moments(tables.products, images, n, 0), moments(tables.products, images, n, 8)
+    products = tables.products[view]
+    return moments(products, images, n, 0), moments(products, images, n, 8)

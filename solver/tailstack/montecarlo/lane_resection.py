@@ -91,7 +91,7 @@ def moments(products, images, n, coordinate):
         g6 = fma(f, splat(products[i, 6]), g6)
         g7 = fma(f, splat(products[i, 7]), g7)
         g8 = fma(f, splat(products[i, 8]), g8)
-        g9 = g9 + f
+        g9 = fma(f, splat(products[i, 9]), g9)
     return g0, g1, g2, g3, g4, g5, g6, g7, g8, g9
 
 
@@ -112,7 +112,7 @@ def square_moments(products, images, n, mean_u, mean_v):
         g6 = fma(w, splat(products[i, 6]), g6)
         g7 = fma(w, splat(products[i, 7]), g7)
         g8 = fma(w, splat(products[i, 8]), g8)
-        g9 = g9 + w
+        g9 = fma(w, splat(products[i, 9]), g9)
     return g0, g1, g2, g3, g4, g5, g6, g7, g8, g9
 
 
@@ -254,18 +254,18 @@ def size_of(metric, mu):
 
 
 @lane_jit
-def resect(tables, metric, images, gu, gv, estimate):
+def resect(tables, view, metric, images, gu, gv, estimate):
     """Third row (a, 1) and rows p1, p2 (px, about the mean image) of one view into ``estimate``.
 
     ``estimate`` gets a (3), p1 (4), p2 (4), 1/|a|^2 (1/a'Q a with a metric), mean u, mean v: 14 vectors.  Returns the
     mask of lanes in which the result is proven and converged.
     """
-    d = tables.diagonal
+    d = tables.diagonal[view]
     one, zero = splat(1.0), splat(0.0)
     i0, i1, i2, i3 = splat(d[4]), splat(d[5]), splat(d[6]), splat(d[7])
     mean_u, mean_v = gu[9] * i3, gv[9] * i3
     gu, gv = centre(gu, mean_u, d), centre(gv, mean_v, d)
-    gw = square_moments(tables.products, images, tables.counts[0], mean_u, mean_v)
+    gw = square_moments(tables.products[view], images, tables.counts[0], mean_u, mean_v)
     scale2 = splat(2.0 * d[3]) / gw[9]
     equations = ((gu, gv, gw), d, scale2)
 
@@ -329,8 +329,33 @@ def resect(tables, metric, images, gu, gv, estimate):
 
 
 @lane_jit
-def squared_reprojection(tables, images, estimate):
-    """Sum over fiducials of the squared distance between image and reprojection, px^2, one view."""
+def carry_to_object_frame(tables, view, estimate):
+    """The estimate of :func:`resect` in the frame of what its view sees, carried over to the object frame.
+
+    With y' = A y + b of the frame of the view, a row (p, p3) becomes (A'p, p.b + p3), and (a, 1) is scaled to end in 1
+    again.  Only without a metric.
+    """
+    f, one = tables.view_frames[view], splat(1.0)
+    b0, b1, b2 = splat(f[9]), splat(f[10]), splat(f[11])
+    a0, a1, a2 = load(estimate, 0), load(estimate, 8), load(estimate, 16)
+    inverse = one / (dot3(a0, a1, a2, b0, b1, b2) + one)
+    norm2 = splat(0.0)
+    for k in range(3):
+        a = inverse * dot3(a0, a1, a2, splat(f[k]), splat(f[3 + k]), splat(f[6 + k]))
+        norm2 = fma(a, a, norm2)
+        store(estimate, 8 * k, a)
+    for row in range(24, 88, 32):
+        p0, p1, p2 = load(estimate, row), load(estimate, row + 8), load(estimate, row + 16)
+        for k in range(3):
+            p = dot3(p0, p1, p2, splat(f[k]), splat(f[3 + k]), splat(f[6 + k]))
+            store(estimate, row + 8 * k, inverse * p)
+        store(estimate, row + 24, inverse * (dot3(p0, p1, p2, b0, b1, b2) + load(estimate, row + 24)))
+    store(estimate, 88, one / norm2)
+
+
+@lane_jit
+def squared_reprojection(tables, view, images, estimate):
+    """Sum over the fiducials that a view sees of the squared distance between image and reprojection, px^2."""
     one, total = splat(1.0), splat(0.0)
     a0, a1, a2 = load(estimate, 0), load(estimate, 8), load(estimate, 16)
     mean_u, mean_v = load(estimate, 96), load(estimate, 104)
@@ -341,5 +366,6 @@ def squared_reprojection(tables, images, estimate):
         v = dot3(load(estimate, 56), load(estimate, 64), load(estimate, 72), x0, x1, x2) + load(estimate, 80)
         u = (load(images, 16 * i) - mean_u) - u * inverse
         v = (load(images, 16 * i + 8) - mean_v) - v * inverse
-        total = fma(u, u, fma(v, v, total))
+        seen = splat(tables.products[view, i, 9])
+        total = fma(seen * u, u, fma(seen * v, v, total))
     return total

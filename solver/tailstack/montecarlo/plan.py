@@ -42,11 +42,15 @@ class Tables(NamedTuple):
     """What the compiled code reads.  C-contiguous float64 unless said; object frame: see ChainPlan."""
 
     segments: NDArray[np.int64]  # (n, 4): first column, end column, law code, stream
-    counts: NDArray[np.int64]  # (9,): N, V, T, manufacturing?, eq18?, small angle?, d, active-mount bits, published?
+    counts: NDArray[np.int64]  # (10,): N, V, T, manufacturing?, eq18?, small angle?, d, active-mount bits, published?,
+    # whether a view does not see all fiducials
     starts: NDArray[np.int64]  # (5,): first column of manufacturing, the three mounts, execution
     nominal: Array  # (N, 3) fiducials in the object frame
-    products: Array  # (N, 10) upper triangle of y~ y~^T, row by row
-    diagonal: Array  # (8,) D, then 1 / D
+    products: (
+        Array  # (V, N, 10) upper triangle of y~ y~^T, row by row, in the frame of each view; 0 where it is not seen
+    )
+    diagonal: Array  # (V, 8) D, then 1 / D, of each view
+    view_frames: Array  # (V, 12) object frame -> frame of the view: linear part, then shift
     spread: Array  # (N, 3) scale of one manufacturing deviate, mm
     into_frame: Array  # (9,) con mm -> object frame, linear part
     out_of_frame: Array  # (9,) object frame -> con mm, linear part
@@ -85,6 +89,8 @@ class ChainPlan:
     The object frame is the fiducials' Hartley frame (centroid 0, RMS distance sqrt(3)) turned to their
     principal axes, so that ``D = sum y~ y~^T`` is diagonal.  DLT and triangulation are equivariant to it; where they
     are told other coordinates, or triangulate in others, the norm that they minimise in is carried over to it.
+
+    A view that does not see all fiducials is resected in the same frame of those that it sees, a similarity away.
     """
 
     system: System
@@ -248,8 +254,9 @@ def _freeze(table: NDArray[Any]) -> NDArray[Any]:
 def _compile_geometry(system: System) -> dict[str, Array]:
     """The tables of fiducials, views and targets."""
     frame = object_frame(system.fiducials_mm)
-    y1, upper = homogeneous(frame.points), np.triu_indices(4)
-    diagonal = (y1**2).sum(axis=0)
+    products, diagonals, view_frames = zip(
+        *(_view_tables(system, frame, seen > 0) for seen in system.sees), strict=True
+    )
     scale2 = float((frame.into**2).sum()) / 3
     positions = np.array([t.position_mm for t in system.targets])
     tcp_con = product(system.T_tcp_flange, system.T_flange_con)
@@ -260,8 +267,9 @@ def _compile_geometry(system: System) -> dict[str, Array]:
         cameras.append(view.projection - np.array([*origin, 0.0])[:, None] * view.projection[2])
     return {
         "nominal": frame.points,
-        "products": y1[:, upper[0]] * y1[:, upper[1]],
-        "diagonal": np.array([*diagonal, *(1 / diagonal)]),
+        "products": np.array(products),
+        "diagonal": np.array(diagonals),
+        "view_frames": np.array(view_frames),
         "into_frame": frame.into.ravel(),
         "out_of_frame": frame.out.ravel(),
         "object_scale": np.array([sqrt(scale2), 1 / scale2]),
@@ -274,6 +282,18 @@ def _compile_geometry(system: System) -> dict[str, Array]:
         "targets_tcp": product(positions, tcp_con[:3, :3].T) + tcp_con[:3, 3],
         "to_tcp": tcp_con[:3, :3].ravel(),
     }
+
+
+def _view_tables(system: System, frame: ObjectFrame, seen: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+    """Products (N, 10), diagonal (8,) and frame (12,) of a view that sees these of the fiducials (N,)."""
+    own = frame if seen.all() else object_frame(system.fiducials_mm[seen])
+    y1, upper = homogeneous(own.points), np.triu_indices(4)
+    diagonal = (y1**2).sum(axis=0)
+    products = np.zeros((len(seen), 10))
+    products[seen] = y1[:, upper[0]] * y1[:, upper[1]]
+    linear = np.eye(3) if own is frame else product(own.into, frame.out)
+    shift = (own.into * (frame.centroid - own.centroid)).sum(axis=1)
+    return products, np.array([*diagonal, *(1 / diagonal)]), np.array([*linear.ravel(), *shift])
 
 
 def _spread(system: System) -> Array:
@@ -349,6 +369,7 @@ def _counts(system: System, sources: _SourceTables, dimension: int) -> NDArray[n
             dimension,
             sum(1 << k for k, active in enumerate(sources.active) if active),
             system.triangulation is Triangulation.PUBLISHED,
+            not system.sees.all(),
         ]
     )
 

@@ -175,6 +175,7 @@ def _exchange_model(problem: PlacementProblem, estimator: Estimator, terms: tupl
         constant=np.array(constant) * share**2,
         fiducial_px=estimator.fiducial_px,
         manufacturing_std_mm=estimator.manufacturing_std_mm,
+        weights=estimator.weights,
     )
 
 
@@ -325,6 +326,7 @@ class ExchangeModel(NamedTuple):
     constant: Array  # (T,) mm^2: what no fiducial changes, likewise
     fiducial_px: Array  # (V,) standard deviations
     manufacturing_std_mm: Array  # (N, 3)
+    weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
 
 
 # Inlined into the kernels below it takes their error model: coplanar candidates get infinite gains, not an exception.
@@ -343,7 +345,14 @@ def mean_square(points: Array, model: ExchangeModel, work: tuple[Array, Array, A
     worst = 0.0
     for t in range(model.reconstructed.shape[0]):
         gains_or_infinity(
-            model.projections, points, model.reconstructed[t], fiducial, target_gain, manufacturing, perspective
+            model.projections,
+            points,
+            model.weights,
+            model.reconstructed[t],
+            fiducial,
+            target_gain,
+            manufacturing,
+            perspective,
         )
         total = model.constant[t]
         for i in range(points.shape[0]):

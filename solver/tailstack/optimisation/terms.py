@@ -82,6 +82,7 @@ class Estimator:
     fiducial_px: Array  # (V,) standard deviations
     target_px: Array  # (V,)
     manufacturing_std_mm: Array  # (N, 3)
+    weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
 
 
 def estimator_of(system: System) -> Estimator:
@@ -94,6 +95,7 @@ def estimator_of(system: System) -> Estimator:
         fiducial_px=np.array([view.fiducial_noise_px for view in system.views]),
         target_px=np.array([view.target_noise_px for view in system.views]),
         manufacturing_std_mm=system.manufacturing_std_mm,
+        weights=system.sees,
     )
 
 
@@ -279,7 +281,7 @@ def image_covariances(
     kind = points.dtype
     fiducial, target = np.zeros((views, count, 3, 2), kind), np.zeros((views, 3, 2), kind)
     manufacturing, perspective = np.zeros((views, count, 3, 3), kind), np.zeros((views, count, 2), kind)
-    noise_gains(projections, points, reconstructed, fiducial, target, manufacturing, perspective)
+    noise_gains(projections, points, estimator.weights, reconstructed, fiducial, target, manufacturing, perspective)
     noise = np.zeros((3, 3), kind)
     for v in range(views):
         columns = fiducial[v].transpose(1, 0, 2).reshape(3, 2 * count)

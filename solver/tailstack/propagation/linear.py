@@ -45,6 +45,7 @@ class Chain:
     system: System
     projections: Array  # (V, 3, 4), |p3| = 1: effective ones
     points: Array  # (N, 3) mm, the fiducials as the estimator is told them
+    weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
     per_error: Array  # (3, 3) from a manufacturing error to a displacement of those
     first: Displacement
     undone: Array  # (3, 3) inverse of the first interface's rotation
@@ -117,12 +118,13 @@ def chain_of(system: System) -> Chain:
         displacement(mount.bias, mount.pivot_mm, form) for mount in (*system.interfaces, system.hand_eye)
     )
     projections, points, per_error = _estimator_geometry(system, first)
-    std = system.manufacturing_std_mm
+    std, weights = system.manufacturing_std_mm, system.sees
     fiducial_noise = np.array([view.fiducial_noise_px for view in system.views])
     return Chain(
         system=system,
         projections=projections,
         points=points,
+        weights=weights,
         per_error=per_error,
         first=first,
         undone=np.asarray(np.linalg.inv(first.rotation)),
@@ -131,7 +133,7 @@ def chain_of(system: System) -> Chain:
         to_tool=system.T_tcp_con,
         manufacturing_std_mm=std,
         target_noise_px=np.array([view.target_noise_px for view in system.views]),
-        matrix_covariance=matrix_covariance(projections, points, per_error, std, fiducial_noise),
+        matrix_covariance=matrix_covariance(projections, points, weights, per_error, std, fiducial_noise),
         manufactured=bool(std.any()),
         blocks=_blocks(system),
     )
@@ -229,6 +231,7 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
     numbers = nonlinearity(
         chain.projections,
         chain.points,
+        chain.weights,
         reconstructed,
         chain.matrix_covariance,
         chain.target_noise_px,
@@ -260,7 +263,7 @@ def image_gains(chain: Chain, target_mm: Array) -> tuple[Array, Array]:
     fill = noise_gains if kind == np.complex128 else noise_gains_jit
     fiducial, aimed = np.zeros((views, count, 3, 2), kind), np.zeros((views, 3, 2), kind)
     made, perspective = np.zeros((views, count, 3, 3), kind), np.zeros((views, count, 2), kind)
-    fill(chain.projections, chain.points, target_mm, fiducial, aimed, made, perspective)
+    fill(chain.projections, chain.points, chain.weights, target_mm, fiducial, aimed, made, perspective)
     columns = []
     for v in range(views):
         columns += [fiducial[v].transpose(1, 0, 2).reshape(3, 2 * count), aimed[v]]

@@ -51,24 +51,37 @@ def inverse3(m: Duck) -> Duck:
 
 
 @register_jitable
-def mean_rows(points: Duck) -> Duck:
-    """Centroid of (N, 3)."""
+def sum_of(weights: Duck) -> Duck:
+    """Sum of weights (N,): how many fiducials an estimate uses."""
+    total = 0.0
+    for i in range(weights.shape[0]):
+        total = total + weights[i]
+    return total
+
+
+@register_jitable
+def mean_rows(points: Duck, weights: Duck) -> Duck:
+    """Centroid of (N, 3) with weights (N,)."""
+    total = sum_of(weights)
     out = np.zeros(3, points.dtype)
     for i in range(points.shape[0]):
         for k in range(3):
-            out[k] = out[k] + points[i, k] / points.shape[0]
+            out[k] = out[k] + points[i, k] * weights[i] / total
     return out
 
 
 @register_jitable
-def eliminate(projection: Duck, points: Duck, centre: Duck) -> Duck:
+def eliminate(projection: Duck, points: Duck, weights: Duck) -> Duck:
     """The normal equations of one view's resection with p1 and p2 eliminated: what every gain of the view takes.
 
-    projection (3, 4) with |p3| = 1; points (N, 3), centre (3,) in mm.  Returns, in coordinates whose origin is the
-    centre and whose image origin is the image (u0, v0) of the centre: the projection's rows (3, 4); the images
-    (N, 3), u, v and depth; the points (N, 4); D^-1 (3, 3); D^-1 Gu and D^-1 Gv (4, 4); S^-1 (3, 3); (u0, v0) (2,).
+    projection (3, 4) with |p3| = 1; points (N, 3) in mm; weights (N,): 1 of a fiducial that the estimate uses, 0 of
+    one that the view does not see.  Returns, in coordinates whose origin is the weighted centroid and whose image
+    origin is the image (u0, v0) of that: the projection's rows (3, 4); the images (N, 3), u, v and depth; the points
+    (N, 4); D^-1 (3, 3); D^-1 Gu and D^-1 Gv (4, 4); S^-1 (3, 3); (u0, v0) (2,); the centroid (3,).
     """
     count = points.shape[0]
+    total = sum_of(weights)
+    centre = mean_rows(points, weights)
     head = np.zeros((3, 4), points.dtype)  # rows p1, p2, p3 in coordinates centred on the fiducials
     for r in range(3):
         head[r, 3] = projection[r, 3]
@@ -107,7 +120,7 @@ def eliminate(projection: Duck, points: Duck, centre: Duck) -> Duck:
         image[i, 2] = h2
         for j in range(4):
             for k in range(4):
-                yy = local[i, j] * local[i, k]
+                yy = local[i, j] * local[i, k] * weights[i]
                 gu[j, k] = gu[j, k] + u * yy
                 gv[j, k] = gv[j, k] + v * yy
                 if j < 3 and k < 3:
@@ -123,28 +136,30 @@ def eliminate(projection: Duck, points: Duck, centre: Duck) -> Duck:
             for m in range(3):
                 du[j, k] = du[j, k] + d_inv[j, m] * gu[m, k]
                 dv[j, k] = dv[j, k] + d_inv[j, m] * gv[m, k]
-        du[3, k] = gu[3, k] / count
-        dv[3, k] = gv[3, k] / count
+        du[3, k] = gu[3, k] / total
+        dv[3, k] = gv[3, k] / total
     for j in range(3):
         for k in range(3):
             for m in range(4):
                 s[j, k] = s[j, k] - gu[j, m] * du[m, k] - gv[j, m] * dv[m, k]
-    return head, image, local, d_inv, du, dv, inverse3(s), origin
+    return head, image, local, d_inv, du, dv, inverse3(s), origin, centre
 
 
 @register_jitable
 def view_residual_gains(
-    projection: Duck, points: Duck, centre: Duck, target: Duck, gains: Duck, perspective: Duck
+    projection: Duck, points: Duck, weights: Duck, target: Duck, gains: Duck, perspective: Duck
 ) -> Duck:
     """One view: gains of the target's residual by the fiducials' image noise.
 
-    projection (3, 4) with |p3| = 1; points (N, 3), centre (3,), target (3,) in mm.  Fills ``gains`` (N, 2, 2):
-    residual (rows u, v) per px of noise (columns u, v); and ``perspective`` (N, 2): gauge-free relative
-    perspective error at the target, ``dw(q)/w(q) - dw(c)/w(c)``, per px.  Returns (target image u, v
-    relative to the centre's image; the centre's image u, v; target depth) as a (5,) array.
+    projection (3, 4) with |p3| = 1; points (N, 3), target (3,) in mm; weights (N,): see ``eliminate``.  Fills
+    ``gains`` (N, 2, 2): residual (rows u, v) per px of noise (columns u, v), zero of what the view does not see; and
+    ``perspective`` (N, 2): gauge-free relative perspective error at the target, ``dw(q)/w(q) - dw(c)/w(c)``, per px.
+    Returns (target image u, v relative to the centroid's image; the centroid's image u, v; target depth) as a (5,)
+    array.
     """
     count = points.shape[0]
-    head, image, local, d_inv, du, dv, s_inv, origin = eliminate(projection, points, centre)
+    total = sum_of(weights)
+    head, image, local, d_inv, du, dv, s_inv, origin, centre = eliminate(projection, points, weights)
     tq = np.zeros(4, points.dtype)
     for k in range(3):
         tq[k] = target[k] - centre[k]
@@ -185,9 +200,9 @@ def view_residual_gains(
             for j in range(3):
                 for m in range(3):
                     y[c, j, c] = y[c, j, c] + d_inv[j, m] * tq[m]
-            y[c, 3, c] = y[c, 3, c] + tq[3] / count
+            y[c, 3, c] = y[c, 3, c] + tq[3] / total
     for i in range(count):
-        w = image[i, 2]
+        w = image[i, 2] * weights[i]
         for c in range(3):
             e1 = y[0, 3, c]
             e2 = y[1, 3, c]
@@ -217,6 +232,7 @@ def view_residual_gains(
 def noise_gains(
     projections: Duck,
     points: Duck,
+    weights: Duck,
     target: Duck,
     fiducial: Duck,
     target_gain: Duck,
@@ -226,7 +242,8 @@ def noise_gains(
     """Gains of the triangulated point, in the frame of ``points``, by every random image-side input.
 
     projections (V, 3, 4) mm -> px with |p3| = 1: the *effective* ones, ``P_v T_err1`` in the physical reading;
-    points (N, 3) nominal fiducials, target (3,) the noise-free reconstructed point, mm.  Fills
+    points (N, 3) nominal fiducials, mm; weights (V, N): 1 where a view's estimate uses a fiducial, 0 where it does
+    not; target (3,) the noise-free reconstructed point, mm.  Fills
 
     - fiducial (V, N, 3, 2): mm per px of image noise of fiducial i in view v;
     - target_gain (V, 3, 2): mm per px of the target's image noise;
@@ -237,13 +254,12 @@ def noise_gains(
     """
     views = projections.shape[0]
     count = points.shape[0]
-    centre = mean_rows(points)
     residual = np.zeros((views, count, 2, 2), points.dtype)
     rows = np.zeros((views, 2, 3), points.dtype)
     depth = np.zeros(views, points.dtype)
     normal = np.zeros((3, 3), points.dtype)
     for v in range(views):
-        image = view_residual_gains(projections[v], points, centre, target, residual[v], perspective[v])
+        image = view_residual_gains(projections[v], points, weights[v], target, residual[v], perspective[v])
         depth[v] = image[4]
         for c in range(2):
             for k in range(3):

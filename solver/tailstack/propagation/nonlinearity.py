@@ -73,14 +73,16 @@ class Nonlinearity(NamedTuple):
 
 
 @kernel(nogil=True)
-def matrix_gains(projection: Array, points: Array, centre: Array) -> Array:
+def matrix_gains(projection: Array, points: Array, weights: Array) -> Array:
     """(12, N, 2) change of a resected matrix per px of each fiducial's noise (its u and v).
 
-    The matrix, row by row, is the one of ``eliminate``: origins at the centre and at its image.  Its gauge holds the
-    depth of the centre, so the last row is zero.  projection (3, 4) with |p3| = 1, points (N, 3) and centre (3,) mm.
+    The matrix, row by row, is the one of ``eliminate``: origins at the centroid of what the view sees and at its image.
+    Its gauge holds the depth of the centroid, so the last row is zero.  projection (3, 4) with |p3| = 1, points (N, 3)
+    mm, weights (N,): 1 of a fiducial that the view sees, otherwise 0.
     """
     count = points.shape[0]
-    _, image, local, d_inv, du, dv, s_inv, _ = eliminate(projection, points, centre)
+    total = weights.sum()
+    _, image, local, d_inv, du, dv, s_inv, _, _ = eliminate(projection, points, weights)
     out = np.zeros((12, count, 2))
     y = np.empty((3, 4))
     selected = np.zeros((3, 4))
@@ -100,8 +102,8 @@ def matrix_gains(projection: Array, points: Array, centre: Array) -> Array:
                 if j < 3:
                     y[0, j] += d_inv[j, m] * selected[0, m]
                     y[1, j] += d_inv[j, m] * selected[1, m]
-        y[0, 3] += selected[0, 3] / count
-        y[1, 3] += selected[1, 3] / count
+        y[0, 3] += selected[0, 3] / total
+        y[1, 3] += selected[1, 3] / total
         selected[entry // 4, entry % 4] = 0.0
         for i in range(count):
             of_row = np.zeros(3)
@@ -109,7 +111,7 @@ def matrix_gains(projection: Array, points: Array, centre: Array) -> Array:
                 for r in range(3):
                     of_row[r] += local[i, k] * y[r, k]
             for c in range(2):
-                out[entry, i, c] = image[i, 2] * (of_row[c] - image[i, c] * of_row[2])
+                out[entry, i, c] = weights[i] * image[i, 2] * (of_row[c] - image[i, c] * of_row[2])
     return out
 
 
@@ -120,17 +122,19 @@ def motion_of_images(projection: Array, points: Array) -> Array:
     return np.asarray((projection[:2, :3] - images[:, :, None] * projection[2, :3]) / depths[:, None, None])
 
 
-def matrix_covariance(projections: Array, points: Array, per_error: Array, std: Array, noises: Array) -> Array:
+def matrix_covariance(
+    projections: Array, points: Array, weights: Array, per_error: Array, std: Array, noises: Array
+) -> Array:
     """(12 V, 12 V) covariance of the resected matrices, entries as in ``matrix_gains``.
 
-    projections (V, 3, 4) with |p3| = 1, points (N, 3) mm; noises (V,) px of the fiducials' images; per_error (3, 3):
-    what a manufacturing error does to the points; std (N, 3) mm of it.  One view knows of another only through the
-    manufacturing errors that they share.
+    projections (V, 3, 4) with |p3| = 1, points (N, 3) mm; weights (V, N): 1 where a view sees one; noises (V,) px of
+    the fiducials' images; per_error (3, 3): what a manufacturing error does to the points; std (N, 3) mm of it.  One
+    view knows of another only through the manufacturing errors that they share.
     """
     out = np.zeros((12 * len(projections), 12 * len(projections)))
     shared = []
     for v, projection in enumerate(projections):
-        gains = matrix_gains(projection, points, points.mean(axis=0))
+        gains = matrix_gains(projection, points, weights[v])
         flat = noises[v] * gains.reshape(12, -1)
         out[12 * v : 12 * v + 12, 12 * v : 12 * v + 12] = flat @ flat.T
         motion = motion_of_images(projection, points) @ per_error * std[:, None, :]
@@ -140,10 +144,10 @@ def matrix_covariance(projections: Array, points: Array, per_error: Array, std: 
 
 
 class Aim(NamedTuple):
-    """What V views see of a target, in coordinates about the fiducials' centroid and its images."""
+    """What V views see of a target, each in coordinates about the centroid of its fiducials and the image of that."""
 
     heads: Array  # (V, 3, 4) matrices
-    place: Array  # (4,) the target, mm
+    place: Array  # (V, 4) the target, mm
     images: Array  # (V, 2) its images, px
     depths: Array  # (V,) mm
     rows: Array  # (V, 2, 3) of J, px
@@ -159,12 +163,12 @@ class Aim(NamedTuple):
         return np.asarray(flat @ self.covariance @ flat.T)
 
 
-def _aim(projections: Array, centre: Array, target: Array, covariance: Array) -> Aim:
+def _aim(projections: Array, centres: Array, target: Array, covariance: Array) -> Aim:
     heads = projections.copy()
-    heads[:, :, 3] += projections[:, :, :3] @ centre
+    heads[:, :, 3] += (projections[:, :, :3] @ centres[:, :, None])[:, :, 0]
     heads[:, :2] -= (heads[:, :2, 3] / heads[:, 2:, 3])[:, :, None] * heads[:, 2:]
-    place = np.append(target - centre, 1.0)
-    projected = heads @ place
+    place = np.column_stack([target - centres, np.ones(len(centres))])
+    projected = (heads @ place[:, :, None])[:, :, 0]
     images = projected[:, :2] / projected[:, 2:]
     rows = heads[:, :2, :3] - images[:, :, None] * heads[:, 2:, :3]
     return Aim(heads, place, images, projected[:, 2], rows, covariance)
@@ -175,7 +179,8 @@ def _depth(aim: Aim) -> float:
     largest = 0.0
     for v, depth in enumerate(aim.depths.tolist()):
         block = aim.covariance[12 * v + 8 : 12 * v + 11, 12 * v + 8 : 12 * v + 11]
-        largest = max(largest, float(aim.place[:3] @ block @ aim.place[:3]) / depth**2)
+        away = aim.place[v, :3]
+        largest = max(largest, float(away @ block @ away) / depth**2)
     return largest
 
 
@@ -221,10 +226,10 @@ def _row_errors(aim: Aim, target_noises: Array) -> Array:
     return np.asarray(errors.reshape(2 * views, 4, 2 * views, 4).transpose(1, 3, 0, 2))
 
 
-def _disagreement(aim: Aim, target_noises: Array, origin: Array, unit: float) -> tuple[float, float]:
+def _disagreement(aim: Aim, target_noises: Array, away: Array, unit: float) -> tuple[float, float]:
     """The third number and the fourth, squared.
 
-    origin (3,), from the centre, and unit: mm, of the frame of the unit vector.
+    away (3,), from the origin to the target, and unit: mm, of the frame of the unit vector.
     """
     errors = _row_errors(aim, target_noises)
     rows = aim.rows.reshape(-1, 3)
@@ -233,7 +238,6 @@ def _disagreement(aim: Aim, target_noises: Array, origin: Array, unit: float) ->
     left = np.eye(len(rows)) - rows @ to_point
     rho = errors[3, 3]
     residual = left @ rho @ left  # E[r_a r_b]
-    away = aim.place[:3] - origin
     square = unit * unit + float(away @ away)
     pull = away / square
     before = errors[:3, 3] @ left  # E[dJ_a r_b]
@@ -253,18 +257,26 @@ def _disagreement(aim: Aim, target_noises: Array, origin: Array, unit: float) ->
 
 
 def nonlinearity(
-    projections: Array, points: Array, target: Array, covariance: Array, target_noises: Array, *, published: bool
+    projections: Array,
+    points: Array,
+    weights: Array,
+    target: Array,
+    covariance: Array,
+    target_noises: Array,
+    *,
+    published: bool,
 ) -> Nonlinearity:
     """The four numbers at one target.
 
-    projections (V, 3, 4) with |p3| = 1, points (N, 3) and target (3,) mm as the estimator meets them; covariance: see
-    ``matrix_covariance``; target_noises (V,) px of the target's images; published: the form of the triangulation.
+    projections (V, 3, 4) with |p3| = 1, points (N, 3) and target (3,) mm as the estimator meets them; weights (V, N):
+    1 where a view sees a fiducial; covariance: see ``matrix_covariance``; target_noises (V,) px of the target's images;
+    published: the form of the triangulation.
     """
     centre = points.mean(axis=0)
-    aim = _aim(projections, centre, target, covariance)
-    origin, unit = np.zeros(3), sqrt(float(((points - centre) ** 2).sum()) / len(points) / 3.0)
+    aim = _aim(projections, weights @ points / weights.sum(axis=1)[:, None], target, covariance)
+    away, unit = target - centre, sqrt(float(((points - centre) ** 2).sum()) / len(points) / 3.0)
     if published:
-        origin, unit = -centre, 1.0
+        away, unit = target, 1.0
     return Nonlinearity(
-        *(sqrt(square) for square in (_depth(aim), _crossing(aim), *_disagreement(aim, target_noises, origin, unit)))
+        *(sqrt(square) for square in (_depth(aim), _crossing(aim), *_disagreement(aim, target_noises, away, unit)))
     )

@@ -50,9 +50,14 @@ def error_percent(trust: Validity, quantile: float) -> float:
     return next((trust.expected_error_percent * times for limit, times in QUANTILES if quantile <= limit), inf)
 
 
+def _fewest_seen(system: System) -> int:
+    """Number of fiducials of the view that sees the fewest."""
+    return int(system.sees.sum(axis=1).min())
+
+
 def _class_of(system: System) -> tuple[str, str]:
     """(the class of a system in words, why it was not calibrated or "")."""
-    views, fiducials = len(system.views), len(system.fiducials_mm)
+    views, fiducials = len(system.views), _fewest_seen(system)
     words = f"{views} views, {fiducials} fiducials, {system.triangulation} triangulation"
     if not CALIBRATED_VIEWS[0] <= views <= CALIBRATED_VIEWS[1]:
         return words, f"{views} views (calibrated: {CALIBRATED_VIEWS[0]} to {CALIBRATED_VIEWS[1]})"
@@ -69,7 +74,7 @@ def validity(numbers: Nonlinearity, system: System, rotation_rad: float = 0.0) -
     numbers: at the worst target.  rotation_rad: largest standard deviation (half-width if bounded) of a random
     rotation.  Its second order is some 0.7 of its square: 0.08, 0.20 and 0.54 % were measured at 1, 2 and 5 degrees.
     """
-    fiducials = len(system.fiducials_mm)
+    fiducials = _fewest_seen(system)
     words, uncalibrated = _class_of(system)
     times = COUNTED.get(fiducials, 1.0)
     part = max(numbers._asdict(), key=numbers._asdict().__getitem__)
