@@ -197,15 +197,16 @@ def test_every_operation_is_described(path: str, method: str) -> None:
 
 
 FILES_OF_PAGES = {("/docs", "get"), ("/docs/{name}", "get"), ("/assets/{name}", "get")}
+FOREIGN = {("/umbridge/Info", "get"), ("/umbridge/{verb}", "post")}  # UM-Bridge describes them, errors included
 
 
-def test_every_route_but_those_of_pages_is_in_the_document() -> None:
+def test_every_route_but_those_of_pages_and_of_umbridge_is_in_the_document() -> None:
     routed = {
         (route.path, method.lower()) for route in iter_route_contexts(create_app(warm_up=False).routes)
         for method in route.methods or ()
     }  # fmt: skip
-    assert set(OPERATIONS) == routed - FILES_OF_PAGES
-    assert routed >= FILES_OF_PAGES
+    assert set(OPERATIONS) == routed - FILES_OF_PAGES - FOREIGN
+    assert routed >= FILES_OF_PAGES | FOREIGN
 
 
 def test_small_examples_of_answers_are_valid() -> None:

@@ -26,7 +26,7 @@ from tailstack.errors import Problem, TailstackError
 from ..jobs.store import audit, designs, keys
 from ..problems import TransportError
 from ..settings import Settings, load_settings
-from . import events, information, jobs, pages, posting
+from . import events, information, jobs, pages, posting, umbridge
 from .access import Access
 from .kept_designs import KeptDesigns
 from .metrics import NO_ROUTE, Metrics
@@ -39,7 +39,15 @@ log = logging.getLogger("tailstack.service")
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 HARMLESS_ID = re.compile(rb"[A-Za-z0-9._:-]{1,64}\Z")
 LONGEST_METHOD, LONGEST_PATH = 20, 200  # characters that are logged: a stranger may send 60,000
-ROUTERS = (posting.router, jobs.router, events.router, jobs.result_router, information.router, pages.router)
+ROUTERS = (
+    posting.router,
+    jobs.router,
+    events.router,
+    jobs.result_router,
+    information.router,
+    pages.router,
+    umbridge.router,
+)
 
 
 def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> FastAPI:

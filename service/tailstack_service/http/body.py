@@ -31,7 +31,7 @@ def strict_body(
 
     async def sent(request: Request) -> Sent:
         form = _form(request, yaml=yaml, raw=raw)
-        body = await _read(request)
+        body = await read_body(request)
         query = tuple(request.query_params.multi_items())
         if form == "json":
             refuse_query(query, (), hint)
@@ -71,7 +71,7 @@ def _form(request: Request, *, yaml: bool, raw: tuple[str, ...]) -> str:
     raise TransportError("unsupported-media-type", problem)
 
 
-async def _read(request: Request) -> bytes:
+async def read_body(request: Request) -> bytes:
     """The body.  Raises LimitError (too long), TransportError 408 (too slow), MalformedError (empty)."""
     settings = service_of(request).settings
     announced = request.headers.get("content-length", "")

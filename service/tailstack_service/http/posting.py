@@ -52,7 +52,7 @@ def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
             await service.places.wait_until_warm(service.settings.warm_up_seconds)
         found = await _receive(request, operation, sent)
         if found.base_sha256 is not None:
-            base = await _find_base(request, found.base_sha256)
+            base = await find_base(request, found.base_sha256)
             found = await _receive(request, operation, replace(sent, base=base))
         service.kept_designs.keep(request.state.caller.tenant, found.designs)
         if found.terms is not None:
@@ -70,7 +70,7 @@ async def _receive(request: Request, operation: Operation, sent: Sent) -> Recept
     return await service.places.run(request, call, operation.seconds(sent))
 
 
-async def _find_base(request: Request, sha256: str) -> bytes:
+async def find_base(request: Request, sha256: str) -> bytes:
     """The design that a request names.  Raises TransportError 404, StoreUnavailable."""
     base = await service_of(request).kept_designs.find(request.state.caller.tenant, sha256)
     if base is None:

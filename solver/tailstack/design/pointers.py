@@ -65,7 +65,7 @@ def replace_value(data: Any, place: Place, value: Any) -> Any:
 
 def suggest(data: Any, pointer: str) -> str:
     """Which number may have been meant, as a hint; empty where nothing is near."""
-    known = ["".join(f"/{escape(step)}" for step in place) for place in _numbers(data, ())]
+    known = ["".join(f"/{escape(step)}" for step in place) for place in find_numbers(data, ())]
     close = find_nearest(pointer, known, 3, 0.5)
     below = [name for name in known if name.startswith(pointer.rstrip("/") + "/")][:3]
     listed = " or ".join(dict.fromkeys(below or close))
@@ -85,14 +85,14 @@ def _children(node: Any, step: str, make: bool) -> list[tuple[str | int, Any]]:
     return []
 
 
-def _numbers(node: Any, place: Place) -> Iterator[Place]:
-    """Where the document has numbers."""
+def find_numbers(node: Any, place: Place) -> Iterator[Place]:
+    """Where the document has numbers, in its order; ``place``: the way to ``node``, ``()`` for the whole."""
     if isinstance(node, dict):
         for key, child in node.items():
-            yield from _numbers(child, (*place, key))
+            yield from find_numbers(child, (*place, key))
     elif isinstance(node, list):
         for k, child in enumerate(node):
-            yield from _numbers(child, (*place, k))
+            yield from find_numbers(child, (*place, k))
     elif isinstance(node, int | float) and not isinstance(node, bool):
         yield place
 
