@@ -42,14 +42,16 @@ COUNTS = frozenset(
      "trials", "units_done", "units_expected", "workers"}
 )  # fmt: skip
 RATIOS = frozenset(
-    {"axis", "band", "beam_direction", "chi_square", "confidence", "coverage_factor", "exceedance_probability",
-     "extrapolation", "factor", "first_order", "first_order_ratio", "fraction", "highest_ratio", "interval",
-     "kkt_residual", "largest_share", "locator_scales", "lowest_ratio", "max_scale", "min_scale", "min_yield", "normal",
-     "nu", "nu_crossing", "nu_depth", "nu_disagreement", "nu_gap", "over_monte_carlo", "p95_over_mean", "p_adjusted",
-     "p_value", "precision", "precision_reached", "precision_requested", "predicted_p95_over_mean",
+    {"axis", "band", "beam_direction", "bias_rel", "chi_square", "confidence", "coverage_factor",
+     "exceedance_probability", "extrapolation", "factor", "first_order", "first_order_ratio", "focal_rel_sd",
+     "fraction", "half_width_rel", "highest_ratio", "interval", "kkt_residual", "largest_share",
+     "locator_scales", "lowest_ratio", "max_scale", "min_scale", "min_yield", "normal", "nu", "nu_crossing",
+     "nu_depth", "nu_disagreement", "nu_gap", "over_monte_carlo", "p95_over_mean", "p_adjusted", "p_value",
+     "precision", "precision_reached", "precision_requested", "predicted_p95_over_mean",
      "predicted_standard_deviations", "probability", "quantile", "quaternion_wxyz", "ratio", "ratio_interval",
-     "rotation", "sampled", "scale", "second_order_ratio", "spread", "spreads", "standard_deviations", "statistic",
-     "units_fraction", "up_direction", "variance_share", "worst_ratio", "yield_fraction", "yield_standard_error", "z"}
+     "rotation", "sampled", "scale", "second_order_ratio", "spread", "spreads", "standard_deviations",
+     "statistic", "units_fraction", "up_direction", "variance_share", "worst_ratio", "yield_fraction",
+     "yield_standard_error", "z"}
 )  # fmt: skip
 PRICES = frozenset(  # in the unit in which the design states its own prices
     {"best_costs", "cost", "cost_after", "cost_before", "cost_closed_form", "cost_exact_law", "cost_limit",
@@ -59,7 +61,7 @@ SEVERAL = frozenset(  # mm, degrees, px, a price or a ratio: the record says whi
     {"best", "careless_median", "careless_worst", "half_widths", "limit", "objective", "scaling", "start", "stop",
      "textbook_objective", "value", "values"}
 )  # fmt: skip
-INSIDE = frozenset({"gaussian", "moments", "unimodal"})  # of bounds_mm, which says it
+INSIDE = frozenset({"gaussian", "moments", "unimodal", "principal_point_px_sd"})  # whose record or name says it
 MATRICES = frozenset(
     {"T_flange_con", "T_tcp_flange", "pose", "projection", "target_projection"}
 )  # mixed units, stated in words

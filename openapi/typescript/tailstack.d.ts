@@ -2054,6 +2054,10 @@ export interface components {
              *     ]
              */
             sees?: string[];
+            /** @description How well focal length and principal point are known beforehand. The estimator pose_with_prior needs it in every view. Where intrinsics_error is absent, the assumed intrinsics also err by this much (normal, once per unit). dlt and reprojection read neither. */
+            intrinsics_prior?: components["schemas"]["IntrinsicsPrior"];
+            /** @description How wrong the assumed focal length and principal point are, for the estimators that believe them (pose, pose_with_prior). Absent: as wrong as intrinsics_prior says; without that, exact. */
+            intrinsics_error?: components["schemas"]["IntrinsicsErrorDocument"];
             /**
              * Orientation
              * @description AP: the beam runs along +y of con. LAT: along -x. In both, u runs right, v down (along -z). Give either this or beam_direction.
@@ -2193,6 +2197,12 @@ export interface components {
              */
             trials: number | null;
         };
+        /**
+         * Estimator
+         * @description What a view's projection is estimated as from its fiducials (``docs/estimators.md``).
+         * @enum {string}
+         */
+        Estimator: "dlt" | "pose" | "pose_with_prior" | "reprojection";
         /** ExampleEntry */
         ExampleEntry: {
             /**
@@ -2521,7 +2531,7 @@ export interface components {
         Fiducials: {
             /**
              * Points
-             * @description The fiducials, at least six. Either this or file.
+             * @description The fiducials, at least six (four for pose and pose_with_prior). Either this or file.
              */
             points?: components["schemas"]["FiducialPoint"][];
             /**
@@ -2574,6 +2584,39 @@ export interface components {
              * @default null
              */
             limit: number | null;
+        };
+        /**
+         * FocalError
+         * @description Error of the assumed focal length, as a part of the true one.
+         */
+        FocalError: {
+            /**
+             * Bias Rel
+             * @description Known and fixed: 0.01 is an assumed focal length that is 1 % too long. Default 0.
+             * @default 0
+             * @example 0.01
+             */
+            bias_rel?: number;
+            /**
+             * Half Width Rel
+             * @description Half-width h, as a part of the focal length. Default 0.
+             * @default 0
+             * @example 0.01
+             */
+            half_width_rel?: number;
+            /**
+             * Distribution
+             * @description Law of the deviation within the half-width h. normal: standard deviation h / coverage_factor; uniform: anything in +-h alike; triangular: most often near zero. Required with half_width_rel.
+             * @example uniform
+             * @enum {string}
+             */
+            distribution?: "normal" | "uniform" | "triangular";
+            /**
+             * Coverage Factor
+             * @description normal only: how many standard deviations the half-width stands for (2: about 95 % of parts lie within it, 3: 99.7 %). Default 2.
+             * @example 2
+             */
+            coverage_factor?: number;
         };
         /**
          * FreePivot
@@ -3732,6 +3775,34 @@ export interface components {
             skew_px?: number;
         };
         /**
+         * IntrinsicsErrorDocument
+         * @description How wrong the assumed intrinsics of a view may be.  Drawn once per unit, independently in each view.
+         */
+        IntrinsicsErrorDocument: {
+            /** @description Of the focal length. Absent: exact. */
+            focal?: components["schemas"]["FocalError"];
+            /** @description Of the principal point. Absent: exact. */
+            principal_point?: components["schemas"]["PrincipalPointError"];
+        };
+        /**
+         * IntrinsicsPrior
+         * @description How well the intrinsics of a view are known before its fiducials are seen, as standard deviations.
+         */
+        IntrinsicsPrior: {
+            /**
+             * Focal Rel Sd
+             * @description Standard deviation of the focal length, as a part of it: 0.01 is 1 %.
+             * @example 0.01
+             */
+            focal_rel_sd: number;
+            /**
+             * Principal Point Px Sd
+             * @description Standard deviation of each coordinate of the principal point, px.
+             * @example 10
+             */
+            principal_point_px_sd: number;
+        };
+        /**
          * JobDocument
          * @description A computation that was accepted.  Times are RFC 3339, UTC.
          */
@@ -4415,6 +4486,10 @@ export interface components {
              *     ]
              */
             sees?: string[];
+            /** @description How well focal length and principal point are known beforehand. The estimator pose_with_prior needs it in every view. Where intrinsics_error is absent, the assumed intrinsics also err by this much (normal, once per unit). dlt and reprojection read neither. */
+            intrinsics_prior?: components["schemas"]["IntrinsicsPrior"];
+            /** @description How wrong the assumed focal length and principal point are, for the estimators that believe them (pose, pose_with_prior). Absent: as wrong as intrinsics_prior says; without that, exact. */
+            intrinsics_error?: components["schemas"]["IntrinsicsErrorDocument"];
             /**
              * Projection
              * @description P, row by row: maps (X, Y, Z, 1), con mm, to homogeneous px. Scale and sign are free; the sign is chosen so that the fiducials lie in front of the source.
@@ -4709,7 +4784,13 @@ export interface components {
              */
             rotation?: components["schemas"]["RotationForm"];
             /**
-             * @description normalised: in the fiducials' Hartley frame. published: in plain con mm. Default normalised.
+             * @description What a view is estimated as from its fiducials. dlt: eleven unknowns by linear equations, nothing known beforehand. reprojection: the same eleven by least squares of the images. pose: position and orientation, the intrinsics taken for exact. pose_with_prior: focal length and principal point too, known as well as intrinsics_prior says. Default dlt.
+             * @default dlt
+             * @example pose
+             */
+            estimator?: components["schemas"]["Estimator"];
+            /**
+             * @description normalised: linear, in the fiducials' Hartley frame. published: linear, in plain con mm. weighted: as normalised, each view weighted by how well its noise lets it know the target. reprojection: least squares of the target's images. Default normalised.
              * @default normalised
              * @example normalised
              */
@@ -5275,6 +5356,10 @@ export interface components {
              *     ]
              */
             sees?: string[];
+            /** @description How well focal length and principal point are known beforehand. The estimator pose_with_prior needs it in every view. Where intrinsics_error is absent, the assumed intrinsics also err by this much (normal, once per unit). dlt and reprojection read neither. */
+            intrinsics_prior?: components["schemas"]["IntrinsicsPrior"];
+            /** @description How wrong the assumed focal length and principal point are, for the estimators that believe them (pose, pose_with_prior). Absent: as wrong as intrinsics_prior says; without that, exact. */
+            intrinsics_error?: components["schemas"]["IntrinsicsErrorDocument"];
             /** @description Pinhole intrinsics, px. */
             intrinsics: components["schemas"]["Intrinsics"];
             /**
@@ -5577,6 +5662,10 @@ export interface components {
              *     ]
              */
             sees?: string[];
+            /** @description How well focal length and principal point are known beforehand. The estimator pose_with_prior needs it in every view. Where intrinsics_error is absent, the assumed intrinsics also err by this much (normal, once per unit). dlt and reprojection read neither. */
+            intrinsics_prior?: components["schemas"]["IntrinsicsPrior"];
+            /** @description How wrong the assumed focal length and principal point are, for the estimators that believe them (pose, pose_with_prior). Absent: as wrong as intrinsics_prior says; without that, exact. */
+            intrinsics_error?: components["schemas"]["IntrinsicsErrorDocument"];
             /**
              * Orientation
              * @description AP: the beam runs along +y of con. LAT: along -x. In both, u runs right, v down (along -z). Give either this or beam_direction.
@@ -5686,6 +5775,48 @@ export interface components {
                 number
             ];
         } & (unknown | unknown);
+        /**
+         * PrincipalPointError
+         * @description Error of the assumed principal point.
+         */
+        PrincipalPointError: {
+            /**
+             * Bias Px
+             * @description Known and fixed, [u, v], px: assumed less true. Default 0.
+             * @default [
+             *       0,
+             *       0
+             *     ]
+             * @example [
+             *       5,
+             *       0
+             *     ]
+             */
+            bias_px?: [
+                number,
+                number
+            ];
+            /**
+             * Half Width Px
+             * @description Half-width h of each coordinate, px.
+             * @default 0
+             * @example 10
+             */
+            half_width_px?: number;
+            /**
+             * Distribution
+             * @description Law of the deviation within the half-width h. normal: standard deviation h / coverage_factor; uniform: anything in +-h alike; triangular: most often near zero. Required with half_width_px.
+             * @example uniform
+             * @enum {string}
+             */
+            distribution?: "normal" | "uniform" | "triangular";
+            /**
+             * Coverage Factor
+             * @description normal only: how many standard deviations the half-width stands for (2: about 95 % of parts lie within it, 3: 99.7 %). Default 2.
+             * @example 2
+             */
+            coverage_factor?: number;
+        };
         /**
          * PrintedCell
          * @description A cell as it stands in its table, beside ours, or with the reason why nothing can stand beside it.
@@ -7793,10 +7924,10 @@ export interface components {
         };
         /**
          * Triangulation
-         * @description The frame in which the rays to a target are met.
+         * @description How the rays to a target are met: by the rows of Eq 5 (the first three), or by its images.
          * @enum {string}
          */
-        Triangulation: "normalised" | "published";
+        Triangulation: "normalised" | "published" | "weighted" | "reprojection";
         /**
          * Turn
          * @description Rotation by a fraction of a full turn.

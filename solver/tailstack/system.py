@@ -47,11 +47,27 @@ class RotationForm(StrEnum):
     SMALL_ANGLE = "small_angle"  # I + [omega]x (Eq 13)
 
 
+class Estimator(StrEnum):
+    """What a view's projection is estimated as from its fiducials (``docs/estimators.md``)."""
+
+    DLT = "dlt"  # eleven unknowns by linear equations (Eqs 2-3)
+    POSE = "pose"  # six: where the view is, its intrinsics taken for exact
+    POSE_WITH_PRIOR = "pose_with_prior"  # nine: focal length and principal point too, known as the prior says
+    REPROJECTION = "reprojection"  # eleven by least squares of the images
+
+    @property
+    def believes_intrinsics(self) -> bool:
+        """Whether the intrinsics that it is told matter."""
+        return self in (Estimator.POSE, Estimator.POSE_WITH_PRIOR)
+
+
 class Triangulation(StrEnum):
-    """The frame in which the rays to a target are met."""
+    """How the rays to a target are met: by the rows of Eq 5 (the first three), or by its images."""
 
     NORMALISED = "normalised"  # in the fiducials' Hartley frame: equivariant to motion and units
     PUBLISHED = "published"  # plain 4x4 SVD in connector millimetres (Eqs 4-7)
+    WEIGHTED = "weighted"  # as normalised, each view's rows by the inverse of what noise makes of them
+    REPROJECTION = "reprojection"  # least squares of the target's images, the projections taken for exact
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +82,7 @@ class Sources:
     laws: tuple[Law, ...]  # of each source
     half_width: Array  # (k,) rad | mm | N
     coverage_factor: Array  # (k,) only meaningful for NORMAL, 1 elsewhere
-    units: tuple[str, ...]  # native unit of each source: "rad", "mm", "N"
+    units: tuple[str, ...]  # native unit of each source: "rad", "mm", "N", "px", "1"
     direction: Array  # (d, k)
 
     @property
@@ -103,6 +119,20 @@ class Mount:
         return self.label or self.name
 
 
+INTRINSICS = ("focal", "principal_point_u", "principal_point_v")  # relative, px, px
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IntrinsicsError:
+    """How wrong the intrinsics are that an estimator is told: assumed less true, in the order of ``INTRINSICS``.
+
+    The focal length is relative and scales both axes and the skew alike.
+    """
+
+    bias: Array  # (3,) known and fixed
+    sources: Sources  # direction is (3, k); drawn once per unit
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
     """One X-ray view."""
@@ -113,6 +143,8 @@ class View:
     target_noise_px: float  # the same of the target's image
     image_size_px: tuple[int, int] | None  # (width, height); None: not stated, visibility not checked
     sees: tuple[str, ...] | None = None  # labels of the fiducials that its estimate uses; None: all of them
+    intrinsics_prior: tuple[float, float] | None = None  # standard deviations: focal length (relative), centre (px)
+    intrinsics_error: IntrinsicsError | None = None  # of the assumed intrinsics; None: they are exact
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,6 +200,7 @@ class System:
     requirements: tuple[Requirement, ...]  # none: nothing is promised
     reading: Reading = Reading.PHYSICAL  # of the structure's installation error
     rotation_form: RotationForm = RotationForm.FULL  # of every torsor
+    estimator: Estimator = Estimator.DLT  # of every view
     triangulation: Triangulation = Triangulation.NORMALISED  # of every target
     design_sha256: str | None = None  # of the document it was compiled from
     notes: tuple[str, ...] = field(default=())  # assumptions recorded on the way (e.g. RAS converted to LPS)

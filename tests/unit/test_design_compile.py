@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from tailstack.design import compile_design, load_design
 from tailstack.errors import IllPosedError
-from tailstack.system import Law, Reading, RotationForm, Triangulation
+from tailstack.system import Estimator, Law, Reading, RotationForm, Triangulation
 
 ROOT = Path(__file__).parents[2]
 DEMO = yaml.safe_load((ROOT / "examples" / "demo.yaml").read_text())
@@ -104,6 +104,29 @@ def test_transforms_and_defaults():
     assert (system.reading, system.rotation_form) == (Reading.PHYSICAL, RotationForm.FULL)
     assert system.triangulation is Triangulation.NORMALISED
     assert any("no transforms" in note for note in system.notes)
+
+
+def test_what_is_known_of_intrinsics_and_how_wrong_it_is():
+    """Without an error of their own the assumed intrinsics are as wrong as the prior says; DLT reads neither."""
+    views = copy.deepcopy(DEMO["views"])
+    views[0]["intrinsics_prior"] = {"focal_rel_sd": 0.01, "principal_point_px_sd": 10}
+    views[1]["intrinsics_error"] = {
+        "focal": {"bias_rel": 0.02, "half_width_rel": 0.03, "distribution": "uniform"},
+        "principal_point": {"bias_px": [4, 5]},
+    }
+    system = system_with(views=views, model={"estimator": "pose"})
+    assert system.estimator is Estimator.POSE
+    prior, stated = (view.intrinsics_error for view in system.views)
+    assert prior is not None
+    assert stated is not None
+    assert system.views[0].intrinsics_prior == (0.01, 10)
+    np.testing.assert_array_equal(prior.sources.std, [0.01, 10, 10])
+    np.testing.assert_array_equal(prior.sources.direction, np.eye(3))
+    np.testing.assert_array_equal(stated.bias, [0.02, 4, 5])
+    assert stated.sources.names == ("focal",)
+    assert (stated.sources.laws, stated.sources.half_width.tolist()) == ((Law.UNIFORM,), [0.03])
+    assert not any("has no effect" in note for note in system.notes)
+    assert any("AP, LAT has no effect" in note for note in system_with(views=views).notes)
 
 
 def test_rounding_of_a_rotation_is_taken_out_and_noted():

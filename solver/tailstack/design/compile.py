@@ -25,19 +25,35 @@ from ..geometry.camera import (
 from ..geometry.naming import direction_name, point_name
 from ..geometry.rotation import rigid_transform, rigidity_defect, rotation_from_quaternion, rotation_xyz
 from ..results import Finding, ViewCheck
-from ..system import TORSOR_COMPONENTS, Law, Mount, Requirement, Sources, System, Target, View, no_sources
+from ..system import (
+    INTRINSICS,
+    TORSOR_COMPONENTS,
+    IntrinsicsError,
+    Law,
+    Mount,
+    Requirement,
+    Sources,
+    System,
+    Target,
+    View,
+    no_sources,
+)
 from .consistency import axis_counts, sample_count
 from .document import (
     Bias,
     Compliance,
     DistanceView,
     Execution,
+    FocalError,
     HandEye,
     Interface,
+    IntrinsicsErrorDocument,
+    IntrinsicsPrior,
     MatrixView,
     PinholeView,
     Pose,
     PresetView,
+    PrincipalPointError,
     Region,
     Repeatability,
     RequirementDocument,
@@ -75,6 +91,12 @@ def _compile(design: Design) -> System:
     transforms = document.transforms
     if transforms.T_flange_con is None and transforms.T_tcp_flange is None:
         notes.append("no transforms are given: the tcp frame is the connector frame")
+    unread = [view.name for view in document.views if view.intrinsics_prior or view.intrinsics_error]
+    if unread and not document.model.estimator.believes_intrinsics:
+        notes.append(
+            f"what is said of the intrinsics of view {', '.join(unread)} has no effect: the estimator "
+            f"{document.model.estimator} estimates them without being told any"
+        )
     samples = {target.name: expand_target(target) for target in document.targets}
     targets = tuple(chain.from_iterable(samples.values()))
     refuse_behind_detector(design, views, fiducials, targets)
@@ -101,6 +123,7 @@ def _compile(design: Design) -> System:
         requirements=tuple([_requirement(item, samples) for item in document.requirements]),
         reading=document.model.installation_reading,
         rotation_form=document.model.rotation,
+        estimator=document.model.estimator,
         triangulation=document.model.triangulation,
         notes=tuple(notes),
     )
@@ -279,20 +302,60 @@ def seen_by(view: Any) -> tuple[str, ...] | None:
 
 def compile_view(view: Any, pointer: str, fiducials: Array, notes: list[str]) -> View:
     """A view of the document with its projection, con mm to px; ``notes`` is added to."""
-    size: tuple[int, int] | None
+    projection, size = _projection(view, pointer, fiducials, notes)
+    prior = view.intrinsics_prior
+    return View(
+        view.name,
+        frozen(projection),
+        view.fiducial_noise_px,
+        view.target_noise_px,
+        size,
+        seen_by(view),
+        None if prior is None else (prior.focal_rel_sd, prior.principal_point_px_sd),
+        _intrinsics_error(view.intrinsics_error, prior),
+    )
+
+
+def _intrinsics_error(error: IntrinsicsErrorDocument | None, prior: IntrinsicsPrior | None) -> IntrinsicsError | None:
+    """As declared; otherwise the prior is taken at its word."""
+    if error is None:
+        if prior is None:
+            return None
+        error = IntrinsicsErrorDocument(
+            focal=FocalError(half_width_rel=prior.focal_rel_sd, distribution="normal", coverage_factor=1.0),
+            principal_point=PrincipalPointError(
+                half_width_px=prior.principal_point_px_sd, distribution="normal", coverage_factor=1.0
+            ),
+        )
+    focal, centre = error.focal or FocalError(), error.principal_point or PrincipalPointError()
+    widths = (focal.half_width_rel, centre.half_width_px, centre.half_width_px)
+    parts = [(k, (focal, centre, centre)[k]) for k in range(3) if widths[k]]
+    laws = tuple(Law(part.distribution or "normal") for _, part in parts)
+    return IntrinsicsError(
+        frozen([focal.bias_rel, *centre.bias_px]),
+        Sources(
+            tuple(INTRINSICS[k] for k, _ in parts),
+            laws,
+            frozen([widths[k] for k, _ in parts]),
+            frozen([_coverage(law, part.coverage_factor) for law, (_, part) in zip(laws, parts, strict=True)]),
+            tuple(("1", "px", "px")[k] for k, _ in parts),
+            frozen(np.eye(3)[:, [k for k, _ in parts]]),
+        ),
+    )
+
+
+def _projection(view: Any, pointer: str, fiducials: Array, notes: list[str]) -> tuple[Array, tuple[int, int] | None]:
+    """Con mm to px, and the size of the image where it is stated."""
     if isinstance(view, PresetView | DistanceView):
         return _aim_view(view)
     if isinstance(view, PinholeView):
         k = intrinsic_matrix(view.intrinsics.focal_px, view.intrinsics.principal_point_px, view.intrinsics.skew_px)
-        projection = projection_from_pose(k, compile_transform(view.pose, f"{pointer}/pose", notes))
-        size = view.image_size_px
-    else:
-        assert isinstance(view, MatrixView)
-        projection, size = _read_matrix(view, pointer, fiducials), view.image_size_px
-    return View(view.name, frozen(projection), view.fiducial_noise_px, view.target_noise_px, size, seen_by(view))
+        return projection_from_pose(k, compile_transform(view.pose, f"{pointer}/pose", notes)), view.image_size_px
+    assert isinstance(view, MatrixView)
+    return _read_matrix(view, pointer, fiducials), view.image_size_px
 
 
-def _aim_view(view: PresetView | DistanceView) -> View:
+def _aim_view(view: PresetView | DistanceView) -> tuple[Array, tuple[int, int]]:
     """A preset fills in what the view leaves open; loading has made sure that nothing stays open."""
     preset = PRESETS[view.preset] if isinstance(view, PresetView) else None
 
@@ -311,7 +374,7 @@ def _aim_view(view: PresetView | DistanceView) -> View:
         np.array(view.beam),
         np.array(view.up_direction),
     )
-    return View(view.name, frozen(projection), view.fiducial_noise_px, view.target_noise_px, size, seen_by(view))
+    return projection, size
 
 
 def refuse_behind_detector(

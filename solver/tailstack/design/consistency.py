@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 from ..cures import ask_meant
 from ..errors import Problem
-from ..system import INTERFACES
+from ..system import INTERFACES, Estimator, RotationForm
 from .document import Box, DesignDocument, Interface, PresetView, TargetDocument
 from .fiducial_files import FiducialList
 from .presets import PRESETS
@@ -57,7 +57,36 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
         for place, name in enumerate(requirement.targets):
             problems += find_unknown(f"/requirements/{index}/targets/{place}", "target", name, named)
         problems += find_duplicates(requirement.targets, f"/requirements/{index}/targets/{{}}".format, "entries")
-    return problems + check_optimise(document, limits.fiducials)
+    return problems + _estimator(document) + check_optimise(document, limits.fiducials)
+
+
+def _estimator(document: DesignDocument) -> list[Problem]:
+    """What an estimator has to be told, and the rotations that it can follow."""
+    model = document.model
+    problems = []
+    if model.estimator is Estimator.POSE_WITH_PRIOR:
+        problems += [
+            Problem(
+                f"/views/{index}",
+                "missing-field",
+                f"the estimator pose_with_prior weighs what it is told of the intrinsics; view {view.name} does not "
+                "say how well they are known",
+                "intrinsics_prior: {focal_rel_sd: 0.01, principal_point_px_sd: 10}",
+            )
+            for index, view in enumerate(document.views)
+            if view.intrinsics_prior is None
+        ]
+    if model.estimator.believes_intrinsics and model.rotation is RotationForm.SMALL_ANGLE:
+        problems.append(
+            Problem(
+                "/model/rotation",
+                "not-rigid",
+                f"small_angle moves the structure by a map that is not rigid, which the estimator {model.estimator} "
+                "cannot follow: its intrinsics would be wrong by what the map stretches",
+                "rotation: full",
+            )
+        )
+    return problems
 
 
 def check_fiducials(document: DesignDocument, fiducials: FiducialList) -> list[Problem]:

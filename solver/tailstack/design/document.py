@@ -10,9 +10,17 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import (
+    ConfigDict,
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    model_serializer,
+    model_validator,
+)
 
-from ..system import Reading, RotationForm, Triangulation
+from ..system import Estimator, Reading, RotationForm, Triangulation
 from .fields import (
     COVERAGE_WORDS,
     LAW_WORDS,
@@ -42,16 +50,82 @@ from .fields import (
     Record,
     Rotation3,
     check_coverage,
+    check_law,
     exactly_one,
     not_both,
     one_of,
     refusal,
     share,
+    without_later,
 )
 from .optimise_document import Optimise
 from .presets import PRESETS
 
 ALONG = {"AP": (0.0, 1.0, 0.0), "LAT": (-1.0, 0.0, 0.0)}  # beam directions in con
+
+
+class IntrinsicsPrior(Record):
+    """How well the intrinsics of a view are known before its fiducials are seen, as standard deviations."""
+
+    focal_rel_sd: Annotated[float, Field(ge=1e-6, le=1)] = Field(
+        description="Standard deviation of the focal length, as a part of it: 0.01 is 1 %.", examples=[0.01]
+    )
+    principal_point_px_sd: Annotated[float, Field(ge=1e-3, le=1e4)] = Field(
+        description="Standard deviation of each coordinate of the principal point, px.", examples=[10.0]
+    )
+
+
+class FocalError(Record):
+    """Error of the assumed focal length, as a part of the true one."""
+
+    bias_rel: Annotated[float, Field(ge=-0.5, le=0.5)] = Field(
+        default=0.0,
+        description="Known and fixed: 0.01 is an assumed focal length that is 1 % too long. Default 0.",
+        examples=[0.01],
+    )
+    half_width_rel: Annotated[float, Field(ge=0, le=1)] = Field(
+        default=0.0, description="Half-width h, as a part of the focal length. Default 0.", examples=[0.01]
+    )
+    distribution: RandomLaw | None = Field(
+        default=None, description=LAW_WORDS + ". Required with half_width_rel.", examples=["uniform"]
+    )
+    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
+
+    @model_validator(mode="after")
+    def _law(self) -> FocalError:
+        check_law("half_width_rel", bool(self.half_width_rel), self.distribution, self.coverage_factor)
+        return self
+
+
+class PrincipalPointError(Record):
+    """Error of the assumed principal point."""
+
+    bias_px: ImagePoint = Field(
+        default=(0.0, 0.0),
+        description="Known and fixed, [u, v], px: assumed less true. Default 0.",
+        examples=[[5.0, 0.0]],
+    )
+    half_width_px: Annotated[float, Field(ge=0, le=1e4)] = Field(
+        default=0.0, description="Half-width h of each coordinate, px.", examples=[10.0]
+    )
+    distribution: RandomLaw | None = Field(
+        default=None, description=LAW_WORDS + ". Required with half_width_px.", examples=["uniform"]
+    )
+    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
+
+    @model_validator(mode="after")
+    def _law(self) -> PrincipalPointError:
+        check_law("half_width_px", bool(self.half_width_px), self.distribution, self.coverage_factor)
+        return self
+
+
+class IntrinsicsErrorDocument(Record):
+    """How wrong the assumed intrinsics of a view may be.  Drawn once per unit, independently in each view."""
+
+    focal: FocalError | None = Field(default=None, description="Of the focal length. Absent: exact.")
+    principal_point: PrincipalPointError | None = Field(
+        default=None, description="Of the principal point. Absent: exact."
+    )
 
 
 class _AnyView(Record):
@@ -72,6 +146,21 @@ class _AnyView(Record):
         "or not told apart. Default: all of them.",
         examples=[["F1", "F2", "F3", "F4", "F5", "F6"]],
     )
+    intrinsics_prior: IntrinsicsPrior | None = Field(
+        default=None,
+        description="How well focal length and principal point are known beforehand. The estimator pose_with_prior "
+        "needs it in every view. Where intrinsics_error is absent, the assumed intrinsics also err by this much "
+        "(normal, once per unit). dlt and reprojection read neither.",
+    )
+    intrinsics_error: IntrinsicsErrorDocument | None = Field(
+        default=None,
+        description="How wrong the assumed focal length and principal point are, for the estimators that believe them "
+        "(pose, pose_with_prior). Absent: as wrong as intrinsics_prior says; without that, exact.",
+    )
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_later(write(self), dict.fromkeys(("sees", "intrinsics_prior", "intrinsics_error")))
 
 
 class _Aimed(_AnyView):
@@ -600,7 +689,8 @@ class Fiducials(Record):
     model_config = ConfigDict(json_schema_extra=exactly_one("points", "file"))
 
     points: Annotated[list[FiducialPoint], Field(min_length=1)] | None = Field(
-        default=None, description="The fiducials, at least six. Either this or file."
+        default=None,
+        description="The fiducials, at least six (four for pose and pose_with_prior). Either this or file.",
     )
     file: Annotated[str, Field(min_length=1, max_length=400)] | None = Field(
         default=None,
@@ -747,11 +837,25 @@ class Model(Record):
     rotation: Annotated[RotationForm, one_of(RotationForm)] = Field(
         default=RotationForm.FULL, description="full: Rx Ry Rz. small_angle: I + [w]x. Default full.", examples=["full"]
     )
+    estimator: Annotated[Estimator, one_of(Estimator)] = Field(
+        default=Estimator.DLT,
+        description="What a view is estimated as from its fiducials. dlt: eleven unknowns by linear equations, nothing "
+        "known beforehand. reprojection: the same eleven by least squares of the images. pose: position and "
+        "orientation, the intrinsics taken for exact. pose_with_prior: focal length and principal point too, known as "
+        "well as intrinsics_prior says. Default dlt.",
+        examples=["pose"],
+    )
     triangulation: Annotated[Triangulation, one_of(Triangulation)] = Field(
         default=Triangulation.NORMALISED,
-        description="normalised: in the fiducials' Hartley frame. published: in plain con mm. Default normalised.",
+        description="normalised: linear, in the fiducials' Hartley frame. published: linear, in plain con mm. "
+        "weighted: as normalised, each view weighted by how well its noise lets it know the target. reprojection: "
+        "least squares of the target's images. Default normalised.",
         examples=["normalised"],
     )
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_later(write(self), {"estimator": Estimator.DLT})
 
 
 class DesignDocument(Record):

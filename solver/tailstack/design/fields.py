@@ -33,6 +33,12 @@ class Record(BaseModel):
     )
 
 
+def without_later(data: dict[str, Any], later: dict[str, Any]) -> dict[str, Any]:
+    """A record as data, without the fields that came ``later`` where they have their default: the hashes of designs,
+    and of their sections, that were made before stay what they were."""
+    return {name: value for name, value in data.items() if name not in later or value != later[name]}
+
+
 def share(record: _Record) -> Callable[[], _Record]:
     """The default of a field: one record for every document that leaves it out, as records do not change."""
     return lambda: record
@@ -129,3 +135,15 @@ def check_coverage(distribution: str, coverage_factor: float | None, at: str = "
             "remove coverage_factor",
             at,
         )
+
+
+def check_law(width: str, wide: bool, distribution: str | None, coverage_factor: float | None) -> None:
+    """A half-width that is not 0 (``wide``) needs a law; without one a law is refused as read by nothing."""
+    if wide and distribution is None:
+        raise refusal("missing-field", f"{width} needs a distribution", "distribution: uniform")
+    if not wide:
+        for field, value in (("distribution", distribution), ("coverage_factor", coverage_factor)):
+            if value is not None:
+                raise refusal("unused-field", f"{field} is read only with {width}", at=field)
+    elif distribution is not None:
+        check_coverage(distribution, coverage_factor)

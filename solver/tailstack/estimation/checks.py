@@ -16,12 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..errors import IllPosedError, Problem
+from ..errors import IllPosedError, OutOfRangeError, Problem
 from ..geometry.camera import camera_centre
 from ..geometry.naming import direction_name
 from ..geometry.rotation import displacement
 from ..results import Finding, ViewCheck
-from ..system import Reading, System, View
+from ..system import Estimator, Reading, System, Triangulation, View
 from .resection import design_matrix, hartley_similarity, homogeneous
 
 FEWEST = 6  # Eq 2: two rows a fiducial for eleven unknowns
@@ -35,7 +35,23 @@ NO_PARALLAX = 1e-4  # sine of the angle between two rays
 SMALL_PARALLAX_DEG = 30.0
 # Remarks that the geometry hardly determines the answer: first order is not believed beside one of them.
 DETERMINATION = ("flat-structure", "weak-resection", "small-parallax", "projected-overlap")
+LINEAR = (Triangulation.NORMALISED, Triangulation.PUBLISHED)  # by the rows of Eq 5, all views alike
 OVERLAP_PX = 10.0  # judgement: images closer than this are not told apart by every segmentation
+
+
+def refuse_unknown(system: System, what: str) -> None:
+    """Raise OutOfRangeError where ``what`` does not know the estimator: it would answer as if that were DLT."""
+    model = (("estimator", system.estimator, (Estimator.DLT,)), ("triangulation", system.triangulation, LINEAR))
+    for field, value, known in model:
+        if value not in known:
+            raise OutOfRangeError(
+                Problem(
+                    f"/model/{field}",
+                    "not-built",
+                    f"{what} does not know the {field} {value} yet",
+                    f"{field}: {known[0]}",
+                )
+            )
 
 
 def check_geometry(system: System) -> tuple[Finding, ...]:

@@ -15,19 +15,26 @@ from .resection import hartley_similarity, homogeneous
 
 
 def triangulate(
-    projections: Array, images: Array, points: Array, form: Triangulation = Triangulation.NORMALISED
+    projections: Array,
+    images: Array,
+    points: Array,
+    form: Triangulation = Triangulation.NORMALISED,
+    factors: Array | None = None,
 ) -> Array:
     """Triangulate one target; leading dimensions are a batch.
 
     projections: (..., V, 3, 4), mm -> px; images: (..., V, 2) px; points: (..., N, 3) mm, the fiducials
     as the estimator is told them (they define the frame of the normalised form).  NORMALISED solves in
     their Hartley frame and is equivariant to rigid motion and units; PUBLISHED solves in plain mm, and
-    its second-order error depends on where the origin lies.  Returns (..., 3) mm.
+    its second-order error depends on where the origin lies.  factors: (V, 2, 2) Cholesky factors of the weights of
+    each view's rows; None: all alike.  Returns (..., 3) mm.
     """
     frame = hartley_similarity(points) if form is Triangulation.NORMALISED else np.eye(4)
     local = projections @ np.linalg.inv(frame)[..., None, :, :]
     local = local / np.linalg.norm(local[..., 2, :3], axis=-1)[..., None, None]
     rows = images[..., :, None] * local[..., 2:3, :] - local[..., :2, :]
+    if factors is not None:
+        rows = np.swapaxes(factors, -1, -2) @ rows
     stacked = rows.reshape(*rows.shape[:-3], 2 * rows.shape[-3], 4)
     solution = np.linalg.svd(stacked, full_matrices=False)[2][..., -1, :]
     point = np.einsum("...ij,...j->...i", np.linalg.inv(frame), solution)

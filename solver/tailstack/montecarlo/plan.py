@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..errors import OutOfRangeError, Problem
+from ..estimation.checks import refuse_unknown
 from ..estimation.resection import homogeneous
 from ..system import STD_PER_HALF_WIDTH, Law, Mount, Reading, RotationForm, Sources, System, Triangulation
 
@@ -220,10 +221,11 @@ def compile_plan(
     vertex: where the BOUNDED sources stand, fractions of their half-widths, by name
     ("structure_connector.rz": 1.0) or as an array in the order of ``bounded_names``; default 0.
     shots_per_unit: this many consecutive trials share one installation.
-    Raises OutOfRangeError for an unknown vertex or a count below 1.
+    Raises OutOfRangeError for an unknown vertex, a count below 1, and an estimator that is not simulated.
     """
     if shots_per_unit < 1:
         raise OutOfRangeError(Problem("", "shots-per-unit", f"shots_per_unit must be at least 1, got {shots_per_unit}"))
+    refuse_unknown(system, "the simulation")
     values = _vertex_values(system, vertex)
     sources = _compile_sources(system, values)
     blocks, starts = _lay_out(system, sources)

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import IllPosedError, Problem
+from ..estimation.checks import refuse_unknown
 from ..geometry.rotation import Displacement, displacement
 from ..system import Law, Reading, System, Target, Triangulation
 from .noise import noise_gains, noise_gains_jit
@@ -113,6 +114,7 @@ def _blocks(system: System) -> tuple[Block, ...]:
 
 def chain_of(system: System) -> Chain:
     """Everything :func:`linearise` needs that does not depend on the target."""
+    refuse_unknown(system, "first order")
     form = system.rotation_form
     first, second, third = (
         displacement(mount.bias, mount.pivot_mm, form) for mount in (*system.interfaces, system.hand_eye)

@@ -1,0 +1,281 @@
+"""The estimators that make the images' residuals least: pose, pose with prior, all eleven unknowns, and the target.
+
+``P = K [R | t]`` of a view is split into its intrinsics and its pose.  With ``x = R (X - c) + d`` about the fiducials'
+centroid c, a bead is imaged at ``u = (1 + phi) (f_u x + s y) / z + c_u + a``, ``v = (1 + phi) f_v y / z + c_v + b``:
+phi, relative, scales the focal lengths and the skew alike, (a, b) px shifts the principal point; the ratio of the
+focal lengths and the skew are those of the nominal view and are held.
+
+- *pose*: R and d (six unknowns) for which the sum of squared residuals is least, the intrinsics as they are assumed.
+- *pose with prior*: also phi, a and b, with the square of what they deviate from the assumed ones, over the variance
+  of the prior, added (images over their variance): the most probable of normal laws.
+- *reprojection*: all eleven ratios of P, from DLT onwards.
+
+Each is by Gauss-Newton steps, solved by QR, until no image moves any more; leading dimensions are a batch.  What does
+not come to rest is NaN.  Written for the tests and for single trials, and without a formula of ``propagation``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..arrays import Array
+from ..geometry.rotation import skew
+from ..system import Estimator, System, Triangulation, View
+from .resection import hartley_similarity, homogeneous, resect, scale_to_depth
+from .triangulation import triangulate
+
+STEPS = 60
+AT_REST_PX = 1e-9  # the largest move of an image by the last step
+
+
+class Camera(NamedTuple):
+    """A projection split: ``P = K [R | t]`` with K upper triangular, its last entry 1."""
+
+    intrinsics: Array  # (3, 3)
+    rotation: Array  # (3, 3), orthogonal; its determinant is -1 where the image is a mirrored one
+    source_mm: Array  # (3,) translation t
+
+
+def split(projection: Array) -> Camera:
+    """K, R and t of a projection (3, 4) with positive depths; its scale does not matter."""
+    scaled = projection / np.linalg.norm(projection[2, :3])
+    rows = np.empty((3, 3))
+    rows[2] = scaled[2, :3]
+    v = float(scaled[1, :3] @ rows[2])
+    down = scaled[1, :3] - v * rows[2]
+    rows[1] = down / np.linalg.norm(down)
+    u, shear = float(scaled[0, :3] @ rows[2]), float(scaled[0, :3] @ rows[1])
+    right = scaled[0, :3] - shear * rows[1] - u * rows[2]
+    rows[0] = right / np.linalg.norm(right)
+    intrinsics = np.array([[np.linalg.norm(right), shear, u], [0.0, np.linalg.norm(down), v], [0.0, 0.0, 1.0]])
+    return Camera(intrinsics, rows, np.linalg.solve(intrinsics, scaled[:, 3]))
+
+
+def turn(vector: Array) -> Array:
+    """Rotation about a vector (..., 3) by its length, rad (Rodrigues)."""
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    cross = skew(vector)
+    return np.asarray(
+        np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (cross @ cross)
+    )
+
+
+def _solve(rows: Array, right: Array) -> Array:
+    """Least squares of stacked systems (..., m, n) x = (..., m), by QR; NaN where a column depends on others."""
+    q, r = np.linalg.qr(rows)
+    diagonal = np.abs(np.diagonal(r, axis1=-2, axis2=-1))
+    singular = ~(diagonal.min(axis=-1) > 1e-13 * diagonal.max(axis=-1))
+    r = np.where(singular[..., None, None], np.eye(r.shape[-1]), r)
+    found = np.linalg.solve(r, np.swapaxes(q, -1, -2) @ right[..., None])[..., 0]
+    return np.where(singular[..., None], np.nan, found)
+
+
+def resect_pose(
+    points: Array, images: Array, view: View, *, error: Array | None = None, precision: Array | None = None
+) -> Array:
+    """Estimate a view's pose, with a precision its intrinsics too; leading dimensions are a batch.
+
+    points (..., N, 3) mm, as the estimator is told them; images (..., N, 2) px; view: its projection gives intrinsics
+    and where the search starts; error (..., 3): of the assumed intrinsics, in the order of ``INTRINSICS``; precision
+    (3,) px^2: variance of an image coordinate over that of each intrinsic, None where they are taken for exact.
+    Returns (..., 3, 4), ``|P[2, :3]| = 1``.
+    """
+    batch = np.broadcast_shapes(points.shape[:-2], images.shape[:-2], () if error is None else error.shape[:-1])
+    camera = split(view.projection)
+    told = np.zeros((*batch, 3)) if error is None else np.broadcast_to(error, (*batch, 3))
+    centre = points.mean(axis=-2, keepdims=True)
+    offset = points - centre
+    rotation = np.broadcast_to(camera.rotation, (*batch, 3, 3)).copy()
+    place = np.broadcast_to((centre[..., 0, :] @ camera.rotation.T) + camera.source_mm, (*batch, 3)).copy()
+    intrinsics = told.copy()
+    free = 6 if precision is None else 9
+    step = np.zeros((*batch, free))
+    moved = np.full(batch, np.inf)
+    for _ in range(STEPS):
+        found, slopes = _images_of(camera.intrinsics, offset, rotation, place, intrinsics)
+        rows = slopes[..., :free]
+        left = images - found
+        stacked, right = rows.reshape(*batch, -1, free), left.reshape(*batch, -1)
+        if precision is not None:
+            weight = np.sqrt(precision)
+            known = np.zeros((*batch, 3, 9))
+            known[..., range(3), range(6, 9)] = weight
+            stacked = np.concatenate([stacked, known], axis=-2)
+            right = np.concatenate([right, weight * (told - intrinsics)], axis=-1)
+        step = _solve(stacked, right)
+        rotation = turn(step[..., :3]) @ rotation
+        place = place + step[..., 3:6]
+        if precision is not None:
+            intrinsics = intrinsics + step[..., 6:]
+        moved = np.abs(rows @ step[..., None, :, None])[..., 0].max(axis=(-1, -2))
+        if not (moved > AT_REST_PX).any():
+            break
+    matrix = _calibration(camera.intrinsics, intrinsics)
+    shift = place - (rotation @ centre[..., 0, :, None])[..., 0]
+    estimate = matrix @ np.concatenate([rotation, shift[..., None]], axis=-1)
+    return np.where((moved <= AT_REST_PX)[..., None, None], estimate, np.nan)
+
+
+def _calibration(nominal: Array, change: Array) -> Array:
+    """K (..., 3, 3) of the intrinsics that deviate by this change (..., 3) from the nominal ones."""
+    matrix = np.broadcast_to(nominal, (*change.shape[:-1], 3, 3)).copy()
+    matrix[..., :2, :2] *= (1 + change[..., 0])[..., None, None]
+    matrix[..., :2, 2] += change[..., 1:]
+    return matrix
+
+
+def _images_of(nominal: Array, offset: Array, rotation: Array, place: Array, intrinsics: Array) -> tuple[Array, Array]:
+    """Images (..., N, 2) and their slopes (..., N, 2, 9): by a turn of the structure, its shift, and the intrinsics."""
+    turned = offset @ np.swapaxes(rotation, -1, -2)
+    seen = turned + place[..., None, :]
+    matrix = _calibration(nominal, intrinsics)
+    rays = seen @ np.swapaxes(matrix, -1, -2)
+    images = rays[..., :2] / rays[..., 2:]
+    by_place = (matrix[..., None, :2, :] - images[..., None] * matrix[..., None, 2:, :]) / rays[..., 2, None, None]
+    by_turn = -by_place @ skew(turned)
+    by_intrinsics = np.zeros((*images.shape, 3))
+    centre = matrix[..., None, :2, 2]
+    by_intrinsics[..., 0] = (images - centre) / (1 + intrinsics[..., None, None, 0])
+    by_intrinsics[..., 0, 1] = by_intrinsics[..., 1, 2] = 1.0
+    return images, np.concatenate([by_turn, by_place, by_intrinsics], axis=-1)
+
+
+def resect_reprojection(points: Array, images: Array) -> Array:
+    """Estimate all eleven ratios of a projection by least squares of the images, from DLT; see ``resect``."""
+    object_frame, image_frame = hartley_similarity(points), hartley_similarity(images)
+    local = homogeneous(points) @ np.swapaxes(object_frame, -1, -2)
+    estimate = image_frame @ resect(points, images) @ np.linalg.inv(object_frame)
+    seen = (homogeneous(images) @ np.swapaxes(image_frame, -1, -2))[..., :2]
+    at_rest = AT_REST_PX * image_frame[..., 0, 0]
+    moved = np.full(images.shape[:-2], np.inf)
+    for _ in range(STEPS):
+        estimate = estimate / estimate[..., 2:, 3:]  # the depth of the centroid is held
+        rays = local @ np.swapaxes(estimate, -1, -2)
+        found = rays[..., :2] / rays[..., 2:]
+        rows = np.zeros((*found.shape, 11))
+        rows[..., 0, 0:4] = rows[..., 1, 4:8] = local / rays[..., 2:]
+        rows[..., 8:] = -found[..., None] * (local[..., None, :3] / rays[..., 2, None, None])
+        step = _solve(rows.reshape(*rows.shape[:-3], -1, 11), (seen - found).reshape(*found.shape[:-2], -1))
+        change = np.concatenate([step, np.zeros((*step.shape[:-1], 1))], axis=-1)
+        estimate = estimate + change.reshape(*step.shape[:-1], 3, 4)
+        moved = np.abs(rows @ step[..., None, :, None])[..., 0].max(axis=(-1, -2))
+        if not (moved > at_rest).any():
+            break
+    found = np.asarray(np.linalg.solve(image_frame, estimate @ object_frame), dtype=np.float64)
+    return np.where((moved <= at_rest)[..., None, None], scale_to_depth(found, points), np.nan)
+
+
+def precisions(system: System) -> Array:
+    """(V, 3) px^2: variance of a fiducial's image over that of each intrinsic; 0 where nothing is known beforehand."""
+    out = np.zeros((len(system.views), 3))
+    for v, view in enumerate(system.views):
+        if view.intrinsics_prior is not None:
+            focal, centre = view.intrinsics_prior
+            out[v] = (view.fiducial_noise_px / np.array([focal, centre, centre])) ** 2
+    return out
+
+
+def estimate_views(system: System, told: Array, images: Array, errors: Array | None = None) -> Array:
+    """The projections that the system's estimator makes of its fiducials' images; leading dimensions are a batch.
+
+    told (..., N, 3) mm; images (..., V, N, 2) px; errors (..., V, 3) of the assumed intrinsics, None: they are exact.
+    Returns (..., V, 3, 4), ``|P[2, :3]| = 1``.
+    """
+    if system.estimator is Estimator.DLT:
+        return resect(told[..., None, :, :], images)
+    if system.estimator is Estimator.REPROJECTION:
+        return resect_reprojection(np.broadcast_to(told[..., None, :, :], (*images.shape[:-1], 3)), images)
+    known = precisions(system) if system.estimator is Estimator.POSE_WITH_PRIOR else None
+    found = [
+        resect_pose(
+            told,
+            images[..., v, :, :],
+            view,
+            error=None if errors is None else errors[..., v, :],
+            precision=None if known is None else known[v],
+        )
+        for v, view in enumerate(system.views)
+    ]
+    return np.stack(found, axis=-3)
+
+
+def row_weights(system: System, projections: Array, told: Array, point: Array) -> Array:
+    """(V, 2, 2) weights of the weighted triangulation: inverse covariance of each view's rows at a point (3,) mm.
+
+    projections (V, 3, 4) with ``|P[2, :3]| = 1`` and told (N, 3) mm as the estimator meets them without noise.  The
+    covariance is that of the image noise alone, of the target's and of the fiducials' through the resection; the
+    estimator knows both.  Only ratios between the weights matter, and they are the same at every noise in proportion.
+    """
+    known = precisions(system)
+    out = np.empty((len(system.views), 2, 2))
+    for v, (view, projection) in enumerate(zip(system.views, projections, strict=True)):
+        camera = split(projection)
+        centre = told.mean(axis=0)
+        place = camera.rotation @ centre + camera.source_mm
+        nine = [
+            _images_of(camera.intrinsics, x - centre, camera.rotation, place, np.zeros(3)) for x in (told, point[None])
+        ]
+        slopes, aim = nine[0][1], nine[1][1][0]
+        if not system.estimator.believes_intrinsics:
+            slopes, aim = (_eleven(projection, x, told) for x in (told, point[None]))
+            aim = aim[0]
+        rows = slopes.reshape(2 * len(told), -1)
+        weight = np.ones(len(told))
+        if system.estimator is Estimator.DLT:  # its rows are the images' residuals times the depths
+            weight = homogeneous(told) @ projection[2]
+        rows = rows * np.repeat(weight, 2)[:, None]
+        if system.estimator is Estimator.POSE:
+            rows, aim = rows[:, :6], aim[:, :6]
+        gain = np.linalg.pinv(rows)
+        if system.estimator is Estimator.POSE_WITH_PRIOR:
+            prior = np.zeros((3, 9))
+            prior[range(3), range(6, 9)] = np.sqrt(known[v])
+            gain = np.linalg.pinv(np.vstack([rows, prior]))[:, : len(rows)]
+        gain = aim @ gain * np.repeat(weight, 2)
+        covariance = view.fiducial_noise_px**2 * gain @ gain.T + view.target_noise_px**2 * np.eye(2)
+        depth = float(projection[2] @ np.append(point, 1.0))
+        out[v] = np.linalg.inv(covariance) / depth**2
+    return out
+
+
+def _eleven(projection: Array, points: Array, told: Array) -> Array:
+    """(n, 2, 11) slopes of the images of points (n, 3) by the ratios of a projection, in the fiducials' frame."""
+    frame = hartley_similarity(told)
+    local = homogeneous(points) @ frame.T
+    rays = homogeneous(points) @ projection.T
+    rows = np.zeros((len(points), 2, 11))
+    rows[:, 0, 0:4] = rows[:, 1, 4:8] = local / rays[:, 2:]
+    rows[..., 8:] = -(rays[:, :2] / rays[:, 2:])[..., None] * (local[:, None, :3] / rays[:, 2, None, None])
+    return rows
+
+
+def locate(system: System, projections: Array, images: Array, told: Array, weights: Array | None = None) -> Array:
+    """The target by the system's triangulation; leading dimensions are a batch.
+
+    projections (..., V, 3, 4), images (..., V, 2) px, told (..., N, 3) mm, weights (V, 2, 2) of the weighted form
+    (``row_weights``).  Returns (..., 3) mm.
+    """
+    form = system.triangulation
+    if form in (Triangulation.NORMALISED, Triangulation.PUBLISHED):
+        return triangulate(projections, images, told, form)
+    if form is Triangulation.WEIGHTED:
+        assert weights is not None
+        return triangulate(
+            projections,
+            images,
+            told,
+            Triangulation.NORMALISED,
+            np.asarray(np.linalg.cholesky(weights), dtype=np.float64),
+        )
+    point = triangulate(projections, images, told)
+    for _ in range(STEPS):
+        rays = (projections @ homogeneous(point)[..., None, :, None])[..., 0]
+        found = rays[..., :2] / rays[..., 2:]
+        rows = (projections[..., :2, :3] - found[..., None] * projections[..., 2:, :3]) / rays[..., 2, None, None]
+        step = _solve(rows.reshape(*rows.shape[:-3], -1, 3), (images - found).reshape(*found.shape[:-2], -1))
+        point = point + step
+        if not (np.abs(step).max(axis=-1) > 1e-10).any():
+            break
+    return np.where((np.abs(step).max(axis=-1) <= 1e-9)[..., None], point, np.nan)
