@@ -1,0 +1,1 @@
+"""FreeCAD runs this at every start, also without a screen; there is nothing to do then."""

@@ -1,0 +1,186 @@
+"""The client that the FreeCAD and Slicer examples share: one request at a time, the latest wins, plain refusals.
+
+A server of a few lines stands for the service, so that it can be slow and wrong at will.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import json
+import re
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from types import ModuleType
+from typing import Any
+
+import pytest
+from service_scenes import EXAMPLES
+
+DOORS = EXAMPLES / "integrations"
+CLIENT = DOORS / "freecad" / "tailstack_http.py"
+Answer = tuple[int, Any]
+
+
+@pytest.fixture(scope="module")
+def client() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("tailstack_http_of_the_examples", CLIENT)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+class Traffic:
+    """What reached the server, and how much of it at once."""
+
+    def __init__(self) -> None:
+        self.bodies: list[Any] = []
+        self.paths: list[str] = []
+        self.under_way = self.most = 0
+        self.lock = threading.Lock()
+
+
+@contextmanager
+def serving(answer: Callable[[str, Any], Answer], traffic: Traffic) -> Iterator[str]:
+    """A server on a free port that answers a path and a body."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            text = self.rfile.read(int(self.headers.get("Content-Length") or 0))
+            body = json.loads(text) if text else None
+            with traffic.lock:
+                traffic.paths.append(self.path)
+                traffic.bodies.append(body)
+                traffic.under_way += 1
+                traffic.most = max(traffic.most, traffic.under_way)
+            status, content = answer(self.path, body)
+            with traffic.lock:
+                traffic.under_way -= 1
+            sent = content.encode() if isinstance(content, str) else json.dumps(content).encode()
+            self.send_response(status)
+            self.send_header("Content-Length", str(len(sent)))
+            self.end_headers()
+            self.wfile.write(sent)
+
+        do_POST = do_GET
+
+        def log_message(self, *_: Any) -> None:
+            """Nothing on stderr."""
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}"
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+def test_a_drag_has_one_request_in_flight_and_ends_with_the_latest(client: ModuleType) -> None:
+    traffic = Traffic()
+
+    def slowly(_: str, body: Any) -> Answer:
+        time.sleep(0.05)
+        return 200, {"number": body["design"]}
+
+    with serving(slowly, traffic) as address:
+        service = client.Service(address)
+        latest = client.Latest(lambda number: iter([service.score(number)]))
+        taken, slowest = [], 0.0
+        for number in range(40):
+            began = time.monotonic()
+            latest.ask(number)
+            taken += latest.take()
+            slowest = max(slowest, time.monotonic() - began)
+            time.sleep(0.005)
+        while latest.is_busy:
+            time.sleep(0.005)
+        taken += latest.take()
+    assert taken[-1] == (39, {"number": 39})
+    assert [question for question, _ in taken] == sorted(question for question, _ in taken)
+    assert traffic.most == 1
+    assert len(traffic.bodies) < 20  # most of the forty were overtaken and never sent
+    assert slowest < 0.04  # whoever drags does not wait for an answer
+
+
+def test_a_long_answer_is_given_up_when_something_newer_is_asked(client: ModuleType) -> None:
+    steps: list[tuple[str, int]] = []
+
+    def in_steps(name: str) -> Iterator[tuple[str, int]]:
+        for step in range(100):
+            time.sleep(0.01)
+            steps.append((name, step))
+            yield name, step
+
+    latest = client.Latest(in_steps)
+    latest.ask("old")
+    time.sleep(0.05)
+    latest.ask("new")
+    while latest.is_busy:
+        time.sleep(0.01)
+    assert {question for question, _ in latest.take()} == {"new"}
+    assert len([step for step in steps if step[0] == "old"]) < 20
+
+
+def test_an_error_of_a_request_is_an_answer_and_the_thread_lives_on(client: ModuleType) -> None:
+    def fail_at_first(number: int) -> Iterator[int]:
+        if number == 0:
+            raise client.Refusal("no")
+        yield number
+
+    latest = client.Latest(fail_at_first)
+    answers = []
+    for number in (0, 1):
+        latest.ask(number)
+        while latest.is_busy:
+            time.sleep(0.005)
+        answers += [str(answer) for _, answer in latest.take()]
+    assert answers == ["no", "1"]
+
+
+def test_an_optimisation_that_becomes_a_job_is_waited_for(client: ModuleType) -> None:
+    states = iter(["queued", "running", "succeeded"])
+
+    def as_a_job(path: str, _: Any) -> Answer:
+        if path == "/v1/optimisations":
+            return 202, {"id": "j1"}
+        return 200, {"p95_after_mm": 0.5} if path.endswith("/result") else {"state": next(states)}
+
+    traffic = Traffic()
+    with serving(as_a_job, traffic) as address:
+        assert client.Service(address).optimise({}) == {"p95_after_mm": 0.5}
+    assert traffic.paths == ["/v1/optimisations", *["/v1/jobs/j1"] * 3, "/v1/jobs/j1/result"]
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (
+            (422, {"type": "/v1/problems/invalid-design", "detail": "x", "errors": [
+                {"pointer": "/design/views", "detail": "needs at least 2 entries", "hint": "add a view"}]}),
+            "/design/views: needs at least 2 entries (add a view)",
+        ),
+        ((401, {"type": "/v1/problems/unauthenticated", "detail": "a credential is needed", "errors": []}),
+         "a credential is needed"),
+        ((404, "<html>not here</html>"), "which is no answer of tailstack"),
+        ((200, "<html>a login page</html>"), "start it with: tailstack serve"),
+    ],
+)  # fmt: skip
+def test_what_a_service_refuses_is_said_in_its_words(client: ModuleType, answer: Answer, words: str) -> None:
+    with (
+        serving(lambda *_: answer, Traffic()) as address,
+        pytest.raises(client.Refusal, match=re.escape(words)),
+    ):
+        client.Service(address).score({})
+
+
+def test_the_examples_run_on_the_python_of_the_programs_that_load_them() -> None:
+    """FreeCAD and Slicer bring their own Python, back to 3.9, and nothing that is not in it."""
+    for path in [*DOORS.glob("freecad/*.py"), *DOORS.glob("slicer/*.py")]:
+        ast.parse(path.read_text(encoding="utf-8"), feature_version=(3, 9))
+    assert (DOORS / "slicer" / CLIENT.name).read_bytes() == CLIENT.read_bytes()
