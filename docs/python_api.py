@@ -20,7 +20,7 @@ from typing import Any
 import tailstack
 import tailstack.design
 import tailstack.results
-from tailstack import errors, sweeping, system
+from tailstack import batch, errors, sweeping, system
 from tailstack.results.record import Result
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -66,7 +66,7 @@ DESIGN_NAMES = (
     "revise_design", "Revision", "convert", "convert_file", "Conversion", "list_presets", "design_json_schema",
     "Limits",
 )  # fmt: skip
-VERBS = ("score", "verify", "optimise", "sweep")
+VERBS = ("score", "verify", "optimise", "sweep", "score_batch")
 COMPILED = ("System", "View", "Target", "Requirement", "Mount", "Sources", "Law", "Reading", "RotationForm",
             "Triangulation")  # fmt: skip
 
@@ -75,12 +75,8 @@ def page() -> str:
     """The whole page."""
     parts = [HEAD, "## Designs\n", *(describe(getattr(tailstack.design, name), 3) for name in DESIGN_NAMES)]
     parts += ["## What is computed\n", *(describe(getattr(tailstack, name), 3) for name in VERBS)]
-    parts += [
-        describe(sweeping.read_axes, 3),
-        describe(tailstack.DesignFunction, 3),
-        "## What every result can do\n",
-        members_of(Result, 3),
-    ]
+    parts += [describe(batch.BatchScores, 3), describe(sweeping.read_axes, 3)]
+    parts += [describe(tailstack.DesignFunction, 3), "## What every result can do\n", members_of(Result, 3)]
     parts.append("## Records\n")
     parts.append(
         wrapped(

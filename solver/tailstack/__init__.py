@@ -7,8 +7,9 @@ Three lines::
     print(score(design).targets[0].p95_mm, verify(design, precision=0.01).targets[0].p95_interval_mm)
 
 ``optimise(design)`` moves fiducials and sets rotational tolerances under the design's own limit, ``sweep(design,
-{path: values})`` varies numbers of it, ``design.with_value(path, value)`` is the design with one of them changed, and
-``DesignFunction(design, paths)`` makes a function of them for another program, with the derivative of P95.
+{path: values})`` varies numbers of it, ``score_batch(design, {path: column})`` scores it once for each row of a table,
+``design.with_value(path, value)`` is the design with one of them changed, and ``DesignFunction(design, paths)`` makes
+a function of them for another program, with the derivative of P95.
 Results are the frozen records of :mod:`tailstack.results`; refusals are the exceptions of :mod:`tailstack.errors`.
 """
 
@@ -20,6 +21,7 @@ from .first_use import load_on_first_use
 from .version import __version__
 
 if TYPE_CHECKING:
+    from .batch import score_batch
     from .design import Design, compile_design, load_design
     from .design_function import DesignFunction
     from .errors import (
@@ -44,6 +46,7 @@ _HOME = {
     "load_design": "design",
     "compile_design": "design",
     "score": "scoring",
+    "score_batch": "batch",
     "verify": "verification",
     "optimise": "optimisation",
     "sweep": "sweeping",
@@ -74,6 +77,7 @@ __all__ = [
     "load_design",
     "optimise",
     "score",
+    "score_batch",
     "sweep",
     "verify",
 ]

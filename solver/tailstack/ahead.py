@@ -57,6 +57,11 @@ _TABLE = {
         0.1 tail.spectrum._law_fault            f1 f2
         0.1 tail.lattice.balls                  f f1
     """,
+    "batch": """
+        3.3 batch.squares_of_images              f3 f3 f2 f2 f2 f5
+        4.2 batch.gaussian_tails                 f5 f2 f3 f4 f2 f2 f b f2
+        1.6 batch.find_plain                     f3 f3 f3 f2 f3 f3 f1 b1
+    """,
     "verify": f"""
         9.6 montecarlo.kernel.run_trials        {_TABLES} Draws(u1 i1 i1 f2) Results(f1 f1 f1) f1
         0.5 montecarlo.kernel.reduce_block      f1 i f1 f2 f3 f1 f1

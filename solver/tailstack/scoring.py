@@ -73,7 +73,7 @@ def score(design: Design | System, *, second_order: bool = False) -> Score:
         views=views,
         verdict=conclude(
             tuple(
-                _check(requirement, name, trust, metrics[name, requirement.error])
+                check_requirement(requirement, name, trust, metrics[name, requirement.error])
                 for requirement in system.requirements
                 for name in requirement.targets
             ),
@@ -201,7 +201,8 @@ def _second_order(system: System, tcp: ErrorScore) -> SecondOrder:
     )
 
 
-def _check(requirement: Requirement, target: str, trust: Validity, error: ErrorScore) -> Check:
+def check_requirement(requirement: Requirement, target: str, trust: Validity, error: ErrorScore) -> Check:
+    """A requirement held against the estimate at one target, of the error that it limits."""
     p, fraction = requirement.quantile, requirement.units_fraction
     if fraction is None:
         quantile = error.summary.quantile

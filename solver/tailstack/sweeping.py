@@ -60,7 +60,7 @@ def read_axes(design: Design, asked: Sequence[Mapping[str, Any]]) -> tuple[Axis,
         pointer = entry.get("pointer")
         if not isinstance(pointer, str):
             raise SweepError(Problem(f"{where}/pointer", "missing-field", "an axis names the number it varies"))
-        axis = Axis(pointer, _places(design, pointer, f"{where}/pointer"), _values(entry, where))
+        axis = Axis(pointer, find_numbers(design, pointer, f"{where}/pointer"), _values(entry, where))
         for earlier in axes:
             if set(earlier.places) & set(axis.places):
                 detail = f"{pointer} is varied by {earlier.pointer} already"
@@ -131,13 +131,15 @@ def _compute_point(
     """The design with these values; refused with the reason where it cannot be computed."""
     result: Score | Verification
     try:
-        varied = load_design(_set_values(design, axes, values), base_directory=design.source.directory)
+        varied = load_design(
+            set_numbers(design, [axis.places for axis in axes], values), base_directory=design.source.directory
+        )
         if check.kind == "score":
             result = score(varied)
         else:
             result = verify(varied, trials=check.trials, seed=check.seed, max_trials=check.max_trials, threads=threads)
     except TailstackError as error:
-        return SweepPoint(values, "refused", _reason(error), (), None)
+        return SweepPoint(values, "refused", describe_refusal(error), (), None)
     return SweepPoint(values, "ok", None, tuple(_target(target) for target in result.targets), result.verdict.status)
 
 
@@ -178,7 +180,8 @@ def _target(target: TargetScore | TargetEstimate) -> SweepTarget:
     )
 
 
-def _reason(error: TailstackError) -> str:
+def describe_refusal(error: TailstackError) -> str:
+    """Why a design could not be computed, in a line."""
     first = error.problems[0]
     more = f" (and {len(error.problems) - 1} more)" if len(error.problems) > 1 else ""
     return f"{first.pointer or '(document)'}: {first.detail}{more}"
@@ -231,19 +234,19 @@ def _values_at(axes: Sequence[Axis], number: int) -> tuple[float, ...]:
 # --- the document ---------------------------------------------------------------------------------
 
 
-def _set_values(design: Design, axes: Sequence[Axis], values: Sequence[float]) -> Any:
-    """The document with new numbers; what is not on the way to them is shared."""
+def set_numbers(design: Design, places: Sequence[Sequence[Place]], values: Sequence[float]) -> Any:
+    """The document with a new number at all places of each list; what is not on the way to them is shared."""
     data = design.source.data
-    for axis, value in zip(axes, values, strict=True):
-        for place in axis.places:
+    for each, value in zip(places, values, strict=True):
+        for place in each:
             # A whole number stays one: fields that count do not take 8.0.
             counts = isinstance(value_at(data, place), int) and value.is_integer()
             data = replace_value(data, place, int(value) if counts else value)
     return data
 
 
-def _places(design: Design, pointer: str, where: str) -> tuple[Place, ...]:
-    """Steps to every number that a pointer leads to.  Raises SweepError."""
+def find_numbers(design: Design, pointer: str, where: str) -> tuple[Place, ...]:
+    """The places of every number that a pointer leads to.  Raises SweepError that points at ``where``."""
     data = design.source.data
     reached = find_places(data, pointer)
     hint = suggest(data, pointer) or "what the design leaves to its default is written out to be varied"

@@ -21,7 +21,7 @@ from contextlib import suppress
 from pathlib import Path
 from numba.core import event
 from numba.core.sigutils import normalize_signature
-from tailstack import kernels, load_design, optimise, score, verify
+from tailstack import kernels, load_design, optimise, score, score_batch, verify
 from tailstack.errors import TailstackError
 from tailstack_service.operations.example import variants
 
@@ -47,6 +47,9 @@ seen = {}
 for design in designs:
     score(design)
 seen["score"], called[:] = list(called), []
+for design in designs:
+    score_batch(design, {"/views/0/fiducial_noise_px": [0.2, 0.3], "/fiducials/points/0/position_mm/0": [0.0, 0.1]})
+seen["batch"], called[:] = list(called), []
 for design in designs[: len(examples)]:
     verify(design, trials=1000, threads=1)
     with suppress(TailstackError):  # not every design can be drawn by directions

@@ -383,10 +383,7 @@ def refuse_behind_detector(
     """A distance to the detector is known for aimed views only; the System no longer holds it."""
     points = np.concatenate([fiducials, [target.position_mm for target in targets]])
     labels = design.fiducials.labels
-    for index, (view, compiled) in enumerate(zip(design.document.views, views, strict=True)):
-        if not isinstance(view, PresetView | DistanceView):
-            continue
-        detector = view.source_detector_mm or PRESETS[getattr(view, "preset", "")].source_detector_mm
+    for index, (compiled, detector) in enumerate(zip(views, detector_distances(design).tolist(), strict=True)):
         depth = depths(compiled.projection, points)
         if compiled.sees is not None:
             depth[: len(labels)][[label not in compiled.sees for label in labels]] = -np.inf
@@ -398,11 +395,21 @@ def refuse_behind_detector(
                 Problem(
                     f"/views/{index}",
                     "behind-detector",
-                    f"{name} lies {depth[worst]:.4g} mm from the source of view {view.name}, behind its detector at "
-                    f"{detector:g} mm",
+                    f"{name} lies {depth[worst]:.4g} mm from the source of view {compiled.name}, behind its detector "
+                    f"at {detector:g} mm",
                     "check the isocentre, the direction of the beam and the frame of the coordinates",
                 )
             )
+
+
+def detector_distances(design: Design) -> Array:
+    """(V,) mm from the source of each view to its detector; infinite where the document does not say."""
+    return np.array([
+        view.source_detector_mm or PRESETS[getattr(view, "preset", "")].source_detector_mm
+        if isinstance(view, PresetView | DistanceView)
+        else np.inf
+        for view in design.document.views
+    ])  # fmt: skip
 
 
 def _read_matrix(view: MatrixView, pointer: str, fiducials: Array) -> Array:

@@ -335,6 +335,13 @@ def law_summary(law: LinearLaw, p: float, limit: float | None = None) -> LawSumm
     return LawSummary(quantile, evaluation.excess(0.0), tail_mean, exceedance)
 
 
+def law_mean(law: LinearLaw, p: float) -> float:
+    """E|e|, mm, with the accuracy that :func:`law_summary` has it for a quantile at p."""
+    if not law.columns.any():
+        return norm_mean(law.mean, law.covariance)
+    return Evaluation(law, accuracy_for(probability_iv(p), True)).excess(0.0)
+
+
 def law_gradient(law: LinearLaw, total: LawQuantile, *, fine: bool = True) -> LawGradient:
     """Derivatives of a quantile of this law; fine: as exact as the quantile itself, to drive an optimiser."""
     k = law.kinds.size

@@ -1,0 +1,216 @@
+"""Tables of designs: every row against the score of a document written by hand, whichever way it was computed."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from math import isnan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from random_designs import random_design
+from tailstack import load_design, score, score_batch
+from tailstack.batch import COLUMNS, COMPILED, IN_FULL, LINEARISED, Batch
+from tailstack.errors import TailstackError
+from tailstack.sweeping import SweepError
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+DEMO = load_design(EXAMPLES / "demo.yaml")
+NOISE, BEAD = "/views/0/fiducial_noise_px", "/fiducials/points/2/position_mm/1"
+CLOSE = 1e-9
+
+
+def of_normal_laws(document: dict[str, Any]) -> dict[str, Any]:
+    """The document with every tolerance normal."""
+
+    def turn(node: Any) -> Any:
+        if isinstance(node, dict):
+            return {key: "normal" if key == "distribution" else turn(value) for key, value in node.items()}
+        return [turn(item) for item in node] if isinstance(node, list) else node
+
+    changed: dict[str, Any] = turn(document)
+    return changed
+
+
+NORMAL = load_design(of_normal_laws(DEMO.source.data))
+
+
+def places_of(node: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Where a document has numbers."""
+    if isinstance(node, dict | list):
+        for key, child in node.items() if isinstance(node, dict) else enumerate(node):
+            yield from places_of(child, (*above, key))
+    elif isinstance(node, int | float) and not isinstance(node, bool):
+        yield above
+
+
+def written(document: dict[str, Any], places: list[tuple[Any, ...]], values: list[float]) -> dict[str, Any]:
+    """The document with these numbers, by plain assignment."""
+    document = copy.deepcopy(document)
+    for place, value in zip(places, values, strict=True):
+        node = document
+        for step in place[:-1]:
+            node = node[step]
+        node[place[-1]] = value
+    return document
+
+
+def scored(document: dict[str, Any]) -> dict[str, Any] | None:
+    """Every column of the document's own score; None where it has none."""
+    try:
+        found = score(load_design(document))
+    except TailstackError:
+        return None
+    cells: dict[str, Any] = {"verdict": found.verdict.status}
+    for target in found.targets:
+        cells[f"p95_mm:{target.name}"] = target.p95_mm
+        cells[f"mean_norm_mm:{target.name}"] = target.mean_norm_mm
+        cells[f"bias_norm_mm:{target.name}"] = float(np.linalg.norm(target.bias_mm))
+        cells[f"localisation_p95_mm:{target.name}"] = target.localisation.p95_mm
+    for check in found.verdict.checks:
+        cells[f"value_mm:{check.requirement}:{check.target}"] = check.value_mm
+    kept = [check.value_mm <= check.limit_mm for check in found.verdict.checks]
+    cells["within_limits"] = ("yes" if all(kept) else "no") if kept else "no requirement"
+    return cells
+
+
+def compare(document: dict[str, Any], places: list[tuple[Any, ...]], rows: np.ndarray, columns: Any) -> Any:
+    """A batch, after each row was compared with its own score."""
+    pointers = ["/" + "/".join(map(str, place)) for place in places]
+    batch = score_batch(load_design(document), dict(zip(pointers, rows.T, strict=True)), columns=columns)
+    for k, row in enumerate(rows.tolist()):
+        expected = scored(written(document, places, row))
+        if expected is None:
+            assert batch.reasons[k], (k, row)
+            assert all(column[k] == "" or isnan(column[k]) for column in batch.columns.values())
+            continue
+        assert not batch.reasons[k]
+        for name, column in batch.columns.items():
+            if isinstance(expected[name], str):
+                assert column[k] == expected[name], name
+            else:
+                assert column[k] == pytest.approx(expected[name], rel=CLOSE, abs=1e-12), (name, k, row)
+    return batch
+
+
+def draw_rows(rng: np.random.Generator, document: dict[str, Any], places: list[tuple[Any, ...]], count: int) -> Any:
+    """Numbers near those that are there, now and then far away, or out of range."""
+    base = np.array([float(np.array(load_number(document, place))) for place in places])
+    near = base + (0.02 * np.abs(base) + 0.05) * rng.standard_normal((count, len(base)))
+    near[:, [isinstance(place[-1], str) for place in places]] = np.abs(
+        near[:, [isinstance(p[-1], str) for p in places]]
+    )
+    return np.where(rng.random(near.shape) < 0.03, near * rng.choice([-1.0, 30.0, 1e7], near.shape), near)
+
+
+def load_number(document: Any, place: tuple[Any, ...]) -> float:
+    for step in place:
+        document = document[step]
+    return float(document)
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_rows_of_random_designs_are_their_scores(seed: int) -> None:
+    """independent: the document of each row, written by assignment and scored alone."""
+    rng = np.random.default_rng([17, seed])
+    document = random_design(
+        rng, int(rng.integers(2, 5)), int(rng.choice([6, 8, 12])), bool(rng.random() < 0.2), (0.005, 0.1)
+    )
+    if seed % 2:
+        document = of_normal_laws(document)
+    p95 = score(load_design(document)).targets[0].p95_mm
+    document["requirements"] = [
+        {"name": "tip", "limit_mm": 1.02 * p95},
+        {"name": "seen", "limit_mm": 2 * p95, "error": "localisation", "quantile": 0.9},
+    ][: int(rng.integers(0, 3))]
+    known = [place for place in places_of(document) if place[0] != "requirements"]
+    if seed % 4 < 3:
+        known = [place for place in known if "projection" not in place]
+    if seed % 8 == 1:
+        known = [place for place in known if "bias" not in place and "pivot_mm" not in place and place[0] != "targets"]
+    if seed % 6 == 1:  # a view that sees some of the beads
+        labels = [f"F{k}" for k in range(1, len(document["fiducials"]["points"]) + 1)]
+        document["views"][0]["sees"] = sorted(rng.choice(labels, max(6, len(labels) - 2), replace=False).tolist())
+    chosen = [known[k] for k in rng.choice(len(known), int(rng.integers(1, 6)), replace=False)]
+    columns = [name for name in COLUMNS if seed % 8 not in (1, 5) or name != "verdict"]
+    compare(document, chosen, draw_rows(rng, document, chosen, 6), columns)
+
+
+@pytest.mark.parametrize(
+    ("design", "paths", "way"),
+    [
+        (NORMAL, [BEAD, NOISE, "interfaces.connector_flange.tolerances.rz.half_width_deg"], COMPILED),
+        (NORMAL, ["/interfaces/connector_flange/pivot_mm/2"], LINEARISED),
+        (DEMO, [BEAD], LINEARISED),
+        (NORMAL, ["/views/0/source_isocentre_mm"], IN_FULL),
+    ],
+)
+def test_a_batch_says_which_way_its_rows_went_and_why(design: Any, paths: list[str], way: str) -> None:
+    rng = np.random.default_rng(3)
+    rows = np.array([[load_number(design.source.data, place_of(design, path)) for path in paths]]).repeat(4, axis=0)
+    rows *= 1 + 0.01 * rng.random(rows.shape)
+    found = compare(design.source.data, [place_of(design, path) for path in paths], rows, COLUMNS[:6])
+    assert found.ways[way] == 4
+    assert (found.why == "") == (way == COMPILED)
+
+
+def place_of(design: Any, path: str) -> tuple[Any, ...]:
+    steps = path.strip("/").replace(".", "/").split("/")
+    return tuple(int(step) if step.isdigit() else step for step in steps)
+
+
+def test_bytes_do_not_depend_on_threads_or_on_where_a_table_is_cut() -> None:
+    rng = np.random.default_rng(8)
+    rows = np.column_stack([rng.uniform(0.1, 0.5, 2500), -40 + rng.standard_normal(2500)])
+    table = {NOISE: rows[:, 0], BEAD: rows[:, 1]}
+    whole = score_batch(NORMAL, table, threads=1)
+    again = score_batch(NORMAL, table, threads=3)
+    batch = Batch(NORMAL, list(table))
+    pieces = [batch.score_rows(rows[start : start + 7]) for start in range(0, 70, 7)]
+    for k, (name, column) in enumerate(whole.columns.items()):
+        assert column.tobytes() == again.columns[name].tobytes() or column.tolist() == again.columns[name].tolist()
+        assert np.concatenate([piece.columns[k] for piece in pieces]).tolist() == column[:70].tolist()
+    assert whole.reasons == again.reasons
+
+
+def test_a_row_that_cannot_be_scored_keeps_its_place_and_says_why() -> None:
+    found = score_batch(NORMAL, {NOISE: [0.3, -1.0, float("nan"), 0.3], BEAD: [-30.0, -30.0, -30.0, 4e4]})
+    assert [bool(reason) for reason in found.reasons] == [False, True, True, True]
+    assert "/views/0/fiducial_noise_px" in found.reasons[1]
+    assert np.isnan(found.columns["p95_mm:tip"]).tolist() == [False, True, True, True]
+    assert found.columns["within_limits"].tolist()[1:] == ["", "", ""]
+
+
+def test_beads_that_stand_in_a_file_have_places(tmp_path: Path) -> None:
+    points = [point["position_mm"] for point in DEMO.source.data["fiducials"]["points"]]
+    lines = ["label,x_mm,y_mm,z_mm", *(f"B{k},{x},{y},{z}" for k, (x, y, z) in enumerate(points))]
+    (tmp_path / "beads.csv").write_text("\n".join(lines))
+    document = copy.deepcopy(NORMAL.source.data)
+    document["fiducials"].pop("points")
+    document["fiducials"]["file"] = "beads.csv"
+    design = load_design(document, base_directory=tmp_path)
+    found = score_batch(design, {"fiducials.points.B2.position_mm.1": [points[2][1] + 3.0]})
+    expected = scored(written(NORMAL.source.data, [place_of(design, BEAD)], [points[2][1] + 3.0]))
+    assert expected is not None
+    assert found.columns["p95_mm:tip"][0] == pytest.approx(expected["p95_mm:tip"], rel=CLOSE)
+
+
+@pytest.mark.parametrize(
+    ("table", "columns", "pointer", "said"),
+    [
+        ({"/views/0/fiducial_noise": [1.0]}, ["p95_mm"], "/table", "nothing at"),
+        ({NOISE: [1.0], "views.*.fiducial_noise_px": [1.0]}, ["p95_mm"], "/table", "same number"),
+        ({NOISE: [1.0], BEAD: [1.0, 2.0]}, ["p95_mm"], "/table", "same length"),
+        ({}, ["p95_mm"], "/table", "at least one"),
+        ({NOISE: [1.0]}, ["p95"], "/columns/0", "known: p95_mm"),
+    ],
+)
+def test_refusals_of_a_table_name_what_is_wrong(table: Any, columns: list[str], pointer: str, said: str) -> None:
+    with pytest.raises(SweepError) as refused:
+        score_batch(DEMO, table, columns=columns)
+    [problem] = refused.value.problems
+    assert problem.pointer.startswith(pointer)
+    assert said in problem.detail + problem.hint
