@@ -395,7 +395,12 @@ def why_not_installed() -> str:
         differences = [one for one in differences if not one.startswith("built for ")]
     elif any(one.startswith("built from") for one in differences):
         differences = ["built from other sources"]
-    said = sorted(set(differences) - {""})
+    made: dict[str, list[str]] = {}  # by what is here, which all may share
+    for one in sorted(set(differences) - {""}):
+        words, _, here = one.partition(", here is ")
+        group = made.setdefault(here, [])
+        group.append(words.removeprefix("built ") if group else words)
+    said = [" and ".join(words) + (f", here is {here}" if here else "") for here, words in made.items()]
     return f"those installed were {'; '.join(said)}" if said else ""
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from service_scenes import ROOT
 
+from tailstack.errors import Problem, TailstackError
 from tailstack_service.cli.main import build_parser
 from tailstack_service.cli.verbs import verbs
 from tailstack_service.console.refusals import NEXT, next_command
@@ -134,7 +135,9 @@ def test_the_next_command_can_be_typed(verb: str, tmp_path: Path) -> None:
     """After every class of refusal, for every verb: the command parses as it is printed."""
     design = str(tmp_path / "design.yaml")
     for slug in [*NEXT, "unheard-of"]:
-        told = next_command(slug, argparse.Namespace(verb=verb, design=design)).removeprefix("next: ")
+        error = TailstackError(Problem("", "x", "x"))
+        error.slug = slug
+        told = next_command(error, argparse.Namespace(verb=verb, design=design)).removeprefix("next: ")
         command = told.partition("   (")[0].removeprefix("mend it, then ")
         if not command.startswith("tailstack "):
             assert command == "install it, then repeat the command"

@@ -115,9 +115,10 @@ print(describe_calls(["score"]))
     ("before", "words"),
     [
         ("kernels.BUILT_WITH = kernels.BUILT_WITH.replace('numba 0', 'numba 9')", "built with numba 0"),
+        ("kernels.BUILT_WITH = kernels.BUILT_WITH.replace('llvmlite 0', 'llvmlite 9')", "built with llvmlite 0"),
         ("kernels.level_targets = lambda: []", "built for x86-64-v"),
     ],
-    ids=["another numba", "a processor without a level"],
+    ids=["another numba", "another llvmlite", "a processor without a level"],
 )
 def test_kernels_that_do_not_fit_are_not_used_and_it_is_said_why(
     installed: Environment, before: str, words: str
@@ -126,12 +127,55 @@ def test_kernels_that_do_not_fit_are_not_used_and_it_is_said_why(
     assert f"{COUNT} kernels: {COUNT} not compiled yet (those installed were {words}" in said.stdout, said.stderr
 
 
+# Two that take a moment, as if a verb needed no others
+FEW = """
+import json
+import numpy as np
+from tailstack import ahead, kernels
+from tailstack.preparation import prepare_with
+from tailstack_service.console import compilation, progress
+progress.QUIET_SECONDS = 0.01
+few = ("tail.lattice.balls", "tail.spectrum._law_fault")
+ahead.calls_for = lambda _: tuple(call for call in ahead.EVERY if call.kernel in few)
+prepare_with(lambda: compilation.compile_for(["score"]))
+from tailstack.tail.lattice import balls
+balls(1.0, np.array([0.5]))
+print(json.dumps([kernels.TRAFFIC.compiled, kernels.TRAFFIC.loaded, kernels.TRAFFIC.installed]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("at_start", "words"),
+    [
+        ("import numba; numba.__version__ = '9.0'", r"built with numba [\d.]+, here is numba 9\.0"),
+        ("import os; os.environ['NUMBA_CPU_NAME'] = 'x86-64-v2'", r"built for x86-64-v\d, here is x86-64-v2"),
+        ("", ""),
+    ],
+    ids=["another numba", "a processor without a level", "as they were built"],
+)
+def test_kernels_that_do_not_fit_are_compiled_and_it_is_said_why(
+    installed: Environment, at_start: str, words: str
+) -> None:
+    (installed.packages / "zz_at_start.pth").write_text(at_start + "\n", encoding="utf-8")  # of every Python there
+    done = installed.run(FEW)
+    assert done.returncode == 0, done.stderr
+    said = " ".join(done.stderr.split())
+    if words:
+        assert json.loads(done.stdout) == [0, 1, 0]  # compiled by a process of its own, for the user's cache
+        assert re.match(rf"kernels are compiled: those installed were {words} compiling kernels, once ", said), said
+        assert list((installed.place / "home" / ".cache" / "tailstack" / "kernels").glob("tail.lattice.balls-*"))
+    else:
+        assert (json.loads(done.stdout), said) == ([0, 1, 1], "")
+
+
 def test_of_an_altered_source_only_its_own_kernels_are_compiled(installed: Environment) -> None:
     with open(installed.packages / "tailstack" / "propagation" / "nonlinearity.py", "a") as source:
         source.write("# altered\n")
-    done = installed.run(SCORE)
+    hasty = "from tailstack_service.console import progress\nprogress.QUIET_SECONDS = 0.01\n"
+    done = installed.run(hasty + SCORE)
     code, compiled, loaded, from_installation = json.loads(done.stderr.splitlines()[-1])
     assert code in (0, 1), done.stderr
+    assert done.stderr.startswith("kernels are compiled: those installed were built from other sources\ncompiling ")
     assert (compiled, loaded - from_installation) == (0, 1)  # by a process of its own, and loaded from the user's cache
     assert list((installed.place / "home" / ".cache" / "tailstack" / "kernels").glob("propagation.nonlinearity.*"))
     says = installed.run("from tailstack_service.cli.main import main; main(['warm-up', '--for', 'score'])").stdout

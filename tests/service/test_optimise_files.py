@@ -283,7 +283,7 @@ def test_a_result_that_cannot_be_kept_is_printed_all_the_same(
     assert code == 0
     assert "what to change in" in out
     assert out.splitlines()[-1].startswith(f"next: tailstack optimise {path} -o NEW.yaml")
-    assert "note: the result is not kept for --last: [Errno " in err
+    assert "note: the result is not kept for --last: /proc/nobody cannot be written (" in err
     monkeypatch.delenv("XDG_STATE_HOME")
     monkeypatch.setattr("pathlib.Path.home", lambda: (_ for _ in ()).throw(RuntimeError("there is no home directory")))
     code, _, err = call("optimise", path)

@@ -12,6 +12,7 @@ from tailstack.errors import MissingExtraError
 from tailstack.extras import install_command, missing_extras, name_missing_extra
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
+from ..rendering.tables import wrap
 
 HELP = "check this installation"
 
@@ -29,15 +30,20 @@ def run(arguments: argparse.Namespace) -> Answer:
     for name, check in CHECKS.items():
         try:
             with name_missing_extra():
-                lines.append(f"ok    {name:<15}{check()}\n")
+                mark, words = "ok", check()
         except MissingExtraError as error:  # left out on purpose
-            lines.append(f"-     {name:<15}not installed: {error.problems[0].hint}\n")
+            mark, words = "-", f"not installed: {error.problems[0].hint}"
+        except Ailment as error:
+            mark, words, code = "FAIL", str(error), NOT_EVALUATED
         except Exception as error:  # a doctor reports every ailment
-            code = NOT_EVALUATED
-            lines.append(
-                f"FAIL  {name:<15}{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}\n"
-            )
+            first = str(error).splitlines()[0] if str(error) else ""
+            mark, words, code = "FAIL", f"{type(error).__name__}: {first}", NOT_EVALUATED
+        lines.append(wrap(words, first=f"{mark:<6}{name:<15}", indent=" " * 21) + "\n")
     return Answer("".join(lines), code)
+
+
+class Ailment(Exception):
+    """What is wrong with this installation, in words, and what helps."""
 
 
 def _python() -> str:
@@ -80,12 +86,15 @@ def _threads() -> str:
 
 
 def _compile_cache() -> str:
-    """Kernels are kept in NUMBA_CACHE_DIR, or in the user's cache."""
+    """Kernels are kept in NUMBA_CACHE_DIR, or in the user's cache; where all of them are there, none has to be."""
+    from tailstack.ahead import EVERY
     from tailstack.kernels import TRAFFIC, is_writable, writable_directory
 
+    if all(call.file() is not None for call in EVERY):
+        return "not needed: every kernel is compiled"
     if is_writable():
         return f"writable: {writable_directory()}"
-    raise RuntimeError(f"{TRAFFIC.unwritable}; set NUMBA_CACHE_DIR to a folder that can be")
+    raise Ailment(f"{TRAFFIC.unwritable}; set NUMBA_CACHE_DIR to a folder that can be")
 
 
 def _kernels() -> str:
@@ -97,14 +106,14 @@ def _kernels() -> str:
 
     described = describe_calls(("doctor",))
     if without := kernels.kernels_without_store():
-        raise RuntimeError(f"{kernels.BUILT_WITH} keeps no kernels: every process compiles {without[0]} and the others")
+        raise Ailment(f"{kernels.BUILT_WITH} keeps no kernels: every process compiles {without[0]} and the others")
     used = {call.file() for call in EVERY}
     folders = (*kernels.installed_directories(), kernels.writable_directory())
     damaged = [
         one.path for folder in folders for one in kernels.stored_kernels(folder) if one.path in used and not one.sound
     ]
     if damaged:
-        raise RuntimeError(f"{len(damaged)} damaged, which are compiled again when needed; delete {damaged[0]}")
+        raise Ailment(f"{len(damaged)} damaged, which are compiled again when needed; delete {damaged[0]}")
     return f"{described}; for {kernels.BUILT_WITH}"
 
 
@@ -116,7 +125,7 @@ def _known_value() -> str:
 
     p95 = norm_quantile(0.95, np.zeros(3), np.eye(3))
     if not abs(p95 / CHI_95_3 - 1) < 1e-9:
-        raise RuntimeError(f"P95 of |N(0, I)| is {p95!r}, should be {CHI_95_3!r}")
+        raise Ailment(f"P95 of |N(0, I)| is {p95!r}, should be {CHI_95_3!r}")
     return f"P95 of |N(0, I)| = {p95:.9f} mm, closed form {CHI_95_3:.9f} mm"
 
 
@@ -132,7 +141,7 @@ def _chain() -> str:
     first = score(design).targets[0].p95_mm
     low, high = verify(design, trials=20_000, seed=1).targets[0].p95_interval_mm
     if not 0.98 * low < first < 1.02 * high:
-        raise RuntimeError(f"first order P95 {first:.4f} mm is far from the simulated {low:.4f} .. {high:.4f} mm")
+        raise Ailment(f"first order P95 {first:.4f} mm is far from the simulated {low:.4f} .. {high:.4f} mm")
     return f"first order P95 {first:.4f} mm, simulated {low:.4f} .. {high:.4f} mm"
 
 

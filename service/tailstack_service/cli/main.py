@@ -21,7 +21,8 @@ from .verbs import OWN, SPELLINGS, verbs
 
 EPILOG = """\
 exit codes: 0 pass · 1 the design fails · 2 bad input or usage · 3 could not evaluate · 4 inconclusive · 130 interrupted
-start with: tailstack demo, then tailstack score examples/demo.yaml (DESIGN may be - for stdin)
+
+start with: tailstack demo, or tailstack init and then tailstack score design.yaml (DESIGN may be - for stdin)
 """
 
 
@@ -67,6 +68,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = list(sys.argv[1:] if argv is None else argv)
     if program() != INSTALLED:
         know_verbs(verbs())  # they are spell_commands in another way here
+    if argv[:1] == ["help"]:
+        argv = [*argv[1:], "--help"]
     if argv:
         argv[0] = SPELLINGS.get(argv[0], argv[0])
         if argv[0] not in verbs() and argv[0] not in ("-h", "--help", "-V", "--version"):

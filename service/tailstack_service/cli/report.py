@@ -43,7 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--format", type=_list_type(FORMATS), metavar="LIST",
         help="html, pdf, xlsx, json, separated by commas (default html)",
     )  # fmt: skip
-    parser.add_argument("-o", "--output", metavar="DIR", help="directory for the files (default: this one)")
+    parser.add_argument(
+        "-o", "--output", metavar="DIR|FILE",
+        help="directory for the files (default: this one), or the file, whose ending is then the format",
+    )  # fmt: skip
     parser.add_argument(
         "--parts", type=_list_type(PARTS), metavar="LIST",
         help="of a design: score, verification, optimisation (default score,verification)",
@@ -93,10 +96,11 @@ def run(arguments: argparse.Namespace) -> Answer:
     if arguments.fast:
         _refuse("unused-option", "--fast: it is read only with --verify", "leave it out")
 
-    forms = arguments.format or ("html",)
+    file = _file(arguments.output, arguments.format)
+    forms = arguments.format or ("html",) if file is None else (file.suffix[1:].lower(),)
     if set(forms) != {"json"}:  # before the work, and not after it
         require_extras("report", *(["pdf"] if "pdf" in forms else []))
-    output = _directory(arguments.output or ".")
+    output = _directory(arguments.output or ".") if file is None else _directory(str(file.parent))
     given = [_read(name) for name in arguments.sources]
     record: Any
     if len(given) == 2:
@@ -111,7 +115,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     stem = "report" if stem == "stdin" else stem
     written = []
     for form, content in _render(kind, body, forms):
-        path = output / f"{stem}.{'report.' if form == 'json' else ''}{form}"
+        path = file or output / f"{stem}.{'report.' if form == 'json' else ''}{form}"
         replace_file(path, content)
         written.append(str(path))
     return Answer("".join(f"{path}\n" for path in written), OPERATIONS[kind].exit_code(record))
@@ -246,6 +250,18 @@ def _refuse(code: str, detail: str, hint: str, file: str | None = None) -> NoRet
     from ..problems import RequestError
 
     raise RequestError(Problem("", code, detail, hint, file))
+
+
+def _file(name: str | None, forms: Sequence[str] | None) -> Path | None:
+    """The file that -o names by its ending; None where it names a directory.  Raises RequestError."""
+    path = Path(name or "")
+    form = path.suffix[1:].lower()
+    if form not in FORMATS or path.is_dir():
+        return None
+    if forms and tuple(forms) != (form,):
+        _refuse("format-mismatch", f"-o {name} is one file, of {form}; --format asks for {', '.join(forms)}",
+                "give a directory with -o, or leave --format out")  # fmt: skip
+    return path
 
 
 def _directory(name: str) -> Path:

@@ -13,6 +13,7 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, TextIO
 
 from ..processes.interpreter import make_command, make_environment
+from ..rendering.tables import wrap
 from .progress import Progress
 
 if TYPE_CHECKING:
@@ -52,7 +53,8 @@ class CompilationProgress(Progress):
 
     def __init__(self, calls: Sequence[Call], processes: int, reason: str, stream: TextIO | None = None) -> None:
         super().__init__("compiling kernels, once on this machine", stream)
-        self._calls, self._processes, self._reason = calls, processes, reason
+        self.preface = wrap(reason, first="kernels are compiled: ", indent="  ") if reason else ""
+        self._calls, self._processes = calls, processes
         self._count, self._seconds_done, self._seconds_begun, self._began = 0, 0.0, 0.0, time.monotonic()
 
     def begin(self, call: Call) -> None:
@@ -81,7 +83,7 @@ class CompilationProgress(Progress):
         parts = [f"{self.what}: {self._count} of {len(self._calls)}"]
         if self._count < len(self._calls):
             parts.append(f"about {max(1.0, self._seconds_left()):.0f} s")
-        return ", ".join(parts) + (f" ({self._reason})" if self._reason else "")
+        return ", ".join(parts)
 
 
 def _compile(calls: Sequence[Call]) -> None:

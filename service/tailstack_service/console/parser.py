@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
@@ -23,7 +25,10 @@ class Parser(argparse.ArgumentParser):
         self.exit(BAD_INPUT, f"{self.prog}: {message}\nnext: {self.prog} --help\n")
 
     def format_help(self) -> str:
-        return spell_commands(super().format_help())
+        """Paragraphs as wide as the terminal; what has indented lines is laid out already."""
+        width = shutil.get_terminal_size().columns
+        paragraphs = spell_commands(super().format_help()).rstrip("\n").split("\n\n")
+        return "\n\n".join(one if "\n " in one else textwrap.fill(one, width) for one in paragraphs) + "\n"
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Refused here, what is left over is refused with the verb's own name and flags."""
@@ -59,7 +64,8 @@ def refuse_verb(word: str, rest: Sequence[str], verbs: Sequence[str]) -> int:
     here = program()
     following = f"{here} --help"
     if word.startswith("-"):
-        detail = f"flags stand after the verb; got {word} before it"
+        meant = suggest(word, ("--help", "--version"))
+        detail = f"there is no flag {word!r}{meant}" if meant else f"flags stand after the verb; got {word} before it"
     elif word.lower().endswith(DOCUMENTS) or Path(word).is_file():
         detail = f"{word!r} is a file, and no verb stands before it"
         verb = next((other for other in rest if other in verbs), "score")  # DESIGN VERB: the wrong way round

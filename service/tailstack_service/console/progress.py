@@ -33,6 +33,7 @@ class Progress:
         self.clock = clock
         self.fraction = 0.0
         self.detail = ""
+        self.preface = ""  # said once, on lines of its own, before the first line of progress
         self._begun = clock()
         self._first: tuple[float, float] | None = None  # report that said how far: when, seconds, and how far
         self._left: Callable[[float], float | None] = lambda _elapsed: None  # seconds, when so many have passed
@@ -133,6 +134,8 @@ class Progress:
         while not self._done.wait(wait):
             if self._open and self._open[-1] is not self:
                 continue
+            if self.preface and not self._shown:
+                self._write(self.preface + "\n")
             self._shown = True
             self._write(f"\r{self.bar(self._columns())}\x1b[K" if self._terminal else self.line() + "\n")
             wait = TERMINAL_EVERY if self._terminal else min(2 * wait, LOG_EVERY)

@@ -29,7 +29,9 @@ NEXT = {
     "invalid-request": "tailstack {verb} --help",
 }
 
-OPTIMISE_AGAIN = "mend it, then tailstack optimise {file}   (all rules: tailstack schema design)"
+# validate does not look at what the optimiser is asked for, and has itself just been called
+SAME_AGAIN = "mend it, then tailstack {verb} {file}   (all rules: tailstack schema design)"
+NO_DESIGN = "tailstack init   (makes a first design; tailstack example prints others)"
 
 
 def problem_text(problem: Problem) -> str:
@@ -59,12 +61,15 @@ def name_stdin(problems: tuple[Problem, ...], file: str | None) -> tuple[Problem
     return tuple(replace(p, file="<stdin>") if p.file is None and file == "-" else p for p in problems)
 
 
-def next_command(slug: str, arguments: argparse.Namespace) -> str:
+def next_command(error: TailstackError, arguments: argparse.Namespace) -> str:
+    """What to type next."""
     file = getattr(arguments, "design", None) or "DESIGN"
     file = file[0] if isinstance(file, list) else file
-    command = NEXT.get(slug, "tailstack {verb} --help")
-    if arguments.verb == "optimise" and slug == "invalid-design":
-        command = OPTIMISE_AGAIN  # validate does not look at what the optimiser is asked for
+    command = NEXT.get(error.slug, "tailstack {verb} --help")
+    if any(problem.code == "file-not-found" and not problem.pointer for problem in error.problems):
+        command = NO_DESIGN
+    elif error.slug == "invalid-design" and arguments.verb in ("optimise", "validate"):
+        command = SAME_AGAIN
     return spell_commands("next: " + command.format(file=file, verb=arguments.verb))
 
 
@@ -98,7 +103,7 @@ def _report(error: TailstackError, arguments: argparse.Namespace, code: int) -> 
         return code
     lines = [f"tailstack {arguments.verb}: {error.title[0].lower()}{error.title[1:]}"]
     lines += problems_text(problems)
-    lines.append(next_command(error.slug, arguments))
+    lines.append(next_command(error, arguments))
     print("\n".join(lines), file=sys.stderr)
     return code
 

@@ -160,7 +160,10 @@ def _run(arguments: argparse.Namespace) -> Answer:
     patch = ""
     if places.design is None:
         name = design.source.file or "the design"
-        patch = f"\nwhat to change in {name} (a merge patch, RFC 7396):\n{patch_text(design, result)}\n"
+        if changes := patch_text(design, result):
+            patch = f"\nwhat to change in {name} (a merge patch, RFC 7396):\n{changes}\n"
+        else:
+            patch = f"\nnothing to change in {name}: it is what the search came to.\n"
     return Answer(f"{optimisation_text(result)}{patch}{following}\n", code)
 
 

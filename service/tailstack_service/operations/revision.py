@@ -265,7 +265,9 @@ def keep_result(design: Design, result: Optimisation) -> str:
         file = None if design.source.file is None else str(Path(design.source.file).resolve())
         content = {"schema": KEPT, "file": file, "result": plain(result)}
         replace_file(folder / LAST, write_json(content))
-    except (OSError, RuntimeError) as error:
+    except OSError as error:
+        return f"{error.filename or LAST} cannot be written ({error.strerror or error})"
+    except RuntimeError as error:  # no home
         return str(error)
     return ""
 

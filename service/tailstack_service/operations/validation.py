@@ -11,6 +11,7 @@ from tailstack.results import Finding, ViewCheck
 
 from ..console.answer import PASS, Answer
 from ..console.arguments import read_design
+from ..rendering.alike import join_findings
 from ..rendering.tables import visible, wrap
 from .effort import reading_seconds
 from .operation import Command, Operation
@@ -75,7 +76,10 @@ def validation_text(file: str, validation: Validation) -> str:
         f"{_list_names(validation.targets)}; requirements {_list_names(validation.requirements)}"
     )
     lines = [wrap(f"{file}: valid, {visible(validation.name)}"), wrap(counts, first="  ", indent="  ")]
-    lines += [wrap(f.message, first=f"  {f.severity}: ", indent="    ") for f in validation.findings]
+    lines += [
+        wrap(sentence, first=f"  {finding.severity}: ", indent="    ")
+        for finding, sentence in join_findings(validation.findings)
+    ]
     lines += [
         wrap(f"view {view.view}: outside the image: {', '.join(view.outside)}", first="  warning: ", indent="    ")
         for view in validation.visibility
@@ -109,7 +113,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
         except TailstackError as error:
             codes.append(error.exit_code)
             print("\n".join(problems_text(name_stdin(error.problems, name))), file=sys.stderr)
-            print(next_command(error.slug, argparse.Namespace(verb="validate", design=name)), file=sys.stderr)
+            print(next_command(error, argparse.Namespace(verb="validate", design=name)), file=sys.stderr)
             lines.append(f"{name}: not valid, {len(error.problems)} problem(s)\n")
     # a document that breaks the rules (2) counts before one that is ill-posed (3)
     return Answer("".join(lines), min(codes, default=PASS))

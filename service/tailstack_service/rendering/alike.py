@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Hashable, Sequence
 from typing import TypeVar
+
+from tailstack.results import Finding
 
 T = TypeVar("T")
 FEWEST = 3  # two are still read one by one
@@ -29,8 +32,8 @@ def name_field(pointer: str) -> str:
 
 
 def name_rule(sentence: str) -> str:
-    """What a sentence says before what arrived."""
-    return sentence.partition("; got ")[0]
+    """What a sentence says before what arrived, whatever its numbers are."""
+    return re.sub(r"-?\d+(\.\d+)?", "#", sentence.partition("; got ")[0])
 
 
 def list_others(lines: Sequence[int | None], pointers: Sequence[str]) -> str:
@@ -43,3 +46,17 @@ def list_others(lines: Sequence[int | None], pointers: Sequence[str]) -> str:
         places, word = list(dict.fromkeys(pointers)), "at"
     more = ", ..." if len(places) > MOST_PLACES else ""
     return f"and {len(lines)} more like it: {word} {', '.join(places[:MOST_PLACES])}{more}"
+
+
+def join_findings(findings: Sequence[Finding]) -> list[tuple[Finding, str]]:
+    """Findings with their sentences; three and more of the same words, each about another thing, are one."""
+    told = []
+    for first, *others in gather_alike(findings, _name_remark):
+        names = ", ".join(other.message.partition(": ")[0] for other in others)
+        told.append((first, first.message + (f" The same holds for {names}." if names else "")))
+    return told
+
+
+def _name_remark(finding: Finding) -> Hashable | None:
+    remark = finding.message.partition(": ")[2]
+    return (finding.rule, finding.severity, remark) if remark else None

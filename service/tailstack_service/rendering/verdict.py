@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from tailstack.results import Check, Finding, Provenance, Verdict
 from tailstack.results.verdicts import STATED, check_sentence, decisive_check, urgency
 
+from .alike import join_findings
 from .page import current
 from .sentences import name_basis
 from .tables import columns, decimal, fold, number, paint, percent, prose_width, signed_decimal, table, wrap
@@ -96,9 +97,9 @@ def checks_table(checks: tuple[Check, ...]) -> str:
 
 def findings_text(findings: Sequence[Finding]) -> str:
     lines = []
-    for finding in findings:
+    for finding, sentence in join_findings(findings):
         mark = paint(finding.severity, "fail" if finding.severity == "error" else "warning")
-        lines.append(wrap(f"[{finding.rule}] {finding.message}", first=f"{mark}: ", indent="  "))
+        lines.append(wrap(f"[{finding.rule}] {sentence}", first=f"{mark}: ", indent="  "))
     return "\n".join(lines)
 
 

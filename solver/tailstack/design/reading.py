@@ -48,6 +48,7 @@ __all__ = [
 ]
 
 Format = Literal["auto", "yaml", "json"]
+DOCUMENTS = (".yaml", ".yml", ".json")  # how files of documents end
 
 
 _BOMS = (
@@ -115,12 +116,13 @@ def name_neighbours(path: Path, given: str, endings: tuple[str, ...] = ()) -> st
     """What may have been meant by a file that is missing: one beside it or a folder below; else what is there.
 
     ``given``: how the caller calls the file, and a name in the hint is one that can be typed in its place.
-    ``endings``: of files that can be meant; none: those with the ending of the missing one.
+    ``endings``: of files that can be meant; none: those of documents for a document, else that of the missing one.
     """
     folder, prefix = path.parent, os.path.dirname(given)
     while prefix and not folder.is_dir():
         folder, prefix = folder.parent, os.path.dirname(prefix)
-    wanted = endings or (path.suffix.lower(),)
+    ending = path.suffix.lower()
+    wanted = endings or (DOCUMENTS if ending in DOCUMENTS else (ending,))
     folders = [each for each in _list_folder(folder, ()) if (folder / each).is_dir()][:50]
     names = {name: name for name in _list_folder(folder, wanted)}  # each with its place below the folder
     for each in folders:
@@ -432,6 +434,14 @@ class _Open:
         self.key: tuple[str, Place] | None = None
 
 
+_YAML_CURES = {  # by what the parser says
+    "did not find expected": "fields of one mapping, and items of one list, begin in the same column; "
+    "every bracket and quote that is opened is closed",
+    "mapping values are not allowed": "a text that holds a colon stands in quotes; fields of one mapping begin in the "
+    "same column",
+}
+
+
 def read_yaml(text: str, file: str | None, limits: Limits) -> tuple[Any, Place]:
     """Data and places of one YAML document.  Raises DesignError, LimitError."""
     try:
@@ -443,7 +453,8 @@ def read_yaml(text: str, file: str | None, limits: Limits) -> tuple[Any, Place]:
     except yaml.MarkedYAMLError as error:
         detail = ", ".join(part for part in (error.context, error.problem) if part)
         mark = error.problem_mark or error.context_mark
-        hint = "indent with spaces, not tabs" if mark and _at_tab(text, mark.line, mark.column) else ""
+        hint = next((cure for words, cure in _YAML_CURES.items() if words in detail), "")
+        hint = "indent with spaces, not tabs" if mark and _at_tab(text, mark.line, mark.column) else hint
         raise DesignError(problem("yaml-syntax", f"this is not YAML: {detail}", hint, file=file, mark=mark)) from None
     except (yaml.YAMLError, RecursionError) as error:
         detail = str(error).split("\n")[0][:120]

@@ -22,7 +22,7 @@ from .loading import (
     Design,
     load_design,
 )
-from .reading import DEFAULT_LIMITS, Format, Limits, read_bytes, scalar
+from .reading import DEFAULT_LIMITS, DOCUMENTS, Format, Limits, read_bytes, scalar
 
 
 def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
@@ -172,7 +172,8 @@ def _set_half_width(interface: dict[str, Any], component: str, value: float) -> 
             if locator["name"] == component:
                 locator["half_width_mm"] = value
         return
-    unit, shown = ("deg", degrees(value)) if component in ROTATIONS else ("mm", value)
+    # what was written in degrees comes back as it was, without the last digits of the two conversions
+    unit, shown = ("deg", round(degrees(value), 12)) if component in ROTATIONS else ("mm", value)
     interface["tolerances"][component][f"half_width_{unit}"] = shown
 
 
@@ -182,9 +183,6 @@ def _forget_missing_labels(data: dict[str, Any], labels: set[str]) -> None:
     if not wanted:
         return
     wanted["fixed"] = [label for label in wanted.get("fixed") or [] if label in labels]
-
-
-DOCUMENTS = (".yaml", ".yml", ".json")
 
 
 @dataclass(frozen=True, slots=True)

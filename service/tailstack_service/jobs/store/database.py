@@ -227,8 +227,13 @@ def _require_file(path: Path, create: bool) -> None:
     if not create:
         hint = "tailstack serve makes it, and so does tailstack db migrate"
         raise StoreError(Problem("", "no-database", f"there is no database at {path}", hint))
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    os.close(os.open(path, os.O_CREAT | os.O_RDWR, 0o600))  # SQLite gives its -wal and -shm files the same mode
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        os.close(os.open(path, os.O_CREAT | os.O_RDWR, 0o600))  # SQLite gives its -wal and -shm files the same mode
+    except OSError as error:
+        detail = f"{error.filename or path} cannot be written ({error.strerror or error})"
+        hint = "--database or TAILSTACK_DATABASE names another place, such as sqlite:////tmp/tailstack.sqlite3"
+        raise BadDatabaseUrl(Problem("", "file-unwritable", detail, hint)) from None
 
 
 def _make_sqlite_engine(url: URL) -> Engine:

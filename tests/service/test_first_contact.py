@@ -1,0 +1,248 @@
+"""What a newcomer types and sees on a terminal of 80 columns: help, slips, refusals, places that cannot be written."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tailstack_service.cli.main import main
+from tailstack_service.cli.verbs import verbs
+from tailstack_service.console.progress import Progress
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Run a command in a folder of its own that holds a first design; (exit code, stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        code = main(arguments)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    run("init")
+    return run
+
+
+def write_changed(name: str, pattern: str, replacement: str) -> None:
+    text = Path("design.yaml").read_text(encoding="utf-8")
+    changed = re.sub(pattern, replacement, text)
+    assert changed != text
+    Path(name).write_text(changed, encoding="utf-8")
+
+
+# --- help -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("verb", [None, *verbs()])
+def test_help_fits_a_terminal_of_80_columns(call: Any, verb: str | None) -> None:
+    code, out, _ = call(*([] if verb is None else [verb]), "--help")
+    assert code == 0
+    wide = [line for line in out.splitlines() if len(line) > 80]
+    if verb == "completion":  # commands to be copied, which stay whole
+        wide = [line for line in wide if not line.startswith("  tailstack completion ")]
+    assert wide == []
+
+
+def test_what_help_says_to_start_with_can_be_typed_without_a_checkout(call: Any) -> None:
+    """An installation by pip has no folder of examples."""
+    words = " ".join(call("--help")[1].split())
+    begin = words.partition("start with: ")[2]
+    assert "examples/" not in begin
+    assert "tailstack init" in begin
+    assert "tailstack score design.yaml" in begin
+    assert call("score", "design.yaml")[0] == 0
+
+
+def test_help_is_a_word_too(call: Any) -> None:
+    assert call("help") == call("--help")
+    assert call("help", "score") == call("score", "--help")
+
+
+@pytest.mark.parametrize(("typed", "meant"), [("--verison", "--version"), ("-hepl", "--help")])
+def test_a_misspelt_flag_before_the_verb_is_answered_with_the_one_meant(call: Any, typed: str, meant: str) -> None:
+    code, _, err = call(typed)
+    assert code == 2
+    assert f"there is no flag {typed!r}; did you mean {meant}?" in err
+
+
+# --- files that are not there -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("typed", ["design.yml", "design.json", "desing.yaml", "design"])
+def test_a_design_with_another_ending_is_found(call: Any, typed: str) -> None:
+    code, _, err = call("score", typed)
+    assert code == 2
+    assert "  hint: did you mean design.yaml?\n" in err
+
+
+@pytest.mark.parametrize("verb", ["score", "validate", "optimise", "verify"])
+def test_nobody_is_sent_to_validate_a_file_that_is_not_there(call: Any, verb: str) -> None:
+    code, _, err = call(verb, "quite-another.yaml")
+    assert code == 2
+    assert err.splitlines()[-1] == "next: tailstack init   (makes a first design; tailstack example prints others)"
+
+
+def test_validate_says_to_mend_before_it_says_to_validate_again(call: Any) -> None:
+    write_changed("law.yaml", "uniform", "unifrom")
+    assert "\nnext: mend it, then tailstack validate law.yaml " in call("validate", "law.yaml")[2]
+
+
+def test_a_line_that_is_indented_otherwise_comes_with_a_cure(call: Any) -> None:
+    write_changed("indent.yaml", "    orientation: AP", "   orientation: AP")
+    assert (
+        "  hint: fields of one mapping, and items of one list, begin in the same column"
+        in (call("validate", "indent.yaml")[2])
+    )
+
+
+# --- the same of many -------------------------------------------------------------------------------------
+
+
+def test_six_tolerances_in_radians_are_one_warning(call: Any) -> None:
+    write_changed("rad.yaml", "half_width_deg: 0.1", "half_width_deg: 0.00175")
+    code, out, _ = call("validate", "rad.yaml")
+    words = " ".join(out.split())
+    assert (code, out.count("warning: ")) == (0, 1)
+    assert "If radians were meant, write 0.1." in words
+    assert "The same holds for structure_connector ry, structure_connector rz, connector_flange rx," in words
+    assert len(json.loads(call("score", "rad.yaml", "--json")[1])["verdict"]["findings"]) >= 6  # programs get each
+
+
+def test_beads_in_the_wrong_unit_are_one_refusal_a_view(call: Any) -> None:
+    """Each bead is imaged elsewhere, so that no two sentences are the same."""
+    rows = "\n".join(f"{x},{y},{z}" for x in (-40, 40) for y in (-40, 40) for z in (-35, 35))
+    Path("points.csv").write_text(f"x_cm,y_cm,z_cm\n{rows}\n", encoding="utf-8")
+    write_changed("cm.yaml", r"  points: .*\n(    - .*\n)+", "  file: points.csv\n")
+    code, _, err = call("validate", "cm.yaml")
+    assert code == 3
+    assert err.count("a longer source_isocentre_mm widens the field") == 2
+    assert err.count("more like it: line") == 2
+    assert "Check the unit of the positions" in err
+
+
+# --- what is written --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def better(call: Any) -> tuple[Any, str]:
+    write_changed("design.yaml", "half_width_deg: 0.1,", "half_width_deg: 0.3,")
+    return call, call("optimise", "design.yaml", "--starts", "1")[1]
+
+
+def test_a_half_width_is_written_with_the_digits_that_it_has(better: tuple[Any, str]) -> None:
+    """One of seven numbers of six decimals came back from radians as 0.16149600000000003."""
+    call, out = better
+    call("optimise", "--last", "-o", "better.yaml")
+    for text in (out, Path("better.yaml").read_text(encoding="utf-8")):
+        widths = re.findall(r"half_width_deg: ([\d.]+)", text)
+        assert len(widths) >= 6
+        assert [one for one in widths if len(one.partition(".")[2]) > 6] == []
+
+
+@pytest.mark.parametrize("width", ["0.161496", "0.1", "0.007", "1.234567"])
+def test_a_number_of_degrees_comes_back_as_it_was(width: str) -> None:
+    from math import radians
+
+    from tailstack.design import load_design
+    from tailstack.design.write import Revision, revise_design
+    from tailstack_service.operations.example import EXAMPLE_DESIGN
+
+    change = Revision(half_width={("structure_connector", "rx"): radians(float(width))})
+    tolerances = revise_design(load_design(EXAMPLE_DESIGN), change).document.interfaces
+    assert tolerances is not None
+    assert tolerances.structure_connector is not None
+    assert tolerances.structure_connector.tolerances is not None
+    rx = tolerances.structure_connector.tolerances.rx
+    assert rx is not None
+    assert repr(rx.half_width_deg) == width
+
+
+def test_a_report_may_be_named(call: Any) -> None:
+    assert call("report", "design.yaml", "-o", "mine.HTML", "--parts", "score")[1] == "mine.HTML\n"
+    assert Path("mine.HTML").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert call("report", "design.yaml", "-o", "new/mine.json", "--parts", "score")[1] == "new/mine.json\n"
+    assert json.loads(Path("new/mine.json").read_bytes())["schema"] == "tailstack/report/1"
+    assert call("report", "design.yaml", "-o", "plain", "--parts", "score")[1] == "plain/design.html\n"
+    Path("v2.html").mkdir()  # a folder stays one
+    assert call("report", "design.yaml", "-o", "v2.html", "--parts", "score")[1] == "v2.html/design.html\n"
+
+
+def test_a_report_that_is_named_otherwise_than_its_format_is_refused(call: Any) -> None:
+    code, _, err = call("report", "design.yaml", "-o", "mine.html", "--format", "json,html")
+    assert code == 2
+    assert "-o mine.html is one file, of html; --format asks for json, html" in err
+    assert not Path("mine.html").exists()
+
+
+# --- places that cannot be written ------------------------------------------------------------------------
+
+
+def test_a_service_without_a_place_for_its_database_says_how_to_name_one(
+    call: Any, monkeypatch: pytest.MonkeyPatch, loggers: None
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", "/proc/nobody")
+    monkeypatch.delenv("TAILSTACK_DATABASE", raising=False)
+    code, _, err = call("serve", "--port", "0")
+    assert code == 2
+    assert "/proc/nobody cannot be written (" in err
+    assert "--database or TAILSTACK_DATABASE names another place" in err
+
+
+def test_doctor_does_not_mind_a_cache_that_nothing_has_to_be_written_to(
+    call: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tailstack import ahead, kernels
+    from tailstack_service.cli.doctor import CHECKS
+
+    monkeypatch.setattr(kernels, "is_writable", lambda: False)
+    monkeypatch.setattr(kernels.TRAFFIC, "unwritable", "/home/nobody cannot be written (Permission denied)")
+    monkeypatch.setattr("tailstack_service.cli.doctor.CHECKS", {"compile cache": CHECKS["compile cache"]})
+    monkeypatch.setattr(ahead.Call, "file", lambda _: Path("there"))
+    assert call("doctor")[:2] == (0, "ok    compile cache  not needed: every kernel is compiled\n")
+    monkeypatch.setattr(ahead.Call, "file", lambda _: None)
+    code, out, _ = call("doctor")
+    assert code == 3
+    assert " ".join(out.split()) == (
+        "FAIL compile cache /home/nobody cannot be written (Permission denied); set NUMBA_CACHE_DIR to a folder that "
+        "can be"
+    )
+
+
+# --- kernels that do not fit ------------------------------------------------------------------------------
+
+
+def test_why_kernels_are_compiled_is_said_once_and_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a terminal of 80 columns the reason used to be cut off, and in a log it stood in every line."""
+    from tailstack import ahead, kernels
+    from tailstack_service.console import compilation
+
+    made = [kernels.StoredKernel(Path("x"), "k", "()", f"built for {level}, here is x86-64-v2") for level in ("a", "b")]
+    monkeypatch.setattr(kernels, "installed_directories", lambda: (Path("installed"),))
+    monkeypatch.setattr(kernels, "stored_kernels", lambda _: iter(made))
+    reason = kernels.why_not_installed()
+    assert reason == "those installed were built for a and for b, here is x86-64-v2"
+    log = io.StringIO()
+    monkeypatch.setattr("tailstack_service.console.progress.QUIET_SECONDS", 0.01)
+    monkeypatch.setattr("tailstack_service.console.progress.LOG_EVERY", 0.01)
+    with compilation.CompilationProgress(ahead.EVERY, 2, reason, log) as progress:
+        while log.getvalue().count("compiling kernels, once on this machine: ") < 2:
+            progress._done.wait(0.01)
+    lines = log.getvalue().splitlines()
+    assert " ".join(" ".join(lines[:2]).split()) == f"kernels are compiled: {reason}"
+    assert max(map(len, lines)) <= 80
+    assert log.getvalue().count("built for a") == 1
+
+
+def test_short_work_says_nothing_of_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    log = io.StringIO()
+    with Progress("compiling", log) as progress:
+        progress.preface = "why"
+    assert log.getvalue() == ""
