@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, isinf
+from typing import Any
 
 import numpy as np
 
@@ -84,6 +85,40 @@ def score(design: Design | System, *, second_order: bool = False) -> Score:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class TargetErrors(MetricScore):
+    """What a picture of the errors at one target needs: the TCP error, and the localisation error below it."""
+
+    name: str
+    localisation: MetricScore
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """The errors of a design without budget, risk of units and validity, which take most of a score's time."""
+
+    targets: tuple[TargetErrors, ...]
+
+
+def score_errors(design: Design) -> Errors:
+    """What ``score`` says of the errors themselves, to the last digit.  Raises DesignError, IllPosedError."""
+    system, _, _ = checked_system(design)
+    return Errors(
+        tuple(
+            TargetErrors(
+                **_fields(_metric(_score_error(system, model, "tcp"))),
+                name=name,
+                localisation=_metric(_score_error(system, model, "localisation")),
+            )
+            for name, model in linearise_all(system).items()
+        )
+    )
+
+
+def _fields(metric: MetricScore) -> dict[str, Any]:
+    return {field: getattr(metric, field) for field in MetricScore.__dataclass_fields__}
+
+
 def checked_system(design: Design | System) -> tuple[System, tuple[Finding, ...], tuple[ViewCheck, ...]]:
     """Compile and check a design, or check a system.  Raises DesignError, IllPosedError."""
     if isinstance(design, System):
@@ -123,10 +158,9 @@ def _score_error(system: System, model: LinearModel, error: str) -> ErrorScore:
 
 def _score_target(system: System, tcp: ErrorScore, localisation: ErrorScore, second_order: bool) -> TargetScore:
     model, at = tcp.model, tcp.at
-    metric = _metric(tcp)
     return TargetScore(
         name=model.target.name,
-        **{field: getattr(metric, field) for field in MetricScore.__dataclass_fields__},
+        **_fields(_metric(tcp)),
         localisation=_metric(localisation),
         block_diagonal_p95_mm=norm_quantile(P95, at.worst.mean_mm, covariance_block_diagonal(model, "tcp")),
         contributors=budget(model, at, tcp.summary.quantile),

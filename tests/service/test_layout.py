@@ -16,6 +16,7 @@ from tailstack.errors import IllPosedError
 from tailstack.scoring import score
 from tailstack_service.documents import to_json
 from tailstack_service.operations.layout import lay_out
+from tailstack_service.report.scene import scene_data, scene_of
 
 DEMO = yaml.safe_load((ROOT / "examples" / "demo.yaml").read_text(encoding="utf-8"))
 
@@ -88,3 +89,11 @@ def test_over_http_it_is_the_same():
     assert answer.status_code == 200
     assert answer.content == to_json(lay_out(load_design(DEMO), scene=True))
     assert answer.json()["scene"]["items"]
+
+
+@pytest.mark.parametrize("name", ["demo.yaml", "gallery/third_view.yaml"])
+def test_the_errors_in_space_are_those_of_the_score(name):
+    """To the last digit, though the layout leaves out most of what a score computes."""
+    design = load_design(ROOT / "examples" / name)
+    whole = scene_data(scene_of(design, score(design), design.name))
+    assert lay_out(design, scene=True).scene == whole

@@ -140,13 +140,13 @@ def lay_out(design: Design, *, scene: bool = False) -> Layout:
 def _scene(design: Design) -> dict[str, Any]:
     """The layout in space; where it can be scored, with its errors."""
     from tailstack.errors import IllPosedError
-    from tailstack.scoring import score
+    from tailstack.scoring import score_errors
 
     from ..report.scene import scene_data, scene_of
 
     record = None
     with suppress(IllPosedError):
-        record = score(design)
+        record = score_errors(design)
     return scene_data(scene_of(design, record, design.name))
 
 

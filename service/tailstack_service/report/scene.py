@@ -19,7 +19,8 @@ from tailstack.arrays import Array
 from tailstack.design import Design, compile_design
 from tailstack.design.optimise_document import SearchBox, SearchCylinder, Shaped
 from tailstack.geometry.rotation import unit
-from tailstack.results import Score
+from tailstack.results import Score, TargetScore
+from tailstack.scoring import Errors, TargetErrors
 from tailstack.system import Mount, System
 
 from .beams import Beam, beams_of
@@ -379,17 +380,18 @@ SHARE = 0.16  # of the layout's diagonal: the longest semi-axis or bias as drawn
 MOST_ELLIPSOIDS = 6  # targets with the largest P95
 
 
-def magnification_of(pairs: Sequence[tuple[System, Score]], radius: float) -> float:
+def magnification_of(pairs: Sequence[tuple[System, Score | Errors]], radius: float) -> float:
     """1, 2 or 5 times a power of ten, so that the largest ellipsoid and bias can be seen and hide nothing."""
     sizes = [0.0]
     for _, score in pairs:
-        for target in score.targets:
+        found: Sequence[TargetScore | TargetErrors] = score.targets
+        for target in found:
             sizes.append(float(np.linalg.norm(target.bias_mm)))
             sizes.append(float(np.linalg.norm(semi_axes(np.array(target.covariance_mm2))[0])))
     return round_step(SHARE * 2 * radius / max(sizes)) if max(sizes) > 1e-9 else 0.0
 
 
-def errors(system: System, score: Score, magnification: float, called: str = "") -> list[Item]:
+def errors(system: System, score: Score | Errors, magnification: float, called: str = "") -> list[Item]:
     """Bias and ellipsoid of the targets with the largest P95, one per region.
 
     ``called``: of a layout that another one is drawn over, what it is called; its errors have layers of their own.
@@ -402,7 +404,8 @@ def errors(system: System, score: Score, magnification: float, called: str = "")
     from_tcp = system.T_tcp_con[:3, :3].T
     items: list[Item] = []
     seen: set[str] = set()
-    for target in sorted(score.targets, key=lambda entry: entry.p95_mm, reverse=True):
+    found: Sequence[TargetScore | TargetErrors] = score.targets
+    for target in sorted(found, key=lambda entry: entry.p95_mm, reverse=True):
         if regions[target.name] in seen or len(seen) == MOST_ELLIPSOIDS:
             continue
         seen.add(regions[target.name])
@@ -443,7 +446,7 @@ MOST_NAMED = 3  # views: of more, detectors have no names of their own
 
 def scene_of(
     design: Design,
-    score: Score | None,
+    score: Score | Errors | None,
     title: str,
     before: tuple[Design, Score | None] | None = None,
     called: str = "before",
@@ -457,7 +460,7 @@ def scene_of(
     system = compile_design(design)
     old = None if before is None else compile_design(before[0])
     beams = beams_of(design, system)
-    scores = [] if score is None else [(system, score)]
+    scores: list[tuple[System, Score | Errors]] = [] if score is None else [(system, score)]
     if before is not None and old is not None and before[1] is not None:
         scores.append((old, before[1]))
     systems = [system] if old is None else [system, old]
