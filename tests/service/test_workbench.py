@@ -5,6 +5,8 @@ from __future__ import annotations
 import filecmp
 import json
 import os
+import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -13,6 +15,7 @@ from pathlib import Path
 from statistics import quantiles
 from typing import Any
 
+import httpx
 import node
 import pytest
 import yaml
@@ -79,7 +82,7 @@ def test_whoever_opens_the_address_is_one_click_from_a_score(service: Served) ->
 def test_a_drag_shows_its_own_numbers_and_sends_one_request_at_a_time(service: Served) -> None:
     """p95 over 200 moves, from the pointer to the number, against the same request from a script in turn with it."""
     found = used(service.url, "drag", json={"design": yaml.safe_load(DEMO)}, moves=200)
-    assert found["mostInFlight"] == 1
+    assert found["mostInFlight"] == 1 < found["requests"]
     assert found["position"] == 1  # the whole drag is one step
     page, alone = (quantiles(found[name], n=20)[18] for name in ("took", "alone"))
     assert page <= 3 * alone, (page, alone)
@@ -110,6 +113,11 @@ def test_the_whole_job_by_mouse(service: Served) -> None:
     found = used(service.url, "mouse")
     assert len({found["moved"], found["loosened"], found["taken"]}) == 3
     assert found["undone"] == found["loosened"]
+    assert found["histogram"]["bars"] == 36
+    assert re.search(
+        r"bars: share of [\d,]+ sampled shots; line: first order; P95 [\d.]+ mm, limit 1.000 mm",
+        found["histogram"]["words"],
+    )
     assert found["status"] in ("pass", "inconclusive")  # at the limit, within what first order is worth
     assert "Tolerance-budget report" in found["title"]
     assert found["comments"] >= DEMO.count("#") // 2  # the author's comments are still there
@@ -149,6 +157,76 @@ def test_a_killed_service_is_waited_for_and_its_job_goes_on(tmp_path: Path, brow
             page.kill()
             again.send_signal(signal.SIGTERM)
             again.wait(60)
+
+
+# --- jobs, keys, what is taken away --------------------------------------------------------------------------------
+
+
+def test_jobs_of_the_service_are_listed_with_their_reports_and_those_of_the_page_outlive_a_reload(
+    service: Served,
+) -> None:
+    design = yaml.safe_load(DEMO) | {"name": "from a script"}
+    posted = httpx.post(f"{service.url}/v1/reports", json={"design": design, "trials": 20000}, timeout=60).json()
+    found = used(service.url, "jobs", job=posted["id"])
+    assert "from a script" in found["words"]
+    assert {link.rpartition("=")[2] for link in found["links"]} == {"html", "pdf", "xlsx", "json"}
+    assert all(httpx.get(link, timeout=60).status_code == 200 for link in found["links"])
+    assert found["sha"] == load_design(design).sha256  # what somebody else computed can be gone on with
+
+
+def test_a_key_is_asked_for_and_kept_in_memory_only(tmp_path: Path, browser: None) -> None:
+    with served(tmp_path, TAILSTACK_AUTH="required") as running:
+        key = running.run("keys", "create", "--tenant", "acme", "--name", "page").strip()
+        found = used(running.url, "key", key=key)
+    assert found["sha"] == load_design(EXAMPLES / "demo.yaml").sha256
+    assert key not in found["kept"]
+    assert found["download"] == "%PDF-"
+
+
+def test_what_is_copied_runs_as_it_is(service: Served, tmp_path: Path) -> None:
+    found = used(service.url, "copy")
+    (tmp_path / found["name"]).write_text(found["yaml"], encoding="utf-8")
+
+    def run(*command: str, code: int = 0) -> str:
+        done = subprocess.run(command, cwd=tmp_path, env=service.environment, capture_output=True, text=True)
+        assert done.returncode == code, done.stdout + done.stderr
+        return done.stdout
+
+    def tailstack(line: str) -> str:
+        verb, *arguments = shlex.split(line)
+        assert verb == "tailstack"
+        return run(*COMMAND, *arguments, code=1)  # the demo misses its limit
+
+    steps = yaml.safe_load(found["CI gate"])["jobs"]["gate"]["steps"]
+    assert json.loads(run("sh", "-c", found["curl"]))["targets"][0]["p95_mm"] == found["p95"]
+    assert float(run(COMMAND[0], "-c", found["Python"])) == found["p95"]
+    assert f"{found['p95']:.3f}" in tailstack(found["command"])
+    assert "tip-accuracy" in tailstack(steps[-1]["run"])
+
+
+def test_the_half_width_that_slack_allows_gives_the_limit(service: Served) -> None:
+    found = used(service.url, "slack", pointer="interfaces/connector_flange/tolerances/rx/half_width_deg")
+    assert re.fullmatch(r"−0\.\d+ to (0\.\d+) °", found["slack"])
+    assert float(found["p95"]) == pytest.approx(1.0, abs=0.0006)  # three digits after a half-width of four
+
+
+def test_sliders_stop_at_the_grades_of_the_design(service: Served) -> None:
+    design = (EXAMPLES / "tube_carrier.yaml").read_text(encoding="utf-8")
+    pointer = "interfaces/structure_connector/tolerances/rx/half_width_deg"
+    assert used(service.url, "grades", design, pointer=pointer)["values"] == ["0.03", "0.06", "0.12", "0.2"]
+
+
+def test_a_variant_is_drawn_compared_and_taken_back(service: Served) -> None:
+    found = used(service.url, "variants")
+    assert found["taken"] == found["first"] != found["moved"]
+    assert found["ghosts"] == 12
+    assert "F2" in found["differences"]
+    assert "27.25" in found["differences"]
+    assert "1.144" in found["row"]
+
+
+def test_arrows_move_a_bead_by_one_ten_and_a_tenth_of_a_millimetre(service: Served) -> None:
+    assert used(service.url, "keys")["found"] == [1, 10, 0.1]
 
 
 # --- strange and large designs -------------------------------------------------------------------------------------
@@ -191,6 +269,32 @@ def test_many_targets_fiducials_and_views_stay_usable(tmp_path: Path, browser: N
         found = used(running.url, "large", json.dumps(design))
     assert found["wide"] == 0
     assert len(found["took"]) == 1  # a change was answered with its own numbers
+
+
+# --- pictures -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_three_states_are_pictured_with_all_their_parts(service: Served, tmp_path: Path, width: int) -> None:
+    """README and docs/workbench.md show the pictures: made anew with TAILSTACK_SCREENSHOTS=docs/images, at 1280."""
+    folder = os.environ.get("TAILSTACK_SCREENSHOTS", tmp_path) if width == 1280 else tmp_path
+    found = used(
+        service.url, "states", example=yaml.safe_load(DEMO)["name"], folder=str(folder), width=width, height=1360
+    )
+    assert {found[state]["wide"] for state in ("start", "change", "after")} == {0}
+    assert "Begin with a design" in found["start"]["parts"]
+    seen = {"What the X-rays see", "AP: X-ray image", "LAT: X-ray image", "Elevations", "What is to blame",
+            "Requirements", "In space", "Beads", "Half-widths and noise"}  # fmt: skip
+    assert seen <= set(found["change"]["parts"])
+    assert "Undo" in found["change"]["text"]
+    for words in ("sampled shots", "trials of the whole chain", "What changes", "HTML", "Slack", "per unit", "pooled"):
+        assert words.lower() in found["after"]["text"].lower(), words
+    on_paper = found["print"]
+    assert on_paper["buttons"] == 0
+    assert on_paper["pdf"] > 20_000
+    for words in ("Fail", "Limit", "What is to blame", "F12", "sampled shots", "Not in any number"):
+        assert words in on_paper["text"], words
+    assert "Take away" not in on_paper["text"]
 
 
 # --- the files in the package -----------------------------------------------------------------------------------------

@@ -36,17 +36,28 @@ export async function send(method: string, path: string, body?: unknown, headers
   }
 }
 
+// A service that is away is looked for until it is back: what needs it then goes on by itself
+effect(() => {
+  if (reachable.value) return;
+  const timer = window.setInterval(() => void send("GET", "/health/live").catch(() => null), 2000);
+  return () => window.clearInterval(timer);
+});
+
 export async function readRefusal(response: Response): Promise<Refusal> {
-  const problem = await response.json().catch(() => ({}));
+  return refusalOf(await response.json().catch(() => ({})), response.status);
+}
+
+/** An answer of the kind "problem", with pointers that lead into the design. */
+export function refusalOf(problem: Json, status: number): Refusal {
   const errors = (problem.errors ?? []).map((entry: Json) => ({
     pointer: String(entry.pointer ?? "").replace(/^\/design(?=\/|$)/, ""),
     detail: String(entry.detail ?? ""),
     hint: String(entry.hint ?? ""),
     rule: String(entry.code ?? ""),
   }));
-  const title = problem.title ?? `The service answered with ${response.status}`;
+  const title = problem.title ?? `The service answered with ${status}`;
   if (!errors.length) errors.push({ pointer: "", detail: problem.detail ?? title, hint: "", rule: "" });
-  return { status: response.status, title, type: problem.type ?? "", errors };
+  return { status, title, type: problem.type ?? "", errors };
 }
 
 export const pathOf = (pointer: string): Path =>
@@ -78,11 +89,10 @@ export const layout = signal<Layout | null>(null); // of the last design that ha
 export const answer = signal<Answer | null>(null); // the last good one
 export const refusal = signal<{ design: Json; problem: Refusal } | null>(null);
 export const busy = signal(false);
-export const inFlight = signal(0);
-export const mostInFlight = signal(0);
 export const current = computed(() => answer.value !== null && answer.value.design === design.value);
 export const refused = computed(() => (refusal.value?.design === design.value ? refusal.value!.problem : null));
-export const scored = signal(0); // answers shown so far
+/** What is wrong with the design, or with the service. */
+export const trouble = computed(() => refused.value ?? (reachable.value ? null : unreachable()));
 
 let wanted: Json = null;
 let base: { data: Json; sha256: string } | null = null; // a design that the service knows: patches of it are sent
@@ -102,8 +112,9 @@ async function follow(): Promise<void> {
       const sent = wanted;
       wanted = null;
       await scoreOnce(sent);
-      // What is dragged moves in the pictures at once; where everything is follows when it is let go
-      if (!wanted && !gesture.value.length && answer.value?.design === sent) await drawOnce(sent);
+      // What is dragged moves in the pictures at once; where everything is follows when it is let go.  A design that
+      // was refused is drawn, too: a picture shows best what is wrong with it
+      if (!wanted && !gesture.value.length) await drawOnce(sent);
     }
   } finally {
     busy.value = false;
@@ -112,8 +123,6 @@ async function follow(): Promise<void> {
 
 async function scoreOnce(sent: Json): Promise<void> {
   const patch = base && { design_sha256: base.sha256, patch: mergePatch(base.data, sent) };
-  inFlight.value += 1;
-  mostInFlight.value = Math.max(mostInFlight.value, inFlight.value);
   try {
     const response = await send("POST", "/v1/scores", patch ?? { design: sent });
     if (response.ok) {
@@ -121,13 +130,12 @@ async function scoreOnce(sent: Json): Promise<void> {
       if (!patch) base = score.provenance.design_sha256 ? { data: sent, sha256: score.provenance.design_sha256 } : null;
       answer.value = { design: sent, score };
       refusal.value = null;
-      scored.value += 1;
       retry = 0;
       return;
     }
     const problem = await readRefusal(response);
-    if (patch && /unknown-design|design_sha256/.test(problem.type + problem.errors[0].pointer + problem.errors[0].rule)) {
-      base = null; // the service has forgotten it: whole, then
+    if (patch && response.status < 429) {
+      base = null; // whole, then: the service may have forgotten the other design, and what it refuses it says of this one
       wanted ??= sent;
     } else if (response.status === 503 || response.status === 429) {
       later(sent, Number(response.headers.get("Retry-After") ?? 1));
@@ -136,21 +144,19 @@ async function scoreOnce(sent: Json): Promise<void> {
   } catch {
     refusal.value = { design: sent, problem: unreachable() };
     later(sent, Math.min(10, 0.5 * 2 ** retry++));
-  } finally {
-    inFlight.value -= 1;
   }
 }
 
-let drawn: Json = null; // the design of the layout that is shown
+export const drawn = signal<Json>(null); // the design of the layout that is shown
 
 /** Where things are: asked for when no newer score is wanted, so that nothing is beside a score in flight. */
 async function drawOnce(sent: Json): Promise<void> {
-  if (drawn === sent) return;
+  if (drawn.value === sent || !reachable.value) return;
   try {
     const response = await send("POST", "/v1/layouts", { design: sent, scene: true });
     if (!response.ok) return;
     layout.value = (await response.json()) as Layout;
-    drawn = sent;
+    drawn.value = sent;
   } catch {
     // the score that comes next says that the service is away
   }

@@ -1,19 +1,23 @@
-// Jobs of this page: they go on when it is closed, and are found again.
+// Jobs of this page and of the service: they go on when the page is closed, and are found again.
 
 import { signal } from "@preact/signals";
-import { readRefusal, type Refusal, send } from "./api";
-import { design, type Json, recall, remember, text } from "./state";
+import type { components } from "../../../openapi/typescript/tailstack";
+import { readRefusal, type Refusal, refusalOf, send, unreachable } from "./api";
+import { design, type Json, recall, remember, text, writeYaml } from "./state";
+
+type Job = components["schemas"]["Job"];
 
 export interface Run {
   id: string;
   kind: string;
   title: string;
-  text: string; // the design that it is of
+  text: string; // the design that it is of; empty where that is not known
   state: string;
   fraction: number;
   note: string;
   eta: number | null;
   result: string | null; // SHA-256
+  report: string | null; // path of the result as a report
   problem: Refusal | null;
   begun: number;
 }
@@ -22,6 +26,7 @@ const RUNS = "tailstack.workbench.runs", MOST = 30;
 export const runs = signal<Run[]>(recall(RUNS, []));
 export const results = signal<Record<string, Json>>({});
 export const startProblem = signal<Refusal | null>(null);
+export const recent = signal<Job[]>([]); // of the service, newest first
 const followed = new Set<string>();
 
 function keep(next: Run[]): void {
@@ -31,9 +36,9 @@ function keep(next: Run[]): void {
 
 const change = (id: string, values: Partial<Run>) => keep(runs.value.map((run) => (run.id === id ? { ...run, ...values } : run)));
 export const forget = (id: string) => keep(runs.value.filter((run) => run.id !== id));
-export const unfinished = (run: Run) => run.state === "queued" || run.state === "running";
+export const unfinished = (run: { state: string }) => run.state === "queued" || run.state === "running";
 
-export async function start(kind: string, path: string, title: string, options: Json): Promise<void> {
+export async function start(title: string, path: string, options: Json): Promise<void> {
   startProblem.value = null;
   try {
     const headers = { "Idempotency-Key": crypto.randomUUID() };
@@ -42,12 +47,28 @@ export async function start(kind: string, path: string, title: string, options: 
       startProblem.value = await readRefusal(response);
       return;
     }
-    const job = await response.json();
-    keep([{ id: job.id, kind, title, text: text.value, state: job.state, fraction: 0, note: "", eta: null, result: null, problem: null, begun: Date.now() }, ...runs.value]);
-    void follow(job.id);
+    adopt((await response.json()) as Job, title, text.value);
   } catch {
-    startProblem.value = { status: 0, title: "The service does not answer", type: "", errors: [] };
+    startProblem.value = unreachable();
   }
+}
+
+const runOf = (job: Job) => ({
+  state: job.state, fraction: job.progress.fraction, note: job.progress.note, eta: job.progress.eta_seconds,
+  result: job.result_sha256, report: job.links.report, problem: job.problem && refusalOf(job.problem, job.problem.status),
+});
+
+/** Show a job among those of this page, and follow it to its end. */
+export function adopt(job: Job, title: string, source: string): void {
+  const run = { id: job.id, kind: job.kind, title, text: source, begun: Date.parse(job.created_at), ...runOf(job) };
+  keep([run, ...runs.value.filter((other) => other.id !== job.id)]);
+  void follow(job.id);
+}
+
+/** The newest jobs that the service knows, whoever started them. */
+export async function loadRecent(): Promise<void> {
+  const response = await send("GET", "/v1/jobs?limit=20").catch(() => null);
+  if (response?.ok) recent.value = (await response.json()).jobs;
 }
 
 export async function cancel(id: string): Promise<void> {
@@ -62,17 +83,21 @@ async function look(id: string): Promise<boolean> {
     return false;
   }
   if (!response.ok) return true;
-  const job = await response.json();
-  const problem = job.problem ? { status: job.problem.status, title: job.problem.title, type: job.problem.type, errors: (job.problem.errors ?? []).map((e: Json) => ({ pointer: e.pointer, detail: e.detail, hint: e.hint, rule: e.code })) } : null;
-  change(id, { state: job.state, fraction: job.progress.fraction, note: job.progress.note, eta: job.progress.eta_seconds, result: job.result_sha256, problem });
+  const job = (await response.json()) as Job;
+  change(id, runOf(job));
   if (job.result_sha256) await loadResult(job.result_sha256);
-  return job.state === "queued" || job.state === "running";
+  if (unfinished(job)) return true;
+  void loadRecent();
+  return false;
 }
 
 export async function loadResult(sha256: string): Promise<void> {
   if (results.value[sha256]) return;
   const response = await send("GET", `/v1/results/${sha256}`);
-  if (response.ok) results.value = { ...results.value, [sha256]: await response.json() };
+  if (!response.ok) return;
+  const record = await response.json(), held = record.design_before ?? record.design;
+  results.value = { ...results.value, [sha256]: record };
+  if (held) keep(runs.value.map((run) => (run.result === sha256 && !run.text ? { ...run, text: writeYaml(held) } : run)));
 }
 
 /** Follow a job to its end, through restarts of the service. */

@@ -3,27 +3,25 @@
 import { effect, signal } from "@preact/signals";
 import { render } from "preact";
 import { useEffect, useState } from "preact/hooks";
-import { answer, busy, current, inFlight, key, keyWanted, mostInFlight, refused, scored } from "./api";
-import { resume, runs } from "./jobs";
+import { answer, busy, current, key, keyWanted, refused } from "./api";
+import { loadRecent, resume, runs, startProblem } from "./jobs";
 import { Beads, Geometry, HalfWidths } from "./parts/Controls";
 import { Budget } from "./parts/Budget";
 import { Gallery, message, OpenFile, takeFile, TakeAway, Variants } from "./parts/Files";
 import { Form, loadSchema } from "./parts/Form";
 import { Elevations, Images } from "./parts/Pictures";
+import { Problems } from "./parts/Problems";
 import { Runs } from "./parts/Runs";
 import { Space } from "./parts/Space";
 import { Requirements, Verdict } from "./parts/Verdict";
-import { canRedo, canUndo, design, open, position, redo, restore, savedSteps, steps, text, textOfLink, undo } from "./state";
+import { canRedo, canUndo, design, open, position, recall, redo, remember, restore, savedSteps, shownPointer, steps, text, textOfLink, undo } from "./state";
 
-const theme = signal<string>(localStorage.getItem("tailstack.workbench.theme") ?? "auto");
+const theme = signal<string>(recall("tailstack.workbench.theme", "auto"));
 effect(() => {
   document.documentElement.dataset.theme = theme.value;
-  try {
-    localStorage.setItem("tailstack.workbench.theme", theme.value);
-  } catch {
-    // private windows
-  }
+  remember("tailstack.workbench.theme", theme.value);
 });
+const dark = () => (theme.value === "auto" ? matchMedia("(prefers-color-scheme: dark)").matches : theme.value === "dark");
 
 function Page() {
   const name = String(design.value?.name ?? "");
@@ -37,11 +35,12 @@ function Page() {
           <button type="button" disabled={!canRedo.value} onClick={redo} title="Ctrl+Shift+Z">{`Redo${canRedo.value ? `: ${short(steps.value[position.value + 1].what)}` : ""}`}</button>
           <OpenFile words="Open a file" />
           <a class="button" href="docs">API</a>
-          <button type="button" onClick={() => (theme.value = theme.value === "dark" ? "light" : "dark")}>{theme.value === "dark" ? "Light" : "Dark"}</button>
+          <button type="button" onClick={() => (theme.value = dark() ? "light" : "dark")}>{dark() ? "Light" : "Dark"}</button>
         </nav>
       </header>
       {!savedSteps.value && <p class="bad" role="alert">The browser keeps nothing (its storage is full or off): save the design as a file.</p>}
       {message.value && <p class={message.value.bad ? "message bad" : "message"} role="status">{message.value.words} <button type="button" class="small" aria-label="Close the message" onClick={() => (message.value = null)}>×</button></p>}
+      {startProblem.value && <Problems problem={startProblem.value} />}
       {keyWanted.value && <KeyWanted />}
       {steps.value.length === 0 ? <Welcome /> : <Workbench />}
     </>
@@ -68,6 +67,7 @@ function KeyWanted() {
       key.value = new FormData(event.currentTarget).get("key") as string;
       keyWanted.value = false;
       void loadSchema();
+      void loadRecent();
       resume();
     }}>
       <label>This service asks for an API key (it is kept in memory only) <input type="password" name="key" required autoComplete="off" /></label> <button type="submit">Use it</button>
@@ -83,25 +83,25 @@ function Workbench() {
         <div class="see">
           <section aria-label="X-ray images"><h2>What the X-rays see</h2><Images /></section>
           <section aria-label="Elevations"><h2>Elevations</h2><Elevations /></section>
-          <section aria-label="In space"><h2>In space</h2><Space /></section>
           <section aria-label="Budget"><h2>What is to blame</h2><Budget /></section>
           <section aria-label="Requirements"><h2>Requirements</h2><Requirements /></section>
+          <section aria-label="In space"><h2>In space</h2><Space /></section>
         </div>
         <div class="change">
-          <Part title="Beads" open><Beads /></Part>
-          <Part title="Half-widths and noise" open><HalfWidths /></Part>
+          <Part title="Beads" open paper><Beads /></Part>
+          <Part title="Half-widths and noise" open paper><HalfWidths /></Part>
           <Part title="Views, pivots, targets, limits"><Geometry /></Part>
-          <Part title="Run" open={runs.value.length > 0}><Runs /></Part>
+          <Part title="Run" open={runs.value.length > 0} paper><Runs /></Part>
           <Part title="Variants"><Variants /></Part>
           <Part title="Take away"><TakeAway /></Part>
           <Part title="All fields"><Form /></Part>
-          <Part title="As text"><TextPart /></Part>
+          <Part title="As text" summoned={shownPointer.value !== null}><TextPart /></Part>
           <Part title="Other designs"><Gallery /></Part>
         </div>
       </main>
       <footer>
         <p>{answer.value ? `Not in any number: ${answer.value.score.provenance.not_included.join("; ")}.` : ""}</p>
-        <p>{answer.value ? `First order; design ${answer.value.score.provenance.design_sha256?.slice(0, 12)}; tailstack ${answer.value.score.provenance.tailstack_version}` : ""}</p>
+        <p class={current.value ? "" : "old"}>{answer.value ? `First order; design ${answer.value.score.provenance.design_sha256?.slice(0, 12)}; tailstack ${answer.value.score.provenance.tailstack_version}` : ""}</p>
       </footer>
     </>
   );
@@ -117,10 +117,13 @@ function TextPart() {
   return Editor ? <Editor /> : <p class="note">The editor is being fetched.</p>;
 }
 
-function Part({ title, open: begin = false, children }: { title: string; open?: boolean; children: preact.ComponentChildren }) {
+function Part({ title, open: begin = false, summoned = false, paper = false, children }: { title: string; open?: boolean; summoned?: boolean; paper?: boolean; children: preact.ComponentChildren }) {
   const [isOpen, setOpen] = useState(begin);
+  useEffect(() => {
+    if (summoned) setOpen(true);
+  }, [summoned]);
   return (
-    <details class="part" open={isOpen} onToggle={(event) => setOpen(event.currentTarget.open)}>
+    <details class={paper ? "part paper" : "part"} open={isOpen} onToggle={(event) => setOpen(event.currentTarget.open)}>
       <summary><h2>{title}</h2></summary>
       {isOpen && children}
     </details>
@@ -172,8 +175,8 @@ async function begin(): Promise<void> {
 Object.assign(window, {
   workbench: {
     state: () => ({
-      text: text.value, current: current.value, refused: refused.value, busy: busy.value, inFlight: inFlight.value, mostInFlight: mostInFlight.value,
-      scored: scored.value, score: answer.value?.score ?? null, steps: steps.value.length, position: position.value,
+      text: text.value, current: current.value, refused: refused.value, busy: busy.value,
+      score: answer.value?.score ?? null, steps: steps.value.length, position: position.value,
     }),
   },
 });

@@ -31,6 +31,7 @@ export const position = signal(-1);
 export const gesture = signal<Edit[]>([]);
 export const variants = signal<Variant[]>(recall(VARIANTS, []));
 export const selected = signal<string | null>(null); // label of a fiducial
+export const shownPointer = signal<string | null>(null); // a place that is to be shown in the text
 export const savedSteps = signal(true);
 
 export const text = computed(() => steps.value[position.value]?.text ?? "");

@@ -191,22 +191,23 @@ const scenarios = {
     await page.mouse.click(box.x + 0.6 * box.width, box.y + box.height / 2);
     const loosened = await sha(page);
     await part(page, "Run");
-    await page.getByRole("button", { name: "Verify by Monte Carlo" }).click();
-    await page.locator('.run[data-kind=verification][data-state=succeeded] table').waitFor({ timeout: 120000 });
+    await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
+    await page.locator('.run[data-kind=report][data-state=succeeded] .histogram').waitFor({ timeout: 120000 });
+    const histogram = await page.locator(".histogram").evaluate((node) => ({ words: node.textContent, bars: node.querySelectorAll("rect").length }));
     await page.getByRole("button", { name: "Optimise", exact: true }).click();
     await page.locator('.run[data-kind=optimisation][data-state=succeeded]').waitFor({ timeout: 240000 });
     await page.getByRole("button", { name: /Take this design/ }).click();
     const taken = await sha(page), { score } = await state(page);
-    await page.getByRole("button", { name: "Write the report" }).click();
-    const report = page.locator('.run[data-kind=report][data-state=succeeded] a', { hasText: "HTML" });
-    await report.waitFor({ timeout: 240000 });
+    await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
+    const last = page.locator(".runs > li").first(), report = last.locator("a", { hasText: "HTML" });
+    await page.waitForFunction(() => document.querySelector(".runs > li")?.matches("[data-kind=report][data-state=succeeded]"), null, { timeout: 240000 });
     if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: true });
     const [tab] = await Promise.all([context.waitForEvent("page"), report.click()]);
     await tab.waitForLoadState();
     await page.bringToFront();
     const title = await tab.title(), texts = (await state(page)).text;
     await page.getByRole("button", { name: /^Undo/ }).first().click();
-    return { moved, loosened, taken, status: score.verdict.status, title, undone: await sha(page), comments: (texts.match(/#/g) ?? []).length };
+    return { moved, loosened, taken, histogram, status: score.verdict.status, title, undone: await sha(page), comments: (texts.match(/#/g) ?? []).length };
   },
 
   // The same by the keyboard alone
@@ -233,7 +234,7 @@ const scenarios = {
     await page.keyboard.press("Enter");
     await tabTo(/^ Verify by Monte Carlo/);
     await page.keyboard.press("Enter");
-    await page.locator('.run[data-kind=verification][data-state=succeeded] table').waitFor({ timeout: 120000 });
+    await page.locator('.run[data-kind=report][data-state=succeeded] table').waitFor({ timeout: 120000 });
     await page.keyboard.press("Tab");
     await page.keyboard.press("Enter");
     await page.locator('.run[data-kind=optimisation][data-state=succeeded]').waitFor({ timeout: 240000 });
@@ -283,6 +284,162 @@ const scenarios = {
   },
 };
 
+const number = async (page, label, value) => {
+  const field = page.getByLabel(label, { exact: true });
+  await field.fill(value);
+  await field.press("Enter");
+};
+const wide = (page) => page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
+
+// What the page looks like in three states, and which of its parts are in sight in each
+scenarios.states = async () => {
+  const context = await newContext(), page = await open(context, asked.url, false), found = {};
+  const take = async (name) => {
+    await page.waitForTimeout(500); // what fades has faded
+    await page.screenshot({ path: `${asked.folder}/workbench_${name}.png` });
+    found[name] = { text: await page.locator("#page").innerText(), wide: await wide(page), parts: await page.locator("h2:visible, figure:visible figcaption").allInnerTexts() };
+  };
+  await page.getByRole("button", { name: asked.example }).waitFor();
+  await take("start");
+  await page.getByRole("button", { name: asked.example }).click();
+  await current(page);
+  const [x, y] = await centre(bead(page, "F10", "AP: X-ray image"));
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  await page.mouse.move(x - 40, y + 20, { steps: 4 });
+  await current(page);
+  await take("change");
+  await page.mouse.up();
+  await page.keyboard.press("Control+z");
+  await part(page, "Run");
+  await page.getByRole("button", { name: "Optimise", exact: true }).click();
+  await page.locator(".run[data-kind=optimisation][data-state=succeeded] table").waitFor({ timeout: 240000 });
+  await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
+  await page.locator(".run[data-kind=report][data-state=succeeded] .histogram").waitFor({ timeout: 120000 });
+  await page.evaluate(() => scrollTo(0, 0));
+  if (asked.width > 1000) for (const title of ["Beads", "Half-widths and noise"]) await page.getByRole("heading", { name: title, exact: true }).click();
+  await take("after");
+  if (asked.width > 1000) for (const title of ["Beads", "Half-widths and noise"]) await page.getByRole("heading", { name: title, exact: true }).click();
+  await page.emulateMedia({ media: "print" });
+  found.print = { text: await page.locator("#page").innerText(), buttons: await page.locator("button:visible").count(), pdf: (await page.pdf({ format: "A4" })).length };
+  return found;
+};
+
+// A service that asks for a key: a wrong one is asked for again, the right one is nowhere but in memory
+scenarios.key = async () => {
+  const context = await newContext(), page = await open(context, asked.url, false), field = page.getByLabel(/API key/);
+  const give = async (key) => {
+    await field.fill(key);
+    await page.getByRole("button", { name: "Use it" }).click();
+  };
+  await take(page, asked.design);
+  await field.waitFor();
+  await give("not a key");
+  await page.waitForTimeout(300);
+  await field.waitFor();
+  await give(asked.key);
+  const right = await sha(page);
+  await part(page, "Run");
+  await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
+  await page.locator(".run[data-kind=report][data-state=succeeded] .histogram").waitFor({ timeout: 120000 });
+  const [download] = await Promise.all([page.waitForEvent("download"), page.locator(".run a", { hasText: "PDF" }).click()]);
+  const kept = JSON.stringify([await page.evaluate(() => [{ ...localStorage }, { ...sessionStorage }, document.cookie, location.href]), await context.cookies()]);
+  await page.reload();
+  await field.waitFor();
+  return { sha: right, kept, download: readFileSync(await download.path()).subarray(0, 5).toString() };
+};
+
+// Jobs that somebody else started are listed with their reports and can be shown; one of this page outlives a reload
+scenarios.jobs = async () => {
+  const context = await newContext(), page = await begun(context);
+  await part(page, "Run");
+  await page.getByRole("button", { name: "Optimise", exact: true }).click();
+  await page.locator(".run[data-kind=optimisation]").waitFor();
+  await page.reload();
+  await page.locator(".run[data-kind=optimisation][data-state=succeeded]").waitFor({ timeout: 240000 });
+  await page.locator("summary", { hasText: "Recent jobs" }).click();
+  const row = page.locator(`tr[data-job="${asked.job}"]`);
+  await row.waitFor();
+  const words = await row.innerText(), links = await row.locator("a").evaluateAll((all) => all.map((a) => a.href));
+  await row.getByRole("button").click();
+  await page.locator(".run[data-kind=report] .histogram").waitFor();
+  await page.locator(".run[data-kind=report]").getByRole("button", { name: "Back to that design" }).click();
+  return { words, links, sha: await sha(page) };
+};
+
+// What is copied, as it is copied
+scenarios.copy = async () => {
+  const context = await newContext(), page = await begun(context), found = {};
+  await context.grantPermissions(["clipboard-read", "clipboard-write"]);
+  await part(page, "Take away");
+  for (const name of ["curl", "Python", "command", "CI gate"]) {
+    await page.getByRole("button", { name: `Copy as ${name}` }).click();
+    await page.getByText(`Copied as ${name}`).waitFor();
+    found[name] = await page.evaluate(() => navigator.clipboard.readText());
+  }
+  const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Save YAML" }).click()]);
+  return { ...found, name: download.suggestedFilename(), yaml: readFileSync(await download.path(), "utf8"), p95: (await state(page)).score.targets[0].p95_mm };
+};
+
+// How far a half-width may change until the limit is reached, tried out
+scenarios.slack = async () => {
+  const context = await newContext(), page = await begun(context);
+  await page.getByRole("button", { name: "How far may each be loosened?" }).click();
+  const cell = page.locator('[aria-label="Budget"] tr.below', { hasText: "rx" }).first().locator("td").nth(2);
+  await page.getByRole("columnheader", { name: "Slack" }).waitFor({ timeout: 60000 });
+  const slack = await cell.innerText(), field = page.locator(`[data-pointer="${asked.pointer}"]`).first();
+  await field.fill(/to ([\d.]+)/.exec(slack)[1]);
+  await field.press("Enter");
+  await current(page);
+  return { slack, p95: await page.locator("#p95").textContent() };
+};
+
+// A slider stops at the process grades that the design lists for this tolerance
+scenarios.grades = async () => {
+  const context = await newContext(), page = await begun(context);
+  const slider = page.locator(`.slide:has([data-pointer="${asked.pointer}"]) input[type=range]`);
+  const stops = await page.locator(`.slide:has([data-pointer="${asked.pointer}"]) option`).evaluateAll((all) => all.map((option) => Number(option.value)));
+  await slider.scrollIntoViewIfNeeded();
+  const box = await slider.boundingBox(), values = [];
+  for (const stop of stops) {
+    await page.mouse.click(box.x + 8 + (box.width - 16) * ((stop + 6) / 1000), box.y + box.height / 2);
+    await current(page);
+    values.push(await page.locator(`[data-pointer="${asked.pointer}"]`).inputValue());
+  }
+  return { values };
+};
+
+// A variant: drawn below, compared field by field, taken back
+scenarios.variants = async () => {
+  const context = await newContext(), page = await begun(context), first = await sha(page);
+  await part(page, "Variants");
+  await page.getByRole("button", { name: "Keep this design as a variant" }).click();
+  await number(page, "F2 x, mm", "27.25");
+  const moved = await sha(page);
+  await page.getByLabel("Draw A below").check();
+  const ghosts = await page.locator("figure.picture", { hasText: "Top (x, y)" }).locator("circle.ghost").count();
+  await page.getByRole("button", { name: "compare" }).click();
+  const differences = await page.locator('[aria-label="Differences from variant A"] tbody').innerText();
+  const row = await page.locator('[aria-label="Variants"] tbody').innerText();
+  await page.getByRole("button", { name: "take", exact: true }).click();
+  return { first, moved, ghosts, differences, row, taken: await sha(page) };
+};
+
+// How far the keys move a bead
+scenarios.keys = async () => {
+  const context = await newContext(), page = await begun(context);
+  const at = async () => (await page.getByLabel("F1 x, mm", { exact: true }).inputValue()) * 1, found = [];
+  await page.getByRole("application", { name: /^Elevation Front/ }).focus();
+  await page.keyboard.press("n");
+  for (const key of ["ArrowRight", "Shift+ArrowRight", "Alt+ArrowRight"]) {
+    const before = await at();
+    await page.keyboard.press(key);
+    await current(page);
+    found.push(Number(((await at()) - before).toFixed(6)));
+  }
+  return { found };
+};
+
 // A move of the pointer to its own number on the page; the request of the same design from here comes in between.
 scenarios.drag = async () => {
   const context = await newContext(), page = await begun(context);
@@ -314,13 +471,21 @@ scenarios.drag = async () => {
   }
   await page.mouse.up();
   await page.mouse.move(x, y);
-  const { mostInFlight, steps, position } = await state(page);
+  const { position } = await state(page);
   // many moves at once: never more than one request, and the last design's number in the end
+  let inFlight = 0, mostInFlight = 0, requests = 0;
+  await page.route("**/v1/scores", async (route) => {
+    mostInFlight = Math.max(mostInFlight, ++inFlight);
+    requests += 1;
+    const answer = await route.fetch();
+    inFlight -= 1; // the page cannot know of the answer yet
+    await route.fulfill({ response: answer });
+  });
   await page.mouse.down();
   for (let k = 0; k < 60; k += 1) await page.mouse.move(x + k / 3, y);
   await page.mouse.up();
   await sha(page);
-  return { took, alone, mostInFlight: (await state(page)).mostInFlight, before: mostInFlight, steps, position };
+  return { took, alone, mostInFlight, requests, position };
 };
 
 try {

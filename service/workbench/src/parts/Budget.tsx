@@ -1,8 +1,12 @@
 // Which contributor is to blame: a matrix of contributors and targets, and a waterfall of one target's variance.
 
 import { signal } from "@preact/signals";
-import { answer, current, type TargetScore } from "../api";
+import type { components } from "../../../../openapi/typescript/tailstack";
+import { answer, current, type Score, type TargetScore } from "../api";
+import { results, runs, start, unfinished } from "../jobs";
 import { brief, mm, percent } from "../words";
+
+type Allowance = components["schemas"]["Allowance"];
 
 const shown = signal<string | null>(null); // target of the waterfall
 const all = signal(false);
@@ -22,12 +26,27 @@ function families(target: TargetScore): { whole: number; parts: number[] }[] {
   return all.sort((a, b) => share(b.whole) - share(a.whole));
 }
 
+/** What a report says of this very design: how far each half-width is from where the limit is reached. */
+function allowancesOf(score: Score): Allowance[] | null {
+  const own = (record: { allowances?: Allowance[]; score?: Score }) => record.allowances && record.score?.provenance.design_sha256 === score.provenance.design_sha256;
+  return Object.values(results.value).find(own)?.allowances ?? null;
+}
+
+/** "+0.12 ° to 0.27 °", or why there is no such number. */
+function slackOf(allowance: Allowance | undefined): string {
+  if (!allowance || allowance.half_width === 0) return "";
+  if (allowance.slack === null || allowance.at_limit === null) return allowance.status;
+  const sign = allowance.slack < 0 ? "" : "+";
+  return `${sign}${brief(allowance.slack)} to ${brief(allowance.at_limit)} ${unit(allowance.unit)}`;
+}
+
 export function Budget() {
   const score = answer.value?.score;
   if (!score) return null;
   const target = score.targets.find((t) => t.name === shown.value) ?? score.targets[0];
   const rows = families(target), columns = score.targets.slice(0, 8), first = rows[0] && target.contributors[rows[0].whole];
-  let start = 0;
+  const allowances = allowancesOf(score), open = all.value || allowances !== null;
+  let reached = 0;
   return (
     <div class={current.value ? "budget" : "budget old"}>
       {first && (
@@ -41,8 +60,12 @@ export function Budget() {
             </select>
           </label>
         )}
-        <button type="button" aria-pressed={all.value} onClick={() => (all.value = !all.value)}>Components too</button>
+        <button type="button" aria-pressed={open} disabled={allowances !== null} onClick={() => (all.value = !all.value)}>Components too</button>
+        {!allowances && score.verdict.checks.length > 0 && (
+          <button type="button" disabled={!current.value || runs.value.some(unfinished)} onClick={() => start("Slack to the limit", "/v1/reports", { parts: ["score"] })}>How far may each be loosened?</button>
+        )}
       </p>
+      {allowances && <p class="note">Slack: how far a half-width by itself may change until the limit is reached, and what it then is; of the report of this design.</p>}
       <div class="scroll" tabIndex={0} role="region" aria-label="Budget">
         <table>
           <caption>{`Budget: shares of variance${score.targets.length > columns.length ? `, first ${columns.length} of ${score.targets.length} targets` : ""}`}</caption>
@@ -50,14 +73,15 @@ export function Budget() {
             <tr>
               <th>Contributor</th><th class="number">Half-width</th>
               {columns.map((t) => <th class="number" key={t.name}>{t.name}</th>)}
+              {allowances && <th class="number">Slack</th>}
               <th>{`Waterfall, ${target.name}`}</th><th class="number">P95 without, mm</th><th class="number">P95 per unit of half-width</th>
             </tr>
           </thead>
           <tbody>
             {rows.flatMap(({ whole, parts }) => {
-              const begin = start;
-              start += target.contributors[whole].variance_share;
-              const shownParts = all.value ? parts : [];
+              const begin = reached;
+              reached += target.contributors[whole].variance_share;
+              const shownParts = open ? parts : [];
               return [whole, ...shownParts].map((k) => {
                 const c = target.contributors[k];
                 return (
@@ -65,6 +89,7 @@ export function Budget() {
                     <th>{k === whole ? c.label || c.name : c.component}</th>
                     <td class="number">{c.half_width === null ? "" : `${brief(c.half_width)} ${unit(c.unit)}`}</td>
                     {columns.map((t) => <td class="number share" key={t.name}><Share value={t.contributors[k]?.variance_share ?? 0} /></td>)}
+                    {allowances && <td class="number">{slackOf(allowances.find((a) => a.target === target.name && a.contributor === c.name && a.component === c.component))}</td>}
                     <td>
                       {k === whole && (
                         <svg class="waterfall" viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true">

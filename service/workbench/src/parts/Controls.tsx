@@ -1,6 +1,6 @@
 // What is changed by typing and sliding: beads, half-widths, noise, angles and distances of the views.
 
-import { useLayoutEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { cancelGesture, design, edit, finishGesture, type Json, type Path, preview, selected, valueAt } from "../state";
 import { brief } from "../words";
 import { beads } from "./Pictures";
@@ -37,6 +37,11 @@ export function NumberField({ path, label, unit, what, hidden = false }: { path:
 
 export function Beads() {
   const known = beads.value, points = design.value?.fiducials?.points;
+  const list = useRef<HTMLDivElement>(null);
+  useEffect(() => {
+    const row = list.current?.querySelector<HTMLElement>("tr.chosen"); // the list alone is scrolled to it, not the page
+    if (row && (row.offsetTop < list.current!.scrollTop || row.offsetTop + row.offsetHeight > list.current!.scrollTop + list.current!.clientHeight)) list.current!.scrollTop = row.offsetTop - 60;
+  }, [selected.value]);
   if (!Array.isArray(points)) return <p class="note">The fiducials of this design come from a file or a region: use "All fields" or the text.</p>;
   const addBead = () => {
     const near = known.find((b) => b.label === selected.value)?.position ?? [0, 0, 0];
@@ -49,7 +54,7 @@ export function Beads() {
   };
   return (
     <>
-      <div class="scroll beads" tabIndex={0} role="region" aria-label="Fiducials">
+      <div ref={list} class="scroll beads" tabIndex={0} role="region" aria-label="Fiducials">
         <table>
           <thead><tr><th>Bead</th><th class="number">x, mm</th><th class="number">y, mm</th><th class="number">z, mm</th><th><span class="hidden">Remove</span></th></tr></thead>
           <tbody>
@@ -102,21 +107,22 @@ function slides(data: Json): Slide[] {
   return found;
 }
 
-const LOW = 1e-3, HIGH = 10; // of the slider, in the field's unit
+const LOW = 1e-3, HIGH = 10; // of the slider, in the field's unit; what is typed may be beyond
 const toSlider = (value: number) => Math.round(1000 * (Math.log(Math.max(value, LOW) / LOW) / Math.log(HIGH / LOW)));
 const fromSlider = (at: number) => Number((LOW * (HIGH / LOW) ** (at / 1000)).toPrecision(2));
 
 /** So many steps in the second digit from a value. */
 function nudge(value: number, steps: number): number {
   const step = 10 ** (Math.floor(Math.log10(Math.max(value, LOW))) - 1);
-  return Math.min(HIGH, Math.max(LOW, Number((value + steps * step).toPrecision(2))));
+  return Math.min(Math.max(HIGH, value), Math.max(LOW, Number((value + steps * step).toPrecision(2))));
 }
 
-/** Half-widths that the design's process grades offer for a component, for the slider to stop at. */
+/** Half-widths of the process grades that the design lists for this very tolerance: the slider stops at them. */
 function gradesOf(data: Json, path: Path): number[] {
-  const text = JSON.stringify(data?.optimise?.grades ?? data?.optimise?.processes ?? []);
-  const name = String(path[path.length - 1]);
-  return [...text.matchAll(new RegExp(`"${name}":([\\d.eE+-]+)`, "g"))].map((m) => Number(m[1])).filter((v) => v > 0);
+  const [, interface_, , part, name] = path, component = valueAt(data, path.slice(0, -1))?.name ?? part;
+  const free: Json[] = Array.isArray(data?.optimise?.tolerances) ? data.optimise.tolerances : [];
+  const own = free.find((tolerance) => tolerance?.interface === interface_ && tolerance?.component === component);
+  return (own?.grades ?? []).map((grade: Json) => grade[name]).filter((width: unknown) => typeof width === "number" && width > 0);
 }
 
 export function HalfWidths() {

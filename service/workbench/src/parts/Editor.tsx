@@ -15,7 +15,7 @@ import { effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import type { Document } from "yaml";
 import { pathOf, refused } from "../api";
-import { commit, type Json, parse, type Path, text, valueAt } from "../state";
+import { commit, type Json, parse, type Path, shownPointer, text, valueAt } from "../state";
 import { choose, resolve, schema } from "./Form";
 
 const PAUSE = 500; // ms after the last key, after which the text is taken over
@@ -182,17 +182,18 @@ export function Editor() {
       }
     };
     view.contentDOM.addEventListener("blur", left);
-    const show = (event: Event) => {
-      const [from, to] = rangeOf(parse(text.value).document, (event as CustomEvent<string>).detail);
-      (host.current!.closest("details") as HTMLDetailsElement | null)?.setAttribute("open", "");
+    const stopShowing = effect(() => {
+      if (shownPointer.value === null) return;
+      const [from, to] = rangeOf(parse(text.value).document, shownPointer.value);
+      shownPointer.value = null;
       view.dispatch({ selection: { anchor: from, head: to }, effects: EditorView.scrollIntoView(from, { y: "center" }) });
+      host.current!.scrollIntoView({ block: "nearest" });
       view.focus();
-    };
-    document.addEventListener("show-pointer", show);
+    });
     return () => {
       stopText();
       stopLint();
-      document.removeEventListener("show-pointer", show);
+      stopShowing();
       view.destroy();
     };
   }, []);

@@ -2,7 +2,7 @@
 
 import { signal } from "@preact/signals";
 import { useEffect, useState } from "preact/hooks";
-import { answer, current, placeInWords, pointerOf, readRefusal, send } from "../api";
+import { answer, current, key, placeInWords, pointerOf, readRefusal, send, unreachable } from "../api";
 import { commit, design, differences, edit, type Json, keepVariant, linkOf, LONGEST_LINK, open, parse, setVariants, text, valueAt, variants, writeYaml } from "../state";
 import { mm, VERDICTS } from "../words";
 import { ghost } from "./Pictures";
@@ -30,8 +30,8 @@ async function takePoints(name: string, format: string, content: string): Promis
   if (!design.value) return void say("Open a design first; then drop the fiducials on it.", true);
   const response = await send("POST", "/v1/conversions", { format, content, to: "json" }).catch(() => null);
   if (!response?.ok) {
-    const problem = response && (await readRefusal(response));
-    return void say(`${name}: ${problem ? `${problem.errors[0].detail} ${problem.errors[0].hint}` : "the service does not answer"}`, true);
+    const problem = response ? await readRefusal(response) : unreachable();
+    return void say(`${name}: ${problem.errors[0].detail} ${problem.errors[0].hint}`, true);
   }
   const points = (await response.json()).fiducials.map((p: Json) => ({ label: p.label, position_mm: p.position_mm }));
   const kept = Object.fromEntries(Object.entries(design.value.fiducials ?? {}).filter(([field]) => !["points", "file", "region", "frame"].includes(field)));
@@ -50,11 +50,12 @@ const gallery = signal<Example[] | null>(null);
 
 export function Gallery() {
   useEffect(() => {
-    if (!gallery.value) void send("GET", "/v1/examples").then(async (r) => (gallery.value = r.ok ? (await r.json()).examples : [])).catch(() => null);
-  }, []);
+    if (!gallery.value) void send("GET", "/v1/examples").then(async (r) => r.ok && (gallery.value = (await r.json()).examples)).catch(() => null);
+  }, [key.value]);
   const take = async (name: string) => {
-    const response = await send("GET", `/v1/examples/${name}`);
-    if (response.ok) open(writeYaml(await response.json()), `Example ${name}`);
+    const response = await send("GET", `/v1/examples/${name}`).catch(() => null);
+    if (!response) say(unreachable().title, true);
+    else if (response.ok) open(writeYaml(await response.json()), `Example ${name}`);
   };
   return (
     <ul class="gallery">

@@ -2,10 +2,11 @@
 
 import { computed, signal } from "@preact/signals";
 import { useRef } from "preact/hooks";
-import { answer, layout } from "../api";
+import { answer, current, layout, refused } from "../api";
 import { add, length, moveInImage, pixelDirections, type Pixel, type Projection, project, rounded, roundStep, type Vector } from "../geometry";
 import { cancelGesture, design, edit, finishGesture, type Json, parse, preview, selected, variants } from "../state";
 import { brief } from "../words";
+import { Remarks } from "./Problems";
 
 interface Bead {
   index: number;
@@ -20,7 +21,7 @@ export const beads = computed<Bead[]>(() => {
   return points.flatMap((point: Json, index: number) => {
     const p = point?.position_mm;
     const sound = Array.isArray(p) && p.length === 3 && p.every((v: unknown) => typeof v === "number" && Number.isFinite(v));
-    return sound ? [{ index, label: String(point.label ?? `${index + 1}`), position: p as Vector }] : [];
+    return sound ? [{ index, label: String(point.label ?? `F${index + 1}`), position: p as Vector }] : [];
   });
 });
 
@@ -50,6 +51,8 @@ interface Plane {
   steps(point: readonly number[]): [Vector, Vector]; // directions in con for one mm right and one mm down
   frame?: [number, number, number, number];
   margin?: number;
+  sees?: string[]; // labels of the beads that the view's estimate uses; absent: all
+  closest?: string[]; // labels of the two beads whose images are nearest to each other
   axes?: [string, string];
 }
 
@@ -59,8 +62,9 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
   const svg = useRef<SVGSVGElement>(null);
   const held = useRef<{ bead: Bead; from: Pixel; at: Pixel } | null>(null);
   const [left, top, width, height] = plane.box;
-  const scale = Math.max(width, height) / 400; // so that marks are as large in every picture
+  const scale = Math.max(width, height) / (plane.unit === "px" ? 400 : 270); // elevations are drawn smaller
   const placed = beads.value.map((bead) => ({ bead, at: plane.to(bead.position) }));
+  const inside = ([x, y]: Pixel): Pixel => [Math.min(Math.max(x, left + 6 * scale), left + width - 6 * scale), Math.min(Math.max(y, top + 6 * scale), top + height - 6 * scale)];
   const chosen = placed.find(({ bead }) => bead.label === selected.value) ?? placed[0];
 
   const place = (event: PointerEvent): Pixel => {
@@ -107,7 +111,8 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
     const [l, t, w, h] = plane.frame;
     return x < l || y < t || x > l + w || y > t + h;
   };
-  const crowded = placed.length > 24;
+  const [first, second] = (plane.closest ?? []).map((label) => placed.find(({ bead }) => bead.label === label)?.at);
+  const crowded = placed.length > 24, names = crowded ? [] : placeLabels(placed.map(({ bead, at }) => at && { at: inside(at), words: clip(bead.label) }), plane.box, scale);
   const bar = roundStep(width / 4);
   return (
     <figure class="picture">
@@ -123,6 +128,7 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
           <rect class="margin" x={plane.frame[0] + plane.margin} y={plane.frame[1] + plane.margin}
             width={plane.frame[2] - 2 * plane.margin} height={plane.frame[3] - 2 * plane.margin} />
         ) : null}
+        {first && second && <path class="closest" d={`M${first[0]} ${first[1]}L${second[0]} ${second[1]}`} />}
         {ghosts.value.map((old) => {
           const at = plane.to(old.position);
           return at && <circle key={`old ${old.index}`} class="ghost" cx={at[0]} cy={at[1]} r={5 * scale} />;
@@ -137,15 +143,19 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
             </g>
           );
         })}
-        {placed.map(({ bead, at }) => at && (
-          <g key={bead.index} data-bead={bead.label} class={`bead${bead.label === selected.value ? " chosen" : ""}${outside(at) ? " outside" : ""}`}
-            onPointerDown={(event) => grab(event, bead, at)}>
-            <title>{`${bead.label}: ${where(bead.position)} mm${plane.unit === "px" ? `; u ${at[0].toFixed(1)}, v ${at[1].toFixed(1)} px` : ""}`}</title>
-            <circle class="reach" cx={at[0]} cy={at[1]} r={12 * scale} />
-            <circle class="mark" cx={at[0]} cy={at[1]} r={5 * scale} />
-            {(!crowded || bead.label === selected.value) && <text x={at[0] + 8 * scale} y={at[1] - 5 * scale} font-size={12 * scale}>{clip(bead.label)}</text>}
-          </g>
-        ))}
+        {placed.map(({ bead, at }, k) => {
+          if (!at) return null;
+          const [x, y] = inside(at), name = names[k] ?? { x: 8 * scale, y: -5 * scale, end: false };
+          return (
+            <g key={bead.index} data-bead={bead.label} class={`bead${bead.label === selected.value ? " chosen" : ""}${outside(at) ? " outside" : ""}${plane.sees && !plane.sees.includes(bead.label) ? " unseen" : ""}`}
+              onPointerDown={(event) => grab(event, bead, at)}>
+              <title>{`${bead.label}: ${where(bead.position)} mm${plane.unit === "px" ? `; u ${at[0].toFixed(1)}, v ${at[1].toFixed(1)} px` : ""}`}</title>
+              <circle class="reach" cx={x} cy={y} r={12 * scale} />
+              <circle class="mark" cx={x} cy={y} r={5 * scale} />
+              {(!crowded || bead.label === selected.value) && <text x={x + name.x} y={y + name.y} font-size={12 * scale} text-anchor={name.end ? "end" : "start"}>{clip(bead.label)}</text>}
+            </g>
+          );
+        })}
         <g class="scale" aria-hidden="true">
           <path d={`M${left + 12 * scale} ${top + height - 10 * scale}h${bar}`} />
           <text x={left + 12 * scale} y={top + height - 14 * scale} font-size={11 * scale}>{`${bar} ${plane.unit}`}</text>
@@ -154,6 +164,25 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
       </svg>
     </figure>
   );
+}
+
+/** Where each name stands beside its bead: at the first of four places in the picture where it hides no bead or name. */
+function placeLabels(beads: ({ at: Pixel; words: string } | null)[], [left, top, width, height]: Plane["box"], scale: number) {
+  const marks = beads.flatMap((bead) => (bead ? [bead.at] : [])), taken: number[][] = [];
+  return beads.map((bead) => {
+    if (!bead) return null;
+    const [x, y] = bead.at, wide = 7.2 * scale * bead.words.length;
+    const places = [[8, -5], [8, 13], [-8, -5], [-8, 13]].map(([right, down]) => {
+      const [x0, y1] = [x + scale * right - (right < 0 ? wide : 0), y + scale * down], box = [x0, y1 - 10 * scale, x0 + wide, y1];
+      const hidden = marks.filter((m) => m !== bead.at && m[0] > box[0] - 4 * scale && m[0] < box[2] + 4 * scale && m[1] > box[1] - 4 * scale && m[1] < box[3] + 4 * scale).length
+        + taken.filter((t) => t[0] < box[2] && t[2] > box[0] && t[1] < box[3] && t[3] > box[1]).length
+        + Number(box[0] < left || box[1] < top || box[2] > left + width || box[3] > top + height);
+      return { x: scale * right, y: scale * down, end: right < 0, box, hidden };
+    });
+    const best = places.reduce((a, b) => (b.hidden < a.hidden ? b : a));
+    taken.push(best.box);
+    return best;
+  });
 }
 
 const enlarged = signal<ReadonlySet<string>>(new Set()); // views whose picture shows the part with beads and targets
@@ -179,18 +208,18 @@ const clip = (label: string) => (label.length > 18 ? `${label.slice(0, 17)}…` 
 
 export function Images() {
   const views = layout.value?.views ?? [];
-  const outside = new Map((answer.value?.score.views ?? []).map((view) => [view.view, view]));
+  const checks = new Map((answer.value?.score.views ?? []).map((view) => [view.view, view]));
   return (
     <div class="pictures" role="group" aria-label="X-ray images">
-      {views.map((view) => {
-        const P = view.projection as Projection, check = outside.get(view.view);
+      {views.map((view, k) => {
+        const P = view.projection as Projection, check = checks.get(view.view);
         const [width, height] = view.image_size_px ?? extent(P);
         const close = enlarged.value.has(view.view) && beads.value.length > 1;
         const plane: Plane = {
           name: `${view.view}: X-ray image${close ? ", enlarged" : ""}`, unit: "px",
           box: close ? part(P) : [-0.02 * width, -0.02 * height, 1.04 * width, 1.04 * height],
           frame: view.image_size_px ? [0, 0, width, height] : undefined, margin: view.margin_px,
-          to: (point) => project(P, point),
+          to: (point) => project(P, point), sees: design.value?.views?.[k]?.sees, closest: current.value ? check?.closest_pair : undefined,
           target: (point) => project(view.target_projection as Projection, point),
           from: (point, at) => moveInImage(P, point, at),
           steps: (point) => pixelDirections(P, point).map((d) => d.map((v) => v / length(d)) as Vector) as [Vector, Vector],
@@ -201,10 +230,14 @@ export function Images() {
             <Picture plane={plane} words={`Image of view ${view.view}.`} />
             <p class="note">
               <button type="button" class="small" aria-pressed={close} onClick={() => toggle(view.view)}>{close ? "Whole image" : "Enlarge"}</button>{" "}
-              {check?.outside.length ? <strong class="bad">{`outside the image: ${check.outside.join(", ")}`}</strong> : null}
-              {check && !check.outside.length && margin !== null ? `nearest to the edge ${brief(margin)} px; ` : ""}
-              {check ? `closest pair ${check.closest_pair.join(" and ")}, ${brief(check.closest_pair_px)} px` : ""}
+              {check && !refused.value && (
+                <span class={current.value ? "" : "old"}>
+                  {margin == null ? "" : `nearest to the edge ${brief(margin)} px; `}
+                  {`closest pair ${check.closest_pair.join(" and ")}, ${brief(check.closest_pair_px)} px`}
+                </span>
+              )}
             </p>
+            <Remarks at={`/views/${k}`} />
           </div>
         );
       })}
@@ -224,6 +257,7 @@ export function Elevations() {
   const all = [...beads.value.map((b) => b.position), ...targets.value.slice(0, 50).map((t) => t.position)];
   if (!all.length) return null;
   return (
+    <>
     <div class="pictures three" role="group" aria-label="Elevations, frame con">
       {ELEVATIONS.map(([name, a, b]) => {
         const ends = (k: number) => [Math.min(...all.map((p) => p[k])), Math.max(...all.map((p) => p[k]))];
@@ -242,5 +276,7 @@ export function Elevations() {
         return <Picture key={name} plane={plane} words={`Elevation ${name}, frame con, mm.`} />;
       })}
     </div>
+    <Remarks at="/fiducials" />
+    </>
   );
 }

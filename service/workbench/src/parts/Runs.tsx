@@ -1,10 +1,15 @@
 // Verify, optimise, sweep, report: as jobs that outlive the page, and what came of them.
 
 import { signal } from "@preact/signals";
-import { key, type Refusal, send } from "../api";
-import { cancel, forget, loadResult, results, type Run, runs, start, startProblem, unfinished } from "../jobs";
+import { useEffect } from "preact/hooks";
+import type { components } from "../../../../openapi/typescript/tailstack";
+import { key, send } from "../api";
+import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Run, runs, start, unfinished } from "../jobs";
 import { design, differences, edit, gesture, type Json, open, parse, text } from "../state";
 import { brief, duration, mm, percent, VERDICTS } from "../words";
+import { Problems } from "./Problems";
+
+type Distribution = components["schemas"]["ErrorDistribution"];
 
 const axis = signal(""), from = signal("0.1"), to = signal("1"), count = signal("5");
 
@@ -19,15 +24,14 @@ export function Runs() {
   return (
     <>
       <div class="controls" role="group" aria-label="Run">
-        <button type="button" disabled={!ready} onClick={() => start("verification", "/v1/verifications", "Verify by Monte Carlo", { precision: 0.005 })}>Verify by Monte Carlo</button>
-        <button type="button" disabled={!ready || !design.value?.optimise} title={design.value?.optimise ? "" : "the design has no optimise section: add one under all fields"} onClick={() => start("optimisation", "/v1/optimisations", "Optimise", {})}>Optimise</button>
-        <button type="button" disabled={!ready} onClick={() => start("report", "/v1/reports", "Report", { precision: 0.005 })}>Write the report</button>
+        <button type="button" disabled={!ready} onClick={() => start("Verification and report", "/v1/reports", { precision: 0.005 })}>Verify by Monte Carlo, with report</button>
+        <button type="button" disabled={!ready || !design.value?.optimise} title={design.value?.optimise ? "" : "the design has no optimise section: add one under all fields"} onClick={() => start("Optimisation", "/v1/optimisations", {})}>Optimise</button>
       </div>
       <details>
         <summary>Sweep one number</summary>
         <form class="controls" onSubmit={(event) => {
           event.preventDefault();
-          void start("sweep", "/v1/sweeps", `Sweep ${axis.value}`, { axes: [{ pointer: axis.value, start: Number(from.value), stop: Number(to.value), count: Number(count.value) }] });
+          void start(`Sweep ${axis.value}`, "/v1/sweeps", { axes: [{ pointer: axis.value, start: Number(from.value), stop: Number(to.value), count: Number(count.value) }] });
         }}>
           <label>Number{" "}
             <select value={axis.value} required onChange={(event) => (axis.value = event.currentTarget.value)}>
@@ -41,30 +45,47 @@ export function Runs() {
           <button type="submit">Sweep</button>
         </form>
       </details>
-      {startProblem.value && <Problem problem={startProblem.value} />}
       {runs.value.length === 0 && <p class="note">No runs yet. What is run here goes on when the page is closed, and is found again.</p>}
       <ol class="runs" aria-label="Runs of this page">{runs.value.map((run) => <Item key={run.id} run={run} />)}</ol>
+      <Recent />
     </>
   );
 }
 
-function Problem({ problem }: { problem: Refusal }) {
+/** What the service computed lately, for whoever asked: with its reports, and to be shown here. */
+function Recent() {
+  useEffect(() => void loadRecent(), [key.value]);
   return (
-    <div class="problems" role="alert">
-      <p><strong>{problem.title}</strong></p>
-      <ul>{problem.errors.slice(0, 5).map((e) => <li key={e.pointer + e.detail}>{e.pointer && <code>{e.pointer}</code>} {e.detail} <span class="note">{e.hint}</span></li>)}</ul>
-    </div>
+    <details>
+      <summary>{`Recent jobs of the service (${recent.value.length})`}</summary>
+      <div class="scroll" tabIndex={0} role="region" aria-label="Recent jobs of the service">
+        <table>
+          <thead><tr><th>Begun</th><th>What</th><th>Design</th><th>State</th><th>Report</th><th>Here</th></tr></thead>
+          <tbody>
+            {recent.value.map((job) => (
+              <tr key={job.id} data-job={job.id}>
+                <td>{new Date(job.created_at).toLocaleString()}</td><td>{job.kind}</td><td dir="auto">{job.design_name}</td>
+                <td class={`status ${job.state}`}>{job.state}</td>
+                <td>{job.links.report && <Reports path={job.links.report} />}</td>
+                <td>{!runs.value.some((run) => run.id === job.id) && <button type="button" class="small" aria-label={`Show ${job.kind} of ${job.design_name} here`} onClick={() => adopt(job, `${job.kind} of ${job.design_name}`, "")}>show</button>}</td>
+              </tr>
+            ))}
+          </tbody>
+        </table>
+      </div>
+      <p><button type="button" class="small" onClick={loadRecent}>Look again</button></p>
+    </details>
   );
 }
 
 function Item({ run }: { run: Run }) {
   const result = run.result ? results.value[run.result] : null;
   if (run.result && !result) void loadResult(run.result);
-  const other = run.text !== text.value;
+  const other = run.text !== "" && run.text !== text.value;
   return (
     <li class="run" data-kind={run.kind} data-state={run.state}>
       <p class="head">
-        <strong>{run.title}</strong> <span class="note">{new Date(run.begun).toLocaleTimeString()}{other ? ", of an earlier state of the design" : ""}</span>
+        <strong>{run.title}</strong> <span class="note">{new Date(run.begun).toLocaleTimeString()}{other ? ", of another state of the design" : ""}</span>
         <span class={`status ${run.state}`}>{run.state}</span>
         {unfinished(run)
           ? <button type="button" class="small" onClick={() => cancel(run.id)}>Cancel</button>
@@ -77,18 +98,52 @@ function Item({ run }: { run: Run }) {
           <p class="note">{`${percent(run.fraction, 0)}${run.eta !== null ? `, about ${duration(run.eta)} left` : ""}${run.note ? `: ${run.note}` : ""}`}</p>
         </>
       )}
-      {run.problem && <Problem problem={run.problem} />}
+      {run.problem && <Problems problem={run.problem} />}
       {result && <Outcome run={run} result={result} />}
-      {run.result && <Reports sha256={run.result} kind={run.kind} />}
+      {run.report && <p class="note">Report: <Reports path={run.report} /></p>}
     </li>
   );
 }
 
 function Outcome({ run, result }: { run: Run; result: Json }) {
   if (run.kind === "verification") return <Verified result={result} />;
-  if (run.kind === "optimisation") return <Optimum run={run} result={result} />;
+  if (run.kind === "optimisation") return <Optimum result={result} />;
   if (run.kind === "sweep") return <Swept result={result} />;
-  return null;
+  if (run.kind !== "report") return null;
+  return (
+    <>
+      {result.verification && <Verified result={result.verification} />}
+      {result.distributions.map((shares: Distribution) => (
+        <Histogram key={shares.target} shares={shares} p95={(result.verification ?? result.score).targets.find((t: Json) => t.name === shares.target).p95_mm}
+          limit={result.score.targets.find((t: Json) => t.name === shares.target).limit_mm} />
+      ))}
+      {!result.verification && <p class="note">The slack of each half-width stands in the budget.</p>}
+    </>
+  );
+}
+
+/** How often which error occurs: sampled as bars, by first order as a line; where P95 and the limit are. */
+function Histogram({ shares, p95, limit }: { shares: Distribution; p95: number; limit: number | null }) {
+  const { edges_mm: edges, sampled, first_order: law } = shares, width = 360, height = 110, foot = 18;
+  const end = edges[edges.length - 1], top = Math.max(...law, ...(sampled ?? []), 1e-9);
+  const x = (value: number) => (width * value) / end, y = (share: number) => height - (0.92 * height * share) / top;
+  const line = law.map((share, k) => `${k ? "L" : "M"}${x(edges[k])} ${y(share)}H${x(edges[k + 1])}`).join("");
+  const marks = [{ name: "P95", at: p95 }, ...(limit === null ? [] : [{ name: "limit", at: limit }])];
+  const words = `Error at the tool, target ${shares.target}: ${sampled ? `bars: share of ${shares.trials!.toLocaleString("en")} sampled shots; line: ` : ""}first order; P95 ${mm(p95)} mm${limit === null ? "" : `, limit ${mm(limit)} mm`}`;
+  return (
+    <figure class="histogram">
+      <figcaption>{words}</figcaption>
+      <svg viewBox={`0 -12 ${width} ${height + foot + 12}`} role="img" aria-label={words}>
+        {sampled?.map((share, k) => <rect key={k} x={x(edges[k]) + 0.5} width={x(edges[k + 1]) - x(edges[k]) - 1} y={y(share)} height={height - y(share)} />)}
+        <path class="law" d={line} />
+        {marks.filter(({ at }) => at <= end).map(({ name, at }) => (
+          <g key={name} class={name}><path d={`M${x(at)} ${height}V0`} /><text x={x(at)} y="-2" text-anchor={(name === "P95") === (limit !== null && p95 < limit) ? "end" : "start"}>{name}</text></g>
+        ))}
+        <path class="axis" d={`M0 ${height}H${width}`} />
+        {[0, 0.25, 0.5, 0.75, 1].map((part) => <text key={part} x={width * part} y={height + 13} text-anchor={part === 0 ? "start" : part === 1 ? "end" : "middle"}>{`${brief(Number((end * part).toPrecision(3)))}${part === 1 ? " mm" : ""}`}</text>)}
+      </svg>
+    </figure>
+  );
 }
 
 function Verified({ result }: { result: Json }) {
@@ -108,13 +163,10 @@ function Verified({ result }: { result: Json }) {
   );
 }
 
-function Optimum({ run, result }: { run: Run; result: Json }) {
-  const known = result.status === "optimal" || result.design;
+function Optimum({ result }: { result: Json }) {
   const accept = () => {
-    const changed = differences(parse(run.text).data, result.design);
-    const now = parse(text.value).data, wanted = differences(now, result.design);
     gesture.value = [];
-    edit(wanted.length ? wanted : changed, "Accept the optimum");
+    edit(differences(parse(text.value).data, result.design), "Accept the optimum");
   };
   return (
     <>
@@ -128,7 +180,7 @@ function Optimum({ run, result }: { run: Run; result: Json }) {
           </tbody>
         </table>
       </div>
-      {known && <p><button type="button" onClick={accept}>Take this design (undo brings yours back)</button></p>}
+      {result.design && <p><button type="button" onClick={accept}>Take this design (undo brings yours back)</button></p>}
     </>
   );
 }
@@ -154,20 +206,18 @@ function Swept({ result }: { result: Json }) {
   );
 }
 
-/** Reports are links; with a key they are fetched with it and opened from memory. */
-function Reports({ sha256, kind }: { sha256: string; kind: string }) {
-  const forms = kind === "verification" || kind === "optimisation" || kind === "report" || kind === "sweep" ? ["html", "pdf", "xlsx", "json"] : ["json"];
-  const path = (form: string) => `v1/results/${sha256}/report?format=${form}`;
+/** Reports are links; with a key they are fetched with it and saved. */
+function Reports({ path }: { path: string }) {
   const fetched = async (event: Event, form: string) => {
     if (!key.value) return;
     event.preventDefault();
-    const response = await send("GET", `/${path(form)}`);
+    const response = await send("GET", `${path}?format=${form}`);
     if (response.ok) save(await response.blob(), `report.${form}`);
   };
   return (
-    <p class="note">Report: {forms.map((form) => (
-      <a key={form} href={path(form)} target={form === "html" ? "_blank" : undefined} rel="noopener" download={form === "html" ? undefined : `report.${form}`} onClick={(event) => fetched(event, form)}>{form.toUpperCase()}</a>
-    )).flatMap((link, k) => (k ? [" · ", link] : [link]))}</p>
+    <>{["html", "pdf", "xlsx", "json"].map((form) => (
+      <a key={form} href={`${path.slice(1)}?format=${form}`} target={form === "html" ? "_blank" : undefined} rel="noopener" download={form === "html" ? undefined : `report.${form}`} onClick={(event) => fetched(event, form)}>{form.toUpperCase()}</a>
+    )).flatMap((link, k) => (k ? [" · ", link] : [link]))}</>
   );
 }
 

@@ -3,7 +3,8 @@
 import { useEffect, useRef } from "preact/hooks";
 import "../../../tailstack_service/report/templates/viewer.css";
 import "../../../tailstack_service/report/templates/viewer.js";
-import { layout } from "../api";
+import { drawn, layout } from "../api";
+import { design } from "../state";
 
 interface LayoutViewer {
   update(scene: unknown): void;
@@ -21,5 +22,5 @@ export function Space() {
     if (viewer.current) viewer.current.update(scene);
     else viewer.current = new window.LayoutViewer(figure.current, scene, 1);
   }, [scene]);
-  return <figure ref={figure} class="space" />;
+  return <figure ref={figure} class={drawn.value === design.value ? "space" : "space old"} />;
 }
