@@ -25,7 +25,7 @@ def list_examples() -> dict[str, str]:
     """Names of designs and folders, each with one line about it."""
     found = {name: example.title for name, example in list_example_designs().items()}
     for below in sorted(path for path in example_folder().iterdir() if path.is_dir() and path.name not in ELSEWHERE):
-        contents = sorted(path.name for path in below.iterdir() if re.fullmatch(r"\w+\.(yaml|csv)", path.name))
+        contents = sorted(path.name for path in below.iterdir() if re.fullmatch(r"\w+(\.(yaml|csv))?", path.name))
         found[below.name] = shorten(f"a folder: {', '.join(contents)}", LINE, placeholder=" ...")
     return found
 

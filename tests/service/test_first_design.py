@@ -168,6 +168,12 @@ def test_a_folder_is_written_as_a_folder(call: Any) -> None:
     assert call("gate", "gate/pass.yaml", "--policy", "gate/policy.yaml", "--mode", "analytic")[0] in (0, 4)
 
 
+def test_modules_for_other_programs_are_written_whole(call: Any) -> None:
+    assert call("example", "integrations", "-o", "doors")[0] == 0
+    for name in ("freecad/InitGui.py", "freecad/icons/score.svg", "slicer/Tailstack.py", "slicer/tailstack_http.py"):
+        assert (Path("doors") / name).read_bytes() == (EXAMPLES / "integrations" / name).read_bytes()
+
+
 @pytest.mark.parametrize("name", ["paper-c_arm", "paper/c_arm.yaml"])
 def test_a_design_of_a_folder_is_an_example_too(call: Any, name: str) -> None:
     code, out, _ = call("example", name)

@@ -101,7 +101,9 @@ def _write_folder(source: Path, target: Path, *, force: bool) -> str:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    yield from (path for path in sorted(folder.rglob("*")) if path.is_file() and path.suffix not in (".py", ".pyc"))
+    """What is of use to others: not the scripts that made examples, nor what Python keeps beside modules."""
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    yield from (path for path in files if path.suffix != ".pyc" and not path.name.startswith("make_"))
 
 
 def refuse_overwriting(paths: list[Path], *, force: bool) -> None:
