@@ -64,6 +64,7 @@ def tailstack(*arguments: str, without: tuple[str, ...], folder: Path) -> subpro
         ("pdf", ("report", DEMO, "--format", "pdf")),
         ("postgres", ("db", "check", "--database", "postgresql://somebody@127.0.0.1:1/jobs")),
         ("dask", ("worker", "--engine", "dask")),
+        ("mcp", ("mcp",)),
     ],
     ids=lambda value: value if isinstance(value, str) else " ".join(Path(word).name for word in value),
 )

@@ -6,7 +6,8 @@ from functools import cache
 
 FIRST = ("demo", "init", "example")
 LAST = (
-    "serve", "worker", "jobs", "db", "keys", "words", "schema", "openapi", "doctor", "warm-up", "completion", "version",
+    "serve", "worker", "jobs", "db", "keys", "mcp", "words", "schema", "openapi", "doctor", "warm-up", "completion",
+    "version",
 )  # fmt: skip
 SPELLINGS = {"optimize": "optimise"}  # of verbs, accepted as well
 OWN = frozenset({*FIRST, *LAST, "gate", "report"})  # modules of this package: gate and report take more than a design

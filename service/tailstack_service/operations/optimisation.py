@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -51,7 +52,21 @@ class OptimisationOptions(Options):
 def _optimise(call: Call) -> Optimisation:
     from tailstack.optimisation import optimise
 
-    return optimise(call.design, seed=call.options.seed, starts=call.options.starts)
+    progress = None if call.progress is None else _share(call.design, call.progress)
+    return optimise(call.design, seed=call.options.seed, starts=call.options.starts, progress=progress)
+
+
+def _share(design: Design, progress: Callable[[float, float], None]) -> Callable[[str, int, int, float | None], None]:
+    """What the optimiser calls after each step, as seconds done of the seconds that it is expected to take."""
+    remaining, begun = expect(design), time.monotonic()
+
+    def report(stage: str, done: int, total: int, least: float | None) -> None:
+        now = time.monotonic() - begun
+        remaining.report(stage, done, total, now)
+        left = remaining.left(now)
+        progress(now, now + left if left is not None else 0.0)
+
+    return report
 
 
 def _check(request: Request, settings: Settings) -> None:

@@ -1,0 +1,171 @@
+"""`tailstack mcp`, as the SDK's own client meets it over stdio: a whole session, refusals, bounds, one folder."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import anyio
+import pytest
+import yaml
+from mcp import Client, StdioServerParameters
+from mcp.shared.exceptions import MCPError
+from service_scenes import EXAMPLES, ROOT, coplanar_design, small_design
+
+from tailstack import load_design, score
+from tailstack_service.cli.main import build_parser
+from tailstack_service.schemas import json_schema
+
+CARRIER = (EXAMPLES / "first_carrier.yaml").read_text(encoding="utf-8")
+Session = Callable[[Client], Awaitable[Any]]
+
+
+def in_session(session: Session, *arguments: str, **settings: str) -> Any:
+    """What a session with a server of its own comes to."""
+    variables = {name: value for name, value in os.environ.items() if not name.startswith("TAILSTACK_")}
+    variables |= {"PYTHONPATH": os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")]), **settings}
+    server = StdioServerParameters(
+        command=sys.executable, args=["-m", "tailstack_service.cli.main", "mcp", *arguments], env=variables
+    )
+
+    async def meet() -> Any:
+        async with Client(server, read_timeout_seconds=280) as client:
+            return await session(client)
+
+    return anyio.run(meet)
+
+
+def record_of(result: Any) -> dict[str, Any]:
+    assert not result.is_error, result.content[0].text
+    record: dict[str, Any] = result.structured_content
+    return record
+
+
+def test_an_assistant_validates_scores_optimises_and_reports_a_design(tmp_path: Path) -> None:
+    """independent: the library's score, in this process, and the files that were written."""
+    heard: list[float] = []
+
+    async def hear(done: float, total: float | None, words: str | None) -> None:
+        heard.append(done)
+
+    async def session(client: Client) -> None:
+        listed = {tool.name: tool for tool in (await client.list_tools()).tools}
+        assert list(listed) == ["validate", "score", "verify", "optimise", "sweep", "report"]
+        assert listed["verify"].input_schema["properties"]["trials"]["anyOf"][0] == {"minimum": 1, "type": "integer"}
+
+        checked = record_of(await client.call_tool("validate", {"design": CARRIER}))
+        name = checked["design_sha256"]
+        assert name == load_design(CARRIER).sha256
+        scored = await client.call_tool("score", {"design_sha256": name})
+        assert record_of(scored)["targets"][0]["p95_mm"] == score(load_design(CARRIER)).targets[0].p95_mm
+        assert "1.209 mm" in scored.content[0].text
+        swept = await client.call_tool(
+            "sweep",
+            {"design_sha256": name, "axes": [{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2]}]},
+        )
+        assert [point["status"] for point in record_of(swept)["points"]] == ["ok", "ok"]
+
+        found = await client.call_tool(
+            "optimise", {"design_sha256": name, "starts": 2, "save_as": "better.yaml"}, progress_callback=hear
+        )
+        better = record_of(found)["provenance"]["design_sha256"]
+        assert load_design(tmp_path / "better.yaml").sha256 == better != name
+        again = record_of(await client.call_tool("verify", {"design_sha256": better, "precision": 0.02}))
+        assert again["verdict"]["status"] == "pass"
+        same = record_of(await client.call_tool("validate", {"file": "better.yaml"}))
+        assert same["design_sha256"] == better
+        reported = await client.call_tool(
+            "report", {"design_sha256": better, "trials": 20_000, "save_as": "better.html"}
+        )
+        assert "better.html" in reported.content[0].text
+
+    in_session(session, "--folder", str(tmp_path))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["better.html", "better.yaml"]
+    assert (tmp_path / "better.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert heard == sorted(set(heard))
+    assert all(0 < done <= 1 for done in heard)
+
+
+def test_refusals_tell_the_field_and_the_cure_and_the_session_goes_on(tmp_path: Path) -> None:
+    wrong = small_design()
+    wrong["views"][0]["fiducial_noise_px"] = "0,3"
+    (tmp_path / "inside").mkdir()
+    (tmp_path / "secret.yaml").write_text(CARRIER, encoding="utf-8")
+    (tmp_path / "inside" / "link.yaml").symlink_to(tmp_path / "secret.yaml")
+    refused = [
+        ("score", {"design": wrong}, "/design/views/0/fiducial_noise_px", "invalid-design"),
+        ("score", {"design": coplanar_design()}, "", "ill-posed-geometry"),
+        ("score", {"design": "name: [1"}, "", "invalid-design"),
+        ("score", {"design": {"name": "x"}}, "/design", "invalid-design"),
+        ("score", {"designs": {}}, "/designs", "invalid-request"),
+        ("score", {}, "", "invalid-request"),
+        ("score", {"design_sha256": "0" * 64}, "/design_sha256", "invalid-request"),
+        ("verify", {"design": small_design(), "trials": 10**9}, "/trials", "limit-exceeded"),
+        ("verify", {"design": small_design(), "trials": "many"}, "/trials", "invalid-request"),
+        ("sweep", {"design": small_design(), "axes": [{"pointer": "/x", "values": [1]}]}, "/axes/0/pointer", ""),
+        ("score", {"file": "../secret.yaml"}, "/file", "invalid-request"),
+        ("score", {"file": str(tmp_path / "secret.yaml")}, "/file", "invalid-request"),
+        ("score", {"file": "link.yaml"}, "/file", "invalid-request"),
+        ("score", {"file": "nothing.yaml"}, "", "invalid-design"),
+        ("report", {"design": small_design(), "save_as": "../r.html"}, "/save_as", "invalid-request"),
+        ("report", {"design": small_design(), "save_as": "r.exe"}, "/save_as", "invalid-request"),
+        ("optimise", {"design": small_design(), "save_as": 5}, "/save_as", "invalid-request"),
+    ]
+
+    async def session(client: Client) -> None:
+        for tool, arguments, pointer, slug in refused:
+            result = await client.call_tool(tool, arguments)
+            assert result.is_error, (tool, arguments)
+            problem = result.structured_content
+            assert problem["errors"][0]["pointer"].startswith(pointer), problem
+            assert problem["type"].endswith(slug), problem
+            assert problem["errors"][0]["detail"] in result.content[0].text
+        with pytest.raises(MCPError, match="there is no tool"):
+            await client.call_tool("delete", {})
+        record_of(await client.call_tool("score", {"design": small_design(), "patch": {"name": "still here"}}))
+
+    in_session(session, "--folder", str(tmp_path / "inside"))
+    assert [path.name for path in (tmp_path / "inside").iterdir()] == ["link.yaml"]
+
+
+def test_without_a_folder_no_file_is_touched_and_a_call_has_an_end() -> None:
+    async def session(client: Client) -> None:
+        tools = {tool.name: tool.input_schema["properties"] for tool in (await client.list_tools()).tools}
+        assert all(not {"file", "save_as"} & set(properties) for properties in tools.values())
+        assert len(json.dumps(tools)) < 20_000  # what an assistant reads before it does anything
+        result = await client.call_tool("score", {"file": "x.yaml"})
+        assert result.structured_content["errors"][0]["pointer"] == "/file"
+        slow = await client.call_tool("verify", {"design": small_design(), "precision": 1e-3})
+        assert slow.is_error
+        assert "TAILSTACK_MAX_JOB_SECONDS" in slow.content[0].text
+
+    in_session(session, TAILSTACK_MAX_JOB_SECONDS="1")
+
+
+def test_the_page_shows_a_configuration_that_starts_it() -> None:
+    page = (ROOT / "docs" / "integrations" / "mcp.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```json\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    entry = json.loads(block)["mcpServers"]["tailstack"]
+    assert entry["command"] == "tailstack"
+    arguments = build_parser().parse_args(entry["args"])
+    assert (arguments.verb, arguments.folder) == ("mcp", "/home/me/designs")
+
+
+def test_schemas_and_examples_are_resources() -> None:
+    async def session(client: Client) -> None:
+        addresses = [str(one.uri) for one in (await client.list_resources()).resources]
+        assert "tailstack://schemas/design" in addresses
+        (schema,) = (await client.read_resource("tailstack://schemas/design")).contents
+        assert json.loads(schema.text) == json_schema("design")
+        (example,) = (await client.read_resource("tailstack://examples/demo")).contents
+        assert load_design(yaml.safe_load(example.text)).sha256 == load_design(EXAMPLES / "demo.yaml").sha256
+        with pytest.raises(MCPError, match="there is no resource"):
+            await client.read_resource("tailstack://examples/../settings")
+        assert "schema: tailstack/design/1" in client.instructions
+
+    in_session(session)
