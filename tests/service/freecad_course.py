@@ -21,10 +21,10 @@ import FreeCAD  # noqa: E402
 import Part  # noqa: E402
 import tailstack_document as cad  # noqa: E402
 import tailstack_session  # noqa: E402
-from tailstack_http import Refusal, Service  # noqa: E402
+from tailstack_http import Refusal  # noqa: E402
 
 DESIGN = json.loads((FOLDER / "design.json").read_text(encoding="utf-8"))
-POINTS = {f"Bead {point['label']}": point["position_mm"] for point in DESIGN["fiducials"]["points"]}
+POINTS = {point["label"]: point["position_mm"] for point in DESIGN["fiducials"]["points"]}
 Vector, Rotation, Placement = FreeCAD.Vector, FreeCAD.Rotation, FreeCAD.Placement
 
 
@@ -57,13 +57,27 @@ def score_of(document: Any) -> dict[str, Any]:
     }
 
 
+def hold() -> dict[str, Any]:
+    """A bead that the design's section ``optimise`` fixes, by its label there."""
+    held = {**DESIGN, "optimise": {**DESIGN["optimise"], "fixed": ["F8"]}}
+    (FOLDER / "held.json").write_text(json.dumps(held), encoding="utf-8")
+    document = start("held")
+    cad.find_sheet(document).set("B3", "'held.json")
+    cad.draw_beads(document, DESIGN)
+    document.saveAs(str(FOLDER / "held.FCStd"))  # the name of the design is relative to it
+    request = cad.read_request(document)
+    cad.move_beads(document, request, tailstack_session.optimise(request))
+    return positions_of(document)
+
+
 def go_through() -> dict[str, Any]:
     """Draw, score, optimise, save, undo, save."""
     document = start("whole")
     cad.draw_beads(document, DESIGN)
     found: dict[str, Any] = {"score": score_of(document)}
     request = cad.read_request(document)
-    found["sentence"] = cad.move_beads(document, request, tailstack_session.optimise(request))
+    found["optimum"] = tailstack_session.optimise(request)
+    found["sentence"] = cad.move_beads(document, request, found["optimum"])
     found["steps"] = list(document.UndoNames)
     found["after"] = score_of(document)
     document.saveAs(str(FOLDER / "optimised.FCStd"))
@@ -78,7 +92,7 @@ def go_through() -> dict[str, Any]:
     return found
 
 
-def nest() -> dict[str, Any]:
+def nest(optimum: dict[str, Any]) -> dict[str, Any]:
     """Beads in a turned part, one of them drawn off its placement, in a connector frame that is turned too."""
     document = start("nested")
     frame = document.addObject("PartDesign::CoordinateSystem", "Connector")
@@ -95,17 +109,17 @@ def nest() -> dict[str, Any]:
         else:
             item = document.addObject("Part::Sphere", "sphere")
             item.Placement.Base = inside
-        item.Label = label
+        item.Label = f"Bead_{label}"
         holder.addObject(item)
     document.recompute()
     found: dict[str, Any] = {"before": positions_of(document)}
     request = cad.read_request(document)
-    cad.move_beads(document, request, tailstack_session.optimise(request))
+    cad.move_beads(document, request, optimum)
     found["moved"] = positions_of(document)
     return found
 
 
-def refuse() -> dict[str, Any]:
+def refuse(optimum: dict[str, Any]) -> dict[str, Any]:
     """What is said when something is not as it has to be; the document is as it was."""
     found: dict[str, Any] = {}
     document = start("refused")
@@ -114,7 +128,12 @@ def refuse() -> dict[str, Any]:
     beads["Bead F3"].Placement.Base = Vector(900.0, 0.0, 0.0)
     document.recompute()
     found["outside"] = score_of(document)
-    beads["Bead F3"].Placement.Base = Vector(*POINTS["Bead F3"])
+    beads["Bead F3"].Placement.Base = Vector(*POINTS["F3"])
+    twin = document.addObject("Part::Sphere", "sphere")
+    twin.Label = "Bead-F1"
+    document.recompute()
+    found["twin"] = score_of(document)
+    document.removeObject(twin.Name)
     cube = document.addObject("Part::Box", "Box")
     cube.Label = "Bead box"
     document.recompute()
@@ -132,7 +151,7 @@ def refuse() -> dict[str, Any]:
     document.recompute()
     request = cad.read_request(document)
     try:
-        cad.move_beads(document, request, tailstack_session.optimise(request))
+        cad.move_beads(document, request, optimum)
     except Refusal as refusal:
         found["driven"] = str(refusal)
     found["as it was"] = cad.read_request(document) == request and document.UndoNames == []
@@ -151,9 +170,10 @@ def main() -> None:
     found: dict[str, Any] = {}
     try:
         found["whole"] = go_through()
-        found["nested"] = nest()
-        found["refused"] = refuse()
-        found["optimum"] = Service(COURSE["url"]).optimise(DESIGN)["design"]
+        found["held"] = hold()
+        optimum = found["whole"].pop("optimum")
+        found["nested"] = nest(optimum)
+        found["refused"] = refuse(optimum)
     except Exception:
         found["traceback"] = traceback.format_exc()
     (FOLDER / "found.json").write_text(json.dumps(found), encoding="utf-8")

@@ -36,7 +36,7 @@ SAME_MM = 1e-6  # one bead has one centre
 class Bead:
     """A sphere of the document: centre in the connector's frame, mm, and what is needed to put it elsewhere."""
 
-    label: str
+    label: str  # in the design
     object: Any
     centre: Any  # in the coordinates of what holds the object
     position_mm: tuple[float, float, float]
@@ -119,10 +119,23 @@ def find_beads(document: Any, pattern: str, frame: Any) -> list[Bead]:
         centre = _find_centre(item, shape)
         held = _placement_of_holder(item)
         at = frame.inverse().multVec(held.multVec(centre))
-        beads.append(Bead(item.Label, item, centre, (at.x, at.y, at.z)))
+        beads.append(Bead(name_bead(item.Label, pattern), item, centre, (at.x, at.y, at.z)))
     if not beads:
         raise Refusal(f"no object of this document is called {pattern}: name the spheres so, or change the row beads")
+    by_label: dict[str, Bead] = {}
+    for bead in beads:
+        other = by_label.setdefault(bead.label, bead)
+        if other is not bead:
+            both = f"{other.object.Label} and {bead.object.Label}"
+            raise Refusal(f"{both} would both be {bead.label} in the design: rename one")
     return beads
+
+
+def name_bead(label: str, pattern: str) -> str:
+    """What an object's label is in the design: of ``Bead F1`` and the pattern ``Bead*`` it is F1."""
+    before, star, after = pattern.partition("*")
+    name = label[len(before) : len(label) - len(after)].strip(" _-.:") if star else ""
+    return name or label
 
 
 def _find_centre(item: Any, shape: Any) -> Any:
@@ -361,8 +374,10 @@ def colour_beads(document: Any, costs: list[tuple[str, float, float]]) -> None:
     kind = read_colour(document)
     if kind == "off":
         return
+    pattern = read_rows(document)[0]["beads"]
     by_label = {label: losing if kind == "losing" else moving for label, losing, moving in costs}
     finite = [cost for cost in by_label.values() if math.isfinite(cost)] or [0.0]
     for item in document.Objects:
-        if item.Label in by_label and item.ViewObject is not None:
-            item.ViewObject.ShapeColor = colour_of(by_label[item.Label], min(finite), max(finite))
+        cost = by_label.get(name_bead(item.Label, pattern)) if fnmatch.fnmatchcase(item.Label, pattern) else None
+        if cost is not None and hasattr(item.ViewObject, "ShapeColor"):
+            item.ViewObject.ShapeColor = colour_of(cost, min(finite), max(finite))
