@@ -30,6 +30,10 @@ MEASUREMENTS: dict[str, Measurement] = {
     "first-order": Measurement(scores.first_order, (
         Target("first-order covariance + exact P95, one target: against a trial of batched SVD", 1, 0.1, "×", "<"),
     )),
+    "losses": Measurement(scores.losses, (
+        Target("score with the worst losses of one and two, 12 fiducials: against a score without", 3, 2, "×", "<"),
+        Target("score with the worst loss of one, 64 fiducials: against a score without", 2, 1.5, "×", "<"),
+    )),
     "designs": Measurement(not_built, (
         Target("a million designs scored: designs a second against a loop over score()", 100, 1000),
     )),

@@ -65,6 +65,21 @@ def first_order() -> Findings:
     )  # fmt: skip
 
 
+def losses() -> Findings:
+    """A score with what losses do against one without: twelve fiducials, and 64, of which no pair is tried."""
+    designs = {"12 fiducials": load_design(DEMO), "64 fiducials": of_fiducials(64)}
+
+    def job(design: Design | System, wanted: bool) -> Callable[[], int]:
+        score(design, losses=wanted)
+        return lambda: len(score(design, losses=wanted).targets)
+
+    pairs = [(f"{name}, {word}", design, word == "with losses") for name, design in designs.items()
+             for word in ("with losses", "without")]  # fmt: skip
+    rounds = interleave({name: job(design, wanted) for name, design, wanted in pairs})
+    ratios = [median(rounds.cpu[f"{name}, with losses"]) / median(rounds.cpu[f"{name}, without"]) for name in designs]
+    return Findings(list(ratios), rounds.foreign)
+
+
 def of_targets(count: int) -> System:
     """So many targets on a spiral around the first."""
     turns = np.linspace(0, 20, count)

@@ -4422,6 +4422,58 @@ export interface components {
             max_scale: number;
         };
         /**
+         * Loss
+         * @description The worst of all ways to lose some fiducials.
+         */
+        Loss: {
+            /**
+             * Lost
+             * @description Labels of the fiducials that are lost.
+             */
+            lost: string[];
+            /**
+             * Target
+             * @description Target at which the error is then largest.
+             */
+            target: string;
+            /**
+             * Value Mm
+             * @description The quantile of the error's norm there without them, mm; null where nothing can be estimated any more.
+             */
+            value_mm: number | null;
+            /**
+             * Reason
+             * @description Why nothing can be estimated any more; empty otherwise.
+             * @default
+             */
+            reason: string;
+        };
+        /**
+         * Losses
+         * @description What the loss of fiducials in all views does to one requirement, or to P95 where the design has none.
+         */
+        Losses: {
+            /**
+             * Requirement
+             * @description Name of the requirement; empty where the design has none and P95 of the error at the tool is meant.
+             */
+            requirement: string;
+            /**
+             * Limit Mm
+             * @description Its limit, mm; null where the design has none.
+             */
+            limit_mm: number | null;
+            /**
+             * Value Mm
+             * @description What it limits, with all fiducials and at the worst of its targets, mm.
+             */
+            value_mm: number;
+            /** @description The worst loss of one. */
+            single: components["schemas"]["Loss"];
+            /** @description The worst loss of two; null where there are too many fiducials to try every pair. */
+            double: components["schemas"]["Loss"] | null;
+        };
+        /**
          * Manufacturing
          * @description How far each fiducial may sit from its nominal position, per coordinate, independently.
          */
@@ -6571,6 +6623,12 @@ export interface components {
             verdict: components["schemas"]["Verdict"];
             /** @description Which design, by which version, under which model, and what is not included. */
             provenance: components["schemas"]["Provenance"];
+            /**
+             * Losses
+             * @description What becomes of each requirement when one or two fiducials are lost; empty where that was not asked for.
+             * @default []
+             */
+            losses: components["schemas"]["Losses"][];
         };
         ScoreRequest: {
             /** @description The design document. */
@@ -6585,6 +6643,12 @@ export interface components {
              * @default false
              */
             second_order?: boolean;
+            /**
+             * Losses
+             * @description Look for the worst loss of one fiducial and of two. Without it, a score takes a third less.
+             * @default true
+             */
+            losses?: boolean;
         };
         /**
          * SearchBall
@@ -8587,6 +8651,8 @@ export interface operations {
             query?: {
                 /** @description Only with a YAML body. Add the second-order correction where it holds. */
                 second_order?: boolean;
+                /** @description Only with a YAML body. Look for the worst loss of one fiducial and of two. Without it, a score takes a third less. */
+                losses?: boolean;
             };
             header?: never;
             path?: never;

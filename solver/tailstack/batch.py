@@ -328,7 +328,7 @@ class Batch:
             return f"{self.pointers[int(np.isfinite(row).argmin())]}: no finite number"
         try:
             data = set_numbers(self.design, self._places, row.tolist())
-            found = score(load_design(data, base_directory=self.design.source.directory))
+            found = score(load_design(data, base_directory=self.design.source.directory), losses=False)
         except TailstackError as error:
             return describe_refusal(error)
         targets = {target.name: target for target in found.targets}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isinf
 from typing import Any
 
@@ -14,13 +14,23 @@ from .contributors import ErrorLaw, error_law, law_of
 from .design import Design, check_design
 from .errors import OutOfRangeError
 from .estimation.checks import examine
-from .propagation.linear import LinearModel, covariance_block_diagonal, largest_rotation_rad, linearise_all
+from .losses import PAIRS_UP_TO, LossSearch
+from .propagation.linear import (
+    LinearModel,
+    chain_of,
+    covariance_block_diagonal,
+    largest_rotation_rad,
+    linearise_all,
+    linearise_at,
+)
 from .propagation.second_order import refuse_outside_range, second_order_moments
 from .propagation.validity import error_percent, validity
 from .results import (
     Check,
     Finding,
     Interval,
+    Loss,
+    Losses,
     Matrix3,
     MetricScore,
     PerUnit,
@@ -51,20 +61,27 @@ NOT_INCLUDED = (
 )
 
 
-def score(design: Design | System, *, second_order: bool = False) -> Score:
+def score(design: Design | System, *, second_order: bool = False, losses: bool = True) -> Score:
     """Score a design to first order, every target and requirement.
 
     Bias (mm) and covariance (mm2) are those of the error at the tool, in tcp, and of the located target, in con; P95 is
     the quantile of the error's norm under the declared laws, mm; the budget has each source of error by itself.
 
     ``second_order`` adds the second-order correction where its series holds (milliseconds; refused, with the reason,
-    where it does not).  Raises DesignError for a document that breaks its rules and IllPosedError for a
-    geometry that does not determine the answer.
+    where it does not).  ``losses``: whether the worst loss of one fiducial and of two is looked for, half as long
+    again.  Raises DesignError for a document that breaks its rules and IllPosedError for a geometry that does not
+    determine the answer.
     """
     system, findings, views = checked_system(design)
-    models = linearise_all(system)
+    chain = chain_of(system)
+    models = {target.name: linearise_at(chain, target) for target in system.targets}
     trust = trust_of(system, models)
     metrics = {(name, error): _score_error(system, models[name], error) for name in models for error in FRAMES}
+    checks = tuple(
+        check_requirement(requirement, name, trust, metrics[name, requirement.error])
+        for requirement in system.requirements
+        for name in requirement.targets
+    )
     return Score(
         schema="tailstack/score/1",
         targets=tuple(
@@ -72,16 +89,9 @@ def score(design: Design | System, *, second_order: bool = False) -> Score:
         ),
         validity=trust,
         views=views,
-        verdict=conclude(
-            tuple(
-                check_requirement(requirement, name, trust, metrics[name, requirement.error])
-                for requirement in system.requirements
-                for name in requirement.targets
-            ),
-            findings,
-            "first order",
-        ),
+        verdict=conclude(checks, findings, "first order"),
         provenance=provenance(system),
+        losses=_losses(system, LossSearch(chain, models), checks, metrics) if losses else (),
     )
 
 
@@ -117,6 +127,34 @@ def score_errors(design: Design) -> Errors:
 
 def _fields(metric: MetricScore) -> dict[str, Any]:
     return {field: getattr(metric, field) for field in MetricScore.__dataclass_fields__}
+
+
+def _losses(
+    system: System, search: LossSearch, checks: tuple[Check, ...], metrics: dict[tuple[str, str], ErrorScore]
+) -> tuple[Losses, ...]:
+    """What losses do to every requirement; without one, to P95 of the error at the tool."""
+    every = tuple(target.name for target in system.targets)
+    whole = Requirement("", "tcp", P95, inf, P95, every)
+    found = []
+    for item in system.requirements or (whole,):
+        values = [check.value_mm for check in checks if check.requirement == item.name]
+        values = values or [metrics[name, "tcp"].summary.quantile.quantile_mm for name in every]
+        pair = len(system.fiducial_labels) <= PAIRS_UP_TO
+        single, double = (_loss(search, item, lost) if lost == 1 or pair else None for lost in (1, 2))
+        assert single is not None
+        found.append(Losses(item.name, None if isinf(item.limit_mm) else item.limit_mm, max(values), single, double))
+    return tuple(found)
+
+
+def _loss(search: LossSearch, item: Requirement, lost: int) -> Loss:
+    """The worst loss of so many; where each unit has a limit, the one that is worst for all units together."""
+    worst = search.worst(lost, item.error, item.quantile, item.targets)
+    if item.units_fraction is None or worst.model is None:
+        return worst.loss
+    at = error_law(worst.model, item.error, P95)
+    error = ErrorScore(worst.model, at, None, law_summary(at.law, P95, None))
+    risk = error.unit_risk(item.quantile, item.limit_mm, item.units_fraction)
+    return replace(worst.loss, value_mm=risk.value_mm)
 
 
 def checked_system(design: Design | System) -> tuple[System, tuple[Finding, ...], tuple[ViewCheck, ...]]:

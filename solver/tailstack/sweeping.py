@@ -135,7 +135,7 @@ def _compute_point(
             set_numbers(design, [axis.places for axis in axes], values), base_directory=design.source.directory
         )
         if check.kind == "score":
-            result = score(varied)
+            result = score(varied, losses=False)
         else:
             result = verify(varied, trials=check.trials, seed=check.seed, max_trials=check.max_trials, threads=threads)
     except TailstackError as error:

@@ -113,7 +113,7 @@ def _repeat(again: Repetition) -> Again:
         return Again(_optimise(Call((before,), OptimisationOptions(seed=proof.seed, starts=proof.starts))))
     from tailstack.scoring import score
 
-    first = {target.name: target.p95_mm for target in score(new).targets}
+    first = {target.name: target.p95_mm for target in score(new, losses=False).targets}
     check = proof.verification
     targets = tuple(replace(target, first_order_p95_mm=first[target.name]) for target in check.targets)
     same = replace(check.provenance, design_sha256=new.sha256)

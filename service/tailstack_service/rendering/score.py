@@ -10,7 +10,7 @@ from tailstack.results.verdicts import decisive_check
 from tailstack.system import INTERFACES
 
 from .page import current
-from .sentences import largest_sentence, margin_sentence, trust_sentence, units_sentence
+from .sentences import largest_sentence, losses_sentence, margin_sentence, trust_sentence, units_sentence
 from .tables import decimal, number, paint, percent, table, visible, wrap
 from .verdict import decision_text, heading, join_blocks, provenance_text, verdict_text
 
@@ -31,6 +31,7 @@ def score_text(score: Score, *, target: str | None = None) -> str:
         budget_text(chosen, len(score.targets)),
         law_text(chosen) if details else "",
         wrap(units_sentence(chosen), first="unit by unit: ", indent="  "),
+        losses_text(score),
         second_order_text(chosen),
         _trust_text(score),
         provenance_text(score.provenance),
@@ -53,6 +54,12 @@ def estimate_interval(score: Score, p95_mm: float) -> tuple[float, float | None]
     """Where the P95 of a simulation is to be expected."""
     error = score.validity.expected_error_percent
     return (0.0, None) if error is None else (p95_mm / (1 + error / 100), p95_mm * (1 + error / 100))
+
+
+def losses_text(score: Score) -> str:
+    """What the loss of fiducials does to each requirement; without details to the first three."""
+    shown = score.losses if current().details else score.losses[:3]
+    return "\n".join(wrap(losses_sentence(line), first="if fiducials are lost: ", indent="  ") for line in shown)
 
 
 def _trust_text(score: Score) -> str:

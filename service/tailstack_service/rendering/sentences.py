@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tailstack.results import Check, Contributor, TargetScore, Validity
+from tailstack.results import Check, Contributor, Losses, TargetScore, Validity
 from tailstack.results.score import source_name
 
-from .tables import percent
+from .tables import percent, visible
 
 BASIS = {"first order": "estimate", "Monte Carlo": "Monte Carlo"}  # what a verdict rests on, by its name in records
 
@@ -29,6 +29,26 @@ def largest_sentence(target: str, p95_mm: float, interval_mm: tuple[float, float
         f"No requirement is stated. In 95 % of shots, the error at the tool (target {target}) is at most {p95_mm:.3f} "
         f"mm (P95; {ends})."
     )
+
+
+def losses_sentence(line: Losses) -> str:
+    """What a requirement comes to without the fiducials whose loss is worst."""
+    what = visible(line.requirement) if line.requirement else "P95 of the error at the tool"
+    said = [f"{what} is {line.value_mm:.3f} mm with all of them"]
+    for worst in (line.single, line.double):
+        if worst is None:
+            said.append("every pair was not tried, there are too many")
+            continue
+        lost = " and ".join(map(visible, worst.lost))
+        if worst.value_mm is None:
+            said.append(f"without {lost} nothing can be estimated: {worst.reason}")
+            continue
+        limit = line.limit_mm
+        broken = limit is not None and line.value_mm <= limit < worst.value_mm
+        beyond = f", beyond the limit of {limit:g} mm" if broken else ""
+        said.append(f"without {lost}, the worst {'one' if len(worst.lost) == 1 else 'two'} to lose, "
+                    f"{worst.value_mm:.3f} mm{beyond}")  # fmt: skip
+    return "; ".join(said) + "."
 
 
 def trust_sentence(validity: Validity) -> str:

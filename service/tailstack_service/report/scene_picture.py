@@ -82,10 +82,10 @@ def draw_layouts(design: Design, before: Design, title: str) -> str:
     Raises DesignError, IllPosedError for a design whose layout does not determine an answer; ``before`` may be one.
     """
     try:
-        score_before = score(before)
+        score_before = score(before, losses=False)
     except IllPosedError:
         score_before = None
-    scene = scene_of(design, score(design), title, (before, score_before), "before")
+    scene = scene_of(design, score(design, losses=False), title, (before, score_before), "before")
     change = _change(compile_design(before), compile_design(design))
     titles = broken(title, 72)
     parts = [text(8, 24 + 19 * k, line, size=15, weight="bold") for k, line in enumerate(titles)]

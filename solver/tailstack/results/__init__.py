@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from .score import (
         Bounds,
         Contributor,
+        Loss,
+        Losses,
         MetricScore,
         PerUnit,
         Score,
@@ -68,7 +70,8 @@ _HOME = {
     ),
     **dict.fromkeys(
         (
-            "Bounds", "Contributor", "MetricScore", "PerUnit", "Score", "SecondOrder", "TargetScore", "Validity",
+            "Bounds", "Contributor", "Loss", "Losses", "MetricScore", "PerUnit", "Score", "SecondOrder", "TargetScore",
+            "Validity",
         ),
         "score",
     ),
@@ -102,6 +105,8 @@ __all__ = [
     "FrontPoint",
     "Interval",
     "LocalOptimum",
+    "Loss",
+    "Losses",
     "Matrix3",
     "MetricEstimate",
     "MetricScore",

@@ -199,6 +199,43 @@ class Validity:
 
 
 @dataclass(frozen=True, slots=True)
+class Loss:
+    """The worst of all ways to lose some fiducials."""
+
+    lost: tuple[str, ...]
+    """Labels of the fiducials that are lost."""
+    target: str
+    """Target at which the error is then largest."""
+    value_mm: float | None
+    """The quantile of the error's norm there without them, mm; null where nothing can be estimated any more."""
+    reason: str = ""
+    """Why nothing can be estimated any more; empty otherwise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Losses:
+    """What the loss of fiducials in all views does to one requirement, or to P95 where the design has none."""
+
+    requirement: str
+    """Name of the requirement; empty where the design has none and P95 of the error at the tool is meant."""
+    limit_mm: float | None
+    """Its limit, mm; null where the design has none."""
+    value_mm: float
+    """What it limits, with all fiducials and at the worst of its targets, mm."""
+    single: Loss
+    """The worst loss of one."""
+    double: Loss | None
+    """The worst loss of two; null where there are too many fiducials to try every pair."""
+
+    def keeps(self, lost: int) -> bool | None:
+        """Whether the limit is kept whichever fiducials are lost, so many at once; None where that is not known."""
+        worst = self.single if lost == 1 else self.double
+        if worst is None or self.limit_mm is None:
+            return None
+        return worst.value_mm is not None and worst.value_mm <= self.limit_mm
+
+
+@dataclass(frozen=True, slots=True)
 class Score(Result):
     """First order: bias, covariance, tail and budget at every target."""
 
@@ -214,6 +251,8 @@ class Score(Result):
     """Requirements held against first order."""
     provenance: Provenance
     """Which design, by which version, under which model, and what is not included."""
+    losses: tuple[Losses, ...] = ()
+    """What becomes of each requirement when one or two fiducials are lost; empty where that was not asked for."""
 
     @property
     def worst_target(self) -> TargetScore:

@@ -199,7 +199,7 @@ def study_linearity(
     _refuse(system, axes, target, trials)
     names = [one.name for one in system.targets]
     if target is None:
-        target = max(score(system).targets, key=lambda one: one.p95_mm).name
+        target = max(score(system, losses=False).targets, key=lambda one: one.p95_mm).name
     chosen = names.index(target)
     places = list_places(axes)
     points: list[LinearityPoint] = []

@@ -112,6 +112,8 @@ from .link import Link
 from .list_jobs_kind import ListJobsKind
 from .list_jobs_state import ListJobsState
 from .local_optimum import LocalOptimum
+from .loss import Loss
+from .losses import Losses
 from .measured_file import MeasuredFile
 from .measured_file_form import MeasuredFileForm
 from .metric_estimate import MetricEstimate
@@ -319,6 +321,8 @@ __all__ = (
     "ListJobsKind",
     "ListJobsState",
     "LocalOptimum",
+    "Loss",
+    "Losses",
     "MeasuredFile",
     "MeasuredFileForm",
     "MetricEstimate",

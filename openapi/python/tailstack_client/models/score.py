@@ -12,6 +12,7 @@ from typing import cast
 from typing import Literal, cast
 
 if TYPE_CHECKING:
+    from ..models.losses import Losses
     from ..models.provenance import Provenance
     from ..models.target_score import TargetScore
     from ..models.validity import Validity
@@ -33,6 +34,8 @@ class Score:
         views (list[ViewCheck]): Visibility of the fiducials in each view.
         verdict (Verdict): ``pass`` only when the upper end of every check's interval is within its limit.
         provenance (Provenance): Which design, by which version, under which model, and what is not included.
+        losses (list[Losses]): What becomes of each requirement when one or two fiducials are lost; empty where that was
+            not asked for.
     """
 
     schema: Literal["tailstack/score/1"]
@@ -41,8 +44,10 @@ class Score:
     views: list[ViewCheck]
     verdict: Verdict
     provenance: Provenance
+    losses: list[Losses]
 
     def to_dict(self) -> dict[str, Any]:
+        from ..models.losses import Losses  # noqa: PLC0415
         from ..models.provenance import Provenance  # noqa: PLC0415
         from ..models.target_score import TargetScore  # noqa: PLC0415
         from ..models.validity import Validity  # noqa: PLC0415
@@ -67,6 +72,11 @@ class Score:
 
         provenance = self.provenance.to_dict()
 
+        losses = []
+        for losses_item_data in self.losses:
+            losses_item = losses_item_data.to_dict()
+            losses.append(losses_item)
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -77,6 +87,7 @@ class Score:
                 "views": views,
                 "verdict": verdict,
                 "provenance": provenance,
+                "losses": losses,
             }
         )
 
@@ -84,6 +95,7 @@ class Score:
 
     @classmethod
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        from ..models.losses import Losses  # noqa: PLC0415
         from ..models.provenance import Provenance  # noqa: PLC0415
         from ..models.target_score import TargetScore  # noqa: PLC0415
         from ..models.validity import Validity  # noqa: PLC0415
@@ -115,6 +127,13 @@ class Score:
 
         provenance = Provenance.from_dict(d.pop("provenance"))
 
+        losses = []
+        _losses = d.pop("losses")
+        for losses_item_data in _losses:
+            losses_item = Losses.from_dict(losses_item_data)
+
+            losses.append(losses_item)
+
         score = cls(
             schema=schema,
             targets=targets,
@@ -122,6 +141,7 @@ class Score:
             views=views,
             verdict=verdict,
             provenance=provenance,
+            losses=losses,
         )
 
         return score

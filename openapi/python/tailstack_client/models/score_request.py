@@ -32,12 +32,15 @@ class ScoreRequest:
         patch (DesignPatch | Unset): What differs from a design: a JSON merge patch (RFC 7396). Objects are merged, null
             removes a field, lists are replaced whole.
         second_order (bool | Unset): Add the second-order correction where it holds. Default: False.
+        losses (bool | Unset): Look for the worst loss of one fiducial and of two. Without it, a score takes a third
+            less. Default: True.
     """
 
     design: Design | Unset = UNSET
     design_sha256: str | Unset = UNSET
     patch: DesignPatch | Unset = UNSET
     second_order: bool | Unset = False
+    losses: bool | Unset = True
 
     def to_dict(self) -> dict[str, Any]:
         from ..models.design import Design  # noqa: PLC0415
@@ -55,6 +58,8 @@ class ScoreRequest:
 
         second_order = self.second_order
 
+        losses = self.losses
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update({})
@@ -66,6 +71,8 @@ class ScoreRequest:
             field_dict["patch"] = patch
         if second_order is not UNSET:
             field_dict["second_order"] = second_order
+        if losses is not UNSET:
+            field_dict["losses"] = losses
 
         return field_dict
 
@@ -93,11 +100,14 @@ class ScoreRequest:
 
         second_order = d.pop("second_order", UNSET)
 
+        losses = d.pop("losses", UNSET)
+
         score_request = cls(
             design=design,
             design_sha256=design_sha256,
             patch=patch,
             second_order=second_order,
+            losses=losses,
         )
 
         return score_request

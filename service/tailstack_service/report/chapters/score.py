@@ -10,7 +10,7 @@ from tailstack.results.score import source_name
 from tailstack.scoring import P95
 
 from ...rendering.score import worst_target
-from ...rendering.sentences import name_basis, units_sentence
+from ...rendering.sentences import losses_sentence, name_basis, units_sentence
 from ...rendering.tables import signed_decimal
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
 from ..charts import Scaled, draw_scale, draw_shares, draw_without
@@ -111,6 +111,8 @@ def error_blocks(score: Score) -> tuple[Block, ...]:
         blocks.append(findings_table(score.verdict.findings))
     if score.views:
         blocks.append(views_table(score.views))
+    if score.losses:
+        blocks.append(Bullets(tuple(f"If fiducials are lost: {losses_sentence(line)}" for line in score.losses)))
     return tuple(blocks)
 
 

@@ -1,0 +1,242 @@
+"""What becomes of a score when fiducials are lost: the worst of all losses of one and of two, by name.
+
+A fiducial that is lost is missing in every view, as if it had never been there.  What that does to the covariance of
+the error follows from the gains with weights of 0 (``propagation.noise``), for every loss at once in one kernel.
+Pearson's closed form on it ranks the losses; its error is known (``tail.approximation``), so that the exact law is
+asked only where a loss may be the worst: the answer is that of scoring each remaining structure by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtri
+
+from .arrays import Array
+from .contributors import ErrorLaw, error_law
+from .errors import IllPosedError
+from .estimation.checks import FEWEST, examine
+from .kernels import kernel
+from .propagation.linear import Chain, LinearModel, image_gains
+from .propagation.noise import noise_gains_jit
+from .results import Loss
+from .system import Law, System
+from .tail.approximation import pearson_square, square_cumulants
+from .tail.declared import SAMPLED_METHOD, law_quantile
+
+PAIRS_UP_TO = 30  # fiducials; beyond, trying every pair would take longer than the score itself
+# By which Pearson's form may rank a loss too low: a P95 by up to 1.3 %, 1.2 % more where laws are uniform; further out
+# in the tail by more.
+MARGIN, MARGIN_BEYOND_P95 = 0.025, 0.06
+P95 = 0.95
+SLOPE = 0.1  # by which it may rank a loss too low beside another, per relative difference of the covariances
+ALIKE = 1e-9  # losses whose cumulants differ by less are one by symmetry
+WORSE = 10.0  # only a loss that multiplies the quantile by so much may leave a structure that determines nothing
+
+
+@kernel(nogil=True)
+def loss_covariances(
+    projections: Array,
+    points: Array,
+    weights: Array,
+    kept: Array,
+    targets: Array,
+    noises: Array,
+    made_std: Array,
+    per_error: Array,
+) -> Array:
+    """(T, S, 3, 3) mm^2 of what the images and manufacturing errors do to the triangulated targets, for S losses.
+
+    projections (V, 3, 4) with |p3| = 1; points (N, 3) and targets (T, 3) mm, as the estimator meets them; weights
+    (V, N): 1 where a view sees a fiducial; kept (S, N): 0 of what is lost, otherwise 1; noises (V, 2) px of fiducials
+    and targets; made_std (N, 3) mm of manufacturing errors, per_error (3, 3) what these do to the points.
+    """
+    views, count = weights.shape
+    fiducial, aimed = np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2))
+    made, perspective = np.zeros((views, count, 3, 3)), np.zeros((views, count, 2))
+    out = np.zeros((targets.shape[0], kept.shape[0], 3, 3))
+    column = np.zeros(3)
+    for s in range(kept.shape[0]):
+        left = weights * kept[s]
+        for t in range(targets.shape[0]):
+            noise_gains_jit(projections, points, left, targets[t], fiducial, aimed, made, perspective)
+            total = out[t, s]
+            for v in range(views):
+                for c in range(2):
+                    for j in range(3):
+                        for k in range(3):
+                            total[j, k] += noises[v, 1] ** 2 * aimed[v, j, c] * aimed[v, k, c]
+            for i in range(count):
+                for v in range(views):
+                    for c in range(2):
+                        for j in range(3):
+                            for k in range(3):
+                                total[j, k] += noises[v, 0] ** 2 * fiducial[v, i, j, c] * fiducial[v, i, k, c]
+                for c in range(3):
+                    column[:] = 0.0
+                    for v in range(views):
+                        for m in range(3):
+                            for j in range(3):
+                                column[j] += made[v, i, j, m] * per_error[m, c] * made_std[i, c]
+                    for j in range(3):
+                        for k in range(3):
+                            total[j, k] += column[j] * column[k]
+    return out
+
+
+def subsets(count: int, lost: int) -> Array:
+    """(S, N) 0 of what is lost and 1 of what is kept, for every way to lose so many of N fiducials."""
+    every = np.array(list(combinations(range(count), lost)))
+    kept = np.ones((len(every), count))
+    np.put_along_axis(kept, every, 0.0, axis=1)
+    return kept
+
+
+def without_fiducials(system: System, lost: Sequence[str]) -> System:
+    """The system as if these fiducials had never been there."""
+    rest = [i for i, label in enumerate(system.fiducial_labels) if label not in lost]
+    labels = tuple(system.fiducial_labels[i] for i in rest)
+    views = tuple(
+        view if view.sees is None else replace(view, sees=tuple(label for label in view.sees if label not in lost))
+        for view in system.views
+    )
+    return replace(
+        system,
+        fiducial_labels=labels,
+        fiducials_mm=_read_only(system.fiducials_mm[rest]),
+        manufacturing_half_width_mm=_read_only(system.manufacturing_half_width_mm[rest]),
+        views=views,
+    )
+
+
+def _read_only(values: Array) -> Array:
+    values = np.ascontiguousarray(values)
+    values.setflags(write=False)
+    return values
+
+
+def model_without(chain: Chain, model: LinearModel, kept: Array) -> LinearModel:
+    """The linear model at a target, fiducials with a 0 in kept (N,) lost; its validity number is that of all."""
+    of_images, block_diagonal = image_gains(replace(chain, weights=chain.weights * kept), model.reconstructed_mm)
+    blocks, start = [], 0
+    for block in model.blocks:
+        if block.grouped:
+            localisation = of_images[:, start : start + len(block.laws)]
+            start += len(block.laws)
+            block = block._replace(localisation=localisation, tcp=model.tcp_from_localisation @ localisation)
+        blocks.append(block)
+    return replace(model, blocks=tuple(blocks), manufacturing_block_diagonal=block_diagonal)
+
+
+class Ranked(NamedTuple):
+    """The worst loss, and the linear model without what is lost; None where that determines nothing."""
+
+    loss: Loss
+    model: LinearModel | None
+
+
+class LossSearch:
+    """The losses of one system, ranked for whatever is asked of its error."""
+
+    def __init__(self, chain: Chain, models: dict[str, LinearModel]) -> None:
+        self.chain, self.models = chain, models
+        self.system = chain.system
+        self.count = len(chain.points)
+        self.names = list(models)
+        targets = np.array([model.reconstructed_mm for model in models.values()])
+        noises = np.array([[view.fiducial_noise_px, view.target_noise_px] for view in self.system.views])
+        self._inputs = (chain.projections, chain.points, chain.weights)
+        self._rest = (targets, noises, np.ascontiguousarray(chain.manufacturing_std_mm), chain.per_error)
+        self._images: dict[int, tuple[Array, Array]] = {}
+
+    def images(self, lost: int) -> tuple[Array, Array]:
+        """The losses of so many, kept (S, N), and their covariances (T, S, 3, 3) mm^2 in con."""
+        if lost not in self._images:
+            kept = subsets(self.count, lost)
+            self._images[lost] = kept, loss_covariances(*self._inputs, kept, *self._rest)
+        return self._images[lost]
+
+    def labels(self, kept: Array) -> tuple[str, ...]:
+        return tuple(label for label, here in zip(self.system.fiducial_labels, kept, strict=True) if not here)
+
+    def worst(self, lost: int, error: str, quantile: float, targets: Sequence[str]) -> Ranked:
+        """The worst loss of so many for a quantile of an error at the worst of these targets."""
+        kept, covariances = self.images(lost)
+        short = (self.chain.weights[None] * kept[:, None]).sum(axis=2) < FEWEST  # (S, V)
+        if short.any():
+            s, v = np.argwhere(short)[0].tolist()
+            left = int((self.chain.weights[v] * kept[s]).sum())
+            reason = f"view {self.system.views[v].name} is left with {left} fiducials; an estimate needs {FEWEST}"
+            return Ranked(Loss(self.labels(kept[s]), targets[0], None, reason), None)
+        laws = [error_law(self.models[name], error, quantile) for name in targets]
+        rows = [
+            self._rank(covariances[self.names.index(name)], name, law, quantile)
+            for name, law in zip(targets, laws, strict=True)
+        ]
+        forms, cumulants, totals = (np.concatenate(part) for part in zip(*rows, strict=True))
+        first = int(forms.argmax())
+        which, s = divmod(first, len(kept))
+        if (
+            not forms[first]
+            < WORSE * self._form(laws[which], targets[which], laws[which].total_covariance, quantile)[0]
+        ):
+            reason = "" if forms[first] < inf else "what is left does not determine the views"
+            try:
+                examine(without_fiducials(self.system, self.labels(kept[s])))
+            except IllPosedError as refusal:
+                reason = refusal.problems[0].detail
+            if reason:
+                return Ranked(Loss(self.labels(kept[s]), targets[which], None, reason), None)
+        margin = MARGIN if quantile <= P95 else MARGIN_BEYOND_P95
+        highest = forms * (1 + margin)  # what each loss may come to
+        best: Ranked | None = None
+        while best is None or highest.max() > (best.loss.value_mm or 0.0):
+            place = int(highest.argmax())
+            which, s = divmod(place, len(kept))
+            model = model_without(self.chain, self.models[targets[which]], kept[s])
+            law = law_quantile(error_law(model, error, quantile).law, quantile)
+            value = law.quantile_mm
+            highest[place] = -inf
+            highest[(np.abs(cumulants - cumulants[place]) <= ALIKE * np.abs(cumulants[place])).all(axis=1)] = -inf
+            if best is None or value > (best.loss.value_mm or 0.0):
+                best = Ranked(Loss(self.labels(kept[s]), targets[which], value), model)
+                unlike = np.abs(totals - totals[place]).max(axis=(1, 2)) / np.abs(totals[place]).max()
+                near = forms * (value / forms[place]) * (1 + SLOPE * unlike)
+                highest = np.minimum(highest, near)
+            if law.method == SAMPLED_METHOD:  # it tells losses apart no better than the form does, and takes long
+                break
+        return best
+
+    def _rank(self, covariances: Array, name: str, law: ErrorLaw, quantile: float) -> tuple[Array, Array, Array]:
+        """Pearson's quantile (S,), mm, of each loss at a target, the cumulants (S, 3) and covariances (S, 3, 3)."""
+        model = self.models[name]
+        to_error = model.tcp_from_localisation if law.error == "tcp" else np.eye(3)
+        other = np.zeros((3, 3))
+        for block in model.blocks:
+            if not block.grouped:
+                gain = model.gain(block, law.error) * block.std
+                other += gain @ gain.T
+        total = to_error @ covariances @ to_error.T + other
+        return *self._form(law, name, total, quantile), total
+
+    def _form(self, law: ErrorLaw, name: str, total: Array, quantile: float) -> tuple[Array, Array]:
+        """Pearson's quantile (...), mm, of a target's error with other covariances (..., 3, 3), and cumulants (..., 3).
+
+        Manufacturing errors count as Gaussian.
+        """
+        uniform: list[Array] = []
+        triangular: list[Array] = []
+        for block in self.models[name].blocks:
+            for j, own in enumerate(block.laws):
+                if not block.grouped and own in (Law.UNIFORM, Law.TRIANGULAR):
+                    column = self.models[name].gain(block, law.error)[:, j] * block.half_width[j]
+                    (uniform if own is Law.UNIFORM else triangular).append(column)
+        with np.errstate(all="ignore"):
+            cumulants = square_cumulants(law.worst.mean_mm, np.moveaxis(total, (-2, -1), (0, 1)), uniform, triangular)
+            form = np.asarray(np.sqrt(pearson_square(*cumulants, float(ndtri(quantile)))))
+        return np.where(np.isfinite(form), form, inf), np.stack(cumulants, axis=-1)

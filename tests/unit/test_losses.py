@@ -1,0 +1,131 @@
+"""What a score says of lost fiducials, against scores of structures from which they were really taken."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from scenes import cube8_system, random_system, read_only, system_of, with_unseen
+from tailstack import load_design, score
+from tailstack.contributors import error_law
+from tailstack.errors import IllPosedError
+from tailstack.estimation.checks import examine
+from tailstack.propagation.linear import linearise
+from tailstack.system import Requirement
+from tailstack.tail.declared import law_quantile
+
+DEMO = yaml.safe_load((Path(__file__).parents[2] / "examples" / "demo.yaml").read_text())
+
+
+def taken(system, lost):
+    """The system without these fiducials (indices), written out."""
+    rest = [i for i in range(len(system.fiducials_mm)) if i not in lost]
+    gone = {system.fiducial_labels[i] for i in lost}
+    return replace(
+        system,
+        fiducial_labels=tuple(system.fiducial_labels[i] for i in rest),
+        fiducials_mm=read_only(system.fiducials_mm[rest]),
+        manufacturing_half_width_mm=read_only(system.manufacturing_half_width_mm[rest]),
+        views=tuple(
+            view if view.sees is None else replace(view, sees=tuple(x for x in view.sees if x not in gone))
+            for view in system.views
+        ),
+    )
+
+
+def brute_force(system, lost, error="tcp", quantile=0.95):
+    """The largest quantile over all losses and targets; inf where a rest determines nothing."""
+    largest = 0.0
+    for gone in combinations(range(len(system.fiducials_mm)), lost):
+        rest = taken(system, gone)
+        try:
+            examine(rest)
+        except IllPosedError:
+            return np.inf
+        for target in rest.targets:
+            law = error_law(linearise(rest, target), error, quantile).law
+            largest = max(largest, law_quantile(law, quantile).quantile_mm)
+    return largest
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_the_worst_losses_are_those_of_brute_force(seed):
+    """brute force: every structure with one fiducial less and with two, scored by itself."""
+    rng = np.random.default_rng(seed)
+    system = random_system(rng, int(rng.integers(8, 10)), int(rng.integers(2, 4)), targets=int(rng.integers(1, 3)))
+    if seed % 5 == 4:
+        system = with_unseen(system, 1, ("F3",)) if len(system.fiducials_mm) > 8 else system
+    error, quantile = ("tcp", 0.95) if seed % 3 else ("localisation", 0.99)
+    names = tuple(target.name for target in system.targets)
+    system = replace(system, requirements=(Requirement("r", error, quantile, 1.0, 0.95, names),))
+    (found,) = score(system).losses
+    for lost, worst in ((1, found.single), (2, found.double)):
+        expected = brute_force(system, lost, error, quantile)
+        assert np.isinf(expected) if worst.value_mm is None else worst.value_mm == pytest.approx(expected, rel=1e-9)
+        assert len(worst.lost) == lost
+
+
+def test_the_reference_cube_loses_little_with_one_bead_and_all_with_two():
+    """oracle: 0.252 mm with all, 0.297 at worst without one, 3.59 at worst without two (estimators.json)."""
+    (found,) = score(cube8_system()).losses
+    assert found.value_mm == pytest.approx(0.252, abs=5e-4)
+    assert found.single.value_mm == pytest.approx(0.297, abs=5e-4)
+    assert found.double.value_mm == pytest.approx(3.59, abs=5e-3)
+    assert (found.requirement, found.limit_mm, found.keeps(1)) == ("", None, None)
+
+
+def test_a_score_without_a_fiducial_of_the_document_says_the_same():
+    """brute force, by documents."""
+    (found,) = score(load_design(DEMO)).losses
+    data = copy.deepcopy(DEMO)
+    data["fiducials"]["points"] = [p for p in data["fiducials"]["points"] if p["label"] not in found.double.lost]
+    without = score(load_design(data))
+    assert found.double.value_mm == pytest.approx(without.targets[0].p95_mm, rel=1e-9)
+    assert found.value_mm == score(load_design(DEMO)).targets[0].p95_mm
+
+
+def test_too_few_that_are_left_are_the_worst_of_all_and_said_so():
+    rng = np.random.default_rng(3)
+    seven = system_of(rng.uniform(-50, 50, (7, 3)) + np.array([0, 0, -20.0]))
+    (found,) = score(seven).losses
+    assert found.single.value_mm is not None
+    assert found.double.value_mm is None
+    assert "left with 5 fiducials" in found.double.reason
+    (found,) = score(with_unseen(seven, 1, ("F2",))).losses
+    assert found.single.value_mm is None
+    assert found.single.lost != ("F2",)
+    assert "view view1 is left with 5" in found.single.reason
+
+
+def test_a_rest_in_one_plane_is_the_worst_of_all_and_said_so():
+    plate = [[x, y, 0.0] for x in (-40, 0, 40) for y in (-40, 40)]
+    system = system_of(np.array([*plate, [10.0, 5.0, -50.0], [-20.0, 10.0, 40.0]]) + np.array([0, 0, -40.0]))
+    (found,) = score(system).losses
+    assert found.double.lost == ("F7", "F8")
+    assert found.double.value_mm is None
+    assert "in one plane" in found.double.reason
+
+
+def test_a_limit_that_a_loss_breaks_is_not_kept():
+    names = tuple(target.name for target in cube8_system().targets)
+    limited = replace(cube8_system(), requirements=(Requirement("tip", "tcp", 0.95, 0.3, 0.95, names),))
+    (found,) = score(limited).losses
+    assert (found.keeps(1), found.keeps(2)) == (True, False)
+    per_unit = replace(limited.requirements[0], risk="per_unit", min_yield=0.9)
+    (units,) = score(replace(limited, requirements=(per_unit,))).losses
+    assert units.single.value_mm == pytest.approx(found.single.value_mm, rel=0.01)  # there is nothing but noise
+
+
+def test_every_pair_of_very_many_is_not_tried():
+    rng = np.random.default_rng(1)
+    (found,) = score(system_of(rng.uniform(-50, 50, (31, 3)) + np.array([0, 0, -20.0]))).losses
+    assert found.single.value_mm is not None
+    assert found.double is None
+    assert found.keeps(2) is None
+    assert score(cube8_system(), losses=False).losses == ()
