@@ -216,6 +216,20 @@ def test_sliders_stop_at_the_grades_of_the_design(service: Served) -> None:
     assert used(service.url, "grades", design, pointer=pointer)["values"] == ["0.03", "0.06", "0.12", "0.2"]
 
 
+def test_fiducials_that_are_dropped_on_a_design_become_its_own(service: Served) -> None:
+    points = [(f"B{k}", 20 * k - 50, (-1) ** k * 25, 7 * k - 60) for k in range(7)]
+    markups = [{"label": label, "position": at} for label, *at in points]
+    files = [
+        ("beads.csv", "label,x_mm,y_mm,z_mm\n" + "".join(f"{p[0]},{p[1]},{p[2]},{p[3]}\n" for p in points[:6])),
+        ("beads.mrk.json", json.dumps({"markups": [{"coordinateSystem": "LPS", "controlPoints": markups}]})),
+        ("beads.csv", "label,x\nF1,2\n"),
+    ]
+    dropped = used(service.url, "drop", files=[{"name": name, "text": text} for name, text in files])["found"]
+    assert [len(after["labels"]) for after in dropped] == [6, 7, 7]
+    assert dropped[1]["labels"] == [label for label, *_ in points]
+    assert "unit" in dropped[2]["words"]  # why it was not taken
+
+
 def test_a_variant_is_drawn_compared_and_taken_back(service: Served) -> None:
     found = used(service.url, "variants")
     assert found["taken"] == found["first"] != found["moved"]

@@ -2,7 +2,7 @@
 
 import { computed, effect, signal, untracked } from "@preact/signals";
 import type { components } from "../../../openapi/typescript/tailstack";
-import { design, gesture, type Json, mergePatch, type Path, valueAt } from "./state";
+import { design, gesture, type Json, mergePatch, opened, type Path, valueAt } from "./state";
 
 export type Score = components["schemas"]["Score"];
 export type TargetScore = components["schemas"]["TargetScore"];
@@ -86,6 +86,7 @@ interface Answer {
 }
 
 export const layout = signal<Layout | null>(null); // of the last design that had one
+export const drawn = signal<Json>(null); // the design of that layout
 export const answer = signal<Answer | null>(null); // the last good one
 export const refusal = signal<{ design: Json; problem: Refusal } | null>(null);
 export const busy = signal(false);
@@ -98,6 +99,9 @@ let wanted: Json = null;
 let base: { data: Json; sha256: string } | null = null; // a design that the service knows: patches of it are sent
 let retry = 0;
 
+effect(() => {
+  if (opened.value) answer.value = layout.value = null;
+});
 effect(() => {
   wanted = design.value;
   key.value; // with another key it is asked again
@@ -147,11 +151,10 @@ async function scoreOnce(sent: Json): Promise<void> {
   }
 }
 
-export const drawn = signal<Json>(null); // the design of the layout that is shown
 
 /** Where things are: asked for when no newer score is wanted, so that nothing is beside a score in flight. */
 async function drawOnce(sent: Json): Promise<void> {
-  if (drawn.value === sent || !reachable.value) return;
+  if ((drawn.value === sent && layout.value) || !reachable.value) return;
   try {
     const response = await send("POST", "/v1/layouts", { design: sent, scene: true });
     if (!response.ok) return;

@@ -31,6 +31,7 @@ export const position = signal(-1);
 export const gesture = signal<Edit[]>([]);
 export const variants = signal<Variant[]>(recall(VARIANTS, []));
 export const selected = signal<string | null>(null); // label of a fiducial
+export const opened = signal(0); // designs opened so far: what was found of one says nothing of the next
 export const shownPointer = signal<string | null>(null); // a place that is to be shown in the text
 export const savedSteps = signal(true);
 
@@ -43,7 +44,7 @@ export const canRedo = computed(() => position.value < steps.value.length - 1);
 
 export function parse(source: string): { document: Document; data: Json; errors: { message: string; from: number; to: number }[] } {
   const document = parseDocument(source, YAML) as unknown as Document;
-  const errors = document.errors.map((e) => ({ message: e.message.split("\n")[0], from: e.pos[0], to: e.pos[1] }));
+  const errors = document.errors.map((e) => ({ message: e.code === "MULTIPLE_DOCS" ? "There are several documents in it; a design is one." : e.message.split("\n")[0], from: e.pos[0], to: e.pos[1] }));
   return { document, data: errors.length ? null : document.toJS(), errors };
 }
 
@@ -191,6 +192,7 @@ export function redo(): void {
 export function open(source: string, what: string): void {
   batch(() => {
     selected.value = null;
+    opened.value += 1;
     if (position.value < 0) {
       steps.value = [{ text: source, what }];
       position.value = 0;

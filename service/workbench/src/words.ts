@@ -15,5 +15,5 @@ export const duration = (seconds: number): string =>
   seconds < 1.5 ? "1 s" : seconds < 90 ? `${Math.round(seconds)} s` : `${Math.floor(seconds / 60)} min ${Math.round(seconds % 60)} s`;
 
 export const VERDICTS: Record<string, string> = {
-  pass: "Pass", fail: "Fail", inconclusive: "Not decided", "not-evaluated": "Not evaluated", none: "No limit stated",
+  pass: "Pass", fail: "Fail", inconclusive: "Not decided", "not-evaluated": "Not evaluated", "no requirement": "No limit stated",
 };

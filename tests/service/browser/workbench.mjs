@@ -385,7 +385,7 @@ scenarios.copy = async () => {
 scenarios.slack = async () => {
   const context = await newContext(), page = await begun(context);
   await page.getByRole("button", { name: "How far may each be loosened?" }).click();
-  const cell = page.locator('[aria-label="Budget"] tr.below', { hasText: "rx" }).first().locator("td").nth(2);
+  const cell = page.locator('[aria-label="Budget"] tr.below', { hasText: "rx" }).first().locator("td").nth(1);
   await page.getByRole("columnheader", { name: "Slack" }).waitFor({ timeout: 60000 });
   const slack = await cell.innerText(), field = page.locator(`[data-pointer="${asked.pointer}"]`).first();
   await field.fill(/to ([\d.]+)/.exec(slack)[1]);
@@ -423,6 +423,23 @@ scenarios.variants = async () => {
   const row = await page.locator('[aria-label="Variants"] tbody').innerText();
   await page.getByRole("button", { name: "take", exact: true }).click();
   return { first, moved, ghosts, differences, row, taken: await sha(page) };
+};
+
+// Files dropped on the page, one after the other
+scenarios.drop = async () => {
+  const context = await newContext(), page = asked.empty ? await open(context, asked.url, false) : await begun(context), found = [];
+  for (const { name, text } of asked.files) {
+    const dropped = await page.evaluateHandle(([called, content]) => {
+      const transfer = new DataTransfer();
+      transfer.items.add(new File([content], called));
+      return transfer;
+    }, [name, text]);
+    await page.dispatchEvent("body", "drop", { dataTransfer: dropped });
+    await page.locator(".message", { hasText: name }).waitFor();
+    await page.waitForFunction(() => !window.workbench.state().busy);
+    found.push({ words: await page.locator(".message").innerText(), labels: await page.locator(".beads tbody tr > th").allInnerTexts() });
+  }
+  return { found };
 };
 
 // How far the keys move a bead

@@ -43,8 +43,9 @@ function slackOf(allowance: Allowance | undefined): string {
 export function Budget() {
   const score = answer.value?.score;
   if (!score) return null;
-  const target = score.targets.find((t) => t.name === shown.value) ?? score.targets[0];
-  const rows = families(target), columns = score.targets.slice(0, 8), first = rows[0] && target.contributors[rows[0].whole];
+  const ranked = [...score.targets].sort((a, b) => b.p95_mm - a.p95_mm);
+  const target = ranked.find((t) => t.name === shown.value) ?? ranked[0];
+  const rows = families(target), columns = ranked.slice(0, 8), first = rows[0] && target.contributors[rows[0].whole];
   const allowances = allowancesOf(score), open = all.value || allowances !== null;
   let reached = 0;
   return (
@@ -68,13 +69,13 @@ export function Budget() {
       {allowances && <p class="note">Slack: how far a half-width by itself may change until the limit is reached, and what it then is; of the report of this design.</p>}
       <div class="scroll" tabIndex={0} role="region" aria-label="Budget">
         <table>
-          <caption>{`Budget: shares of variance${score.targets.length > columns.length ? `, first ${columns.length} of ${score.targets.length} targets` : ""}`}</caption>
+          <caption>{`Budget: shares of variance${score.targets.length > columns.length ? `, the ${columns.length} of ${score.targets.length} targets with the largest P95` : ""}`}</caption>
           <thead>
             <tr>
               <th>Contributor</th><th class="number">Half-width</th>
-              {columns.map((t) => <th class="number" key={t.name}>{t.name}</th>)}
               {allowances && <th class="number">Slack</th>}
               <th>{`Waterfall, ${target.name}`}</th><th class="number">P95 without, mm</th><th class="number">P95 per unit of half-width</th>
+              {columns.map((t) => <th class="number" key={t.name}>{t.name}</th>)}
             </tr>
           </thead>
           <tbody>
@@ -88,7 +89,6 @@ export function Budget() {
                   <tr key={c.name + c.component} class={k === whole ? "" : "below"}>
                     <th>{k === whole ? c.label || c.name : c.component}</th>
                     <td class="number">{c.half_width === null ? "" : `${brief(c.half_width)} ${unit(c.unit)}`}</td>
-                    {columns.map((t) => <td class="number share" key={t.name}><Share value={t.contributors[k]?.variance_share ?? 0} /></td>)}
                     {allowances && <td class="number">{slackOf(allowances.find((a) => a.target === target.name && a.contributor === c.name && a.component === c.component))}</td>}
                     <td>
                       {k === whole && (
@@ -99,6 +99,7 @@ export function Budget() {
                     </td>
                     <td class="number">{mm(c.p95_without_mm)}</td>
                     <td class="number">{c.dp95_per_unit === null ? "" : `${brief(c.dp95_per_unit)} mm/${unit(c.unit)}`}</td>
+                    {columns.map((t) => <td class="number share" key={t.name}><Share value={t.contributors[k]?.variance_share ?? 0} /></td>)}
                   </tr>
                 );
               });

@@ -3,7 +3,7 @@
 import { signal } from "@preact/signals";
 import { useEffect, useState } from "preact/hooks";
 import { answer, current, key, placeInWords, pointerOf, readRefusal, send, unreachable } from "../api";
-import { commit, design, differences, edit, type Json, keepVariant, linkOf, LONGEST_LINK, open, parse, setVariants, text, valueAt, variants, writeYaml } from "../state";
+import { canUndo, commit, design, differences, edit, type Json, keepVariant, linkOf, LONGEST_LINK, open, parse, setVariants, text, valueAt, variants, writeYaml } from "../state";
 import { mm, VERDICTS } from "../words";
 import { ghost } from "./Pictures";
 import { save } from "./Runs";
@@ -11,14 +11,15 @@ import { save } from "./Runs";
 export const message = signal<{ words: string; bad: boolean } | null>(null);
 export const say = (words: string, bad = false) => (message.value = { words, bad });
 
-const POINTS: Record<string, string> = { "mrk.json": "mrk.json", fcsv: "fcsv", csv: "csv" };
-const LARGEST = 4_000_000; // bytes of a file
+const POINTS: Record<string, string> = { "mrk.json": "mrk.json", fcsv: "fcsv", csv: "csv", step: "step", stp: "step" }; // by ending
+const LARGEST: Record<string, number> = { step: 32 }; // MB of a file that is read at all, otherwise 4; the service has its own limits
 
-/** Take a file: a design is opened, a list of points becomes the design's fiducials. */
+/** Take a file: a design is opened; points, and the balls of a STEP file, become the design's fiducials. */
 export async function takeFile(file: File): Promise<void> {
-  if (file.size > LARGEST) return void say(`${file.name} has ${Math.round(file.size / 1e6)} MB; designs and fiducial files of at most 4 MB are read`, true);
-  const content = await file.text(), ending = Object.keys(POINTS).find((e) => file.name.toLowerCase().endsWith(`.${e}`));
-  if (ending) return takePoints(file.name, POINTS[ending], content);
+  const ending = Object.keys(POINTS).find((e) => file.name.toLowerCase().endsWith(`.${e}`)), kind = ending ? POINTS[ending] : "design", most = LARGEST[kind] ?? 4;
+  if (file.size > 1e6 * most) return void say(`${file.name} has ${Math.round(file.size / 1e6)} MB; of this kind, files of at most ${most} MB are read`, true);
+  const content = await file.text();
+  if (ending) return takePoints(file.name, kind, content);
   const { data, errors } = parse(content);
   if (errors.length) return void say(`${file.name} is neither YAML nor JSON: ${errors[0].message}`, true);
   if (data === null || typeof data !== "object" || Array.isArray(data)) return void say(`${file.name} holds no design: a design is a mapping with views, fiducials, targets`, true);
@@ -27,16 +28,20 @@ export async function takeFile(file: File): Promise<void> {
 }
 
 async function takePoints(name: string, format: string, content: string): Promise<void> {
-  if (!design.value) return void say("Open a design first; then drop the fiducials on it.", true);
-  const response = await send("POST", "/v1/conversions", { format, content, to: "json" }).catch(() => null);
+  if (!design.value && format !== "step") return void say("Open a design first; then drop the fiducials on it.", true);
+  const response = await send("POST", `/v1/conversions?from=${format}&to=yaml`, content, { "Content-Type": "text/plain" }).catch(() => null);
   if (!response?.ok) {
     const problem = response ? await readRefusal(response) : unreachable();
-    return void say(`${name}: ${problem.errors[0].detail} ${problem.errors[0].hint}`, true);
+    return void say(`${name}: ${[problem.errors[0].detail, problem.errors[0].hint].filter(Boolean).join("; ")}`, true);
   }
-  const points = (await response.json()).fiducials.map((p: Json) => ({ label: p.label, position_mm: p.position_mm }));
-  const kept = Object.fromEntries(Object.entries(design.value.fiducials ?? {}).filter(([field]) => !["points", "file", "region", "frame"].includes(field)));
-  edit([{ path: ["fiducials"], value: { points, ...kept } }], `Fiducials of ${name}`);
-  say(`${points.length} fiducials of ${name} are in the design. Undo brings back those before.`);
+  const made = await response.json(), points = made.fiducials.map((p: Json) => ({ label: p.label, position_mm: p.position_mm }));
+  const notes = [...made.notes, ...(made.bodies ?? []).filter((body: Json) => body.reason).map((body: Json) => `${body.path} was left: ${body.reason}`)].slice(0, 5).join("; ");
+  if (!design.value) open(made.content, `Open ${name}`);
+  else {
+    const kept = Object.fromEntries(Object.entries(design.value.fiducials ?? {}).filter(([field]) => !["points", "file", "region", "frame"].includes(field)));
+    edit([{ path: ["fiducials"], value: { points, ...kept } }], `Fiducials of ${name}`);
+  }
+  say(`${points.length} fiducials of ${name} are in the design.${canUndo.value ? " Undo brings back those before." : ""}${notes ? ` ${notes}` : ""}`);
 }
 
 // --- the gallery ---------------------------------------------------------------------------------------------------------
@@ -70,7 +75,7 @@ export function OpenFile({ words }: { words: string }) {
   return (
     <label class="button">
       {words}
-      <input type="file" class="hidden" accept=".yaml,.yml,.json,.csv,.fcsv" onChange={(event) => {
+      <input type="file" class="hidden" accept=".yaml,.yml,.json,.csv,.fcsv,.step,.stp" onChange={(event) => {
         const file = event.currentTarget.files?.[0];
         event.currentTarget.value = "";
         if (file) void takeFile(file);

@@ -22,5 +22,5 @@ export function Space() {
     if (viewer.current) viewer.current.update(scene);
     else viewer.current = new window.LayoutViewer(figure.current, scene, 1);
   }, [scene]);
-  return <figure ref={figure} class={drawn.value === design.value ? "space" : "space old"} />;
+  return <figure ref={figure} hidden={!scene} class={drawn.value === design.value ? "space" : "space old"} />;
 }

@@ -8,9 +8,9 @@ export function Verdict() {
   const score = answer.value?.score, problem = refused.value, old = !current.value;
   const worst = score && [...score.verdict.checks].sort((a, b) => margin(a) - margin(b))[0];
   const target = score && (score.targets.find((t) => t.name === worst?.target) ?? score.targets[0]);
-  const status = problem ? "refused" : score?.verdict.status ?? "none";
+  const status = problem ? "refused" : score?.verdict.status ?? "no requirement";
   return (
-    <section class={`verdict ${problem ? "refused" : status}`} aria-label="Verdict" data-current={String(!old && !problem)}>
+    <section class={`verdict ${status.replace(" ", "-")}`} aria-label="Verdict" data-current={String(!old && !problem)}>
       <p class="badge">{problem ? "No answer" : old ? "…" : VERDICTS[status] ?? status}</p>
       {target && (
         <dl class={old ? "numbers old" : "numbers"} data-testid="numbers">
@@ -20,7 +20,7 @@ export function Verdict() {
           </div>
           {worst && <div><dt>Between</dt><dd>{interval(worst.interval_mm)}</dd></div>}
           {worst && <div><dt>Limit</dt><dd>{mm(worst.limit_mm)} mm</dd></div>}
-          {worst?.yield_fraction != null && <div><dt>Units that meet it</dt><dd>{percent(worst.yield_fraction)}{worst.min_yield != null && ` of ${percent(worst.min_yield)}`}</dd></div>}
+          {worst?.yield_fraction != null && <div><dt>Units that meet it</dt><dd>{percent(worst.yield_fraction)}{worst.min_yield != null && ` (asked for: ${percent(worst.min_yield)})`}</dd></div>}
           <div><dt>Known bias</dt><dd>{mm(Math.hypot(...target.bias_mm))} mm</dd></div>
           <div><dt>Mean error</dt><dd>{mm(target.mean_norm_mm)} mm</dd></div>
         </dl>
