@@ -1,0 +1,64 @@
+"""The OpenMDAO component: partials against OpenMDAO's own differences, and its driver at our optimiser's optimum."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from service_scenes import EXAMPLES, ROOT
+
+from tailstack import load_design, score
+from tailstack.optimisation import solve_placement
+from tailstack.optimisation.task import read_task
+
+FOLDER = ROOT / "examples" / "integrations" / "openmdao"
+DEMO = load_design(EXAMPLES / "demo.yaml")
+LIMIT_MM = 1.1
+
+
+@pytest.fixture
+def example(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    """The example's module; what OpenMDAO writes goes into a folder of its own."""
+    monkeypatch.syspath_prepend(str(FOLDER))
+    monkeypatch.chdir(tmp_path)
+    import allocate
+
+    yield allocate
+    for name in ("allocate", "tailstack_openmdao"):
+        sys.modules.pop(name, None)
+
+
+def test_partials_are_those_of_openmdaos_differences(example: Any) -> None:
+    import openmdao.api as om
+
+    inputs = [*example.PATHS, "fiducials.points.F1.position_mm.0", "fiducials.points.F6.position_mm.2"]
+    problem = om.Problem(reports=False)
+    tail = example.TailComponent(design=DEMO, inputs=inputs, target="tip")
+    problem.model.add_subsystem("tail", tail, promotes=["*"])
+    problem.setup()
+    problem.run_model()
+    assert problem.get_val("p95_mm")[0] == score(DEMO).targets[0].p95_mm
+    (found,) = problem.check_partials(out_stream=None, form="central", step=1e-3, compact_print=True).values()
+    slopes = found["p95_mm", "values"]
+    np.testing.assert_allclose(slopes["J_fwd"], slopes["J_fd"], atol=2e-5)
+    assert np.abs(slopes["J_fwd"]).min() > 1e-4
+
+
+def test_its_driver_ends_at_the_optimisers_optimum(example: Any) -> None:
+    """independent: IPOPT on the optimiser's own expressions, corrected to the exact law, against SLSQP on the score."""
+    widths_deg, cost, p95 = example.allocate(DEMO, LIMIT_MM)
+    task = read_task(example.with_the_same_freedom(DEMO, LIMIT_MM))
+    found = solve_placement(task.problems[0], starts=1)
+    np.testing.assert_allclose(widths_deg, np.rad2deg(found.choice.half_width), rtol=2e-3)
+    assert p95 == pytest.approx(LIMIT_MM, rel=1e-5)
+    at_the_optimum = sum(w / h for w, h in zip(example.FREE.values(), np.rad2deg(found.choice.half_width), strict=True))
+    assert cost == pytest.approx(at_the_optimum, rel=2e-5)
+
+
+def test_the_page_shows_what_the_example_prints(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    example.main(str(EXAMPLES / "demo.yaml"))
+    page = (ROOT / "docs" / "integrations" / "openmdao.md").read_text(encoding="utf-8")
+    assert capsys.readouterr().out in page
