@@ -64,7 +64,8 @@ The modules below these names are not part of the interface; they may change wit
 DESIGN_NAMES = (
     "Design", "load_design", "check_design", "compile_design", "design_to_data", "design_to_yaml", "design_to_json",
     "revise_design", "Revision", "convert", "convert_file", "Conversion", "list_presets", "design_json_schema",
-    "Limits",
+    "Limits", "read_step", "StepSelection", "StepReading", "StepBody",
+    "StepContact",
 )  # fmt: skip
 VERBS = ("score", "verify", "optimise", "sweep", "score_batch")
 COMPILED = ("System", "View", "Target", "Requirement", "Mount", "Sources", "Law", "Reading", "RotationForm",

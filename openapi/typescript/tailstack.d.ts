@@ -274,8 +274,8 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Convert designs and fiducial files, by their endings
-         * @description In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
+         * Convert designs, fiducial files and STEP, by their endings
+         * @description In memory: no file is read, nothing is fetched. With text/plain, from says what the text is. Balls of a STEP file are fiducials; what was taken and what was left is in bodies.
          */
         post: operations["create_conversion"];
         delete?: never;
@@ -1685,14 +1685,60 @@ export interface components {
              * @description What was done to the numbers on the way.
              */
             notes: string[];
+            /**
+             * Bodies
+             * @description Of a STEP file: the balls that became fiducials, and whatever has a spherical face or a name as asked for.
+             * @default []
+             */
+            bodies: components["schemas"]["ConvertedBody"][];
         };
         ConversionRequest: {
+            /**
+             * Sphere Diameter Mm
+             * @description STEP only: diameter of the balls that are fiducials, mm. Absent: all, if they have one.
+             * @default null
+             */
+            sphere_diameter_mm?: number | null;
+            /**
+             * Sphere Tolerance Mm
+             * @description STEP only: how far a diameter may be from sphere_diameter_mm, mm.
+             * @default 0.01
+             */
+            sphere_tolerance_mm?: number;
+            /**
+             * Name
+             * @description STEP only: pattern of the name of a ball: its own, or that of its part or instance.
+             * @default null
+             * @example BEAD*
+             */
+            name?: string | null;
+            /**
+             * Frame
+             * @description STEP only: name of the coordinate system, part or instance whose frame becomes con.
+             * @default null
+             * @example CONNECTOR
+             */
+            frame?: string | null;
+            /**
+             * Seats
+             * @description STEP only: pattern of the names of cylinders and coordinate systems that hold the structure along their axis; with pins they become its six locators.
+             * @default null
+             * @example REST*
+             */
+            seats?: string | null;
+            /**
+             * Pins
+             * @description STEP only: pattern of the names of cylinders and coordinate systems that hold the structure across their axis: the first both ways, each other one across the line to it.
+             * @default null
+             * @example PIN*
+             */
+            pins?: string | null;
             /**
              * Format
              * @description What the content is; yaml and json are designs.
              * @enum {string}
              */
-            format: "csv" | "fcsv" | "mrk.json" | "yaml" | "json";
+            format: "csv" | "fcsv" | "mrk.json" | "yaml" | "json" | "step";
             /**
              * Content
              * @description The text of the file.
@@ -1707,6 +1753,46 @@ export interface components {
              * @enum {string}
              */
             to?: "csv" | "fcsv" | "mrk.json" | "yaml" | "json";
+            /**
+             * Base
+             * @description A design whose fiducials are to be replaced by those of the content; the answer holds it.
+             * @default null
+             */
+            base?: {
+                [key: string]: unknown;
+            } | null;
+        };
+        /** ConvertedBody */
+        ConvertedBody: {
+            /**
+             * Label
+             * @description Label of the fiducial that it became; if it was left, its name, which may be empty.
+             */
+            label: string;
+            /**
+             * Path
+             * @description Names of the assembly, of its instances and of the body, with slashes between them.
+             */
+            path: string;
+            /**
+             * Position Mm
+             * @description Centre of its sphere, con, mm; null: it has no sphere, or the file does not say where it is.
+             */
+            position_mm: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Diameter Mm
+             * @description Diameter of its sphere, mm; null: it has none, or the file does not say where it is.
+             */
+            diameter_mm: number | null;
+            /**
+             * Reason
+             * @description Why it was left; empty: it became a fiducial.
+             */
+            reason: string;
         };
         /** ConvertedPoint */
         ConvertedPoint: {
@@ -2460,7 +2546,7 @@ export interface components {
              * @example mm
              * @enum {string}
              */
-            coordinate_unit?: "um" | "mm" | "cm" | "m";
+            coordinate_unit?: "um" | "mm" | "cm" | "m" | "in";
             /**
              * Left Out
              * @description Points of the file that are no fiducials here, as their position was not defined: their labels.
@@ -9492,10 +9578,22 @@ export interface operations {
     create_conversion: {
         parameters: {
             query?: {
-                /** @description Not with a JSON body. What the content is; text/csv and YAML say it themselves. */
-                from?: "csv" | "fcsv" | "mrk.json" | "yaml" | "json";
+                /** @description Not with a JSON body. What the content is; text/csv, model/step and YAML say it themselves. */
+                from?: "csv" | "fcsv" | "mrk.json" | "yaml" | "json" | "step";
                 /** @description Not with a JSON body. What to make of it. */
                 to?: "csv" | "fcsv" | "mrk.json" | "yaml" | "json";
+                /** @description Not with a JSON body. STEP only: diameter of the balls that are fiducials, mm. Absent: all, if they have one. */
+                sphere_diameter_mm?: number;
+                /** @description Not with a JSON body. STEP only: how far a diameter may be from sphere_diameter_mm, mm. */
+                sphere_tolerance_mm?: number;
+                /** @description Not with a JSON body. STEP only: pattern of the name of a ball: its own, or that of its part or instance. */
+                name?: string;
+                /** @description Not with a JSON body. STEP only: name of the coordinate system, part or instance whose frame becomes con. */
+                frame?: string;
+                /** @description Not with a JSON body. STEP only: pattern of the names of cylinders and coordinate systems that hold the structure along their axis; with pins they become its six locators. */
+                seats?: string;
+                /** @description Not with a JSON body. STEP only: pattern of the names of cylinders and coordinate systems that hold the structure across their axis: the first both ways, each other one across the line to it. */
+                pins?: string;
             };
             header?: never;
             path?: never;
@@ -9507,10 +9605,12 @@ export interface operations {
                 "application/yaml": components["schemas"]["Design"];
                 "text/csv": string;
                 "text/plain": string;
+                "model/step": string;
+                "application/step": string;
             };
         };
         responses: {
-            /** @description Convert designs and fiducial files, by their endings. */
+            /** @description Convert designs, fiducial files and STEP, by their endings. */
             200: {
                 headers: {
                     "X-Request-ID": components["headers"]["RequestId"];

@@ -43,6 +43,7 @@ class Settings(BaseSettings):
 
     # What one request may ask for
     max_body_bytes: int = _number(1_000_000, 1_000, 100_000_000, "bytes of a request body")
+    max_step_bytes: int = _number(8_000_000, 1_000, 32_000_000, "bytes of a file that is a body as it is, such as STEP")
     body_seconds: float = _number(20.0, 0.1, 3_600, "seconds for a body to arrive")
     max_fiducials: int = _number(200, 6, 1000, "fiducials of a design")
     max_targets: int = _number(50, 1, 200, "targets of a design, regions expanded")

@@ -49,6 +49,12 @@ class DesignError(TailstackError):
     exit_code = 2
 
 
+class StepError(DesignError):
+    """A STEP file contradicts itself, or does not hold what is asked for."""
+
+    title = "The STEP file cannot be used"
+
+
 class IllPosedError(TailstackError):
     """The document is well formed, but its geometry does not determine the answer."""
 

@@ -70,6 +70,8 @@ def next_command(error: TailstackError, arguments: argparse.Namespace) -> str:
         command = NO_DESIGN
     elif error.slug == "invalid-design" and arguments.verb in ("optimise", "validate"):
         command = SAME_AGAIN
+    elif arguments.verb == "convert" and not file.endswith((".yaml", ".yml", ".json")):
+        command = "tailstack {verb} --help"
     return spell_commands("next: " + command.format(file=file, verb=arguments.verb))
 
 

@@ -12,7 +12,6 @@ from tailstack.errors import LimitError, Problem, TailstackError
 from ..names import variable
 from ..operations.sent import Sent, refuse_query
 from ..problems import MalformedError, TransportError
-from ..settings import Settings
 from .service import service_of
 
 JSON = "application/json"
@@ -22,16 +21,21 @@ DRAINED = 8_000_000  # bytes of an over-long body that are read and dropped, so 
 
 
 def strict_body(
-    *, yaml: bool = True, raw: tuple[str, ...] = (), hint: str = "options go into the body, beside the design"
+    *,
+    yaml: bool = True,
+    raw: tuple[str, ...] = (),
+    raw_limit: str = "max_body_bytes",
+    hint: str = "options go into the body, beside the design",
 ) -> Callable[[Request], Awaitable[Sent]]:
     """The dependency of an operation that reads a body: JSON, and YAML or ``raw`` where it takes them.
 
+    ``raw_limit``: the setting of how long what is in ``raw`` may be.
     ``hint``: what to do about a query parameter beside a JSON body, where there are none.
     """
 
     async def sent(request: Request) -> Sent:
         form = _form(request, yaml=yaml, raw=raw)
-        body = await read_body(request)
+        body = await read_body(request, raw_limit if form in raw else "max_body_bytes")
         query = tuple(request.query_params.multi_items())
         if form == "json":
             refuse_query(query, (), hint)
@@ -71,12 +75,16 @@ def _form(request: Request, *, yaml: bool, raw: tuple[str, ...]) -> str:
     raise TransportError("unsupported-media-type", problem)
 
 
-async def read_body(request: Request) -> bytes:
-    """The body.  Raises LimitError (too long), TransportError 408 (too slow), MalformedError (empty)."""
+async def read_body(request: Request, setting: str = "max_body_bytes") -> bytes:
+    """The body, as long as a setting allows.
+
+    Raises LimitError (too long), TransportError 408 (too slow), MalformedError (empty).
+    """
     settings = service_of(request).settings
+    limit: int = getattr(settings, setting)
     announced = request.headers.get("content-length", "")
-    if announced.isdigit() and len(announced) < 19 and int(announced) > DRAINED + settings.max_body_bytes:
-        raise _too_long(f"{int(announced)} bytes were announced", settings)
+    if announced.isdigit() and len(announced) < 19 and int(announced) > DRAINED + limit:
+        raise _too_long(f"{int(announced)} bytes were announced", setting, limit)
     chunks: list[bytes] = []
     size, more = 0, True
     try:
@@ -88,10 +96,10 @@ async def read_body(request: Request) -> bytes:
                     raise MalformedError(Problem("", "incomplete-body", detail))
                 chunk, more = message.get("body", b""), message.get("more_body", False)
                 size += len(chunk)
-                if size <= settings.max_body_bytes:
+                if size <= limit:
                     chunks.append(chunk)
-                elif size > DRAINED + settings.max_body_bytes:
-                    raise _too_long(f"more than {size} bytes arrived", settings)
+                elif size > DRAINED + limit:
+                    raise _too_long(f"more than {size} bytes arrived", setting, limit)
     except TimeoutError:
         raise TransportError(
             "body-timeout",
@@ -103,18 +111,18 @@ async def read_body(request: Request) -> bytes:
             ),
             {"Connection": "close"},
         ) from None
-    if size > settings.max_body_bytes:
-        raise _too_long(f"{size} bytes arrived", settings)
+    if size > limit:
+        raise _too_long(f"{size} bytes arrived", setting, limit)
     return b"".join(chunks)
 
 
-def _too_long(arrived: str, settings: Settings) -> TailstackError:
+def _too_long(arrived: str, setting: str, limit: int) -> TailstackError:
     error = LimitError(
         Problem(
             "",
             "too-large",
-            f"a request body may hold {settings.max_body_bytes} bytes; {arrived}",
-            f"send less, or start the service with a higher {variable('max_body_bytes')}",
+            f"a request body may hold {limit} bytes; {arrived}",
+            f"send less, or start the service with a higher {variable(setting)}",
         )
     )
     return BodyTooLarge(error.problems)

@@ -19,7 +19,7 @@ from tailstack import __version__
 from tailstack.json_text import write_json
 
 from ..documents import record_json_schema
-from ..operations.conversion import BEADS
+from ..operations.conversion import BALL, BEADS, STEP_MEDIA
 from ..operations.example import EXAMPLE_DESIGN
 from ..operations.operation import Operation
 from ..operations.patches import NAMED, PATCH
@@ -232,7 +232,7 @@ def _body(operation: Operation) -> dict[str, Any]:
     if operation.yaml:
         content |= media_types(YAML, reference("schemas", "Design"), "DesignAsYaml")
     for media in operation.media:
-        content |= media_types(media, {"type": "string"}, "Csv")
+        content |= media_types(media, {"type": "string"}, "Step" if media in STEP_MEDIA else "Csv")
     return content
 
 
@@ -540,6 +540,7 @@ def _examples() -> dict[str, Any]:
         value = {**design, **operation.example}
         made[request_name(operation)] = {"summary": operation.example_title, "value": value}
     made["Csv"] = {"summary": "The file itself", "value": BEADS}
+    made["Step"] = {"summary": "A STEP file with one ball", "value": BALL}
     made["DesignAsYaml"] = {"summary": "The design itself", "value": EXAMPLE_DESIGN}
     made["Job"] = {"summary": "A job that runs", "value": _JOB}
     page = {"schema": "tailstack/jobs/1", "jobs": [_JOB], "next": None}

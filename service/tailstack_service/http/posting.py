@@ -44,7 +44,9 @@ router = APIRouter(tags=["computations"], dependencies=[Depends(Needs("compute")
 
 def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
     """The endpoint of an operation: its answer at once, or a job."""
-    body = Depends(strict_body(yaml=operation.yaml, raw=operation.media, hint=operation.hint))
+    body = Depends(
+        strict_body(yaml=operation.yaml, raw=operation.media, raw_limit=operation.media_limit, hint=operation.hint)
+    )
 
     async def create(request: Request, service: TheService, sent: Sent = body) -> Response:
         key = None if operation.immediate else idempotency_key(request)

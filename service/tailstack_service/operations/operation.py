@@ -181,6 +181,7 @@ class Operation:
     receive: Callable[[Sent, Settings], Reception] | None = None  # where a body is not designs beside options
     request: Callable[[], type[Any]] | None = None  # gives the model of such a body
     media: tuple[str, ...] = ()  # what such a body can be besides JSON and YAML
+    media_limit: str = "max_body_bytes"  # setting of how long it may be
     yaml: bool = True  # a design as YAML, with options in the query
     query: tuple[str, ...] = ()  # what such a body takes from the query
     query_schemas: Callable[[], Mapping[str, Any]] | None = None  # by name; with ``query``

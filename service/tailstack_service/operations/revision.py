@@ -107,7 +107,7 @@ def design_text(design: Design, result: Optimisation, places: Places) -> tuple[s
     if path.suffix.lower() == ".json":
         return to_json(wanted), ""
     base = base or design
-    text = _own_text(base)
+    text = own_text(base)
     if text is None:
         return data_to_yaml(wanted), ""
     with suppress(TailstackError):
@@ -159,7 +159,7 @@ def _read_design(path: Path) -> Design | None:
     return None
 
 
-def _own_text(design: Design) -> str | None:
+def own_text(design: Design) -> str | None:
     """The YAML that a design was read from; None if it was JSON, or came from elsewhere, or changed meanwhile."""
     from tailstack.design import load_design
     from tailstack.design.reading import decode

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .loading import Design, load_design
     from .presets import list_presets
     from .reading import DEFAULT_LIMITS, Limits
+    from .step import StepBody, StepContact, StepReading, StepSelection, read_step
     from .write import (
         Conversion,
         Revision,
@@ -33,6 +34,11 @@ _HOME = {
     "list_presets": "presets",
     "DEFAULT_LIMITS": "reading",
     "Limits": "reading",
+    "StepBody": "step",
+    "StepContact": "step",
+    "StepReading": "step",
+    "StepSelection": "step",
+    "read_step": "step",
     "Conversion": "write",
     "Revision": "write",
     "convert": "write",
@@ -49,6 +55,10 @@ __all__ = [
     "Design",
     "Limits",
     "Revision",
+    "StepBody",
+    "StepContact",
+    "StepReading",
+    "StepSelection",
     "check_design",
     "compile_design",
     "convert",
@@ -59,6 +69,7 @@ __all__ = [
     "design_to_yaml",
     "list_presets",
     "load_design",
+    "read_step",
     "revise_design",
 ]
 

@@ -668,7 +668,7 @@ class FiducialOrigin(Record):
         description="false: the file did not say, and was read as its format was written then.",
         examples=[True],
     )
-    coordinate_unit: Literal["um", "mm", "cm", "m"] = Field(
+    coordinate_unit: Literal["um", "mm", "cm", "m", "in"] = Field(
         default="mm", description="Unit of the coordinates in the file. The points here are in mm.", examples=["mm"]
     )
     left_out: list[Name] = Field(

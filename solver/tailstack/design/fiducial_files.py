@@ -23,7 +23,7 @@ from .reading import Limits, decode, read_text, show
 System = Literal["LPS", "RAS"]
 
 FORMATS = (".csv", ".fcsv", ".mrk.json")
-_MM = {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
+_MM = {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 _SYSTEMS: dict[str, System] = {"LPS": "LPS", "RAS": "RAS", "0": "RAS", "1": "LPS"}
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import degrees
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -23,6 +23,9 @@ from .loading import (
     load_design,
 )
 from .reading import DEFAULT_LIMITS, DOCUMENTS, Format, Limits, read_bytes, scalar
+
+if TYPE_CHECKING:
+    from .step import StepBody, StepContact, StepSelection
 
 
 def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
@@ -92,6 +95,8 @@ def data_to_yaml(data: Any) -> str:
 def dump_flow(value: Any, *, spaced: bool = True) -> str:
     """Plain data as YAML on one line; ``spaced``: with spaces inside the braces of mappings."""
     space = " " if spaced else ""
+    if value in ({}, []):
+        return "{}" if isinstance(value, dict) else "[]"
     if isinstance(value, dict) and value:
         fields = ", ".join(f"{dump_flow(name)}: {dump_flow(item, spaced=spaced)}" for name, item in value.items())
         return f"{{{space}{fields}{space}}}"
@@ -185,12 +190,19 @@ def _forget_missing_labels(data: dict[str, Any], labels: set[str]) -> None:
     wanted["fixed"] = [label for label in wanted.get("fixed") or [] if label in labels]
 
 
+Base = Design | Callable[[FiducialList], Design]
+STEP_FILES = (".step", ".stp", ".p21")
+SEAT_HALF_WIDTH_MM = 0.02  # of a contact that a STEP file brings, which states no tolerance: a start
+
+
 @dataclass(frozen=True, slots=True)
 class Conversion:
-    """The converted text, and what was done to the numbers on the way."""
+    """The converted text, the fiducials in it, and what was done to the numbers on the way."""
 
     text: str  # of the new file
     notes: tuple[str, ...]  # sentences: what was converted, left out or renamed
+    fiducials: FiducialList  # as they stand in it
+    bodies: tuple[StepBody, ...] = ()  # of a STEP file: those that became fiducials, and those that were left
 
 
 def convert(
@@ -201,25 +213,41 @@ def convert(
     directory: Path | None = None,
     allow_files: bool = True,
     limits: Limits = DEFAULT_LIMITS,
+    selection: StepSelection | None = None,
+    base: Base | None = None,
 ) -> Conversion:
     """Convert by the endings of two file names: .csv, .fcsv, .mrk.json (fiducials); .yaml, .yml, .json (designs).
 
     A design converts to a design that stands alone (a fiducial file it refers to is read in), or to its
     fiducials.  Fiducials convert to another fiducial file, or to the ``fiducials`` section of a design.
-    Raises DesignError, LimitError.
+    A STEP file (.step, .stp, .p21) is read for its balls, which are fiducials; ``selection`` says for which.
+    With ``base``, a design or what makes one for the fiducials, they replace those of that design, as its seat is
+    replaced where ``selection`` names seats and pins.  Raises DesignError, LimitError.
     """
-    for name in (source_name, target_name):
-        if not name.lower().endswith((*FORMATS, *DOCUMENTS)):
-            known = ", ".join((*FORMATS, *DOCUMENTS))
-            raise DesignError(Problem("", "unknown-format", f"{name[:80]!r} has no known ending", f"known: {known}"))
+    known = (*FORMATS, *DOCUMENTS)
+    for name, endings in ((source_name, (*known, *STEP_FILES)), (target_name, known)):
+        if not name.lower().endswith(endings):
+            problem = Problem(
+                "", "unknown-format", f"{name[:80]!r} has no known ending", f"known: {', '.join(endings)}"
+            )
+            raise DesignError(problem)
+    if source_name.lower().endswith(STEP_FILES):
+        from .step import read_step
+
+        reading = read_step(content, source_name, selection, limits)
+        data, notes = _place_fiducials(base, reading.fiducials, reading.contacts)
+        text = _write_data(data, reading.fiducials, target_name)
+        return Conversion(text, (*reading.notes, *notes), reading.fiducials, reading.bodies)
     if len(content) > limits.document_bytes:
         raise LimitError(Problem("", "too-large", f"{source_name} is longer than {limits.document_bytes} bytes"))
     if source_name.lower().endswith(FORMATS):
         fiducials = read_fiducials(content, source_name, limits)
-        return Conversion(_from_fiducials(fiducials, target_name), fiducials.notes)
+        data, _ = _place_fiducials(base, fiducials)
+        return Conversion(_write_data(data, fiducials, target_name), fiducials.notes, fiducials)
     form: Format = "json" if source_name.lower().endswith(".json") else "yaml"
     design = load_design(content, form=form, base_directory=directory, allow_files=allow_files, limits=limits)
-    return Conversion(_from_design(design, target_name), design.fiducials.notes)
+    text = _write_data(design_to_data(design), design.fiducials, target_name)
+    return Conversion(text, design.fiducials.notes, design.fiducials)
 
 
 def _write_text(target: Path, text: str) -> None:
@@ -232,13 +260,17 @@ def convert_file(
     *,
     limits: Limits = DEFAULT_LIMITS,
     write: Callable[[Path, str], None] = _write_text,
+    selection: StepSelection | None = None,
+    base: Base | None = None,
 ) -> Conversion:
     """Convert ``source`` and write ``target``.  Raises DesignError, LimitError; an unwritable target included.
 
-    write: how the text gets into its file; raises OSError.
+    write: how the text gets into its file; raises OSError.  selection, base: as those of ``convert``.
     """
-    content = read_bytes(source, limits.document_bytes, str(source))
-    conversion = convert(content, source.name, target.name, directory=source.parent, limits=limits)
+    content = read_source_file(source, limits)
+    conversion = convert(
+        content, source.name, target.name, directory=source.parent, limits=limits, selection=selection, base=base
+    )
     try:
         write(target, conversion.text)
     except OSError as error:
@@ -246,20 +278,64 @@ def convert_file(
     return conversion
 
 
-def _from_fiducials(fiducials: FiducialList, target: str) -> str:
+def read_source_file(source: Path, limits: Limits = DEFAULT_LIMITS) -> bytes:
+    """The bytes of a file to convert, within the limit of its kind.  Raises DesignError, LimitError."""
+    from .step.part21 import MOST_BYTES
+
+    limit = MOST_BYTES if source.name.lower().endswith(STEP_FILES) else limits.document_bytes
+    return read_bytes(source, limit, str(source))
+
+
+def _place_fiducials(
+    base: Base | None, fiducials: FiducialList, contacts: Sequence[StepContact] = ()
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """The design with other fiducials and perhaps contacts; without one, these sections of it.  And what to mind."""
+    section: dict[str, Any] = {
+        "points": [
+            {"label": label, "position_mm": list(position)}
+            for label, position in zip(fiducials.labels, fiducials.positions_mm, strict=True)
+        ]
+    }
+    if fiducials.origin is not None:
+        section["origin"] = fiducials.origin.model_dump(mode="json", exclude_unset=True)
+    base = base(fiducials) if callable(base) else base
+    data = {} if base is None else design_to_data(base)
+    if manufacturing := data.get("fiducials", {}).get("manufacturing"):
+        section["manufacturing"] = manufacturing
+    data["fiducials"] = section
+    if data.get("optimise", {}).get("fixed"):
+        _forget_missing_labels(data, set(fiducials.labels))
+    notes = _place_contacts(data, contacts) if contacts else ()
+    return data if base is None else design_to_data(load_design(data)), notes
+
+
+def _place_contacts(data: dict[str, Any], contacts: Sequence[StepContact]) -> tuple[str, ...]:
+    """Contacts as the locators of the structure on its connector; half-widths of those that had them before stay."""
+    interface = data.setdefault("interfaces", {}).setdefault("structure_connector", {})
+    before = {locator["name"]: locator for locator in interface.get("locators") or ()}
+    start = {"half_width_mm": SEAT_HALF_WIDTH_MM, "distribution": "uniform"}
+    interface.pop("tolerances", None)
+    interface["pivot_mm"] = [float(value) for value in np.mean([each.position_mm for each in contacts], axis=0)]
+    interface["locators"] = [
+        {
+            **before.get(each.name, start),
+            "name": each.name,
+            "position_mm": [*each.position_mm],
+            "normal": [*each.normal],
+        }
+        for each in contacts
+    ]
+    new = [each.name for each in contacts if each.name not in before]
+    if not new:
+        return ()
+    words = (
+        f"half-width {SEAT_HALF_WIDTH_MM} mm, uniform, of {', '.join(new)}: a start, as STEP states none; correct it"
+    )
+    return (words,)
+
+
+def _write_data(data: Mapping[str, Any], fiducials: FiducialList, target: str) -> str:
+    """A design or sections of one as the target's ending asks for, or only the fiducials."""
     if target.lower().endswith(FORMATS):
         return write_fiducials(fiducials, target)
-    points = [
-        {"label": label, "position_mm": list(position)}
-        for label, position in zip(fiducials.labels, fiducials.positions_mm, strict=True)
-    ]
-    section: dict[str, Any] = {"fiducials": {"points": points}}
-    if fiducials.origin is not None:
-        section["fiducials"]["origin"] = fiducials.origin.model_dump(mode="json", exclude_unset=True)
-    return to_json(section) if target.lower().endswith(".json") else data_to_yaml(section)
-
-
-def _from_design(design: Design, target: str) -> str:
-    if target.lower().endswith(FORMATS):
-        return write_fiducials(design.fiducials, target)
-    return design_to_json(design) if target.lower().endswith(".json") else design_to_yaml(design)
+    return to_json(data) if target.lower().endswith(".json") else data_to_yaml(data)

@@ -29,8 +29,10 @@ from .convergence_point import ConvergencePoint
 from .conversion import Conversion
 from .conversion_format import ConversionFormat
 from .conversion_request import ConversionRequest
+from .conversion_request_base_type_0 import ConversionRequestBaseType0
 from .conversion_request_format import ConversionRequestFormat
 from .conversion_request_to import ConversionRequestTo
+from .converted_body import ConvertedBody
 from .converted_point import ConvertedPoint
 from .count_tried import CountTried
 from .coupling_case import CouplingCase
@@ -238,8 +240,10 @@ __all__ = (
     "Conversion",
     "ConversionFormat",
     "ConversionRequest",
+    "ConversionRequestBaseType0",
     "ConversionRequestFormat",
     "ConversionRequestTo",
+    "ConvertedBody",
     "ConvertedPoint",
     "CountTried",
     "CouplingCase",

@@ -14,6 +14,7 @@ from typing import cast
 from typing import Literal, cast
 
 if TYPE_CHECKING:
+    from ..models.converted_body import ConvertedBody
     from ..models.converted_point import ConvertedPoint
 
 
@@ -30,6 +31,8 @@ class Conversion:
         content (str): The converted text.
         fiducials (list[ConvertedPoint]): The fiducials in it.
         notes (list[str]): What was done to the numbers on the way.
+        bodies (list[ConvertedBody]): Of a STEP file: the balls that became fiducials, and whatever has a spherical face
+            or a name as asked for.
     """
 
     schema: Literal["tailstack/conversion/1"]
@@ -37,8 +40,10 @@ class Conversion:
     content: str
     fiducials: list[ConvertedPoint]
     notes: list[str]
+    bodies: list[ConvertedBody]
 
     def to_dict(self) -> dict[str, Any]:
+        from ..models.converted_body import ConvertedBody  # noqa: PLC0415
         from ..models.converted_point import ConvertedPoint  # noqa: PLC0415
 
         schema = self.schema
@@ -54,6 +59,11 @@ class Conversion:
 
         notes = self.notes
 
+        bodies = []
+        for bodies_item_data in self.bodies:
+            bodies_item = bodies_item_data.to_dict()
+            bodies.append(bodies_item)
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -63,6 +73,7 @@ class Conversion:
                 "content": content,
                 "fiducials": fiducials,
                 "notes": notes,
+                "bodies": bodies,
             }
         )
 
@@ -70,6 +81,7 @@ class Conversion:
 
     @classmethod
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        from ..models.converted_body import ConvertedBody  # noqa: PLC0415
         from ..models.converted_point import ConvertedPoint  # noqa: PLC0415
 
         d = dict(src_dict)
@@ -90,12 +102,20 @@ class Conversion:
 
         notes = cast(list[str], d.pop("notes"))
 
+        bodies = []
+        _bodies = d.pop("bodies")
+        for bodies_item_data in _bodies:
+            bodies_item = ConvertedBody.from_dict(bodies_item_data)
+
+            bodies.append(bodies_item)
+
         conversion = cls(
             schema=schema,
             format_=format_,
             content=content,
             fiducials=fiducials,
             notes=notes,
+            bodies=bodies,
         )
 
         return conversion

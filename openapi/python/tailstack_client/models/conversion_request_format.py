@@ -1,12 +1,13 @@
 from typing import Literal
 
-ConversionRequestFormat = Literal["csv", "fcsv", "json", "mrk.json", "yaml"]
+ConversionRequestFormat = Literal["csv", "fcsv", "json", "mrk.json", "step", "yaml"]
 
 CONVERSION_REQUEST_FORMAT_VALUES: set[ConversionRequestFormat] = {
     "csv",
     "fcsv",
     "json",
     "mrk.json",
+    "step",
     "yaml",
 }
 

@@ -116,9 +116,10 @@ def sync_detailed(
     client: AuthenticatedClient,
     body: ConversionRequest,
 ) -> Response[Conversion | Problem]:
-    """Convert designs and fiducial files, by their endings
+    """Convert designs, fiducial files and STEP, by their endings
 
-     In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
+     In memory: no file is read, nothing is fetched. With text/plain, from says what the text is. Balls
+    of a STEP file are fiducials; what was taken and what was left is in bodies.
 
     Args:
         body (ConversionRequest):
@@ -147,9 +148,10 @@ def sync(
     client: AuthenticatedClient,
     body: ConversionRequest,
 ) -> Conversion | Problem | None:
-    """Convert designs and fiducial files, by their endings
+    """Convert designs, fiducial files and STEP, by their endings
 
-     In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
+     In memory: no file is read, nothing is fetched. With text/plain, from says what the text is. Balls
+    of a STEP file are fiducials; what was taken and what was left is in bodies.
 
     Args:
         body (ConversionRequest):
@@ -173,9 +175,10 @@ async def asyncio_detailed(
     client: AuthenticatedClient,
     body: ConversionRequest,
 ) -> Response[Conversion | Problem]:
-    """Convert designs and fiducial files, by their endings
+    """Convert designs, fiducial files and STEP, by their endings
 
-     In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
+     In memory: no file is read, nothing is fetched. With text/plain, from says what the text is. Balls
+    of a STEP file are fiducials; what was taken and what was left is in bodies.
 
     Args:
         body (ConversionRequest):
@@ -202,9 +205,10 @@ async def asyncio(
     client: AuthenticatedClient,
     body: ConversionRequest,
 ) -> Conversion | Problem | None:
-    """Convert designs and fiducial files, by their endings
+    """Convert designs, fiducial files and STEP, by their endings
 
-     In memory: no file is read, nothing is fetched. With text/plain, from says what the text is.
+     In memory: no file is read, nothing is fetched. With text/plain, from says what the text is. Balls
+    of a STEP file are fiducials; what was taken and what was left is in bodies.
 
     Args:
         body (ConversionRequest):

@@ -1,0 +1,192 @@
+"""The text of a first design, which scores as it is and whose numbers are there to be corrected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, hypot
+from typing import Any
+
+LENGTH_FIELDS = ("source_isocentre_mm", "pixel_mm")  # of a preset, stated where its source does not state them
+
+
+@dataclass(frozen=True, slots=True)
+class Wishes:
+    """The answers."""
+
+    name: str
+    preset: str
+    fiducials: int
+    size_mm: float
+    target: tuple[float, float, float]
+    limit_mm: float
+    noise_px: float
+    source_isocentre_mm: float | None
+    pixel_mm: float | None
+
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Beads:
+    """Fiducials that are there already, and how the file that they come from is called."""
+
+    labels: tuple[str, ...]
+    positions_mm: tuple[Point, ...]
+    file: str
+
+
+STEPS = (0.8191725134, 0.6710436067, 0.5497004779)  # whose multiples, modulo 1, fill a cube evenly
+CORNERS = ((-1, -1, -1), (1, 1, 1), (-1, 1, 1), (1, -1, -1), (1, -1, 1), (-1, 1, -1), (1, 1, -1), (-1, -1, 1))
+CANDIDATES = 200  # for each fiducial
+
+
+def spread_fiducials(count: int, size_mm: float) -> list[tuple[float, float, float]]:
+    """So many points in a cube about the origin: near the corners first, opposite ones in turn, then inside.
+
+    Of the candidates for each that one is taken whose images are farthest from those of the points before, seen along
+    x and along y, where the views look.
+    """
+    points: list[tuple[float, float, float]] = []
+    for index in range(count):
+        candidates = []
+        for at in range(index * CANDIDATES, (index + 1) * CANDIDATES):
+            fractions = [(at * step) % 1.0 for step in STEPS]
+            if index < len(CORNERS):
+                unit = [side * (1 - 0.35 * part) for side, part in zip(CORNERS[index], fractions, strict=True)]
+            else:
+                unit = [1.9 * (part - 0.5) for part in fractions]
+            x, y, z = (round(size_mm / 2 * value, 1 if size_mm >= 20 else 2) for value in unit)
+            candidates.append((x, y, z))
+        points.append(max(candidates, key=lambda point: closest_images(point, points)))
+    return points
+
+
+def closest_images(point: tuple[float, float, float], others: list[tuple[float, float, float]]) -> float:
+    """How far a point is from the others at least, seen along x or y."""
+    x, y, z = point
+    return min((hypot(min(abs(x - a), abs(y - b)), z - c) for a, b, c in others), default=0.0)
+
+
+def design_text(wishes: Wishes, beads: Beads | None = None) -> str:
+    """The design, with its comments; with beads, everything else is laid about their middle."""
+    from tailstack.design.presets import PRESETS
+    from tailstack.design.write import dump_flow
+
+    preset = PRESETS[wishes.preset]
+    half = wishes.size_mm / 2
+    seat, flange = -(half + 15), -(half + 65)
+    points, centre, head = list_points(wishes, beads)
+
+    def place(*offset: float) -> str:
+        return ", ".join(show_value(round(a + b, 6)) for a, b in zip(centre, offset, strict=True))
+
+    between = [round((min(0.0, value) + max(0.0, value)) / 2, 1) for value in wishes.target]
+    stated = {field: value for field in LENGTH_FIELDS if (value := getattr(wishes, field)) is not None}
+    lengths = "".join(f"    {field}: {show_value(value)}\n" for field, value in stated.items())
+    noise, isocentre = show_value(wishes.noise_px), f"[{place(*between)}]"
+    views = f"""\
+  - name: AP
+    preset: {wishes.preset} # {preset.title}
+{lengths}    orientation: AP
+    isocentre_mm: {isocentre} # between the fiducials and the target
+    fiducial_noise_px: {noise} # how well one is located; measure yours
+    target_noise_px: {noise}
+  - name: LAT
+    preset: {wishes.preset}
+{lengths}    orientation: LAT
+    isocentre_mm: {isocentre}
+    fiducial_noise_px: {noise}
+    target_noise_px: {noise}
+"""
+    spacing = round(0.4 * wishes.size_mm / wishes.fiducials ** (1 / 3), 1)
+    low, high = (f"[{place(value, value, value)}]" for value in (-half, half))
+    return f"""\
+{head}schema: tailstack/design/1
+name: {dump_flow(wishes.name)}
+
+views: # two shots; add more, or give calibrated projections
+{views}
+fiducials:
+  points: # metal beads in the carrier; fiducials.file reads them from .mrk.json, .fcsv or .csv instead
+{points}  manufacturing: {{ half_width_mm: 0.05, distribution: uniform }} # where a bead truly sits
+
+interfaces: # half-widths of what may differ from one assembly to the next, about the pivot
+  structure_connector:
+    label: carrier on connector
+    pivot_mm: [{place(0, 0, seat)}]
+    tolerances:
+      rx: {{ half_width_deg: 0.1, distribution: uniform }}
+      ry: {{ half_width_deg: 0.1, distribution: uniform }}
+      rz: {{ half_width_deg: 0.1, distribution: uniform }}
+      tx: {{ half_width_mm: 0.05, distribution: uniform }}
+      ty: {{ half_width_mm: 0.05, distribution: uniform }}
+      tz: {{ half_width_mm: 0.05, distribution: uniform }}
+  connector_flange:
+    label: connector on the robot's flange
+    pivot_mm: [{place(0, 0, flange)}]
+    tolerances:
+      rx: {{ half_width_deg: 0.1, distribution: uniform }}
+      ry: {{ half_width_deg: 0.1, distribution: uniform }}
+      rz: {{ half_width_deg: 0.1, distribution: uniform }}
+      tx: {{ half_width_mm: 0.05, distribution: uniform }}
+      ty: {{ half_width_mm: 0.05, distribution: uniform }}
+      tz: {{ half_width_mm: 0.05, distribution: uniform }}
+
+targets:
+  - {{ name: tip, position_mm: [{place(*wishes.target)}] }} # where the error counts
+
+requirements:
+  - {{ name: tip-accuracy, error: tcp, quantile: 0.95, limit_mm: {show_value(wishes.limit_mm)} }}
+
+optimise: # what tailstack optimise may change
+  box: {{ min_mm: {low}, max_mm: {high} }} # where fiducials may go
+  min_spacing_mm: {show_value(spacing)}
+  rotation_bounds: {{ min_deg: 0.01, max_deg: 0.5 }} # how tight and how loose the seats may be made
+  starts: 8
+"""
+
+
+def show_value(value: Any) -> str:
+    """A number or a point as it stands in a flag or in the text."""
+    if isinstance(value, tuple):
+        return ",".join(f"{part:g}" for part in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+HEAD = """\
+# A first design, made by tailstack init.  Every number is yours to correct; docs/design.md explains the fields.
+#
+# Frame con (connector): its origin is the middle of the fiducials, z points to the patient.  Lengths in mm.
+"""
+HEAD_OF_FILE = """\
+# A first design about the fiducials of {file}, made by tailstack convert.  Views, seats, target and limit are a
+# start and yours to correct; docs/design.md explains the fields.
+#
+# Frame con (connector): that of the file; z is taken to point to the patient.  Lengths in mm.
+"""
+
+
+def list_points(wishes: Wishes, beads: Beads | None) -> tuple[str, Point, str]:
+    """The lines of the fiducials, the middle between them, and the head of the text."""
+    from tailstack.design.write import dump_flow
+
+    if beads is None:
+        points = "".join(
+            f"    - {{ label: F{index}, position_mm: [{', '.join(map(show_value, point))}] }}\n"
+            for index, point in enumerate(spread_fiducials(wishes.fiducials, wishes.size_mm), 1)
+        )
+        return points, (0.0, 0.0, 0.0), HEAD
+    lines = [f"    - {dump_flow({'label': label, 'position_mm': list(position)})}\n"
+             for label, position in zip(beads.labels, beads.positions_mm, strict=True)]  # fmt: skip
+    x, y, z = (round((min(values) + max(values)) / 2, 1) for values in zip(*beads.positions_mm, strict=True))
+    return "".join(lines), (x, y, z), HEAD_OF_FILE.format(file=" ".join(beads.file.split()))
+
+
+def design_of_beads(beads: Beads) -> str:
+    """A first design about beads that are there already: a C-arm and seats like those of ``tailstack init``."""
+    extents = [max(values) - min(values) for values in zip(*beads.positions_mm, strict=True)]
+    size = max(20.0, float(ceil(max(extents))))
+    target = (0.0, 0.0, size / 2 + 50)
+    wishes = Wishes("first design", "generic-mobile-c-arm", len(beads.labels), size, target, 1.0, 0.3, None, None)
+    return design_text(wishes, beads)
