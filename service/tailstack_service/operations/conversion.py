@@ -179,7 +179,8 @@ def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> M
     directory: what files that a design names are relative to; None: it may name none.
     """
     from tailstack.design import convert, load_design
-    from tailstack.design.write import DOCUMENTS, STEP_FILES
+    from tailstack.design.reading import DOCUMENTS
+    from tailstack.design.write import STEP_FILES
 
     from ..first_design import Beads, design_of_beads
 
