@@ -558,3 +558,23 @@ def test_rules_and_policy_name_the_same_rules() -> None:
     assert names == set(RULES) - {"invalid-design", "invalid-input", "not-evaluated"}
     for name, info in Rules.model_fields.items():
         assert getattr(Rules(), name).severity == RULES[info.alias or name].severity
+
+
+def test_a_limit_that_a_loss_breaks_is_a_finding_where_the_policy_asks() -> None:
+    """brute force: the score of the design without the fiducial that is named."""
+    whole = score(load_design(limited(1.0))).losses[0]
+    assert whole.value_mm < whole.single.value_mm < whole.double.value_mm
+    between = (whole.single.value_mm + whole.double.value_mm) / 2
+    assert of_rule(gate(limited(between)), "survives-loss") == []
+    assert of_rule(gate(limited(between), policy=policy({"survives-loss": {"lost": 1}})), "survives-loss") == []
+    record = gate(limited(between), policy=policy({"survives-loss": {"lost": 2}}))
+    (finding,) = of_rule(record, "survives-loss")
+    assert record.verdict == "fail"
+    assert finding.pointer == "/requirements/0/limit_mm"
+    assert " and ".join(whole.double.lost) in finding.message
+    data = limited(between)
+    points = zip(load_design(data).fiducials.labels, data["fiducials"]["points"], strict=True)
+    data["fiducials"]["points"] = [point for label, point in points if label not in whole.double.lost]
+    assert finding.value == pytest.approx(score(load_design(data)).targets[0].p95_mm, rel=1e-9)
+    accepted = waivers(waiver(rule="survives-loss", max_value=2 * finding.value))
+    assert gate(limited(between), policy=policy({"survives-loss": {"lost": 2}}), waivers=accepted).verdict != "fail"

@@ -186,6 +186,39 @@ def find_close_fiducials(case: Case) -> list[Remark]:
     return remarks
 
 
+def find_fatal_losses(case: Case) -> list[Remark]:
+    """Rule survives-loss: limits that are not kept when fiducials are lost."""
+    remarks = []
+    for line in case.score.losses:
+        tried = (line.single, line.double)[: case.rules.survives_loss.lost or 0]
+        if line.limit_mm is None or not tried:
+            continue
+        broken = [worst for worst in tried if worst is None or not worst.keeps(line.limit_mm)]
+        if not broken:
+            continue
+        worst = broken[-1]
+        pointer = _point_at_requirement(case, line.requirement)
+        if worst is None:
+            message = (
+                f"{line.requirement}: with so many fiducials no pair was tried, so that nobody knows what a loss does"
+            )
+            remarks.append(Remark(pointer, message, limit=line.limit_mm, unbounded=True))
+            continue
+        lost = " and ".join(worst.lost)
+        comes_to = worst.reason or f"{worst.value_mm:.4g} mm, limit {line.limit_mm:g} mm"
+        message = f"{line.requirement}: {line.value_mm:.4g} mm with all fiducials; without {lost}: {comes_to}"
+        remarks.append(
+            Remark(pointer, message, worst.value_mm, line.limit_mm, worst.target, unbounded=worst.value_mm is None)
+        )
+    return remarks
+
+
+def _point_at_requirement(case: Case, name: str) -> str:
+    """The limit of a requirement of the design; for one of the policy, the targets."""
+    names = [requirement.name for requirement in case.design.document.requirements]
+    return f"/requirements/{names.index(name)}/limit_mm" if name in names else "/targets"
+
+
 def find_narrow_margins(case: Case) -> list[Remark]:
     """Rule visibility: fiducials are imaged too near the border, or a view's image size is not stated."""
     least = case.rules.visibility.min_margin_px

@@ -143,6 +143,17 @@ class SpacingRule(_ErrorRule):
     min_mm: Length | None = Field(default=None, description="Smallest distance of two fiducials, mm.", examples=[8.0])
 
 
+class LossRule(_ErrorRule):
+    """Every limit is kept when fiducials are lost."""
+
+    lost: Literal[1, 2] | None = Field(
+        default=None,
+        description="So many fiducials may be lost in all views, whichever they are, and every requirement keeps its "
+        "limit by estimate. Default none: nothing is judged.",
+        examples=[1],
+    )
+
+
 class VisibilityRule(_WarningRule):
     """Margin between the images of fiducials and the border of each view."""
 
@@ -267,6 +278,7 @@ class Rules(Record):
     conditioning: ConditioningRule = Field(default_factory=ConditioningRule)
     plausibility: PlausibilityRule = Field(default_factory=PlausibilityRule)
     fiducial_spacing: SpacingRule = Field(default_factory=SpacingRule)
+    survives_loss: LossRule = Field(default_factory=LossRule)
     visibility: VisibilityRule = Field(default_factory=VisibilityRule)
     overlap: OverlapRule = Field(default_factory=OverlapRule)
     process_capability: ProcessRule = Field(default_factory=ProcessRule)

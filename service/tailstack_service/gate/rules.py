@@ -15,6 +15,7 @@ from .design_rules import (
     find_close_fiducials,
     find_close_images,
     find_failures,
+    find_fatal_losses,
     find_first_order_gaps,
     find_implausible_values,
     find_narrow_margins,
@@ -67,6 +68,7 @@ _RULES = (
     Rule("conditioning", "The layout barely determines the answer", find_weaknesses, "less"),
     Rule("plausibility", "A value is allowed and hardly ever meant", find_implausible_values),
     Rule("fiducial-spacing", "Two fiducials are too close", find_close_fiducials, "less", "mm"),
+    Rule("survives-loss", "A limit is not kept when fiducials are lost", find_fatal_losses, "more", "mm"),
     Rule("visibility", "A fiducial is imaged too near the border", find_narrow_margins, "less", "px"),
     Rule("overlap", "Two images may not be told apart", find_close_images, "less", "px"),
     Rule(
@@ -186,6 +188,16 @@ Two fiducials are closer than `min_mm`, centre to centre. Judged only if the pol
 is a matter of manufacturing. The ten closest pairs are findings of their own, a note says how many more there are.
 
 Policy: severity, min_mm. Waiver: min_value in mm.""",
+    "survives-loss": """\
+Without one fiducial (or two, as `lost` says), whichever is worst, a requirement of the design or a limit of the policy
+is not kept any more, or nothing can be estimated. Fiducials are lost in all views; judged is the estimate of what is
+left, without an interval, and `p95` says whether the whole structure keeps the limit. Judged only if the policy sets
+`lost`. Two of more than 30 fiducials are not tried and count as not kept, because nobody knows.
+
+What to do: add a fiducial near those that are named, or spread the others; `tailstack score DESIGN` names the worst
+losses.
+
+Policy: severity, lost. Waiver: max_value in mm; what cannot be estimated cannot be waived.""",
     "visibility": """\
 In some view an image of a fiducial is nearer to the border than `min_margin_px`, at the biased geometry without noise.
 A view whose image size is not stated cannot be checked and is remarked as well. A fiducial outside the image is not

@@ -211,6 +211,10 @@ class Loss:
     reason: str = ""
     """Why nothing can be estimated any more; empty otherwise."""
 
+    def keeps(self, limit_mm: float) -> bool:
+        """Whether this limit is kept all the same."""
+        return self.value_mm is not None and self.value_mm <= limit_mm
+
 
 @dataclass(frozen=True, slots=True)
 class Losses:
@@ -232,7 +236,7 @@ class Losses:
         worst = self.single if lost == 1 else self.double
         if worst is None or self.limit_mm is None:
             return None
-        return worst.value_mm is not None and worst.value_mm <= self.limit_mm
+        return worst.keeps(self.limit_mm)
 
 
 @dataclass(frozen=True, slots=True)
