@@ -281,3 +281,26 @@ def test_a_notebook_runs(tmp_path: Path) -> None:
     assert sum("image/png" in output.get("data", {}) for output in titled) == 1, titled
     assert wrong[0]["output_type"] == "error"
     assert "targets, budget, checks" in wrong[0]["evalue"]
+
+
+def test_the_example_notebook_runs_from_top_to_bottom() -> None:
+    """Its numbers: those of the README, and the library's own derivative beside them."""
+    path = EXAMPLES / "integrations" / "notebook.ipynb"
+    cells = [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+    assert all(not cell["outputs"] and cell["execution_count"] is None for cell in cells), "keep it without outputs"
+    sources = [cell["source"] if isinstance(cell["source"], str) else "".join(cell["source"]) for cell in cells]
+    done = subprocess.run(
+        [sys.executable, "-c", RUN], input=json.dumps(sources), cwd=path.parent, capture_output=True, text=True,
+        timeout=240, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-3000:]
+    outputs = json.loads(done.stdout)
+    assert [one for cell in outputs for one in cell if one["output_type"] == "error"] == []
+    shown, drawn, table, changed, curves, slopes, checked = outputs
+    assert "is at most 1.144 mm" in "".join(shown[0]["data"]["text/html"])
+    assert any("image/png" in one.get("data", {}) for one in drawn)
+    assert any("image/png" in one.get("data", {}) for one in curves)
+    assert "text/html" in table[0]["data"]
+    assert re.match(r"P95 1\.144 mm, with sharper images \d\.\d+ mm", changed[0]["text"])
+    assert len(re.findall(r"mm per unit of", slopes[0]["text"])) == 4
+    assert "text/html" in checked[-1]["data"]

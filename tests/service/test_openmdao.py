@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from door_pages import run_page
 from service_scenes import EXAMPLES, ROOT
 
 from tailstack import load_design, score
@@ -62,3 +64,5 @@ def test_the_page_shows_what_the_example_prints(example: Any, capsys: pytest.Cap
     example.main(str(EXAMPLES / "demo.yaml"))
     page = (ROOT / "docs" / "integrations" / "openmdao.md").read_text(encoding="utf-8")
     assert capsys.readouterr().out in page
+    (printed,), _ = run_page("openmdao", **{"demo.yaml": str(EXAMPLES / "demo.yaml")})
+    assert re.match(r"\[1\.1437\d*\] \{.*'p95_mm', .*'values'", printed), printed
