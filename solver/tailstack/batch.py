@@ -34,7 +34,6 @@ from .design import Design, compile_design, design_to_data, load_design
 from .design.compile import detector_distances, frozen
 from .design.fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels
 from .design.pointers import Place, pointer_of, value_at
-from .design.refusals import escape
 from .errors import MissingExtraError, Problem, TailstackError
 from .estimation.checks import COPLANAR, LINEAR, NO_PARALLAX, SINGULAR, TOUCHING_MM, sines_between_rays
 from .geometry.symmetric import eigen_symmetric
@@ -813,10 +812,10 @@ def _find_places(design: Design, pointers: Sequence[str]) -> list[tuple[Place, .
         raise SweepError(Problem("/table", "no-columns", "a table has a column for at least one number of the design"))
     found: list[tuple[Place, ...]] = []
     for pointer in pointers:
-        places = find_numbers(design, pointer, f"/table/{escape(pointer)}")
+        places = find_numbers(design, pointer, "/table")
         if any(not set(places).isdisjoint(earlier) for earlier in found):
             detail = f"two columns give the same number: the one for {pointer}, and one before it"
-            raise SweepError(Problem(f"/table/{escape(pointer)}", "given-twice", detail, "leave one of them out"))
+            raise SweepError(Problem("/table", "given-twice", detail, "leave one of them out"))
         found.append(places)
     return found
 

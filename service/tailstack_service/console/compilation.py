@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 # What a verb computes, by the names of tailstack.ahead; every other verb may compute everything
 _COMPUTATIONS: dict[str, tuple[str, ...]] = {
     "score": ("score",),
+    "score --batch": ("score", "batch"),
     "sweep": ("score",),
     "verify": ("score", "verify"),
     "gate": ("score", "verify"),

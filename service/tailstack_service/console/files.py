@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 from tailstack.extras import require_extras
 
@@ -42,6 +45,26 @@ def stage(file: str, content: bytes) -> Staged:
         beside.unlink(missing_ok=True)
         raise
     return Staged(file, beside, target)
+
+
+@contextmanager
+def write_in_place(file: str) -> Iterator[IO[bytes]]:
+    """A stream into a file that replaces what is there when all is written, or into what is a stream itself.
+
+    Raises OSError; what breaks off leaves nothing.
+    """
+    if is_stream(file):
+        with open(file, "wb") as stream:
+            yield stream
+        return
+    staged = stage(file, b"")
+    try:
+        with staged.beside.open("wb") as stream:
+            yield stream
+    except BaseException:  # Ctrl-C as well
+        staged.drop()
+        raise
+    staged.put()
 
 
 def is_stream(file: str) -> bool:

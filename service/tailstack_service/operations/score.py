@@ -11,6 +11,7 @@ from tailstack.results import Score
 
 from ..console.answer import Answer, exit_code_of
 from ..console.arguments import add_design, read_design
+from .batch import add_batch_arguments, refuse_beside_batch, run_batch
 from .effort import score_reception_seconds
 from .operation import Again, Call, Command, Operation, Repetition
 from .options import Options
@@ -60,9 +61,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-losses", dest="losses", action="store_false", help="do not look for the worst loss of fiducials"
     )
     parser.add_argument("--target", metavar="NAME", help="target whose budget is shown (default: the largest P95)")
+    add_batch_arguments(parser)
 
 
 def _run(arguments: argparse.Namespace) -> Answer:
+    refuse_beside_batch(arguments)
+    if arguments.batch is not None:
+        return run_batch(arguments)
     design = read_design(arguments.design)  # bad input is refused before the solver is loaded
 
     from tailstack.errors import Problem

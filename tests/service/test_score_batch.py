@@ -1,0 +1,173 @@
+"""``tailstack score DESIGN --batch TABLE``: every format there and back, refusals with their line, flat memory."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import openpyxl
+import pyarrow
+import pytest
+from door_pages import run_page
+from pyarrow import parquet
+
+from tailstack import load_design, score
+from tailstack.design import design_to_yaml
+from tailstack_service.cli.main import main
+
+DEMO = str(Path(__file__).parents[2] / "examples" / "demo.yaml")
+AP, BEAD = "views.AP.fiducial_noise_px", "/fiducials/points/2/position_mm/1"
+ROWS: list[tuple[str, float, float]] = [("a", 0.3, -30.0), ("b", 0.2, -31.5), ("c", -1.0, -30.0)]
+ADDED = ["p95_mm:tip", "mean_norm_mm:tip", "bias_norm_mm:tip", "within_limits", "reason"]
+
+
+def write(path: Path) -> None:
+    """The table in the format of the path's ending, by other means than the code under test."""
+    header = ["variant", AP, BEAD]
+    if path.suffix == ".csv":
+        with path.open("w", newline="") as file:
+            csv.writer(file).writerows([header, *ROWS])
+    elif path.suffix == ".ndjson":
+        path.write_text("".join(json.dumps(dict(zip(header, row, strict=True))) + "\n" for row in ROWS))
+    elif path.suffix == ".xlsx":
+        book = openpyxl.Workbook()
+        assert book.active is not None
+        for row in (header, *ROWS):
+            book.active.append(row)
+        book.save(path)
+    else:
+        table = pyarrow.table({name: list(cells) for name, cells in zip(header, zip(*ROWS, strict=True), strict=True)})
+        if path.suffix == ".parquet":
+            parquet.write_table(table, path)
+        else:
+            with pyarrow.ipc.new_stream(str(path), table.schema) as sink:
+                sink.write_table(table)
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    """Rows of a table, by other means than the code under test."""
+    if path.suffix == ".csv":
+        with path.open(newline="") as file:
+            return [{key: number_or_text(cell) for key, cell in row.items()} for row in csv.DictReader(file)]
+    if path.suffix == ".ndjson":
+        return [json.loads(line) for line in path.read_text().splitlines()]
+    if path.suffix == ".xlsx":
+        sheet = openpyxl.load_workbook(path).active
+        assert sheet is not None
+        header, *rows = sheet.iter_rows(values_only=True)
+        return [dict(zip(map(str, header), row, strict=True)) for row in rows]
+    if path.suffix == ".parquet":
+        return parquet.read_table(path).to_pylist()  # type: ignore[no-any-return]
+    return pyarrow.ipc.open_stream(str(path)).read_all().to_pylist()  # type: ignore[no-any-return]
+
+
+def number_or_text(cell: str | None) -> Any:
+    try:
+        return float(cell or "")
+    except ValueError:
+        return cell
+
+
+@pytest.mark.parametrize("form", [".csv", ".ndjson", ".xlsx", ".arrow", ".parquet"])
+def test_a_table_comes_back_in_its_format_with_the_scores_of_its_rows(form: str, tmp_path: Path) -> None:
+    """independent: other readers and writers, and the score of each row's own design."""
+    there, back = tmp_path / f"table{form}", tmp_path / f"scores{form}"
+    write(there)
+    assert main(["score", DEMO, "--batch", str(there), "-o", str(back)]) == 3
+    found = read(back)
+    assert list(found[0]) == ["variant", AP, BEAD, *ADDED]
+    for row, (variant, noise, place) in zip(found, ROWS, strict=True):
+        assert (row["variant"], row[AP], row[BEAD]) == (variant, noise, place)
+        if noise < 0:
+            assert "at least 0" in row["reason"]
+            assert row["p95_mm:tip"] in (None, "")
+            continue
+        expected = score(load_design(DEMO).with_value(AP, noise).with_value(BEAD, place)).targets[0]
+        assert row["p95_mm:tip"] == pytest.approx(expected.p95_mm, rel=1e-9)
+        assert row["mean_norm_mm:tip"] == pytest.approx(expected.mean_norm_mm, rel=1e-9)
+        assert row["within_limits"] == "no"
+        assert not row["reason"]
+    first = back.read_bytes()
+    assert main(["score", DEMO, "--batch", str(there), "-o", str(back), "--threads", "1"]) == 3
+    assert back.read_bytes() == first
+
+
+def test_columns_of_other_names_and_the_ones_that_are_asked_for(tmp_path: Path, capsys: Any) -> None:
+    table = tmp_path / "german.csv"
+    table.write_bytes("\ufeffVariante;Rauschen\r\nA;0.2\r\n\r\nB;0.4\r\n".encode())
+    command = ["score", DEMO, "--batch", str(table), "--set", "views.*.fiducial_noise_px=Rauschen"]
+    assert main([*command, "--columns", "p95_mm,verdict"]) == 0
+    out, said = capsys.readouterr()
+    lines = out.splitlines()
+    assert lines[0] == "Variante;Rauschen;p95_mm:tip;verdict;reason"
+    assert [line.split(";")[0::3] for line in lines[1:]] == [["A", "fail"], ["B", "fail"]]
+    assert "carried along: Variante" in said
+    assert "fiducials.manufacturing is not under a normal law" in said
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "said"),
+    [
+        (f"{AP}\n0.3\n\n0,3\n", ":4:1", "with a point: 0.3"),
+        (f'{AP}\n0.3\n"0,3"\n', ":3:1", "with a point: 0.3"),
+        (f"{AP}\n0.3\n\n\n0.3 px\n", ":5:1", "is no number"),
+        (f"a,{AP}\nx,\n", ":2:2", "is empty"),
+        (f"a,{AP}\nx\n", ":2:1", "1 cells; the header has 2"),
+        (f"a,{AP},a\nx,1,2\n", ":1:3", "two columns are called 'a'"),
+        ("noise\n1\n", ":1:1", "--set"),
+        ("views.AP.fiducial_noise\n1\n", "", "nothing at"),
+        (f"{AP},reason\n1,2\n", ":1:1", "'reason' already"),
+        ("", ":1:1", "a table has 1 to"),
+    ],
+)
+def test_a_table_that_cannot_be_read_is_refused_where_it_is_wrong(
+    text: str, place: str, said: str, tmp_path: Path, capsys: Any
+) -> None:
+    table, out = tmp_path / "table.csv", tmp_path / "scores.csv"
+    table.write_text(text)
+    assert main(["score", DEMO, "--batch", str(table), "-o", str(out)]) == 2
+    error = " ".join(capsys.readouterr().err.split())
+    assert said in error
+    assert (f"table.csv{place}" if place else "") in error
+    assert not list(tmp_path.glob("scores*"))
+
+
+def test_flags_of_a_table_mean_nothing_without_one(tmp_path: Path, capsys: Any) -> None:
+    assert main(["score", DEMO, "--columns", "p95_mm"]) == 2
+    assert main(["score", DEMO, "--batch", "table.csv", "--json"]) == 2
+    assert main(["score", DEMO, "--batch", "table.doc"]) == 2
+    assert "known: .csv" in capsys.readouterr().err
+
+
+def test_the_page_prints_what_it_says() -> None:
+    printed, quoted = run_page("tables", **{"examples/demo.yaml": DEMO})
+    assert printed == quoted
+
+
+PEAK = """
+import sys
+from tailstack_service.cli.main import main
+code = main(["score", sys.argv[1], "--batch", sys.argv[2], "-o", sys.argv[3]])
+print(code, next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
+"""
+
+
+def test_memory_does_not_grow_with_the_table(tmp_path: Path) -> None:
+    design = tmp_path / "normal.yaml"
+    design.write_text(design_to_yaml(load_design(DEMO)).replace("uniform", "normal").replace("triangular", "normal"))
+    peaks = []
+    for count in (2_000, 60_000):
+        table = tmp_path / f"{count}.csv"
+        table.write_text(f"{AP},{BEAD}\n" + "".join(f"0.{k % 800 + 100},{-30 - k % 97 / 100}\n" for k in range(count)))
+        command = [sys.executable, "-c", PEAK, str(design), str(table), str(tmp_path / "scores.csv")]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300)
+        code, peak = done.stdout.split()
+        assert code == "0", done.stderr
+        assert f"{count:,} compiled" in done.stderr
+        peaks.append(int(peak) / 1024)
+    assert peaks[1] - peaks[0] < 25  # MB; a row kept in memory as it is written takes 300 bytes: 18 MB more
+    assert peaks[1] < 300
