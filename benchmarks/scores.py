@@ -13,7 +13,7 @@ from engine import peer_job
 from scenes import cios_system, read_only, target, with_noise
 from tailstack import load_design, score
 from tailstack.design import Design
-from tailstack.propagation.linear import linearise
+from tailstack.propagation.linear import estimation_of, linearise
 from tailstack.propagation.noise import noise_gains_jit
 from tailstack.system import System
 from tailstack.tail.gaussian import norm_quantile_jit
@@ -39,13 +39,14 @@ def first_order() -> Findings:
     projections = np.stack([view.projection for view in system.views])
     points, aim, mean = system.fiducials_mm, system.targets[0].position_mm, np.zeros(3)
     count = len(points)
-    arrays = [np.zeros(s) for s in ((2, count, 3, 2), (2, 3, 2), (2, count, 3, 3), (2, count, 2))]
+    arrays = [np.zeros(s) for s in ((2, count, 3, 2), (2, 3, 2), (2, count, 3, 3), (2, 3, 3), (2, 2, 2))]
+    estimation = estimation_of(system)
     model = linearise(system, system.targets[0])
     mounts = sum(((b.tcp * b.std) @ (b.tcp * b.std).T for b in model.blocks if not b.grouped), np.zeros((3, 3)))
 
     def kernels() -> int:
         for _ in range(500):
-            noise_gains_jit(projections, points, system.sees, aim, *arrays)
+            noise_gains_jit(projections, points, system.sees, estimation, aim, *arrays)
             fiducial = arrays[0].transpose(2, 0, 1, 3).reshape(3, -1)
             seen = arrays[1].transpose(1, 0, 2).reshape(3, -1)
             covariance = 0.25 * (fiducial @ fiducial.T + seen @ seen.T) + mounts

@@ -5,12 +5,15 @@ It follows docs/conventions.md step by step and shares nothing with ``propagatio
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from tailstack.arrays import Array
-from tailstack.estimation.resection import project, resect
+from tailstack.estimation.least_squares import estimate_views, locate, row_weights
+from tailstack.estimation.resection import project
 from tailstack.estimation.triangulation import triangulate
-from tailstack.system import Reading, RotationForm, System, Target
+from tailstack.system import IntrinsicsError, Reading, RotationForm, System, Target, Triangulation, no_sources
 
 
 def rotation(angles: Array, form: RotationForm) -> Array:
@@ -25,6 +28,20 @@ def rotation(angles: Array, form: RotationForm) -> Array:
 
 def move(torsor: Array, pivot: Array, form: RotationForm, points: Array) -> Array:
     return (points - pivot) @ rotation(torsor[:3], form).T + pivot + torsor[3:]
+
+
+@lru_cache(maxsize=8)
+def weights_at_rest(system: System, target: Target) -> Array | None:
+    """Of the weighted triangulation: those of the structure at its bias, without noise."""
+    if system.triangulation is not Triangulation.WEIGHTED:
+        return None
+    mount, form = system.structure_connector, system.rotation_form
+    moved = move(mount.bias, mount.pivot_mm, form, system.fiducials_mm)
+    told = moved if system.reading is Reading.EQ18 else system.fiducials_mm
+    truly = system.fiducials_mm if system.reading is Reading.EQ18 else moved
+    estimates = estimate_views(system, told, np.stack([project(view.projection, truly) for view in system.views]))
+    aims = np.stack([project(view.projection, target.position_mm[None])[0] for view in system.views])
+    return row_weights(system, estimates, told, triangulate(estimates, aims, told))
 
 
 def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, Array]:
@@ -42,15 +59,17 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
         true = move(first, system.structure_connector.pivot_mm, form, true)
     else:
         told = move(first, system.structure_connector.pivot_mm, form, points)
-    estimates, seen = [], []
+    imaged, seen, wrong = [], [], []
     for view in system.views:
         noise = inputs.get(f"fiducial_noise:{view.name}", np.zeros(2 * len(points))).reshape(-1, 2)
-        images = project(view.projection, true) + noise
-        seen_here = [view.sees is None or label in view.sees for label in system.fiducial_labels]
-        estimates.append(resect(told[seen_here], images[seen_here]))
+        imaged.append(project(view.projection, true) + noise)
         noise = inputs.get(f"target_noise:{view.name}", np.zeros(2))
         seen.append(project(view.projection, target.position_mm[None])[0] + noise)
-    found = triangulate(np.stack(estimates), np.stack(seen), told, system.triangulation)
+        error = view.intrinsics_error or IntrinsicsError(np.zeros(3), no_sources(3))
+        drawn = inputs.get(f"assumed_intrinsics:{view.name}", np.zeros(error.sources.count))
+        wrong.append(error.bias + error.sources.direction @ drawn)
+    estimates = estimate_views(system, told, np.stack(imaged), np.stack(wrong))
+    found = locate(system, estimates, np.stack(seen), told, weights_at_rest(system, target))
     moved = move(torsor(system.connector_flange), system.connector_flange.pivot_mm, form, found)
     to_tool = system.T_tcp_flange @ system.T_flange_con
     tool = (to_tool @ np.append(moved, 1))[:3]

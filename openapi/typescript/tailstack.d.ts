@@ -6196,7 +6196,7 @@ export interface components {
             rotation_form: string;
             /**
              * Triangulation
-             * @description Frame in which the target's rays are met: normalised (of the fiducials) or published (connector mm).
+             * @description How the target's rays are met: normalised (linear, in the fiducials' frame), published (linear, in connector mm), weighted (linear, each view by how well its noise lets it know the target) or reprojection (least squares).
              */
             triangulation: string;
             /**
@@ -6209,6 +6209,12 @@ export interface components {
              * @description Errors that no number here includes.
              */
             not_included: string[];
+            /**
+             * Estimator
+             * @description What each view is estimated as: dlt, reprojection (eleven unknowns), pose or pose_with_prior.
+             * @default dlt
+             */
+            estimator: string;
         };
         /**
          * QuantilePoint

@@ -30,7 +30,7 @@ _FRAME = "Frame(f1 f1 f2 f2 f1 f2 i f)"
 _TABLES = (
     "plan.Tables(i2r i1r i1r f2r f3r f2r f2r f2r f1r f1r f1r f2r f2r f3r f2r f1r i2r f2r f1r f2r f2r f2r f2r f1r f1r)"
 )  # fmt: skip
-_EXCHANGE = "ExchangeModel(f3 f2 f2 f3 f1 f1 f2 f2)"
+_EXCHANGE = "ExchangeModel(f3 f2 f2 f3 f1 f1 f2 f2 Estimation(i i f2 f2) f3)"
 _TABLE = {
     "score": f"""
         9.9 tail.declared.solve_on_axes         f f {_FRAME} Accuracy(f f f)
@@ -38,7 +38,7 @@ _TABLE = {
         2.2 tail.gaussian.norm_gradient_jit     f1 f2 f
         2.0 tail.gaussian.norm_quantile_jit     f1 f2 f
         2.0 tail.gaussian.norm_quantiles        f f2 f2
-        1.9 propagation.noise.noise_gains       f3 f2 f2 f1 f4 f3 f4 f3
+        4.0 propagation.noise.noise_gains       f3 f2 f2 Estimation(i i f2 f2) f1 f4 f3 f4 f3 f3
         1.6 tail.lattice.on_principal_axes      f1 f2 f2
         1.9 losses.loss_covariances             f3 f2 f2 f2 f2 f2 f2 f2
         1.3 propagation.nonlinearity.matrix_gains  f2 f2 f1
@@ -70,7 +70,7 @@ _TABLE = {
         0.2 montecarlo.streams.draw_columns     i2r u1 i1 i1 f1 f2
     """,
     "optimise": f"""
-        3.0 optimisation.starts.exchange        f2 i2 Candidates(f3 i1 i1) Spacing(f f) {_EXCHANGE} i
+        6.0 optimisation.starts.exchange        f2 i2 Candidates(f3 i1 i1) Spacing(f f) {_EXCHANGE} i
         0.4 optimisation.starts.apart_from_copies  f3 f3 Spacing(f f)
         0.3 optimisation.starts.keeps_distance  f2 i1 f2 f3 Spacing(f f)
     """,

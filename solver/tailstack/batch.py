@@ -39,7 +39,7 @@ from .estimation.checks import COPLANAR, LINEAR, NO_PARALLAX, SINGULAR, TOUCHING
 from .geometry.symmetric import eigen_symmetric
 from .kernels import kernel
 from .propagation.linear import Chain, LinearModel, chain_of, linearise_at
-from .propagation.noise import eliminate, mean_rows, noise_gains_jit
+from .propagation.noise import Estimation, eliminate, mean_rows, noise_gains_jit
 from .results import Check
 from .scoring import P95, ErrorScore, check_requirement, score, tightest_limit, trust_of
 from .sweeping import SweepError, describe_refusal, find_numbers, set_numbers
@@ -473,11 +473,12 @@ def squares_of_images(
     fiducial = np.zeros((views, count, 3, 2))
     aimed = np.zeros((views, 3, 2))
     made = np.zeros((views, count, 3, 3))
-    perspective = np.zeros((views, count, 2))
+    told, row_weights = np.zeros((views, 3, 3)), np.zeros((views, 2, 2))
+    dlt = Estimation(0, 0, np.zeros((views, 3)), np.zeros((views, 2)))
     through = np.zeros((3, 3))
     for row in range(points.shape[0]):
         for t in range(aims.shape[0]):
-            noise_gains_jit(projections, points[row], weights, aims[t], fiducial, aimed, made, perspective)
+            noise_gains_jit(projections, points[row], weights, dlt, aims[t], fiducial, aimed, made, told, row_weights)
             out = squares[row, t]
             for v in range(views):
                 for c in range(2):

@@ -16,13 +16,13 @@ from .tail.bounded import worst_case as worst_vertex
 from .tail.declared import LinearLaw
 from .tail.spectrum import VANISHING_MM
 
-DEGREES = {"rad": ("deg", float(np.rad2deg(1.0)))}
+SHOWN = {"rad": ("deg", float(np.rad2deg(1.0))), "1": ("%", 100.0)}
 KIND = {Law.UNIFORM: 0, Law.TRIANGULAR: 1}
 
 
 def unit_for_people(unit: str) -> tuple[str, float]:
-    """Displayed unit and the factor from the native one: rad -> (deg, 180/pi)."""
-    return DEGREES.get(unit, (unit, 1.0))
+    """Displayed unit and the factor from the native one: rad -> (deg, 180/pi), a ratio -> (%, 100)."""
+    return SHOWN.get(unit, (unit, 1.0))
 
 
 class Part(NamedTuple):

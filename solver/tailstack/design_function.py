@@ -166,7 +166,7 @@ class _Law:
         for number, (block, part) in enumerate(zip(self.model.blocks, self.at.parts, strict=True)):
             gain, k = self.model.gain(block, self.at.error), len(block.laws)
             by_points = np.zeros((3, k))
-            if block.grouped:
+            if block.imaged:
                 by_points = by_points if moved is None else moved[:, first : first + k]
                 first += k
             normal = [j for j, law in enumerate(block.laws) if law is Law.NORMAL]
@@ -198,7 +198,7 @@ class _Law:
     def _image_slopes(self, chain: Chain, points_mm: Array) -> Array:
         """(3, K) what moving the fiducials along ``points_mm`` (N, 3) does to the gains of images on the error."""
         moved = replace(chain, points=chain.points + 1j * COMPLEX_STEP * points_mm)
-        gains, _ = image_gains(moved, self.model.reconstructed_mm)
+        gains = image_gains(moved, self.model.reconstructed_mm).columns
         to_error = self.model.tcp_from_localisation if self.at.error == "tcp" else np.eye(3)
         return np.asarray(to_error @ (gains.imag / COMPLEX_STEP))
 
@@ -215,7 +215,7 @@ def _foreign_change(chain: Chain, model: LinearModel, moved: Chain) -> str:
     ]
     still = np.abs(chain.points - moved.points).max() == 0.0
     for block, same in zip(model.blocks, other.blocks, strict=True):
-        if not block.grouped or still:
+        if not block.imaged or still:
             pairs.append((f"the gains of {block.label or block.contributor}", block.tcp, same.tcp))
     if not still:
         # With the fiducials of the first chain in its place the moved one must be the first.

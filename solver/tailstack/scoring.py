@@ -256,8 +256,8 @@ def _second_order(system: System, tcp: ErrorScore) -> SecondOrder:
     from .montecarlo import compile_plan, evaluate
 
     model, worst = tcp.model, tcp.at.worst
-    plan = compile_plan(system, vertex=worst.vertex(model))
     try:
+        plan = compile_plan(system, vertex=worst.vertex(model))
         refuse_outside_range(model.nonlinearity.divisor, plan.inputs)
     except OutOfRangeError as error:
         return SecondOrder("refused", error.problems[0].detail)
@@ -316,8 +316,19 @@ def provenance(system: System, not_included: tuple[str, ...] = NOT_INCLUDED) -> 
         rotation_form=str(system.rotation_form),
         triangulation=str(system.triangulation),
         notes=system.notes,
-        not_included=not_included,
+        not_included=(*not_included, *_taken_for_exact(system)),
+        estimator=str(system.estimator),
     )
+
+
+def _taken_for_exact(system: System) -> tuple[str, ...]:
+    """What the estimator believes without a doubt that the design states."""
+    if not system.estimator.believes_intrinsics:
+        return ()
+    exact = [view.name for view in system.views if view.intrinsics_error is None]
+    told = f"errors of focal length and principal point, which the design takes for exact ({', '.join(exact)})"
+    shape = "errors of the pixels' shape (ratio of the focal lengths, skew), which the estimator takes for exact"
+    return (told, shape) if exact else (shape,)
 
 
 def vector3(values: Array) -> Vector3:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,16 @@ from reference_chain import run
 from scenes import cube8_system, cube_fiducials, random_system, read_only, system_of, target, with_noise, with_unseen
 from tailstack.estimation.checks import LINEAR
 from tailstack.geometry.rotation import rotation_xyz
-from tailstack.propagation.linear import chain_of, covariance, covariance_block_diagonal, image_gains, linearise
+from tailstack.propagation.linear import (
+    chain_of,
+    covariance,
+    covariance_block_diagonal,
+    estimation_of,
+    image_gains,
+    linearise,
+)
 from tailstack.propagation.noise import noise_gains, noise_gains_jit
-from tailstack.system import Reading, RotationForm, View
+from tailstack.system import Estimator, Reading, RotationForm, Triangulation, View
 
 ORACLES = Path(__file__).parents[1] / "data" / "oracles"
 
@@ -136,12 +144,15 @@ def test_row_weights_of_unequal_views_matter_at_first_order():
 def test_compiled_and_plain_source_give_the_same_digits():
     system = random_system(np.random.default_rng(3), fiducials=7)
     projections = np.stack([v.projection for v in system.views])
-    shapes = ((2, 7, 3, 2), (2, 3, 2), (2, 7, 3, 3), (2, 7, 2))
-    compiled, plain = ([np.zeros(s) for s in shapes] for _ in range(2))
-    noise_gains_jit(projections, system.fiducials_mm, system.sees, system.targets[0].position_mm, *compiled)
-    noise_gains(projections, system.fiducials_mm, system.sees, system.targets[0].position_mm, *plain)
-    for one, other in zip(compiled, plain, strict=True):
-        assert np.allclose(one, other, rtol=1e-9, atol=1e-12)
+    shapes = ((2, 7, 3, 2), (2, 3, 2), (2, 7, 3, 3), (2, 3, 3), (2, 2, 2))
+    for estimator, form in product(Estimator, Triangulation):
+        system = replace(system, estimator=estimator, triangulation=form)
+        compiled, plain = ([np.zeros(s) for s in shapes] for _ in range(2))
+        given = projections, system.fiducials_mm, system.sees, estimation_of(system), system.targets[0].position_mm
+        noise_gains_jit(*given, *compiled)
+        noise_gains(*given, *plain)
+        for one, other in zip(compiled, plain, strict=True):
+            assert np.allclose(one, other, rtol=1e-8, atol=1e-11)
 
 
 @pytest.mark.parametrize("manufactured", [True, False])
@@ -152,13 +163,15 @@ def test_one_pass_over_the_images_is_its_parts_put_together(manufactured):
     projections, points = np.stack([v.projection for v in system.views]), system.fiducials_mm
     aim, per_error = system.targets[0].position_mm, rotation_xyz(rng.uniform(-1, 1, 3))
     std = rng.uniform(0.01, 0.1, (7, 3)) if manufactured else np.zeros((7, 3))
-    fiducial, aimed, made, perspective = (np.zeros(s) for s in ((2, 7, 3, 2), (2, 3, 2), (2, 7, 3, 3), (2, 7, 2)))
-    noise_gains(projections, points, np.ones((len(projections), len(points))), aim, fiducial, aimed, made, perspective)
+    shapes = ((2, 7, 3, 2), (2, 3, 2), (2, 7, 3, 3), (2, 3, 3), (2, 2, 2))
+    fiducial, aimed, made, *rest = (np.zeros(s) for s in shapes)
+    noise_gains(projections, points, np.ones((2, 7)), estimation_of(system), aim, fiducial, aimed, made, *rest)
     chain = replace(
         chain_of(system), projections=projections, points=points, per_error=per_error, manufacturing_std_mm=std,
         manufactured=manufactured,
     )  # fmt: skip
-    gains, block_diagonal = image_gains(chain, aim)
+    images = image_gains(chain, aim)
+    gains, block_diagonal = images.columns, images.block_diagonal
     expected = [np.hstack([fiducial[v].transpose(1, 0, 2).reshape(3, 14), aimed[v]]) for v in range(2)]
     shared = [(made @ per_error).sum(axis=0).transpose(1, 0, 2).reshape(3, 21)] if manufactured else []
     np.testing.assert_allclose(gains, np.hstack([*expected, *shared]), rtol=1e-9, atol=1e-12)
@@ -176,7 +189,7 @@ def test_points_that_determine_nothing_have_gains_that_are_not_finite():
     projections = np.stack([v.projection for v in system.views])
     flat = system.fiducials_mm * [1.0, 1.0, 0.0]
     chain = replace(chain_of(system), projections=projections, points=flat, manufactured=False)
-    gains, _ = image_gains(chain, system.targets[0].position_mm)
+    gains = image_gains(chain, system.targets[0].position_mm).columns
     assert not np.isfinite(gains).all()
 
 

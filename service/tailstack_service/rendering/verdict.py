@@ -21,9 +21,15 @@ def heading(provenance: Provenance, what: str, method: str) -> str:
         return "\n".join(fold(provenance.design_name, prose_width())) + "\n" + wrap(what)
     how = (
         f"{what} · {method} · {provenance.reading} reading · {provenance.rotation_form.replace('_', ' ')} rotation · "
-        f"{provenance.triangulation} triangulation · tailstack {provenance.tailstack_version}"
+        f"{name_estimator(provenance)}{provenance.triangulation} triangulation · "
+        f"tailstack {provenance.tailstack_version}"
     )
     return design_line(provenance) + "\n" + wrap(how)
+
+
+def name_estimator(provenance: Provenance) -> str:
+    """What a view is estimated as, before other words of the model; nothing of DLT, which nobody has to ask for."""
+    return "" if provenance.estimator == "dlt" else f"{provenance.estimator.replace('_', ' ')} estimator · "
 
 
 def design_line(provenance: Provenance) -> str:

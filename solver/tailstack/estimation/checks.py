@@ -22,9 +22,11 @@ from ..geometry.naming import direction_name
 from ..geometry.rotation import displacement
 from ..results import Finding, ViewCheck
 from ..system import Estimator, Reading, System, Triangulation, View
+from .ambiguity import find_rival
 from .resection import design_matrix, hartley_similarity, homogeneous
 
 FEWEST = 6  # Eq 2: two rows a fiducial for eleven unknowns
+FEWEST_OF_POSE = 4
 TOUCHING_MM = 1e-3  # two fiducials closer than this are one
 COLLINEAR = 1e-5  # second over first singular value of the centred fiducials
 COPLANAR = 1e-5  # third over first
@@ -66,13 +68,18 @@ def check_geometry(system: System) -> tuple[Finding, ...]:
 def examine(system: System) -> tuple[tuple[Finding, ...], tuple[ViewCheck, ...]]:
     """:func:`check_geometry` and :func:`check_views` at once."""
     sights = _look(system)
-    findings = _check_fiducials(Share("/fiducials", "", system.fiducial_labels, system.fiducials_mm))
+    check = _check_few if system.estimator.believes_intrinsics else _check_fiducials
+    findings = check(Share("/fiducials", "", system.fiducial_labels, system.fiducials_mm))
     for share, each in zip(shares(system), sights, strict=True):
         if each.view.sees is not None:
-            findings += _check_fiducials(share)
+            findings += check(share)
     views = tuple(map(_check_view, shares(system), sights))
     findings += _check_visibility(system, views, sights)
-    findings += _check_resection(system, sights)
+    if system.estimator.believes_intrinsics:
+        _check_poses(system)
+    else:
+        findings += _check_resection(system, sights)
+    _check_noise(system)
     return (*findings, *_check_triangulation(system)), views
 
 
@@ -198,15 +205,17 @@ def _refuse(pointer: str, code: str, detail: str, hint: str) -> Problem:
     return Problem(pointer, code, detail, hint)
 
 
-def _check_fiducials(share: Share) -> list[Finding]:
+def _spread(share: Share, fewest: int, unknowns: str) -> tuple[Array, Array, Array]:
+    """Singular values of the centred fiducials, axes (rows), and extents along these.  Raises IllPosedError for too few
+    of them, two in one place, and all on a line."""
     pointer, who, labels, points = share
-    if len(points) < FEWEST:
+    if len(points) < fewest:
         raise IllPosedError(
             _refuse(
                 pointer,
                 "too-few-fiducials",
-                f"{who}a projection has 11 unknowns and a fiducial gives 2 equations; {len(points)} fiducials arrived",
-                f"use at least {FEWEST}; 8 or more give a margin",
+                f"{who}{unknowns}; {len(points)} fiducials arrived",
+                f"use at least {fewest}; 8 or more give a margin",
             )
         )
     first, second, distance = closest_two(points)
@@ -221,7 +230,6 @@ def _check_fiducials(share: Share) -> list[Finding]:
         )
     centred = points - points.mean(axis=0)
     _, values, axes = np.linalg.svd(centred, full_matrices=False)
-    _, width, thickness = np.ptp(centred @ axes.T, axis=0).tolist()
     if values[1] < COLLINEAR * values[0]:
         raise IllPosedError(
             _refuse(
@@ -232,6 +240,46 @@ def _check_fiducials(share: Share) -> list[Finding]:
                 "spread them in three dimensions",
             )
         )
+    return values, axes, np.ptp(centred @ axes.T, axis=0)
+
+
+def _check_few(share: Share) -> list[Finding]:
+    """What a pose takes: it may be estimated from fiducials in one plane."""
+    _spread(share, FEWEST_OF_POSE, "a pose has 6 unknowns, and three fiducials leave up to four of them")
+    return []
+
+
+def _check_poses(system: System) -> None:
+    """Refuse a view whose images two poses explain."""
+    for share, view in zip(shares(system), system.views, strict=True):
+        rival = find_rival(share.points, view)
+        if rival is not None:
+            raise IllPosedError(
+                _refuse(
+                    share.pointer,
+                    "ambiguous-pose",
+                    f"view {view.name} sees the flat structure {degrees(rival.tilt_rad):.0f} degrees off its normal, "
+                    f"and two poses explain its images: with the normal along {direction_name(rival.normal)} and along "
+                    f"{direction_name(rival.rival_normal)}, {rival.apart:.1f} standard deviations of the noise apart",
+                    "lift fiducials off the plane, turn the view by some ten degrees, or make the structure larger",
+                )
+            )
+
+
+def _check_noise(system: System) -> None:
+    """Weights are inverses of what the noise does."""
+    for index, view in enumerate(system.views):
+        quiet = not (view.fiducial_noise_px or view.target_noise_px)
+        if quiet and system.triangulation is Triangulation.WEIGHTED:
+            detail = f"the weighted triangulation divides by the noise of each view, and view {view.name} states none"
+            raise IllPosedError(_refuse(f"/views/{index}", "no-noise", detail, "state the noise of the images"))
+
+
+def _check_fiducials(share: Share) -> list[Finding]:
+    pointer, who = share.pointer, share.view
+    values, axes, (_, width, thickness) = _spread(
+        share, FEWEST, "a projection has 11 unknowns and a fiducial gives 2 equations"
+    )
     if values[2] < COPLANAR * values[0]:
         raise IllPosedError(
             _refuse(

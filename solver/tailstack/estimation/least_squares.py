@@ -94,7 +94,7 @@ def resect_pose(
     step = np.zeros((*batch, free))
     moved = np.full(batch, np.inf)
     for _ in range(STEPS):
-        found, slopes = _images_of(camera.intrinsics, offset, rotation, place, intrinsics)
+        found, slopes = images_of(camera.intrinsics, offset, rotation, place, intrinsics)
         rows = slopes[..., :free]
         left = images - found
         stacked, right = rows.reshape(*batch, -1, free), left.reshape(*batch, -1)
@@ -126,8 +126,15 @@ def _calibration(nominal: Array, change: Array) -> Array:
     return matrix
 
 
-def _images_of(nominal: Array, offset: Array, rotation: Array, place: Array, intrinsics: Array) -> tuple[Array, Array]:
-    """Images (..., N, 2) and their slopes (..., N, 2, 9): by a turn of the structure, its shift, and the intrinsics."""
+class Imaged(NamedTuple):
+    """Points as a view images them."""
+
+    images: Array  # (..., N, 2) px
+    slopes: Array  # (..., N, 2, 9): by a turn of the structure, its shift (camera frame), and the intrinsics
+
+
+def images_of(nominal: Array, offset: Array, rotation: Array, place: Array, intrinsics: Array) -> Imaged:
+    """Images of points at ``rotation @ offset + place``, by the intrinsics that deviate by so much from nominal."""
     turned = offset @ np.swapaxes(rotation, -1, -2)
     seen = turned + place[..., None, :]
     matrix = _calibration(nominal, intrinsics)
@@ -139,7 +146,7 @@ def _images_of(nominal: Array, offset: Array, rotation: Array, place: Array, int
     centre = matrix[..., None, :2, 2]
     by_intrinsics[..., 0] = (images - centre) / (1 + intrinsics[..., None, None, 0])
     by_intrinsics[..., 0, 1] = by_intrinsics[..., 1, 2] = 1.0
-    return images, np.concatenate([by_turn, by_place, by_intrinsics], axis=-1)
+    return Imaged(images, np.concatenate([by_turn, by_place, by_intrinsics], axis=-1))
 
 
 def resect_reprojection(points: Array, images: Array) -> Array:
@@ -183,21 +190,18 @@ def estimate_views(system: System, told: Array, images: Array, errors: Array | N
     told (..., N, 3) mm; images (..., V, N, 2) px; errors (..., V, 3) of the assumed intrinsics, None: they are exact.
     Returns (..., V, 3, 4), ``|P[2, :3]| = 1``.
     """
-    if system.estimator is Estimator.DLT:
-        return resect(told[..., None, :, :], images)
-    if system.estimator is Estimator.REPROJECTION:
-        return resect_reprojection(np.broadcast_to(told[..., None, :, :], (*images.shape[:-1], 3)), images)
-    known = precisions(system) if system.estimator is Estimator.POSE_WITH_PRIOR else None
-    found = [
-        resect_pose(
-            told,
-            images[..., v, :, :],
-            view,
-            error=None if errors is None else errors[..., v, :],
-            precision=None if known is None else known[v],
-        )
-        for v, view in enumerate(system.views)
-    ]
+    known = precisions(system)
+    found = []
+    for v, (view, weights) in enumerate(zip(system.views, system.sees, strict=True)):
+        points, seen = told[..., weights > 0, :], images[..., v, :, :][..., weights > 0, :]
+        if system.estimator is Estimator.DLT:
+            found.append(resect(points, seen))
+        elif system.estimator is Estimator.REPROJECTION:
+            found.append(resect_reprojection(points, seen))
+        else:
+            error = None if errors is None else errors[..., v, :]
+            precision = known[v] if system.estimator is Estimator.POSE_WITH_PRIOR else None
+            found.append(resect_pose(points, seen, view, error=error, precision=precision))
     return np.stack(found, axis=-3)
 
 
@@ -210,21 +214,21 @@ def row_weights(system: System, projections: Array, told: Array, point: Array) -
     """
     known = precisions(system)
     out = np.empty((len(system.views), 2, 2))
-    for v, (view, projection) in enumerate(zip(system.views, projections, strict=True)):
+    for v, (view, projection, seen) in enumerate(zip(system.views, projections, system.sees, strict=True)):
+        used = told[seen > 0]
         camera = split(projection)
-        centre = told.mean(axis=0)
+        centre = used.mean(axis=0)
         place = camera.rotation @ centre + camera.source_mm
-        nine = [
-            _images_of(camera.intrinsics, x - centre, camera.rotation, place, np.zeros(3)) for x in (told, point[None])
-        ]
-        slopes, aim = nine[0][1], nine[1][1][0]
-        if not system.estimator.believes_intrinsics:
-            slopes, aim = (_eleven(projection, x, told) for x in (told, point[None]))
-            aim = aim[0]
-        rows = slopes.reshape(2 * len(told), -1)
-        weight = np.ones(len(told))
+        both = np.vstack([used, point])
+        if system.estimator.believes_intrinsics:
+            every = images_of(camera.intrinsics, both - centre, camera.rotation, place, np.zeros(3)).slopes
+        else:
+            every = _eleven(projection, both, used)
+        slopes, aim = every[:-1], every[-1]
+        rows = slopes.reshape(2 * len(used), -1)
+        weight = np.ones(len(used))
         if system.estimator is Estimator.DLT:  # its rows are the images' residuals times the depths
-            weight = homogeneous(told) @ projection[2]
+            weight = homogeneous(used) @ projection[2]
         rows = rows * np.repeat(weight, 2)[:, None]
         if system.estimator is Estimator.POSE:
             rows, aim = rows[:, :6], aim[:, :6]

@@ -10,6 +10,7 @@ from math import floor, log10, radians
 import numpy as np
 
 from ..errors import InfeasibleError, NotConvergedError
+from ..propagation.linear import believed_errors
 from ..results import Relaxation, ShadowPrice
 from ..system import Law
 from .allocation import gaussian_bracket
@@ -308,9 +309,9 @@ def _no_bound(search: Search, problem: PlacementProblem) -> str | None:
 
 
 def _varies_unlike_normal(problem: PlacementProblem) -> bool:
-    return bool(problem.system.manufacturing_half_width_mm.any()) and (
-        problem.system.manufacturing_law is not Law.NORMAL
-    )
+    made = bool(problem.system.manufacturing_half_width_mm.any()) and problem.system.manufacturing_law is not Law.NORMAL
+    told = [error.sources.laws for error in believed_errors(problem.system) if error is not None]
+    return made or any(law is not Law.NORMAL for laws in told for law in laws)
 
 
 def _bracket(search: Search, problem: PlacementProblem, choice: Choice) -> tuple[float, float]:

@@ -16,6 +16,7 @@ from scipy.optimize import linprog
 from ..arrays import Array
 from ..errors import DesignError, Problem
 from ..geometry.naming import direction_name
+from ..propagation.linear import believed_errors
 from ..system import View
 from .problem import MOST_FIDUCIALS, FreeFiducial, PlacementProblem, for_people, in_words, label_of, present_choice
 from .regions import Ball, Box, Cylinder, KeepOut, Shape, bounding_box, corners, diameter_mm, distinct, furthest_mm
@@ -40,7 +41,9 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
         found += _flat(problem)
         estimator = estimator_of(problem.system)
         found += refuse_regions(problem, estimator)
-        if not estimator.fiducial_px.any() and not estimator.manufacturing_std_mm.any():
+        found += _intrinsics_bias(problem)
+        told = estimator.intrinsics_covariance.any()
+        if not (estimator.fiducial_px.any() or estimator.manufacturing_std_mm.any() or told):
             found.append(
                 Problem(
                     problem.places[0].pointer,
@@ -213,6 +216,21 @@ def _fixed_pairs(problem: PlacementProblem) -> list[Problem]:
 INSIDE_MM = 1e-6  # positions this far outside count as inside
 DENSEST_SPHERES = pi / sqrt(18)  # Kepler: no packing of equal spheres fills more (Hales 2005)
 DENSEST_DISCS = pi / sqrt(12)  # Thue (Fejes Toth 1940)
+
+
+def _intrinsics_bias(problem: PlacementProblem) -> list[Problem]:
+    """A known error of intrinsics moves the target by what depends on the layout; in the programme a bias does not."""
+    return [
+        Problem(
+            f"/views/{index}/intrinsics_error",
+            "layout-dependent-bias",
+            f"the known error of the intrinsics of view {view.name} moves the target by an amount that depends on "
+            "where the fiducials are, which the optimiser does not follow",
+            "correct the intrinsics by what is known, and state the rest as half-widths",
+        )
+        for index, (view, error) in enumerate(zip(problem.system.views, believed_errors(problem.system), strict=True))
+        if error is not None and error.bias.any()
+    ]
 
 
 def refuse_regions(problem: PlacementProblem, estimator: Estimator) -> list[Problem]:

@@ -26,9 +26,8 @@ from ..tail.declared import law_gradient, law_quantile
 from ..tail.per_unit import UnitQuantile, unit_quantile
 from .problem import Choice, Demand, PlacementProblem, apply_choice
 from .symbols import Duck, plain, times
-from .terms import LAYOUT_BLOCKS, DemandTerms, Mechanics, mechanics_of
+from .terms import DemandTerms, Mechanics, mechanics_of
 
-MANUFACTURING = "fiducial_manufacturing"
 LOG2_UNITS = 7  # 2048 units for a per-unit quantile: as the score draws them
 STEP = 1e-5  # relative step of central differences of the closed form
 UNIT_STEP = 1e-2  # likewise of a per-unit quantile: its slope jumps a little, which the step evens out
@@ -46,7 +45,7 @@ class Evaluation:
     mean_mm: Array  # (3,) at the worst vertex
     signs: Array  # (B,) ends of the bounded sources, in the order of ``DemandTerms.bounded``
     noise: Array  # (3, 3) mm^2 of image noise, in the frame of the limited error
-    made: Array  # (3, 3) mm^2 of manufacturing errors
+    made: Array  # (3, 3) mm^2 of manufacturing errors and of assumed intrinsics, drawn once per unit
     model: LinearModel
 
 
@@ -63,12 +62,12 @@ class Correction:
 
 
 def image_parts(model: LinearModel, error: str) -> tuple[Array, Array]:
-    """Covariances (3, 3) mm^2 of image noise and of manufacturing errors."""
+    """Covariances (3, 3) mm^2 of image noise, and of manufacturing errors and assumed intrinsics."""
     noise, made = np.zeros((3, 3)), np.zeros((3, 3))
     for block in model.blocks:
-        if block.contributor.startswith(LAYOUT_BLOCKS):
+        if block.imaged:
             scaled = model.gain(block, error) * block.std
-            (made if block.contributor == MANUFACTURING else noise)[...] += scaled @ scaled.T
+            (made if block.per_unit else noise)[...] += scaled @ scaled.T
     return noise, made
 
 
@@ -225,8 +224,8 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
     """
     groups: dict[bool, list[str]] = {True: [], False: []}
     for block in evaluation.model.blocks:
-        if block.contributor.startswith(LAYOUT_BLOCKS):
-            groups[block.contributor == MANUFACTURING].append(block.contributor)
+        if block.imaged:
+            groups[block.per_unit].append(block.contributor)
 
     def by_covariance(covariance: Array, names: list[str]) -> Array:
         lengths, axes = np.linalg.eigh(covariance)

@@ -24,7 +24,7 @@ from ..verification import UNITS
 from .exact_law import Evaluation, evaluate_demand, exact_quantile
 from .problem import Demand, PlacementProblem, apply_choice, in_words, label_of, least_half_widths, present_choice
 from .program import QUIET, Parameters, Point, Program, Row
-from .terms import FIDUCIAL_BLOCKS, DemandTerms, blind_half_widths, is_flat, scatter, terms_of
+from .terms import DemandTerms, blind_half_widths, is_flat, scatter, terms_of
 
 LEADING = 3  # contributors named
 NOISE = ("fiducial_noise:", "target_noise:")
@@ -358,5 +358,7 @@ def _layout(problem: PlacementProblem, demand: Demand) -> Finding | None:
 
 
 def with_perfect_fiducials(model: LinearModel) -> LinearModel:
-    """The linear model without image noise and manufacturing errors of the fiducials."""
-    return replace(model, blocks=tuple(b for b in model.blocks if not b.contributor.startswith(FIDUCIAL_BLOCKS)))
+    """The linear model without what comes by way of the fiducials: their noise, manufacture and assumed intrinsics."""
+    return replace(
+        model, blocks=tuple(b for b in model.blocks if not b.imaged or b.contributor.startswith("target_noise:"))
+    )

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..kernels import kernel
-from ..propagation.noise import noise_gains
+from ..propagation.noise import Estimation, noise_gains
 from .problem import PlacementProblem
 from .regions import Box, Cylinder, Shape, across_axis, clear_of, clip, contains, diameter_mm, distinct, move, sample
 from .terms import DemandTerms, Estimator, free_laws
@@ -176,6 +176,8 @@ def _exchange_model(problem: PlacementProblem, estimator: Estimator, terms: tupl
         fiducial_px=estimator.fiducial_px,
         manufacturing_std_mm=estimator.manufacturing_std_mm,
         weights=estimator.weights,
+        estimation=estimator.estimation,
+        intrinsics_covariance=estimator.intrinsics_covariance,
     )
 
 
@@ -327,6 +329,8 @@ class ExchangeModel(NamedTuple):
     fiducial_px: Array  # (V,) standard deviations
     manufacturing_std_mm: Array  # (N, 3)
     weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
+    estimation: Estimation  # what the estimator is and knows
+    intrinsics_covariance: Array  # (V, 3, 3) of the errors of the intrinsics that it believes
 
 
 # Inlined into the kernels below it takes their error model: coplanar candidates get infinite gains, not an exception.
@@ -334,13 +338,13 @@ gains_or_infinity = register_jitable(noise_gains)
 
 
 @kernel(nogil=True)
-def mean_square(points: Array, model: ExchangeModel, work: tuple[Array, Array, Array, Array]) -> float:
+def mean_square(points: Array, model: ExchangeModel, work: tuple[Array, Array, Array, Array, Array]) -> float:
     """Largest over the demands of E|e|^2, mm^2; inf where the layout is singular.
 
     points: (N, 3) mm as the estimator is told them; work: arrays for the gains (V, N, 3, 2), (V, 3, 2), (V, N, 3, 3),
-    (V, N, 2), overwritten.
+    (V, 3, 3), and for weights (V, 2, 2), overwritten.
     """
-    fiducial, target_gain, manufacturing, perspective = work
+    fiducial, target_gain, manufacturing, intrinsics, row_weights = work
     views = model.projections.shape[0]
     worst = 0.0
     for t in range(model.reconstructed.shape[0]):
@@ -348,11 +352,13 @@ def mean_square(points: Array, model: ExchangeModel, work: tuple[Array, Array, A
             model.projections,
             points,
             model.weights,
+            model.estimation,
             model.reconstructed[t],
             fiducial,
             target_gain,
             manufacturing,
-            perspective,
+            intrinsics,
+            row_weights,
         )
         total = model.constant[t]
         for i in range(points.shape[0]):
@@ -370,6 +376,16 @@ def mean_square(points: Array, model: ExchangeModel, work: tuple[Array, Array, A
                             for m in range(3):
                                 g += model.to_error[t, r, k] * manufacturing[v, i, k, m] * model.told[m, c]
                     total += (g * model.manufacturing_std_mm[i, c]) ** 2
+        for v in range(views):
+            through = np.zeros((3, 3))
+            for r in range(3):
+                for m in range(3):
+                    for k in range(3):
+                        through[r, m] += model.to_error[t, r, k] * intrinsics[v, k, m]
+            for r in range(3):
+                for m in range(3):
+                    for n in range(3):
+                        total += through[r, m] * model.intrinsics_covariance[v, m, n] * through[r, n]
         if not total < np.inf:
             return np.inf
         worst = max(worst, total)
@@ -449,7 +465,8 @@ def exchange(
         np.zeros((views, count, 3, 2)),
         np.zeros((views, 3, 2)),
         np.zeros((views, count, 3, 3)),
-        np.zeros((views, count, 2)),
+        np.zeros((views, 3, 3)),
+        np.zeros((views, 2, 2)),
     )
     best = mean_square(points, model, work)
     for _ in range(sweeps):

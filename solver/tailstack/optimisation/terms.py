@@ -1,9 +1,10 @@
 """The first-order model split into what the optimiser can change and what it cannot.
 
 At the biased geometry a mount, the hand-eye and the execution act on the error through gains that do not
-depend on the layout (DLT absorbs a rigid displacement exactly); only image noise and manufacturing errors
-see the fiducials.  The constants come from :func:`~tailstack.propagation.linear.linearise`, the rest from
-the same :func:`~tailstack.propagation.noise.noise_gains` that the score runs, here on symbols.
+depend on the layout (every estimator absorbs a rigid displacement exactly); only image noise, manufacturing
+errors and errors of assumed intrinsics see the fiducials.  The constants come from
+:func:`~tailstack.propagation.linear.linearise`, the rest from the same
+:func:`~tailstack.propagation.noise.noise_gains` that the score runs, here on symbols.
 
 Pivots and locator spacings enter those constants: a displacement ``R (x - p) + p + t`` and its derivative by the
 torsor are affine in the pivot p, the direction of six locators in the inverse 1/s of their spacing.  So every gain
@@ -20,15 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from ..propagation.linear import LinearModel, estimator_geometry, linearise
-from ..propagation.noise import noise_gains
-from ..system import STD_PER_HALF_WIDTH, Law, System
+from ..propagation.linear import LinearModel, believed_errors, estimation_of, estimator_geometry, linearise
+from ..propagation.noise import Estimation, noise_gains
+from ..system import STD_PER_HALF_WIDTH, IntrinsicsError, Law, System
 from .problem import Choice, Demand, PlacementProblem, apply_choice, mount_named, present_choice
 from .regions import bounding_box
 from .symbols import Duck, plain, times
 
-FIDUCIAL_BLOCKS = ("fiducial_noise:", "fiducial_manufacturing")
-LAYOUT_BLOCKS = (*FIDUCIAL_BLOCKS, "target_noise:")  # what a function of the layout carries to the error
 PIVOT_STEP_MM = 64.0  # any step would do for an affine function; a large one loses no digits
 
 
@@ -82,6 +81,8 @@ class Estimator:
     fiducial_px: Array  # (V,) standard deviations
     target_px: Array  # (V,)
     manufacturing_std_mm: Array  # (N, 3)
+    estimation: Estimation  # what the estimator is and knows
+    intrinsics_covariance: Array  # (V, 3, 3) of the errors of the intrinsics that it believes
     weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
 
 
@@ -95,8 +96,18 @@ def estimator_of(system: System) -> Estimator:
         fiducial_px=np.array([view.fiducial_noise_px for view in system.views]),
         target_px=np.array([view.target_noise_px for view in system.views]),
         manufacturing_std_mm=system.manufacturing_std_mm,
+        estimation=estimation_of(system),
+        intrinsics_covariance=np.array([_covariance(error) for error in believed_errors(system)]),
         weights=system.sees,
     )
+
+
+def _covariance(error: IntrinsicsError | None) -> Array:
+    """(3, 3) of the assumed intrinsics of a view."""
+    if error is None:
+        return np.zeros((3, 3))
+    scaled = error.sources.direction * error.sources.std
+    return np.asarray(scaled @ scaled.T)
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,7 +242,7 @@ class _Parts:
 def _parts(problem: PlacementProblem, choice: Choice, demand: Demand) -> _Parts:
     model = linearise(apply_choice(problem, choice), demand.target)
     error = demand.requirement.error
-    gains = [model.gain(block, error).T for block in model.blocks if not block.contributor.startswith(LAYOUT_BLOCKS)]
+    gains = [model.gain(block, error).T for block in model.blocks if not block.imaged]
     stacked = np.vstack(gains) if gains else np.zeros((0, 3))
     return _Parts(model, (model.reconstructed_mm, model.bias_mm(error), stacked))
 
@@ -241,7 +252,7 @@ def _sources(problem: PlacementProblem, model: LinearModel) -> tuple[SourceTerm,
     laws = free_laws(problem)
     found = []
     for block in model.blocks:
-        if block.contributor.startswith(LAYOUT_BLOCKS):
+        if block.imaged:
             continue
         for j, (name, law) in enumerate(zip(block.components, block.laws, strict=True)):
             k = free.get((block.contributor, name))
@@ -271,7 +282,8 @@ def free_laws(problem: PlacementProblem) -> tuple[tuple[Law, float], ...]:
 def image_covariances(
     estimator: Estimator, terms: DemandTerms, fiducials: Duck, projections: Duck, told_shift: Duck, reconstructed: Duck
 ) -> tuple[Duck, Duck]:
-    """Covariances (3, 3) mm^2 of image noise and of manufacturing errors, in the frame of the limited error.
+    """Covariances (3, 3) mm^2 of image noise, and of manufacturing errors and assumed intrinsics, which are drawn once
+    per unit, in the frame of the limited error.
 
     fiducials (N, 3) mm, projections (V, 3, 4), told_shift (3,) and reconstructed (3,): object arrays of numbers
     or symbols.
@@ -280,8 +292,22 @@ def image_covariances(
     views, count = len(estimator.projections), points.shape[0]
     kind = points.dtype
     fiducial, target = np.zeros((views, count, 3, 2), kind), np.zeros((views, 3, 2), kind)
-    manufacturing, perspective = np.zeros((views, count, 3, 3), kind), np.zeros((views, count, 2), kind)
-    noise_gains(projections, points, estimator.weights, reconstructed, fiducial, target, manufacturing, perspective)
+    manufacturing, intrinsics = np.zeros((views, count, 3, 3), kind), np.zeros((views, 3, 3), kind)
+    told = estimator.estimation._replace(
+        precision=plain(estimator.estimation.precision), noise=plain(estimator.estimation.noise)
+    )
+    noise_gains(
+        projections,
+        points,
+        estimator.weights,
+        told,
+        reconstructed,
+        fiducial,
+        target,
+        manufacturing,
+        intrinsics,
+        np.zeros((views, 2, 2), kind),
+    )
     noise = np.zeros((3, 3), kind)
     for v in range(views):
         columns = fiducial[v].transpose(1, 0, 2).reshape(3, 2 * count)
@@ -293,6 +319,9 @@ def image_covariances(
         for i in range(count):
             scaled = shared[i] @ plain(estimator.told) * plain(estimator.manufacturing_std_mm[i])
             made = made + scaled @ scaled.T
+    for gain, covariance in zip(intrinsics, estimator.intrinsics_covariance, strict=True):
+        if covariance.any():
+            made = made + gain @ plain(covariance) @ gain.T
     to_error = plain(terms.to_error)
     return to_error @ noise @ to_error.T, to_error @ made @ to_error.T
 

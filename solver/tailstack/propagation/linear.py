@@ -14,12 +14,14 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import IllPosedError, Problem
-from ..estimation.checks import refuse_unknown
 from ..geometry.rotation import Displacement, displacement
-from ..system import Law, Reading, System, Target, Triangulation
-from .noise import noise_gains, noise_gains_jit
+from ..system import Estimator, IntrinsicsError, Law, Reading, System, Target, Triangulation
+from .noise import Estimation, noise_gains, noise_gains_jit
 from .nonlinearity import Nonlinearity, matrix_covariance, nonlinearity
 
+ASSUMED = "assumed_intrinsics:"  # followed by the name of a view: the contributor
+UNKNOWNS = {Estimator.DLT: 0, Estimator.POSE: 6, Estimator.POSE_WITH_PRIOR: 9, Estimator.REPROJECTION: 11}
+ROWS = {Triangulation.WEIGHTED: 1, Triangulation.REPROJECTION: 2}  # the others: 0
 NO_GAIN = np.zeros((3, 0))
 
 
@@ -37,6 +39,7 @@ class Block(NamedTuple):
     grouped: bool  # reported as one line (all columns are alike), not component by component
     per_unit: bool  # drawn once per installed unit (True) or at each shot (False)
     label: str = ""  # what people call the contributor
+    imaged: bool = False  # acts through the images: its gains are those of ``image_gains`` and depend on the layout
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +50,8 @@ class Chain:
     projections: Array  # (V, 3, 4), |p3| = 1: effective ones
     points: Array  # (N, 3) mm, the fiducials as the estimator is told them
     weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
+    estimation: Estimation  # what the estimator is and knows
+    intrinsics: tuple[IntrinsicsError | None, ...]  # of each view: the error of what it is told; None: no such error
     per_error: Array  # (3, 3) from a manufacturing error to a displacement of those
     first: Displacement
     undone: Array  # (3, 3) inverse of the first interface's rotation
@@ -83,6 +88,32 @@ def _estimator_geometry(system: System, first: Displacement) -> tuple[Array, Arr
     return effective / np.linalg.norm(effective[:, 2, :3], axis=1)[:, None, None], nominal, per_error
 
 
+def estimation_of(system: System) -> Estimation:
+    """What the estimator of a system is and knows, in the numbers that the gains take."""
+    precision = np.zeros((len(system.views), 3))
+    for v, view in enumerate(system.views):
+        if system.estimator is Estimator.POSE_WITH_PRIOR and view.intrinsics_prior is not None:
+            focal, centre = view.intrinsics_prior
+            precision[v] = (view.fiducial_noise_px / np.array([focal, centre, centre])) ** 2
+    return Estimation(
+        UNKNOWNS[system.estimator],
+        ROWS.get(system.triangulation, 0),
+        precision,
+        np.array([(view.fiducial_noise_px, view.target_noise_px) for view in system.views]),
+    )
+
+
+def believed_errors(system: System) -> tuple[IntrinsicsError | None, ...]:
+    """For each view the error of the intrinsics that its estimate believes; None where there is none."""
+    if not system.estimator.believes_intrinsics:
+        return (None,) * len(system.views)
+    return tuple(view.intrinsics_error for view in system.views)
+
+
+def _label(contributor: str) -> str:
+    return contributor.replace("_", " ").replace(":", ", ")
+
+
 def _blocks(system: System) -> tuple[Block, ...]:
     """In the order of the chain, without gains: image noise view by view, manufacturing, mounts, execution."""
     blocks: list[Block] = []
@@ -90,10 +121,9 @@ def _blocks(system: System) -> tuple[Block, ...]:
     std = system.manufacturing_std_mm.ravel()
 
     def add_group(name: str, unit: str, law: Law, half_width: Array, std: Array, per_unit: bool) -> None:
-        label, k = name.replace("_", " ").replace(":", ", "), len(std)
-        blocks.append(
-            Block(name, ("all",) * k, (law,) * k, half_width, std, (unit,) * k, NO_GAIN, NO_GAIN, True, per_unit, label)
-        )
+        k = len(std)
+        what = ("all",) * k, (law,) * k, half_width, std, (unit,) * k
+        blocks.append(Block(name, *what, NO_GAIN, NO_GAIN, True, per_unit, _label(name), True))
 
     for view in system.views:
         for name, sigma in (
@@ -104,29 +134,35 @@ def _blocks(system: System) -> tuple[Block, ...]:
     if std.any():
         wide = system.manufacturing_half_width_mm.ravel()
         add_group("fiducial_manufacturing", "mm", system.manufacturing_law, wide, std, True)
-    mounts = ((mount.name, mount.title, mount.sources, True) for mount in (*system.interfaces, system.hand_eye))
-    for name, title, sources, per_unit in (*mounts, ("execution", "execution", system.execution, False)):
+    told = [
+        (f"{ASSUMED}{view.name}", _label(f"{ASSUMED}{view.name}"), error.sources, True, True)
+        for view, error in zip(system.views, believed_errors(system), strict=True)
+        if error is not None
+    ]
+    mounts = [(mount.name, mount.title, mount.sources, True, False) for mount in (*system.interfaces, system.hand_eye)]
+    every = (*told, *mounts, ("execution", "execution", system.execution, False, False))
+    for name, title, sources, per_unit, imaged in every:
         if sources.names:
             what = sources.names, sources.laws, sources.half_width, sources.std, sources.units
-            blocks.append(Block(name, *what, NO_GAIN, NO_GAIN, False, per_unit, title))
+            blocks.append(Block(name, *what, NO_GAIN, NO_GAIN, False, per_unit, title, imaged))
     return tuple(blocks)
 
 
 def chain_of(system: System) -> Chain:
     """Everything :func:`linearise` needs that does not depend on the target."""
-    refuse_unknown(system, "first order")
     form = system.rotation_form
     first, second, third = (
         displacement(mount.bias, mount.pivot_mm, form) for mount in (*system.interfaces, system.hand_eye)
     )
     projections, points, per_error = _estimator_geometry(system, first)
-    std, weights = system.manufacturing_std_mm, system.sees
-    fiducial_noise = np.array([view.fiducial_noise_px for view in system.views])
+    std, weights, estimation = system.manufacturing_std_mm, system.sees, estimation_of(system)
     return Chain(
         system=system,
         projections=projections,
         points=points,
         weights=weights,
+        estimation=estimation,
+        intrinsics=believed_errors(system),
         per_error=per_error,
         first=first,
         undone=np.asarray(np.linalg.inv(first.rotation)),
@@ -135,7 +171,9 @@ def chain_of(system: System) -> Chain:
         to_tool=system.T_tcp_con,
         manufacturing_std_mm=std,
         target_noise_px=np.array([view.target_noise_px for view in system.views]),
-        matrix_covariance=matrix_covariance(projections, points, weights, per_error, std, fiducial_noise),
+        matrix_covariance=matrix_covariance(
+            projections, points, weights, estimation, per_error, std, believed_errors(system)
+        ),
         manufactured=bool(std.any()),
         blocks=_blocks(system),
     )
@@ -198,8 +236,8 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
     """:func:`linearise` where the chain is known already."""
     system = chain.system
     reconstructed, torsor_1 = _reconstructed(chain, target)
-    of_images, block_diagonal = image_gains(chain, reconstructed)
-    if not np.isfinite(of_images).all():
+    images = image_gains(chain, reconstructed)
+    if not np.isfinite(images.columns).all():
         raise IllPosedError(
             Problem(
                 "/fiducials",
@@ -223,8 +261,8 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
     }
     blocks, start = [], 0
     for block in chain.blocks:
-        if block.grouped:
-            localisation = of_images[:, start : start + len(block.laws)]
+        if block.imaged:
+            localisation = images.columns[:, start : start + len(block.laws)]
             start += len(block.laws)
         else:
             localisation = before.get(block.contributor, np.zeros((3, len(block.laws))))
@@ -237,44 +275,74 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
         reconstructed,
         chain.matrix_covariance,
         chain.target_noise_px,
+        images.row_weights,
         published=system.triangulation is Triangulation.PUBLISHED,
     )
     return LinearModel(
         target=target,
         reconstructed_mm=reconstructed,
-        localisation_bias_mm=reconstructed - target.position_mm,
-        tcp_bias_mm=chain.third.move(at_tool) + system.execution_bias_mm - (turn @ target.position_mm + shift),
+        localisation_bias_mm=reconstructed - target.position_mm + images.bias_mm,
+        tcp_bias_mm=chain.third.move(at_tool)
+        + system.execution_bias_mm
+        - (turn @ target.position_mm + shift)
+        + to_tcp @ images.bias_mm,
         blocks=tuple(blocks),
         tcp_from_localisation=to_tcp,
-        manufacturing_block_diagonal=block_diagonal,
+        manufacturing_block_diagonal=images.block_diagonal,
         nonlinearity=numbers,
         extrapolation=_extrapolation(chain.points, reconstructed),
     )
 
 
-def image_gains(chain: Chain, target_mm: Array) -> tuple[Array, Array]:
-    """(gains of all image noise and manufacturing errors on the reconstructed point (3, K); covariance (3, 3) mm^2 of
-    the manufacturing errors as Eq 16 has it, cross-view terms dropped).
+class ImageGains(NamedTuple):
+    """What images do to the reconstructed point."""
+
+    columns: Array  # (3, K) of every source that acts through them, mm per native unit: of the imaged blocks in turn
+    block_diagonal: Array  # (3, 3) mm^2, of the manufacturing errors as Eq 16 has it: cross-view terms dropped
+    bias_mm: Array  # (3,) of the known errors of the intrinsics that are believed
+    row_weights: Array  # (V, 2, 2) of the rows of triangulation
+
+
+def image_gains(chain: Chain, target_mm: Array) -> ImageGains:
+    """What images do to the reconstructed point.
 
     target_mm: (3,) the point without noise.  Columns, for each view: 2 N of its fiducials (u and v of each) and 2 of
-    the target, mm per px; then 3 N of the manufacturing errors (x, y, z of each), mm per mm, if any is not 0.
+    the target, mm per px; then 3 N of the manufacturing errors (x, y, z of each), mm per mm, if any is not 0; then
+    those of the assumed intrinsics of each view that has an error of them.
     """
     views, count = len(chain.projections), len(chain.points)
     # Points with an imaginary part, by which these gains are differentiated, run the source that is not compiled.
     kind = chain.points.dtype
     fill = noise_gains if kind == np.complex128 else noise_gains_jit
     fiducial, aimed = np.zeros((views, count, 3, 2), kind), np.zeros((views, 3, 2), kind)
-    made, perspective = np.zeros((views, count, 3, 3), kind), np.zeros((views, count, 2), kind)
-    fill(chain.projections, chain.points, chain.weights, target_mm, fiducial, aimed, made, perspective)
+    made, assumed = np.zeros((views, count, 3, 3), kind), np.zeros((views, 3, 3), kind)
+    row_weights = np.zeros((views, 2, 2), kind)
+    fill(
+        chain.projections,
+        chain.points,
+        chain.weights,
+        chain.estimation,
+        target_mm,
+        fiducial,
+        aimed,
+        made,
+        assumed,
+        row_weights,
+    )
     columns = []
     for v in range(views):
         columns += [fiducial[v].transpose(1, 0, 2).reshape(3, 2 * count), aimed[v]]
-    if not chain.manufactured:
-        return np.hstack(columns), np.zeros((3, 3))
-    through = made @ chain.per_error
-    columns.append(through.sum(axis=0).transpose(1, 0, 2).reshape(3, 3 * count))
-    scaled = (through * chain.manufacturing_std_mm[:, None, :]).transpose(2, 0, 1, 3).reshape(3, -1)
-    return np.hstack(columns), scaled @ scaled.T
+    block_diagonal, bias = np.zeros((3, 3), kind), np.zeros(3, kind)
+    if chain.manufactured:
+        through = made @ chain.per_error
+        columns.append(through.sum(axis=0).transpose(1, 0, 2).reshape(3, 3 * count))
+        scaled = (through * chain.manufacturing_std_mm[:, None, :]).transpose(2, 0, 1, 3).reshape(3, -1)
+        block_diagonal = scaled @ scaled.T
+    for gain, error in zip(assumed, chain.intrinsics, strict=True):
+        if error is not None:
+            columns.append(gain @ error.sources.direction)
+            bias = bias + gain @ error.bias
+    return ImageGains(np.hstack(columns), block_diagonal, bias, row_weights)
 
 
 def _extrapolation(points: Array, target_mm: Array) -> float:

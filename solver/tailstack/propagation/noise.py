@@ -20,11 +20,16 @@ point; the cheapest holds the centroid's depth fixed, ``dp3[3] = 0``, and invert
 The target's residual ``p1.Q - t_u p3.Q`` (Eq 5) has derivative ``h`` by ``a``, and ``y = (M'M)^+ h`` turns
 the sum over fiducials into O(N): fiducial i contributes ``w_i (A_i y)' n_i``.  Finally the stacked rows
 give ``dq = -J^+ (residuals)`` (Eq 16).
+
+The other estimators make the images' residuals least.  Their unknowns a move by ``(J'J + precision)^-1 J' n``, J the
+slopes of the images by them, and the target's image by its own slopes: the same residual, and everything behind it
+stays.  No camera matrix is split for it: a turn and a shift of the structure do to its images what those of the camera
+do, and with ``|p3| = 1`` the principal point is ``(p1 . p3, p2 . p3)``.  ``docs/estimators.md`` has the derivation.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
@@ -146,14 +151,11 @@ def eliminate(projection: Duck, points: Duck, weights: Duck) -> Duck:
 
 
 @register_jitable
-def view_residual_gains(
-    projection: Duck, points: Duck, weights: Duck, target: Duck, gains: Duck, perspective: Duck
-) -> Duck:
-    """One view: gains of the target's residual by the fiducials' image noise.
+def linear_residual_gains(projection: Duck, points: Duck, weights: Duck, target: Duck, gains: Duck) -> Duck:
+    """One view by DLT: gains of the target's residual by the fiducials' image noise.
 
     projection (3, 4) with |p3| = 1; points (N, 3), target (3,) in mm; weights (N,): see ``eliminate``.  Fills
-    ``gains`` (N, 2, 2): residual (rows u, v) per px of noise (columns u, v), zero of what the view does not see; and
-    ``perspective`` (N, 2): gauge-free relative perspective error at the target, ``dw(q)/w(q) - dw(c)/w(c)``, per px.
+    ``gains`` (N, 2, 2): residual (rows u, v) per px of noise (columns u, v), zero of what the view does not see.
     Returns (target image u, v relative to the centroid's image; the centroid's image u, v; target depth) as a (5,)
     array.
     """
@@ -174,21 +176,19 @@ def view_residual_gains(
     tu = t0 / t2
     tv = t1 / t2
 
-    # y = (M'M)^+ h for the u row, the v row and the perspective functional (columns 0, 1, 2).
-    y = np.zeros((3, 4, 3), points.dtype)  # [p1|p2|p3, coordinate, column]
-    for c in range(3):
+    # y = (M'M)^+ h for the u row and the v row (columns 0, 1).
+    y = np.zeros((3, 4, 2), points.dtype)  # [p1|p2|p3, coordinate, column]
+    for c in range(2):
         rhs = np.zeros(3, points.dtype)
         for j in range(3):
             if c == 0:
                 rhs[j] = rhs[j] - tu * tq[j]
                 for m in range(4):
                     rhs[j] = rhs[j] + du[m, j] * tq[m]  # (Gu D^-1 q)_j, both symmetric
-            elif c == 1:
+            else:
                 rhs[j] = rhs[j] - tv * tq[j]
                 for m in range(4):
                     rhs[j] = rhs[j] + dv[m, j] * tq[m]
-            else:
-                rhs[j] = rhs[j] + tq[j] / t2
         for j in range(3):
             for m in range(3):
                 y[2, j, c] = y[2, j, c] + s_inv[j, m] * rhs[m]
@@ -196,14 +196,13 @@ def view_residual_gains(
             for m in range(3):
                 y[0, j, c] = y[0, j, c] + du[j, m] * y[2, m, c]
                 y[1, j, c] = y[1, j, c] + dv[j, m] * y[2, m, c]
-        if c < 2:  # D^-1 q on the row that carries the target
-            for j in range(3):
-                for m in range(3):
-                    y[c, j, c] = y[c, j, c] + d_inv[j, m] * tq[m]
-            y[c, 3, c] = y[c, 3, c] + tq[3] / total
+        for j in range(3):  # D^-1 q on the row that carries the target
+            for m in range(3):
+                y[c, j, c] = y[c, j, c] + d_inv[j, m] * tq[m]
+        y[c, 3, c] = y[c, 3, c] + tq[3] / total
     for i in range(count):
         w = image[i, 2] * weights[i]
-        for c in range(3):
+        for c in range(2):
             e1 = y[0, 3, c]
             e2 = y[1, 3, c]
             e3 = y[2, 3, c]
@@ -211,14 +210,8 @@ def view_residual_gains(
                 e1 = e1 + local[i, k] * y[0, k, c]
                 e2 = e2 + local[i, k] * y[1, k, c]
                 e3 = e3 + local[i, k] * y[2, k, c]
-            gain_u = w * (e1 - image[i, 0] * e3)
-            gain_v = w * (e2 - image[i, 1] * e3)
-            if c < 2:
-                gains[i, c, 0] = gain_u
-                gains[i, c, 1] = gain_v
-            else:
-                perspective[i, 0] = gain_u
-                perspective[i, 1] = gain_v
+            gains[i, c, 0] = w * (e1 - image[i, 0] * e3)
+            gains[i, c, 1] = w * (e2 - image[i, 1] * e3)
     out = np.zeros(5, points.dtype)
     out[0] = tu
     out[1] = tv
@@ -229,52 +222,246 @@ def view_residual_gains(
 
 
 @register_jitable
+def solve_symmetric(matrix: Duck, right: Duck) -> None:
+    """``right`` (n, m) becomes matrix^-1 right, by L D L' without pivoting; the positive definite matrix (n, n) is
+    overwritten."""
+    size = matrix.shape[0]
+    for j in range(size):
+        for k in range(j):
+            for i in range(j, size):  # the lower triangle holds L, the diagonal D, the upper triangle D L'
+                matrix[i, j] = matrix[i, j] - matrix[i, k] * matrix[k, j]
+        for i in range(j + 1, size):
+            matrix[j, i] = matrix[i, j]
+            matrix[i, j] = matrix[i, j] / matrix[j, j]
+    for c in range(right.shape[1]):
+        for j in range(size):
+            for k in range(j):
+                right[j, c] = right[j, c] - matrix[j, k] * right[k, c]
+        for j in range(size):
+            right[j, c] = right[j, c] / matrix[j, j]
+        for back in range(size):
+            j = size - 1 - back
+            for k in range(j + 1, size):
+                right[j, c] = right[j, c] - matrix[k, j] * right[k, c]
+
+
+@register_jitable
+def image_slopes(projection: Duck, point: Duck, centre: Duck, origin: Duck, unknowns: int, out: Duck) -> Duck:
+    """Fills ``out`` (2, 11): how the image of a point moves with a view's unknowns; returns its u, v and depth (3,).
+
+    projection (3, 4) with |p3| = 1; point (3,) and centre (3,) mm; origin (2,) px.  With eleven unknowns they are the
+    entries of the matrix about the centre and its image, the depth of the centre held.  Otherwise columns 0-5 are a
+    turn, rad, of the point about the centre and its shift, mm, which do to an image what a turn and a shift of the
+    camera do; columns 6-8 are the intrinsics: the focal length (relative; the slopes grow from the principal point,
+    which is ``(p1 . p3, p2 . p3)``) and the principal point itself.
+    """
+    image = np.zeros(3, point.dtype)
+    for r in range(3):
+        image[r] = image[r] + projection[r, 3]
+        for k in range(3):
+            image[r] = image[r] + projection[r, k] * point[k]
+    image[0] = image[0] / image[2]
+    image[1] = image[1] / image[2]
+    away = np.zeros(3, point.dtype)
+    slope = np.zeros(3, point.dtype)
+    for k in range(3):
+        away[k] = point[k] - centre[k]
+    for c in range(2):
+        if unknowns == 11:
+            for k in range(3):
+                out[c, 4 * c + k] = away[k] / image[2]
+                out[c, 8 + k] = -(image[c] - origin[c]) * away[k] / image[2]
+            out[c, 4 * c + 3] = 1.0 / image[2]
+        else:
+            middle = projection[c, 0] * projection[2, 0]
+            for k in range(1, 3):
+                middle = middle + projection[c, k] * projection[2, k]
+            for k in range(3):
+                slope[k] = (projection[c, k] - image[c] * projection[2, k]) / image[2]
+            for k in range(3):
+                a = (k + 1) % 3
+                b = (k + 2) % 3
+                out[c, k] = away[a] * slope[b] - away[b] * slope[a]
+                out[c, 3 + k] = slope[k]
+            out[c, 6] = image[c] - middle
+            out[c, 7 + c] = 1.0
+    return image
+
+
+@register_jitable
+def least_squares_residual_gains(
+    projection: Duck,
+    points: Duck,
+    weights: Duck,
+    target: Duck,
+    unknowns: int,
+    precision: Duck,
+    gains: Duck,
+    intrinsics: Duck,
+) -> Duck:
+    """One view by least squares of the images: gains of the target's residual.
+
+    As ``linear_residual_gains``, which see; unknowns: 6, 9 or 11; precision (3,) px^2: variance of an image coordinate
+    over that of each intrinsic beforehand, 0 where nothing is known (read with nine unknowns).  The unknowns a move by
+    ``I^-1 J' n`` with ``I = J'J + precision``, n the fiducials' noise, and the image of the target by its own slopes.
+    Also fills ``intrinsics`` (2, 3): residual per unit of error of the assumed intrinsics (with six or nine unknowns):
+    an error d moves the images that are expected by J3 d, to which the unknowns give way as to noise of - J3 d.
+    """
+    count = points.shape[0]
+    centre = mean_rows(points, weights)
+    origin = np.zeros(2, points.dtype)
+    slopes = np.zeros((count, 2, 11), points.dtype)
+    aim = np.zeros((2, 11), points.dtype)
+    middle = image_slopes(projection, centre, centre, origin, unknowns, aim)
+    for c in range(2):
+        origin[c] = middle[c]
+    seen = image_slopes(projection, target, centre, origin, unknowns, aim)
+    information = np.zeros((unknowns, unknowns), points.dtype)
+    for i in range(count):
+        image_slopes(projection, points[i], centre, origin, unknowns, slopes[i])
+        for c in range(2):
+            for j in range(unknowns):
+                for k in range(unknowns):
+                    information[j, k] = information[j, k] + slopes[i, c, j] * slopes[i, c, k] * weights[i]
+    if unknowns == 9:
+        for k in range(3):
+            information[6 + k, 6 + k] = information[6 + k, 6 + k] + precision[k]
+    y = np.zeros((unknowns, 2), points.dtype)
+    for k in range(unknowns):
+        for c in range(2):
+            y[k, c] = y[k, c] + aim[c, k] * seen[2]
+    solve_symmetric(information, y)
+    if unknowns < 11:
+        for c in range(2):
+            for m in range(3):
+                intrinsics[c, m] = aim[c, 6 + m] * seen[2]
+    for i in range(count):
+        for c in range(2):
+            for e in range(2):
+                gain = slopes[i, e, 0] * y[0, c]
+                for k in range(1, unknowns):
+                    gain = gain + slopes[i, e, k] * y[k, c]
+                gains[i, c, e] = gain * weights[i]
+                if unknowns < 11:
+                    for m in range(3):
+                        intrinsics[c, m] = intrinsics[c, m] - gains[i, c, e] * slopes[i, e, 6 + m]
+    out = np.zeros(5, points.dtype)
+    for c in range(2):
+        out[c] = seen[c] - origin[c]
+        out[2 + c] = origin[c]
+    out[4] = seen[2]
+    return out
+
+
+class Estimation(NamedTuple):
+    """What an estimator is and knows, in numbers (``linear.estimation_of`` makes it of a system)."""
+
+    unknowns: int  # of a view: 0 eleven by DLT; 6, 9 or 11 by least squares of the images
+    rows: int  # of triangulation: 0 by depth, 1 by the inverse of their covariance, 2 by images
+    precision: Duck  # (V, 3) px^2: variance of an image coordinate over that of each intrinsic; 0: nothing is known
+    noise: Duck  # (V, 2) px: of fiducials and target; read by the weighted rows
+
+
+@register_jitable
+def weigh_rows(rows: int, gains: Duck, noise: Duck, depth: Duck, out: Duck) -> None:
+    """Fills ``out`` (2, 2): the weight of one view's rows in triangulation.
+
+    rows: see ``Estimation``; gains (N, 2, 2) of the residual; noise (2,) px; depth of the target, mm.
+    """
+    if rows == 0:
+        out[0, 0] = 1.0
+        out[1, 1] = 1.0
+    elif rows == 2:
+        out[0, 0] = 1.0 / (depth * depth)
+        out[1, 1] = 1.0 / (depth * depth)
+    else:
+        covariance = np.zeros((2, 2), gains.dtype)
+        for c in range(2):
+            for e in range(2):
+                for i in range(gains.shape[0]):
+                    both = gains[i, c, 0] * gains[i, e, 0] + gains[i, c, 1] * gains[i, e, 1]
+                    covariance[c, e] = covariance[c, e] + both * noise[0] * noise[0]
+            covariance[c, c] = covariance[c, c] + depth * depth * noise[1] * noise[1]
+        det = covariance[0, 0] * covariance[1, 1] - covariance[0, 1] * covariance[1, 0]
+        out[0, 0] = covariance[1, 1] / det
+        out[1, 1] = covariance[0, 0] / det
+        out[0, 1] = -covariance[0, 1] / det
+        out[1, 0] = -covariance[1, 0] / det
+
+
+@register_jitable
 def noise_gains(
     projections: Duck,
     points: Duck,
     weights: Duck,
+    estimation: Duck,
     target: Duck,
     fiducial: Duck,
     target_gain: Duck,
     manufacturing: Duck,
-    perspective: Duck,
+    intrinsics: Duck,
+    row_weights: Duck,
 ) -> None:
     """Gains of the triangulated point, in the frame of ``points``, by every random image-side input.
 
     projections (V, 3, 4) mm -> px with |p3| = 1: the *effective* ones, ``P_v T_err1`` in the physical reading;
     points (N, 3) nominal fiducials, mm; weights (V, N): 1 where a view's estimate uses a fiducial, 0 where it does
-    not; target (3,) the noise-free reconstructed point, mm.  Fills
+    not; estimation: see ``Estimation``; target (3,) the noise-free reconstructed point, mm.  Fills
 
     - fiducial (V, N, 3, 2): mm per px of image noise of fiducial i in view v;
     - target_gain (V, 3, 2): mm per px of the target's image noise;
     - manufacturing (V, N, 3, 3): mm per mm of m_i *through view v*.  The error is one and shared, so
       the gain of m_i is the sum over v; adding the squares per view instead is the block-diagonal
       covariance of Eq 16, which drops Cov(A_1, A_2);
-    - perspective (V, N, 2): relative perspective error per px (for the validity number).
+    - intrinsics (V, 3, 3): mm per unit of error of a view's assumed intrinsics (``system.INTRINSICS``), 0 where the
+      estimator believes none;
+    - row_weights (V, 2, 2): the weight of each view's rows in triangulation.
     """
     views = projections.shape[0]
     count = points.shape[0]
     residual = np.zeros((views, count, 2, 2), points.dtype)
+    assumed = np.zeros((views, 2, 3), points.dtype)
     rows = np.zeros((views, 2, 3), points.dtype)
+    weighed = np.zeros((views, 2, 3), points.dtype)  # the rows times their weights
     depth = np.zeros(views, points.dtype)
     normal = np.zeros((3, 3), points.dtype)
     for v in range(views):
-        image = view_residual_gains(projections[v], points, weights[v], target, residual[v], perspective[v])
+        if estimation.unknowns == 0:
+            image = linear_residual_gains(projections[v], points, weights[v], target, residual[v])
+        else:
+            image = least_squares_residual_gains(
+                projections[v],
+                points,
+                weights[v],
+                target,
+                estimation.unknowns,
+                estimation.precision[v],
+                residual[v],
+                assumed[v],
+            )
         depth[v] = image[4]
+        weigh_rows(estimation.rows, residual[v], estimation.noise[v], image[4], row_weights[v])
         for c in range(2):
             for k in range(3):
                 rows[v, c, k] = projections[v, c, k] - (image[c] + image[2 + c]) * projections[v, 2, k]
+        for c in range(2):
+            for k in range(3):
+                weighed[v, c, k] = rows[v, c, k] * row_weights[v, c, c]
+                if estimation.rows == 1:
+                    weighed[v, c, k] = weighed[v, c, k] + rows[v, 1 - c, k] * row_weights[v, c, 1 - c]
         for j in range(3):
             for k in range(3):
-                normal[j, k] = normal[j, k] + rows[v, 0, j] * rows[v, 0, k] + rows[v, 1, j] * rows[v, 1, k]
+                normal[j, k] = normal[j, k] + rows[v, 0, j] * weighed[v, 0, k] + rows[v, 1, j] * weighed[v, 1, k]
     inverse = inverse3(normal)
     for v in range(views):
-        to_point = np.zeros((3, 2), points.dtype)  # dq per unit residual of view v: -(J'J)^-1 J_v'
+        to_point = np.zeros((3, 2), points.dtype)  # dq per unit residual of view v: -(J'WJ)^-1 J_v' W_v
         for j in range(3):
             for c in range(2):
                 for k in range(3):
-                    to_point[j, c] = to_point[j, c] - inverse[j, k] * rows[v, c, k]
+                    to_point[j, c] = to_point[j, c] - inverse[j, k] * weighed[v, c, k]
                 target_gain[v, j, c] = -to_point[j, c] * depth[v]
+            for k in range(3):
+                intrinsics[v, j, k] = to_point[j, 0] * assumed[v, 0, k] + to_point[j, 1] * assumed[v, 1, k]
         for i in range(count):
             h = np.zeros(3, points.dtype)
             for r in range(3):

@@ -43,6 +43,7 @@ All of it is a function of the covariance of the estimated matrices, which no ta
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import sqrt
 from typing import NamedTuple
 
@@ -50,7 +51,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..kernels import kernel
-from .noise import eliminate
+from ..system import IntrinsicsError
+from .noise import Estimation, eliminate
 
 
 class Nonlinearity(NamedTuple):
@@ -122,23 +124,81 @@ def motion_of_images(projection: Array, points: Array) -> Array:
     return np.asarray((projection[:2, :3] - images[:, :, None] * projection[2, :3]) / depths[:, None, None])
 
 
+class MatrixGains(NamedTuple):
+    """What a view's estimated matrix does, entries as in ``matrix_gains``."""
+
+    by_noise: Array  # (12, N, 2) per px of each fiducial's noise
+    by_intrinsics: Array  # (12, 3) per unit of error of the assumed intrinsics
+
+
+def least_squares_matrix_gains(
+    projection: Array, points: Array, weights: Array, unknowns: int, precision: Array
+) -> MatrixGains:
+    """``matrix_gains`` of the estimators by least squares of the images (``noise.least_squares_residual_gains``)."""
+    centre = weights @ points / weights.sum()
+    head = projection.copy()
+    head[:, 3] += projection[:, :3] @ centre
+    origin = head[:2, 3] / head[2, 3]
+    head[:2] -= origin[:, None] * head[2]
+    by_unknown = np.zeros((unknowns if unknowns == 11 else 9, 3, 4))
+    if unknowns == 11:
+        by_unknown.reshape(11, 12)[range(11), range(11)] = 1.0
+    else:
+        for k, axis in enumerate(np.eye(3)):
+            by_unknown[k, :, :3] = np.cross(head[:, :3], axis)
+            by_unknown[3 + k, :, 3] = head[:, k]
+        by_unknown[6, :2] = head[:2] + (origin - projection[:2, :3] @ projection[2, :3])[:, None] * head[2]
+        by_unknown[7, 0] = by_unknown[8, 1] = head[2]
+    by_unknown -= (by_unknown[:, 2, 3] / head[2, 3])[:, None, None] * head  # the depth of the centre is held
+    local = np.column_stack([points - centre, np.ones(len(points))])
+    seen = local @ head.T
+    moved = np.einsum("akj,nj->nka", by_unknown, local)
+    slopes = (moved[:, :2] - (seen[:, :2] / seen[:, 2:])[:, :, None] * moved[:, 2:]) / seen[:, 2, None, None]
+    rows = slopes[..., :unknowns].reshape(-1, unknowns)
+    seen_rows = rows * np.repeat(weights, 2)[:, None]
+    information = seen_rows.T @ rows
+    if unknowns == 9:
+        information[range(6, 9), range(6, 9)] += precision
+    flat = by_unknown.reshape(len(by_unknown), 12).T
+    by_noise = flat[:, :unknowns] @ np.linalg.solve(information, seen_rows.T)
+    by_intrinsics = np.zeros((12, 3))
+    if unknowns < 11:
+        by_intrinsics = flat[:, 6:] - by_noise @ slopes[..., 6:].reshape(-1, 3)
+    return MatrixGains(by_noise.reshape(12, len(points), 2), by_intrinsics)
+
+
 def matrix_covariance(
-    projections: Array, points: Array, weights: Array, per_error: Array, std: Array, noises: Array
+    projections: Array,
+    points: Array,
+    weights: Array,
+    estimation: Estimation,
+    per_error: Array,
+    std: Array,
+    intrinsics: Sequence[IntrinsicsError | None],
 ) -> Array:
     """(12 V, 12 V) covariance of the resected matrices, entries as in ``matrix_gains``.
 
-    projections (V, 3, 4) with |p3| = 1, points (N, 3) mm; weights (V, N): 1 where a view sees one; noises (V,) px of
-    the fiducials' images; per_error (3, 3): what a manufacturing error does to the points; std (N, 3) mm of it.  One
-    view knows of another only through the manufacturing errors that they share.
+    projections (V, 3, 4) with |p3| = 1, points (N, 3) mm; weights (V, N): 1 where a view sees one; estimation: what the
+    estimator is, and the noise of the images; per_error (3, 3): what a manufacturing error does to the points; std
+    (N, 3) mm of it; intrinsics: the errors that each view believes.  One view knows of another only through the
+    manufacturing errors that they share.
     """
     out = np.zeros((12 * len(projections), 12 * len(projections)))
     shared = []
     for v, projection in enumerate(projections):
-        gains = matrix_gains(projection, points, weights[v])
-        flat = noises[v] * gains.reshape(12, -1)
+        if estimation.unknowns == 0:
+            gains = MatrixGains(matrix_gains(projection, points, weights[v]), np.zeros((12, 3)))
+        else:
+            gains = least_squares_matrix_gains(
+                projection, points, weights[v], estimation.unknowns, estimation.precision[v]
+            )
+        flat = estimation.noise[v, 0] * gains.by_noise.reshape(12, -1)
+        error = intrinsics[v]
+        if error is not None:
+            flat = np.hstack([flat, gains.by_intrinsics @ (error.sources.direction * error.sources.std)])
         out[12 * v : 12 * v + 12, 12 * v : 12 * v + 12] = flat @ flat.T
         motion = motion_of_images(projection, points) @ per_error * std[:, None, :]
-        shared.append(np.einsum("anc,nck->ank", gains, motion).reshape(12, -1))
+        shared.append(np.einsum("anc,nck->ank", gains.by_noise, motion).reshape(12, -1))
     through = np.concatenate(shared)
     return np.asarray(out + through @ through.T)
 
@@ -226,13 +286,19 @@ def _row_errors(aim: Aim, target_noises: Array) -> Array:
     return np.asarray(errors.reshape(2 * views, 4, 2 * views, 4).transpose(1, 3, 0, 2))
 
 
-def _disagreement(aim: Aim, target_noises: Array, away: Array, unit: float) -> tuple[float, float]:
+def _disagreement(aim: Aim, target_noises: Array, row_weights: Array, away: Array, unit: float) -> tuple[float, float]:
     """The third number and the fourth, squared.
 
-    away (3,), from the origin to the target, and unit: mm, of the frame of the unit vector.
+    row_weights (V, 2, 2); away (3,), from the origin to the target, and unit: mm, of the frame of the unit vector.
     """
     errors = _row_errors(aim, target_noises)
     rows = aim.rows.reshape(-1, 3)
+    if (row_weights != np.eye(2)).any():  # rows times the factor of their weights: least squares of those
+        scale = np.linalg.norm(row_weights, axis=(1, 2)).mean()  # only ratios matter; that of rows to unit vector stays
+        factor = np.zeros((len(rows), len(rows)))
+        for v, weight in enumerate(row_weights):
+            factor[2 * v : 2 * v + 2, 2 * v : 2 * v + 2] = np.linalg.cholesky(weight / scale).T
+        rows, errors = factor @ rows, factor @ errors @ factor.T
     inverse = np.linalg.inv(rows.T @ rows)
     to_point = inverse @ rows.T
     left = np.eye(len(rows)) - rows @ to_point
@@ -263,6 +329,7 @@ def nonlinearity(
     target: Array,
     covariance: Array,
     target_noises: Array,
+    row_weights: Array,
     *,
     published: bool,
 ) -> Nonlinearity:
@@ -270,7 +337,7 @@ def nonlinearity(
 
     projections (V, 3, 4) with |p3| = 1, points (N, 3) and target (3,) mm as the estimator meets them; weights (V, N):
     1 where a view sees a fiducial; covariance: see ``matrix_covariance``; target_noises (V,) px of the target's images;
-    published: the form of the triangulation.
+    row_weights (V, 2, 2) of the triangulation, published: its form.
     """
     centre = points.mean(axis=0)
     aim = _aim(projections, weights @ points / weights.sum(axis=1)[:, None], target, covariance)
@@ -278,5 +345,8 @@ def nonlinearity(
     if published:
         away, unit = target, 1.0
     return Nonlinearity(
-        *(sqrt(square) for square in (_depth(aim), _crossing(aim), *_disagreement(aim, target_noises, away, unit)))
+        *(
+            sqrt(square)
+            for square in (_depth(aim), _crossing(aim), *_disagreement(aim, target_noises, row_weights, away, unit))
+        )
     )

@@ -15,8 +15,9 @@ from __future__ import annotations
 from math import degrees, inf
 from typing import Literal
 
+from ..estimation.checks import LINEAR
 from ..results import Validity
-from ..system import RotationForm, System
+from ..system import Estimator, RotationForm, System
 from .nonlinearity import Nonlinearity
 
 Level = Literal["good to 1 %", "good to 5 %", "good to 20 %"]
@@ -59,6 +60,11 @@ def _class_of(system: System) -> tuple[str, str]:
     """(the class of a system in words, why it was not calibrated or "")."""
     views, fiducials = len(system.views), _fewest_seen(system)
     words = f"{views} views, {fiducials} fiducials, {system.triangulation} triangulation"
+    if system.estimator is not Estimator.DLT:
+        words += f", estimator {system.estimator}"
+        return words, f"the estimator {system.estimator}"
+    if system.triangulation not in LINEAR:
+        return words, f"the triangulation {system.triangulation}"
     if not CALIBRATED_VIEWS[0] <= views <= CALIBRATED_VIEWS[1]:
         return words, f"{views} views (calibrated: {CALIBRATED_VIEWS[0]} to {CALIBRATED_VIEWS[1]})"
     if not CALIBRATED_FIDUCIALS[0] <= fiducials <= CALIBRATED_FIDUCIALS[1]:

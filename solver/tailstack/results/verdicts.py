@@ -149,11 +149,15 @@ class Provenance:
     rotation_form: str
     """How small rotations act: full matrices or the small-angle form."""
     triangulation: str
-    """Frame in which the target's rays are met: normalised (of the fiducials) or published (connector mm)."""
+    """How the target's rays are met: normalised (linear, in the fiducials' frame), published (linear, in connector mm),
+    weighted (linear, each view by how well its noise lets it know the target) or reprojection (least squares).
+    """
     notes: tuple[str, ...]
     """What was done to the design's numbers on the way, and what it leaves open."""
     not_included: tuple[str, ...]
     """Errors that no number here includes."""
+    estimator: str = "dlt"
+    """What each view is estimated as: dlt, reprojection (eleven unknowns), pose or pose_with_prior."""
 
 
 # --- what decides, in words -------------------------------------------------------------------------------

@@ -26,10 +26,13 @@ class Provenance:
         reading (str): Reading of the structure's installation error: physical (the structure moves, its images too) or
             eq18 (only the coordinates that the estimator is told).
         rotation_form (str): How small rotations act: full matrices or the small-angle form.
-        triangulation (str): Frame in which the target's rays are met: normalised (of the fiducials) or published
-            (connector mm).
+        triangulation (str): How the target's rays are met: normalised (linear, in the fiducials' frame), published
+            (linear, in connector mm), weighted (linear, each view by how well its noise lets it know the target) or
+            reprojection (least squares).
         notes (list[str]): What was done to the design's numbers on the way, and what it leaves open.
         not_included (list[str]): Errors that no number here includes.
+        estimator (str): What each view is estimated as: dlt, reprojection (eleven unknowns), pose or pose_with_prior.
+            Default: 'dlt'.
     """
 
     design_name: str
@@ -40,6 +43,7 @@ class Provenance:
     triangulation: str
     notes: list[str]
     not_included: list[str]
+    estimator: str = "dlt"
 
     def to_dict(self) -> dict[str, Any]:
         design_name = self.design_name
@@ -59,6 +63,8 @@ class Provenance:
 
         not_included = self.not_included
 
+        estimator = self.estimator
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -71,6 +77,7 @@ class Provenance:
                 "triangulation": triangulation,
                 "notes": notes,
                 "not_included": not_included,
+                "estimator": estimator,
             }
         )
 
@@ -100,6 +107,8 @@ class Provenance:
 
         not_included = cast(list[str], d.pop("not_included"))
 
+        estimator = d.pop("estimator")
+
         provenance = cls(
             design_name=design_name,
             design_sha256=design_sha256,
@@ -109,6 +118,7 @@ class Provenance:
             triangulation=triangulation,
             notes=notes,
             not_included=not_included,
+            estimator=estimator,
         )
 
         return provenance

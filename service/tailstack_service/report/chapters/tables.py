@@ -250,6 +250,7 @@ def provenance_facts(provenance: Provenance, sha256: str, schema: str, which: st
                 "Installation error",
                 f"{provenance.reading} reading, {provenance.rotation_form.replace('_', ' ')} rotation",
             ),
+            ("Estimator of a view", provenance.estimator.replace("_", " ")),
             ("Triangulation", provenance.triangulation),
         ),
     )
