@@ -304,3 +304,9 @@ def test_the_example_notebook_runs_from_top_to_bottom() -> None:
     assert re.match(r"P95 1\.144 mm, with sharper images \d\.\d+ mm", changed[0]["text"])
     assert len(re.findall(r"mm per unit of", slopes[0]["text"])) == 4
     assert "text/html" in checked[-1]["data"]
+
+
+def test_a_design_is_shown_in_one_line() -> None:
+    """All that it holds, with the place of every value in its file, filled three screens."""
+    design = load_design(EXAMPLES / "demo.yaml")
+    assert repr(design) == f"<Design {design.name!r}: 12 fiducials, 2 views, 1 target; sha256 {design.sha256[:12]}>"

@@ -45,6 +45,13 @@ class Design:
     source: Source  # the plain data, and where it came from
     sha256: str  # of the canonical content: defaults filled in, a fiducial file replaced by what it holds
 
+    def __repr__(self) -> str:
+        """What it is of, in a line: all that it holds would be three screens of a notebook."""
+        counts = {"view": self.document.views, "target": self.document.targets}
+        words = [f"{len(self.fiducials.labels)} fiducials"]
+        words += [f"{len(of)} {what}{'' if len(of) == 1 else 's'}" for what, of in counts.items()]
+        return f"<Design {self.name!r}: {', '.join(words)}; sha256 {self.sha256[:12]}>"
+
     @property
     def name(self) -> str:
         return self.document.name
