@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import threading
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -68,6 +69,16 @@ def test_every_file_that_is_copied_exists_and_reaches_the_engine() -> None:
         assert (ROOT / source).exists(), source
         assert any(fnmatch.fnmatch(source, rule) for rule in allowed), source
     assert sources == set(allowed)
+
+
+def test_everything_that_a_wheel_is_made_of_is_copied_before_it_is_built() -> None:
+    """An image could not be built for as long as a wheel asked for a page that was not among what is copied."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
+    asked = [*wheel["force-include"], wheel["hooks"]["custom"]["path"], *wheel["packages"], project["project"]["readme"]]
+    copied = [word for _, rest in instructions("COPY") if "--from=" not in rest for word in rest.split()[:-1]]
+    missing = [one for one in asked if not any(Path(one).is_relative_to(given) for given in copied)]
+    assert missing == []
 
 
 def test_libraries_are_those_of_the_lock_file_with_their_hashes() -> None:
