@@ -382,32 +382,29 @@ LISTED = 30  # bodies that were left, on the page
 
 
 def describe_bodies(bodies: Sequence[StepBody]) -> str:
-    """What was taken of a STEP file, and what was left and why, as tables."""
+    """What was taken of a STEP file, and what was left and why, as tables; those alike are one line."""
     from ..rendering.tables import table
-
-    taken = [body for body in bodies if not body.reason]
-    left = [body for body in bodies if body.reason]
-    if not bodies:
-        return ""
 
     def place(body: StepBody) -> list[str]:
         numbers = ["", "", ""] if body.position_mm is None else [f"{value:.3f}" for value in body.position_mm]
         return [*numbers, "" if body.diameter_mm is None else f"{body.diameter_mm:.3f}"]
 
+    if not bodies:
+        return ""
     columns = ["x\nmm", "y\nmm", "z\nmm", "diameter\nmm"]
-    rows = [[body.label, *place(body), body.path] for body in taken]
-    text = (
-        f"{len(taken)} balls became fiducials:\n\n"
-        + table(["fiducial", *columns, "in the file"], rows, names=[5])
-        + "\n"
-    )
-    if left:
-        rows = [[body.path, body.reason, *place(body)] for body in left[:LISTED]]
-        more = f"and {len(left) - LISTED} more.\n" if len(left) > LISTED else ""
-        text += (
-            f"\n{len(left)} were left:\n\n" + table(["in the file", "because", *columns], rows, left=2) + "\n" + more
-        )
-    return text
+    rows = [[body.label, *place(body), body.path] for body in bodies if not body.reason]
+    header = ["fiducial", *columns, "in the file"]
+    text = f"{len(rows)} balls became fiducials:\n\n{table(header, rows, names=[5])}\n"
+    left: dict[tuple[str, str], list[StepBody]] = {}
+    for body in bodies:
+        if body.reason:
+            left.setdefault((body.path, body.reason), []).append(body)
+    if not left:
+        return text
+    rows = [[path, reason + (f" ({len(alike)} times)" if len(alike) > 1 else ""), *place(alike[0])]
+            for (path, reason), alike in list(left.items())[:LISTED]]  # fmt: skip
+    more = f"and {len(left) - LISTED} more\n" if len(left) > LISTED else ""
+    return f"{text}\n{len(left)} were left:\n\n{table(['in the file', 'because', *columns], rows, left=2)}\n{more}"
 
 
 QUERY_NAMES = ("from", "to", *StepOptions.model_fields)
