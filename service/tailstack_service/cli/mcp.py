@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import threading
 import time
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 HELP = "tools for an assistant that speaks MCP, over stdin and stdout"
 JSON, YAML = "application/json", "application/yaml"
 FIRST_EXAMPLE = "first_carrier"
-PAUSE_SECONDS = 0.2  # between two notifications of progress
+PAUSE_SECONDS, SEND_SECONDS = 0.2, 10.0  # between two notifications of progress, and for one to leave
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,80 +58,96 @@ async def _serve(server: Server[Any]) -> None:
 
 
 def make_server(tools: Tools) -> Server[Any]:
-    """The server of one session.  Calls are computed one after the other, each on as many cores as there are."""
-    from mcp import types
+    """The server of one session."""
     from mcp.server.lowlevel import Server
-    from mcp.shared.exceptions import MCPError
 
     from tailstack import __version__
 
     from ..examples import list_example_designs
-    from ..mcp_tools import INSTRUCTIONS, TOOLS, input_schema
-    from ..operations.registry import OPERATIONS
-    from ..schemas import TITLES
+    from ..mcp_tools import INSTRUCTIONS
 
-    turn = asyncio.Lock()
-    examples = list_example_designs()
-    instructions = INSTRUCTIONS + examples[FIRST_EXAMPLE].path.read_text(encoding="utf-8")
+    handlers = Handlers(tools)
+    example = list_example_designs()[FIRST_EXAMPLE].path.read_text(encoding="utf-8")
+    return Server(
+        "tailstack",
+        version=__version__,
+        title="tailstack",
+        instructions=INSTRUCTIONS + example,
+        on_list_tools=handlers.list_tools,
+        on_call_tool=handlers.call_tool,
+        on_list_resources=handlers.list_resources,
+        on_read_resource=handlers.read_resource,
+    )
 
-    async def list_tools(context: Any, params: Any) -> Any:
-        with_folder = tools.folder is not None
-        return types.ListToolsResult(
-            tools=[
-                types.Tool(
-                    name=name,
-                    title=OPERATIONS[operation].summary,
-                    description=OPERATIONS[operation].description,
-                    input_schema=input_schema(name, with_folder),
-                    annotations=types.ToolAnnotations(
-                        read_only_hint="save_as" not in input_schema(name, with_folder)["properties"],
-                        idempotent_hint=True,
-                        open_world_hint=False,
-                    ),
-                )
-                for name, operation in TOOLS.items()
-            ]
-        )
 
-    async def call_tool(context: Any, params: Any) -> Any:
+class Handlers:
+    """What the server does with each kind of request.
+
+    Calls are computed one after the other, each on as many cores as there are.
+    """
+
+    def __init__(self, tools: Tools) -> None:
+        self.tools = tools
+        self._turn = asyncio.Lock()
+
+    async def list_tools(self, context: Any, params: Any) -> Any:
+        from mcp import types
+
+        from ..mcp_tools import TOOLS, input_schema
+        from ..operations.registry import OPERATIONS
+
+        listed = []
+        for name, operation in TOOLS.items():
+            schema = input_schema(name, self.tools.folder is not None)
+            about = types.ToolAnnotations(
+                read_only_hint="save_as" not in schema["properties"], idempotent_hint=True, open_world_hint=False
+            )
+            title, words = OPERATIONS[operation].summary, OPERATIONS[operation].description
+            listed.append(types.Tool(name=name, title=title, description=words, input_schema=schema, annotations=about))
+        return types.ListToolsResult(tools=listed)
+
+    async def call_tool(self, context: Any, params: Any) -> Any:
+        from mcp import types
+        from mcp.shared.exceptions import MCPError
+
+        from ..mcp_tools import TOOLS
+
         if params.name not in TOOLS:
             raise MCPError(types.INVALID_PARAMS, f"there is no tool {params.name[:60]!r}; there are {', '.join(TOOLS)}")
-        reported, last, left, loop = 0.0, 0.0, False, asyncio.get_running_loop()
-
-        def progress(done: float, total: float) -> None:
-            """The protocol wants it to grow, which the time left of a search need not do."""
-            nonlocal reported, last
-            share, now = min(done / total, 1.0) if total > 0 else 0.0, time.monotonic()
-            if share > reported and now - last >= PAUSE_SECONDS:
-                reported, last = share, now
-                asyncio.run_coroutine_threadsafe(context.session.report_progress(share, 1.0), loop).result()
-
-        async with turn:
+        left = threading.Event()
+        progress = _reporter(context.session.report_progress)
+        async with self._turn:
             try:
                 given = params.arguments or {}
-                answer = await asyncio.to_thread(tools.call, params.name, given, progress, lambda: left)
+                answer = await asyncio.to_thread(self.tools.call, params.name, given, progress, left.is_set)
             finally:
-                left = True
+                left.set()  # cancelled: the thread ends at its next step
         return types.CallToolResult(
             content=[types.TextContent(type="text", text=answer.text)],
             structured_content=answer.content,
             is_error=answer.refused,
         )
 
-    async def list_resources(context: Any, params: Any) -> Any:
-        schemas = [
+    async def list_resources(self, context: Any, params: Any) -> Any:
+        from mcp import types
+
+        from ..examples import list_example_designs
+        from ..schemas import TITLES
+
+        listed = [
             types.Resource(uri=f"tailstack://schemas/{name}", name=name, description=title, mime_type=JSON)
             for name, title in TITLES.items()
         ]
-        designs = [
-            types.Resource(
-                uri=f"tailstack://examples/{one.name}", name=one.title, description=one.words, mime_type=YAML
-            )
-            for one in examples.values()
+        listed += [
+            types.Resource(uri=f"tailstack://examples/{name}", name=one.title, description=one.words, mime_type=YAML)
+            for name, one in list_example_designs().items()
         ]
-        return types.ListResourcesResult(resources=[*schemas, *designs])
+        return types.ListResourcesResult(resources=listed)
 
-    async def read_resource(context: Any, params: Any) -> Any:
+    async def read_resource(self, context: Any, params: Any) -> Any:
+        from mcp import types
+        from mcp.shared.exceptions import MCPError
+
         kind, _, name = str(params.uri).removeprefix("tailstack://").partition("/")
         text, media = _resource(kind, name)
         if text is None:
@@ -137,16 +155,19 @@ def make_server(tools: Tools) -> Server[Any]:
         content = types.TextResourceContents(uri=str(params.uri), text=text, mime_type=media)
         return types.ReadResourceResult(contents=[content])
 
-    return Server(
-        "tailstack",
-        version=__version__,
-        title="tailstack",
-        instructions=instructions,
-        on_list_tools=list_tools,
-        on_call_tool=call_tool,
-        on_list_resources=list_resources,
-        on_read_resource=read_resource,
-    )
+
+def _reporter(send: Callable[[float, float], Coroutine[Any, Any, None]]) -> Callable[[float, float], None]:
+    """What a computing thread calls: the protocol wants progress to grow, which the time left need not do."""
+    loop, reported, last = asyncio.get_running_loop(), 0.0, 0.0
+
+    def report(done: float, total: float) -> None:
+        nonlocal reported, last
+        share, now = min(done / total, 1.0) if total > 0 else 0.0, time.monotonic()
+        if share > reported and now - last >= PAUSE_SECONDS:
+            reported, last = share, now
+            asyncio.run_coroutine_threadsafe(send(share, 1.0), loop).result(SEND_SECONDS)
+
+    return report
 
 
 def _resource(kind: str, name: str) -> tuple[str | None, str]:
