@@ -74,6 +74,7 @@ def test_whoever_opens_the_address_is_one_click_from_a_score(service: Served) ->
     assert found["watched"]["messages"] == []  # no error in the console, no breach of the policy
     assert [found["light"], found["opened"], found["dark"]] == [[], [], []]  # axe
     assert found["sizes"] < 600_000
+    assert found["loaded"]["shown"] <= 3 * found["loaded"]["request"], found["loaded"]
     record = json.loads(to_json(score(load_design(EXAMPLES / "demo.yaml"))))
     assert found["score"] == record  # to the last digit
     assert found["p95"] == f"{record['verdict']['checks'][0]['value_mm']:.3f}"
@@ -282,7 +283,9 @@ def test_many_targets_fiducials_and_views_stay_usable(tmp_path: Path, browser: N
     with served(tmp_path, TAILSTACK_MAX_TARGETS="200") as running:
         found = used(running.url, "large", json.dumps(design))
     assert found["wide"] == 0
-    assert len(found["took"]) == 1  # a change was answered with its own numbers
+    assert sorted(found["took"]) == ["dragged", "typed"]  # each was answered with its own numbers
+    assert found["dragged"] == found["typed"] == 1  # a drag asks once, when the bead is let go
+    assert sorted(found["frames"])[6] < 500, found  # ms for two pictures of a move, in the median
 
 
 # --- pictures -------------------------------------------------------------------------------------------------------

@@ -80,6 +80,8 @@ export function placeInWords(data: Json, pointer: string): string {
 
 // --- one score in flight, the latest design wins -------------------------------------------------------------
 
+const SLOW = 1000; // ms
+
 interface Answer {
   design: Json; // the object that was sent: the answer is current while it is the page's design
   score: Score;
@@ -98,12 +100,13 @@ export const trouble = computed(() => refused.value ?? (reachable.value ? null :
 let wanted: Json = null;
 let base: { data: Json; sha256: string } | null = null; // a design that the service knows: patches of it are sent
 let retry = 0;
+let slow = false; // hundreds of targets: a number for each move would come when it is let go, and delay the one that counts
 
 effect(() => {
   if (opened.value) answer.value = layout.value = null;
 });
 effect(() => {
-  wanted = design.value;
+  wanted = gesture.value.length && slow ? null : design.value;
   key.value; // with another key it is asked again
   if (wanted) untracked(() => void follow());
 });
@@ -126,7 +129,7 @@ async function follow(): Promise<void> {
 }
 
 async function scoreOnce(sent: Json): Promise<void> {
-  const patch = base && { design_sha256: base.sha256, patch: mergePatch(base.data, sent) };
+  const begin = performance.now(), patch = base && { design_sha256: base.sha256, patch: mergePatch(base.data, sent) };
   try {
     const response = await send("POST", "/v1/scores", patch ?? { design: sent });
     if (response.ok) {
@@ -134,6 +137,7 @@ async function scoreOnce(sent: Json): Promise<void> {
       if (!patch) base = score.provenance.design_sha256 ? { data: sent, sha256: score.provenance.design_sha256 } : null;
       answer.value = { design: sent, score };
       refusal.value = null;
+      slow = performance.now() - begin > SLOW;
       retry = 0;
       return;
     }

@@ -79,11 +79,21 @@ const scenarios = {
     for (const title of ["Views, pivots, targets, limits", "Run", "Variants", "Take away", "All fields", "As text"]) await part(page, title);
     await page.locator(".editor").waitFor();
     const opened = await axe(page);
+    await page.addInitScript(() => {
+      const look = () => { if (document.querySelector('[data-current="true"]')) window.shown = performance.now(); else requestAnimationFrame(look); };
+      look();
+    });
+    await page.reload();
+    await current(page);
+    const loaded = await page.evaluate(() => {
+      const [navigation] = performance.getEntriesByType("navigation"), request = performance.getEntriesByType("resource").find((entry) => entry.name.endsWith("/v1/scores"));
+      return { shown: window.shown - navigation.loadEventEnd, request: request.duration };
+    });
     await page.emulateMedia({ colorScheme: "dark" });
     const dark = await axe(page);
     if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: true });
     const { score } = await state(page);
-    return { sizes, light, opened, dark, p95: await page.locator("#p95").textContent(), score };
+    return { sizes, light, opened, dark, loaded, p95: await page.locator("#p95").textContent(), score };
   },
 
   // Fifty edits of all kinds, undone one by one, done again one by one
@@ -260,18 +270,32 @@ const scenarios = {
     return { sha: await sha(page) };
   },
 
-  // Many of everything: how long a change takes until its number is there
+  // Many of everything: how long a change takes until its number is there, typed and dragged, how long a move is not
+  // drawn, and how many scores a drag asks for
   async large() {
-    const context = await newContext(), page = await begun(context), took = [];
-    for (let k = 0; k < 1; k += 1) {
-      const begin = Date.now(), field = page.getByLabel("F1 x, mm", { exact: true });
-      await field.fill(String(-30 - k));
-      await field.press("Enter");
+    const context = await newContext(), page = await begun(context), took = {}, frames = [];
+    let scores = 0;
+    page.on("request", (request) => { scores += Number(request.url().endsWith("/v1/scores")); });
+    const shown = async (name, act) => {
+      const begin = Date.now();
+      await act();
+      await page.waitForFunction(() => window.workbench.state().current, null, { timeout: 180000 });
+      took[name] = Date.now() - begin;
       await current(page);
-      took.push(Date.now() - begin);
+    };
+    await shown("typed", () => number(page, "F1 x, mm", "-30"));
+    const typed = scores, [x, y] = await centre(bead(page, "F1", "Top (x, y)"));
+    await page.mouse.move(x, y);
+    await page.mouse.down();
+    for (let k = 1; k <= 12; k += 1) {
+      const begin = Date.now();
+      await page.mouse.move(x, y - k / 2); // away from F0
+      await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+      frames.push(Date.now() - begin);
     }
+    await shown("dragged", () => page.mouse.up());
     if (asked.shot) await page.screenshot({ path: asked.shot });
-    return { took, wide: await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth) };
+    return { took, frames, typed, dragged: scores - typed, wide: await wide(page) };
   },
 
   // The page at a width, as a picture
