@@ -23,7 +23,7 @@ from .errors import IllPosedError
 from .estimation.checks import FEWEST, examine
 from .kernels import kernel
 from .propagation.linear import Chain, LinearModel, image_gains
-from .propagation.noise import noise_gains_jit
+from .propagation.noise import Estimation, noise_gains_jit
 from .results import Loss
 from .system import Law, System
 from .tail.approximation import pearson_square, square_cumulants
@@ -44,33 +44,41 @@ def loss_covariances(
     projections: Array,
     points: Array,
     weights: Array,
+    estimation: Estimation,
     kept: Array,
     targets: Array,
-    noises: Array,
     made_std: Array,
     per_error: Array,
+    assumed: Array,
 ) -> Array:
-    """(T, S, 3, 3) mm^2 of what the images and manufacturing errors do to the triangulated targets, for S losses.
+    """(T, S, 3, 3) mm^2 of what acts through the images does to the triangulated targets, for S losses.
 
     projections (V, 3, 4) with |p3| = 1; points (N, 3) and targets (T, 3) mm, as the estimator meets them; weights
-    (V, N): 1 where a view sees a fiducial; kept (S, N): 0 of what is lost, otherwise 1; noises (V, 2) px of fiducials
-    and targets; made_std (N, 3) mm of manufacturing errors, per_error (3, 3) what these do to the points.
+    (V, N): 1 where a view sees a fiducial; estimation: what the estimator is, with the noise of each view; kept (S, N):
+    0 of what is lost, otherwise 1; made_std (N, 3) mm of manufacturing errors, per_error (3, 3) what these do to the
+    points; assumed (V, 3, 3) the covariance of the error of each view's assumed intrinsics.
     """
     views, count = weights.shape
     fiducial, aimed = np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2))
-    made, perspective = np.zeros((views, count, 3, 3)), np.zeros((views, count, 2))
+    made, intrinsics, rows = np.zeros((views, count, 3, 3)), np.zeros((views, 3, 3)), np.zeros((views, 2, 2))
+    noises = estimation.noise
     out = np.zeros((targets.shape[0], kept.shape[0], 3, 3))
     column = np.zeros(3)
     for s in range(kept.shape[0]):
         left = weights * kept[s]
         for t in range(targets.shape[0]):
-            noise_gains_jit(projections, points, left, targets[t], fiducial, aimed, made, perspective)
+            noise_gains_jit(projections, points, left, estimation, targets[t], fiducial, aimed, made, intrinsics, rows)
             total = out[t, s]
             for v in range(views):
                 for c in range(2):
                     for j in range(3):
                         for k in range(3):
                             total[j, k] += noises[v, 1] ** 2 * aimed[v, j, c] * aimed[v, k, c]
+                for c in range(3):
+                    for d in range(3):
+                        for j in range(3):
+                            for k in range(3):
+                                total[j, k] += intrinsics[v, j, c] * assumed[v, c, d] * intrinsics[v, k, d]
             for i in range(count):
                 for v in range(views):
                     for c in range(2):
@@ -122,15 +130,22 @@ def _read_only(values: Array) -> Array:
 
 def model_without(chain: Chain, model: LinearModel, kept: Array) -> LinearModel:
     """The linear model at a target, fiducials with a 0 in kept (N,) lost; its validity number is that of all."""
-    of_images, block_diagonal = image_gains(replace(chain, weights=chain.weights * kept), model.reconstructed_mm)
+    images = image_gains(replace(chain, weights=chain.weights * kept), model.reconstructed_mm)
     blocks, start = [], 0
     for block in model.blocks:
-        if block.grouped:
-            localisation = of_images[:, start : start + len(block.laws)]
+        if block.imaged:
+            localisation = images.columns[:, start : start + len(block.laws)]
             start += len(block.laws)
             block = block._replace(localisation=localisation, tcp=model.tcp_from_localisation @ localisation)
         blocks.append(block)
-    return replace(model, blocks=tuple(blocks), manufacturing_block_diagonal=block_diagonal)
+    bias_mm = images.bias_mm - image_gains(chain, model.reconstructed_mm).bias_mm
+    return replace(
+        model,
+        blocks=tuple(blocks),
+        manufacturing_block_diagonal=images.block_diagonal,
+        localisation_bias_mm=model.localisation_bias_mm + bias_mm,
+        tcp_bias_mm=model.tcp_bias_mm + model.tcp_from_localisation @ bias_mm,
+    )
 
 
 class Ranked(NamedTuple):
@@ -149,9 +164,13 @@ class LossSearch:
         self.count = len(chain.points)
         self.names = list(models)
         targets = np.array([model.reconstructed_mm for model in models.values()])
-        noises = np.array([[view.fiducial_noise_px, view.target_noise_px] for view in self.system.views])
-        self._inputs = (chain.projections, chain.points, chain.weights)
-        self._rest = (targets, noises, np.ascontiguousarray(chain.manufacturing_std_mm), chain.per_error)
+        assumed = np.zeros((len(chain.projections), 3, 3))
+        for covariance, error in zip(assumed, chain.intrinsics, strict=True):
+            if error is not None:
+                scaled = error.sources.direction * error.sources.std
+                covariance += scaled @ scaled.T
+        self._inputs = (chain.projections, chain.points, chain.weights, chain.estimation)
+        self._rest = (targets, np.ascontiguousarray(chain.manufacturing_std_mm), chain.per_error, assumed)
         self._images: dict[int, tuple[Array, Array]] = {}
 
     def images(self, lost: int) -> tuple[Array, Array]:

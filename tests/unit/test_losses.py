@@ -90,6 +90,29 @@ def test_a_score_without_a_fiducial_of_the_document_says_the_same():
     assert found.value_mm == score(load_design(DEMO)).targets[0].p95_mm
 
 
+def test_a_score_of_an_estimator_that_believes_wrong_intrinsics_says_the_same():
+    """brute force, by documents: random and known errors of the intrinsics act through the fiducials that are left."""
+    data = copy.deepcopy(DEMO)
+    data["model"] = {**(data.get("model") or {}), "estimator": "pose"}
+    data["views"][1]["intrinsics_error"] = {
+        "focal": {"bias_rel": 0.004},
+        "principal_point": {"half_width_px": 4.0, "distribution": "uniform"},
+    }
+    (found,) = score(load_design(data)).losses
+    assert found.single.lost != ()
+    for loss in (found.single, found.double):
+        less = copy.deepcopy(data)
+        less["fiducials"]["points"] = [p for p in data["fiducials"]["points"] if p["label"] not in loss.lost]
+        without = score(load_design(less)).targets[0].p95_mm
+        assert loss.value_mm == pytest.approx(without, rel=1e-9)
+    singles = []
+    for point in data["fiducials"]["points"]:
+        less = copy.deepcopy(data)
+        less["fiducials"]["points"] = [p for p in data["fiducials"]["points"] if p["label"] != point["label"]]
+        singles.append(score(load_design(less)).targets[0].p95_mm)
+    assert found.single.value_mm == pytest.approx(max(singles), rel=1e-9)
+
+
 def test_too_few_that_are_left_are_the_worst_of_all_and_said_so():
     rng = np.random.default_rng(3)
     seven = system_of(rng.uniform(-50, 50, (7, 3)) + np.array([0, 0, -20.0]))

@@ -47,9 +47,9 @@ class Design:
 
     def __repr__(self) -> str:
         """What it is of, in a line: all that it holds would be three screens of a notebook."""
-        counts = {"view": self.document.views, "target": self.document.targets}
+        counts = {"view": len(self.document.views), "target": len(self.document.targets)}
         words = [f"{len(self.fiducials.labels)} fiducials"]
-        words += [f"{len(of)} {what}{'' if len(of) == 1 else 's'}" for what, of in counts.items()]
+        words += [f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items()]
         return f"<Design {self.name!r}: {', '.join(words)}; sha256 {self.sha256[:12]}>"
 
     @property
