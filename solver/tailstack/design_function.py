@@ -3,10 +3,9 @@
 The derivative is the chain rule over what the score itself computes.  The law of an error has a mean, a covariance and
 columns (:mod:`.tail.declared`), and the derivative of its quantile by each of them is known.  How they depend on a
 number of the document is known where the number is a half-width, a standard deviation or a coordinate of a fiducial:
-half-widths multiply gains that stay as they are, and fiducials enter through the gains of image noise and of
-manufacturing alone.  Those are differentiated by a complex step (Squire and Trapp 1998): ``Im f(x + i h) / h`` with
-h = 1e-30 loses no digit, because nothing is subtracted, and ``propagation/noise.py`` has no square roots and no
-branches on values.
+half-widths multiply gains that stay as they are, and fiducials enter through what images do to the point alone.  That
+is differentiated by a complex step (Squire and Trapp 1998): ``Im f(x + i h) / h`` with h = 1e-30 loses no digit,
+because nothing is subtracted, and ``propagation/noise.py`` has no square roots and no branches on values.
 
 Whether a number is of that kind is found out, not listed: the design is compiled with the number moved by one step and
 by two, and what changes must be affine in it and must be one of these things.  Any other number can be evaluated, but
@@ -18,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -36,6 +35,7 @@ from .tail.declared import LawGradient, LawQuantile, column_gradient, law_gradie
 COMPLEX_STEP = 1e-30
 STEP = 2.0**-10  # of a number, or of one where it is smaller: large enough that what is not affine shows
 SAME = 1e-9  # relative: what differs by less is rounding
+CURVATURE = 0.05  # relative: what one step may differ from its slope by
 
 Error = Literal["tcp", "localisation"]
 
@@ -161,13 +161,18 @@ class _Law:
 
     def along(self, chain: Chain, slope: _Slope, pointer: str) -> float:
         """d P95 by one number, mm per unit of it."""
-        moved = None if slope.points_mm is None else self._image_slopes(chain, slope.points_mm)
-        total, column, first = 0.0, 0, 0  # column: of the law; first: of the gains of images
+        error, images = self.at.error, None
+        total = 0.0
+        if slope.points_mm is not None:
+            images = _image_slopes(chain, self.model, slope.points_mm, error)
+            if images.bias_mm.any():
+                total += float(self.gradient.by_mean @ images.bias_mm)
+        column, first = 0, 0  # of the law; of the gains of images
         for number, (block, part) in enumerate(zip(self.model.blocks, self.at.parts, strict=True)):
-            gain, k = self.model.gain(block, self.at.error), len(block.laws)
+            gain, k = self.model.gain(block, error), len(block.laws)
             by_points = np.zeros((3, k))
             if block.imaged:
-                by_points = by_points if moved is None else moved[:, first : first + k]
+                by_points = by_points if images is None else images.columns[:, first : first + k]
                 first += k
             normal = [j for j, law in enumerate(block.laws) if law is Law.NORMAL]
             change = by_points * block.std + gain * slope.std[number]
@@ -179,52 +184,62 @@ class _Law:
             change = by_points * block.half_width + gain * slope.half_width[number]
             if change[:, sources].any():
                 total += float((self.by_column[:, others] * change[:, sources]).sum())
-            total += self._at_ends(block, gain, slope.half_width[number], pointer)
+            for j in (j for j, law in enumerate(block.laws) if law is Law.BOUNDED and change[:, j].any()):
+                total += self._sign(block, j, pointer) * float(self.gradient.by_mean @ change[:, j])
         return total
 
-    def _at_ends(self, block: Block, gain: Array, by_half_width: Array, pointer: str) -> float:
-        """The part of bounded sources, which move the mean to an end."""
-        total = 0.0
-        for j in np.flatnonzero(by_half_width):
-            if block.laws[j] is not Law.BOUNDED:
-                continue
-            sign = self.at.worst.signs.get((block.contributor, int(j)))
-            if sign is None:
-                detail = "a bounded half-width of 0 has a derivative to one side only"
-                raise OutOfRangeError(Problem(pointer, "no-derivative", detail, "begin above 0"))
-            total += sign * float(self.gradient.by_mean @ gain[:, j]) * float(by_half_width[j])
-        return total
+    def _sign(self, block: Block, j: int, pointer: str) -> float:
+        """The end at which a bounded source stands, where it moves the mean to.  Raises OutOfRangeError."""
+        sign = self.at.worst.signs.get((block.contributor, j))
+        if sign is None:
+            detail = "a bounded half-width of 0 has a derivative to one side only"
+            raise OutOfRangeError(Problem(pointer, "no-derivative", detail, "begin above 0"))
+        return sign
 
-    def _image_slopes(self, chain: Chain, points_mm: Array) -> Array:
-        """(3, K) what moving the fiducials along ``points_mm`` (N, 3) does to the gains of images on the error."""
-        moved = replace(chain, points=chain.points + 1j * COMPLEX_STEP * points_mm)
-        gains = image_gains(moved, self.model.reconstructed_mm).columns
-        to_error = self.model.tcp_from_localisation if self.at.error == "tcp" else np.eye(3)
-        return np.asarray(to_error @ (gains.imag / COMPLEX_STEP))
+
+class _ImageSlopes(NamedTuple):
+    """What moving the fiducials along a direction does to the error, through the images."""
+
+    columns: Array  # (3, K) of the gains, in the order of ``image_gains``
+    bias_mm: Array  # (3,)
+
+
+def _image_slopes(chain: Chain, model: LinearModel, points_mm: Array, error: str) -> _ImageSlopes:
+    """points_mm: (N, 3), the direction."""
+    moved = replace(chain, points=chain.points + 1j * COMPLEX_STEP * points_mm)
+    gains = image_gains(moved, model.reconstructed_mm.astype(np.complex128))  # whose kind some of the arrays take
+    to_error = model.tcp_from_localisation if error == "tcp" else np.eye(3)
+    return _ImageSlopes(
+        to_error @ (gains.columns.imag / COMPLEX_STEP), to_error @ (np.imag(gains.bias_mm) / COMPLEX_STEP)
+    )
 
 
 def _foreign_change(chain: Chain, model: LinearModel, moved: Chain) -> str:
     """What else than half-widths and fiducials differs between a chain and one with a number moved; empty: nothing."""
     if [block.contributor for block in chain.blocks] != [block.contributor for block in moved.blocks]:
         return "a contributor that is not there without it"
-    other = linearise_at(moved, moved.system.targets[0])
+    target = moved.system.targets[0]
+    other, shift = linearise_at(moved, target), moved.points - chain.points
+    # With the fiducials of the first chain in its place the moved one must be the first ...
+    back = linearise_at(replace(moved, points=chain.points), target) if shift.any() else other
     pairs: list[tuple[str, Array, Array]] = [
-        ("the bias", model.tcp_bias_mm, other.tcp_bias_mm),
         ("a target", _positions(chain), _positions(moved)),
+        ("the bias", model.tcp_bias_mm, back.tcp_bias_mm),
         ("the way to the tool", model.tcp_from_localisation, other.tcp_from_localisation),
     ]
-    still = np.abs(chain.points - moved.points).max() == 0.0
-    for block, same in zip(model.blocks, other.blocks, strict=True):
-        if not block.imaged or still:
-            pairs.append((f"the gains of {block.label or block.contributor}", block.tcp, same.tcp))
-    if not still:
-        # With the fiducials of the first chain in its place the moved one must be the first.
-        back = linearise_at(replace(moved, points=chain.points), moved.system.targets[0])
-        pairs += [
-            (f"the gains of {block.label or block.contributor}", block.tcp, same.tcp)
-            for block, same in zip(model.blocks, back.blocks, strict=True)
-        ]
-    return next((name for name, first, second in pairs if not _is_same(first, second)), "")
+    for block, same, farther in zip(model.blocks, back.blocks, other.blocks, strict=True):
+        name = f"the gains of {block.label or block.contributor}"
+        pairs.append((name, block.tcp, same.tcp))
+        if not block.imaged:
+            pairs.append((name, block.tcp, farther.tcp))
+    found = next((name for name, first, second in pairs if not _is_same(first, second)), "")
+    # ... and fiducials move the bias through the images alone, as the derivative says up to the curvature of a step.
+    if not found and shift.any():
+        expected = _image_slopes(chain, model, shift, "tcp").bias_mm
+        gap = np.abs(other.tcp_bias_mm - model.tcp_bias_mm - expected).max()
+        if gap > CURVATURE * np.abs(expected).max() + SAME * np.abs(model.tcp_bias_mm).max():
+            found = "the bias"
+    return found
 
 
 def _positions(chain: Chain) -> Array:

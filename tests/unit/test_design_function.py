@@ -60,6 +60,34 @@ def test_the_derivative_of_p95_is_that_of_differences(example: str, error: str) 
         assert gradient[k] == pytest.approx(difference, rel=1e-6, abs=P95_ERROR_MM / step), INPUTS[example][k]
 
 
+MODELS = {
+    "pose": ("pose", "normalised", {"focal": {"half_width_rel": 0.01, "distribution": "uniform", "bias_rel": 0.004}}),
+    "weighted": ("pose", "weighted", {"principal_point": {"half_width_px": 8.0, "distribution": "normal"}}),
+    "prior": ("pose_with_prior", "normalised", None),
+    "reprojection": ("reprojection", "reprojection", None),
+}
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_derivative_by_a_position_holds_for_every_estimator(model: str) -> None:
+    """Through intrinsics that are believed and wrong the position of a fiducial moves the bias as well."""
+    estimator, triangulation, wrong = MODELS[model]
+    prior = {"focal_rel_sd": 0.02, "principal_point_px_sd": 15.0}
+    design = DEMO.with_value("views.*.intrinsics_prior", prior)
+    design = design if wrong is None else design.with_value("views.*.intrinsics_error", wrong)
+    design = design.with_value("model", {"estimator": estimator, "triangulation": triangulation})
+    function = DesignFunction(design, ["fiducials.points.F6.position_mm.2", "execution.repeatability.std_mm"])
+    _, gradient = function.p95_gradient(function.present)
+    for k, step in enumerate((0.2, 1e-3)):
+        values = []
+        for times in (-2, -1, 1, 2):
+            moved = function.present.copy()
+            moved[k] += times * step
+            values.append(function.score(moved).targets[0].p95_mm)
+        difference = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step)
+        assert gradient[k] == pytest.approx(difference, rel=2e-6, abs=P95_ERROR_MM / step), k
+
+
 def test_a_bounded_half_width_moves_p95_through_the_worst_vertex() -> None:
     pointer = "interfaces.connector_flange.tolerances.rx"
     design = DEMO.with_value(pointer, {"half_width_deg": 0.2, "distribution": "bounded"})
