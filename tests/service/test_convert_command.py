@@ -1,0 +1,84 @@
+"""``tailstack convert`` of STEP files: what it prints, writes, keeps of a base and refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tailstack import load_design, score
+from tailstack_service.cli.main import main
+
+ROOT = Path(__file__).parents[2]
+CARRIER = str(ROOT / "examples" / "integrations" / "step" / "carrier.step")
+TAKE = ["--sphere-diameter", "3±0.1", "--frame", "Carrier"]
+
+
+def test_a_carrier_becomes_a_design_that_scores(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "design.yaml"
+    assert main(["convert", CARRIER, *TAKE, "--seats", "REST*", "--pins", "PIN*", "-o", str(target)]) == 0
+    said = capsys.readouterr()
+    assert "8 balls became fiducials" in said.out
+    assert max(map(len, said.out.splitlines())) <= 80
+    assert "half-width 0.02 mm" in said.err
+    design = load_design(target)
+    assert score(design).targets[0].p95_mm < 1.0
+    # published: the drawing of the example (tests/data/step/scenes.py), in the frame of the carrier
+    assert dict(zip(design.fiducials.labels, design.fiducials.positions_mm, strict=True))["BEAD5"] == pytest.approx(
+        (-38.0, -40.0, 4.0), abs=1e-3
+    )
+    seat = design.document.interfaces.structure_connector
+    assert seat is not None
+    assert [locator.name for locator in seat.locators or ()][:3] == ["REST1", "REST2", "REST3"]
+    assert "# half-widths of what may differ" in target.read_text(encoding="utf-8")
+
+
+def test_a_base_keeps_its_comments_and_numbers(tmp_path: Path) -> None:
+    base, target = tmp_path / "base.yaml", tmp_path / "new.yaml"
+    text = (ROOT / "examples" / "first_carrier.yaml").read_text(encoding="utf-8")
+    base.write_text(text, encoding="utf-8")
+    assert main(["convert", CARRIER, *TAKE, "--base", str(base), "-o", str(target)]) == 0
+    made = target.read_text(encoding="utf-8")
+    before, after = load_design(base), load_design(target)
+    comments = [line.split("#", 1)[1] for line in text.splitlines() if "#" in line and "label" not in line]
+    assert comments
+    assert all(comment in made for comment in comments)
+    assert after.document.targets == before.document.targets
+    assert after.document.views == before.document.views
+    assert after.fiducials.labels == tuple(f"BEAD{k}" for k in range(1, 9))
+
+
+@pytest.mark.parametrize("ending", ["csv", "fcsv", "mrk.json"])
+def test_balls_become_a_fiducial_file(tmp_path: Path, ending: str) -> None:
+    target, again = tmp_path / f"beads.{ending}", tmp_path / "again.yaml"
+    assert main(["convert", CARRIER, *TAKE, "-o", str(target)]) == 0
+    assert main(["convert", str(target), "--base", str(ROOT / "examples" / "demo.yaml"), "-o", str(again)]) == 0
+    assert load_design(again).fiducials.labels == tuple(f"BEAD{k}" for k in range(1, 9))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--sphere-diameter", "5"], "its balls: 8 of 3 mm"),
+        (["--sphere-diameter", "3,0"], "like 3±0.1"),
+        (["--frame", "carrier"], "did you mean Carrier?"),
+        (["--name", "bead*"], "called BEAD1, BEAD2"),
+        (["--seats", "REST*"], "3 seats and 0 pins"),
+    ],
+)
+def test_what_is_not_in_the_file_is_said_with_what_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    target = tmp_path / "design.yaml"
+    assert main(["convert", CARRIER, *arguments, "-o", str(target)]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+    assert not target.exists()
+
+
+def test_flags_of_step_files_are_refused_for_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    beads = tmp_path / "beads.csv"
+    beads.write_text("label,x_in,y_in,z_in\nA,1,2,3\n", encoding="utf-8")
+    assert main(["convert", str(beads), "--frame", "CON", "-o", str(tmp_path / "d.yaml")]) == 2
+    assert "frame is for STEP files" in capsys.readouterr().err
+    assert main(["convert", str(beads), "-o", str(tmp_path / "d.csv")]) == 0
+    assert (tmp_path / "d.csv").read_text(encoding="utf-8").splitlines()[1] == "A,25.4,50.8,76.19999999999999"
