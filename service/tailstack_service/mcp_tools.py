@@ -41,6 +41,7 @@ TOOLS = {
 }  # fmt: skip
 SAVED = {"optimise": ("yaml", "json"), "report": ("html", "pdf", "xlsx", "json")}  # endings of what a tool writes
 MOST_KEPT = 100  # designs
+LONGEST_NAME = 200  # characters, of a file
 CANCELLED = "cancelled"
 INSTRUCTIONS = """\
 tailstack judges the mechanical design of a surgical robot's X-ray reference structure: how far from the target the tool
@@ -182,7 +183,7 @@ class Tools:
 
     def _read(self, operation: Operation, arguments: dict[str, Any]) -> Request:
         """The request, checked as the service checks it.  Raises what ``read_request`` raises."""
-        sent = Sent("json", write_json(arguments).encode())
+        sent = Sent("json", write_json(arguments).encode(errors="surrogatepass"))  # which the reader then refuses
         try:
             return read_request(sent, operation, self.settings)
         except BaseNeeded as needed:
@@ -202,7 +203,8 @@ class Tools:
     def _place(self, name: Any, pointer: str, endings: tuple[str, ...]) -> Path:
         """A file in the folder.  Raises RequestError for a name that leads out of it, also through a link."""
         assert self.folder is not None
-        path = (self.folder / name).resolve() if isinstance(name, str) and "\0" not in name else self.folder
+        readable = isinstance(name, str) and len(name) <= LONGEST_NAME and name.isprintable()
+        path = (self.folder / name).resolve() if readable else self.folder
         if not path.is_relative_to(self.folder) or path == self.folder or not path.parent.is_dir():
             detail = f"a file stands in the folder {self.folder}; got {str(name)[:100]!r}"
             raise RequestError(Problem(pointer, "outside-folder", detail, "give a name relative to the folder"))

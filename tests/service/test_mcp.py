@@ -20,7 +20,9 @@ from service_scenes import EXAMPLES, ROOT, coplanar_design, small_design
 
 from tailstack import load_design, score
 from tailstack_service.cli.main import build_parser
+from tailstack_service.mcp_tools import Tools
 from tailstack_service.schemas import json_schema
+from tailstack_service.settings import load_settings
 
 CARRIER = (EXAMPLES / "first_carrier.yaml").read_text(encoding="utf-8")
 Session = Callable[[Client], Awaitable[Any]]
@@ -160,6 +162,19 @@ def test_a_call_that_is_given_up_makes_way_for_the_next() -> None:
     begun = time.monotonic()
     assert in_session(session, TAILSTACK_MAX_TRIALS="1000000000") < 20  # the check would take minutes
     assert time.monotonic() - begun < 60  # nor does the end of the session wait for it
+
+
+RUBBISH: list[dict[str, Any]] = [
+    {"file": "\ud800"}, {"second_order": "\ud800"}, {"file": "a" * 5000}, {"file": "."}
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("arguments", RUBBISH)
+def test_half_a_character_and_other_rubbish_are_refused(arguments: dict[str, Any], tmp_path: Path) -> None:
+    answer = Tools(load_settings(), tmp_path).call("score", {"design": small_design(), **arguments}, lambda *_: None)
+    assert answer.refused
+    assert json.dumps(answer.content)
+    assert answer.text.encode()
 
 
 def test_the_page_shows_a_configuration_that_starts_it() -> None:

@@ -172,7 +172,8 @@ def test_models_and_features_that_are_not_there_are_refused_in_the_protocols_wor
 
 
 @pytest.mark.parametrize(
-    "body", [b"", b"[]", b"{", b'{"name": NaN}', b'{"name": "score", "input": [[1e999]]}', b"\xff"]
+    "body",
+    [b"", b"[]", b"{", b'{"name": NaN}', b'{"name": "score", "input": [[1e999]]}', b"\xff", b'{"name": "\\ud800"}'],
 )
 def test_what_is_no_body_is_refused(client: httpx.Client, body: bytes) -> None:
     response = client.post("/umbridge/Evaluate", content=body)
