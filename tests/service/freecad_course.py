@@ -54,6 +54,7 @@ def score_of(document: Any) -> dict[str, Any]:
         "remark": session.remark,
         "cell": sheet.getContents("E2"),
         "costs": session.costs,
+        "lines": {sheet.get(f"D{row}"): sheet.get(f"E{row}") for row in range(2, 12) if sheet.getContents(f"E{row}")},
     }
 
 

@@ -25,7 +25,7 @@ SHEET = "Tailstack"
 ROWS = (("service", ""), ("design", "example:first_carrier"), ("beads", "Bead*"), ("frame", ""), ("colour", "losing"))
 OWN = tuple(name for name, _ in ROWS)
 RESULTS = "DEFGHIJKLMNOPQ"  # the columns of the answer
-WIDTHS_PX = {"A": 300, "B": 170, "C": 20, "D": 150, "E": 180, "F": 20, "G": 220, "J": 130, "K": 130, "L": 110, "M": 20,
+WIDTHS_PX = {"A": 300, "B": 170, "C": 20, "D": 260, "E": 180, "F": 20, "G": 220, "J": 130, "K": 130, "L": 110, "M": 20,
              "O": 130, "P": 140}  # fmt: skip
 ALIASES = {"E2": "p95_mm", "E3": "limit_mm", "E4": "verdict"}  # for expressions elsewhere: =Tailstack.p95_mm
 BUDGET = ("contributor", "half-width", "unit", "share of variance", "P95 without, mm", "mm per unit")
@@ -206,6 +206,7 @@ def write_score(document: Any, score: dict[str, Any]) -> None:
         ["verdict", verdict.get("status", "no requirement")],
         ["by", f"{verdict.get('basis', 'first order')}, {score['validity']['status']}"],
         *([f"P95 at {item['name']}, mm", item["p95_mm"]] for item in score["targets"] if item is not target),
+        *_list_losses(score),
     ]
     budget: list[list[Any]] = [list(BUDGET)]
     for entry in sorted(target["contributors"], key=lambda entry: -(entry["variance_share"] or 0.0)):
@@ -214,6 +215,17 @@ def write_score(document: Any, score: dict[str, Any]) -> None:
         budget.append([name, *(entry[cell] for cell in cells)])
     _write_table(document, "D", 2, lines)
     _write_table(document, "G", 6, budget)
+
+
+def _list_losses(score: dict[str, Any]) -> list[list[Any]]:
+    """For each requirement, what is left of it without the worst bead and without the worst two."""
+    lines = []
+    for entry in score.get("losses", ()):
+        for loss in (entry["single"], entry["double"]):
+            if loss is not None:
+                words = f"{entry['requirement'] or 'P95'} without {' and '.join(loss['lost'])}, mm"
+                lines.append([words, "undetermined" if loss["value_mm"] is None else loss["value_mm"]])
+    return lines
 
 
 def write_costs(document: Any, costs: list[tuple[str, float, float]]) -> None:

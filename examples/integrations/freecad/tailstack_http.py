@@ -39,9 +39,9 @@ class Service:
         self.address = (address or os.environ.get("TAILSTACK_URL", "") or ADDRESS).rstrip("/")
         self.seconds = seconds
 
-    def score(self, design: Design) -> dict[str, Any]:
-        """The record of a score (schema tailstack/score/1).  Raises Refusal."""
-        return self._send("/v1/scores", {"design": design})[1]
+    def score(self, design: Design, *, losses: bool = True) -> dict[str, Any]:
+        """The record of a score (schema tailstack/score/1), ``losses``: with the worst of them.  Raises Refusal."""
+        return self._send("/v1/scores", {"design": design, "losses": losses})[1]
 
     def optimise(self, design: Design, seconds: float = 3600.0) -> dict[str, Any]:
         """The record of an optimisation (schema tailstack/optimisation/1), waited for.  Raises Refusal."""
@@ -163,7 +163,7 @@ def weigh_beads(service: Service, design: Design, target: dict[str, Any]) -> Ite
     """
 
     def p95_mm(changed: Design) -> float:
-        found = [item for item in service.score(changed)["targets"] if item["name"] == target["name"]]
+        found = [item for item in service.score(changed, losses=False)["targets"] if item["name"] == target["name"]]
         return float(found[0]["p95_mm"])
 
     points = design["fiducials"]["points"]
